@@ -1,0 +1,1 @@
+"""Reading, writing, recording, playing and replaying of bags."""

@@ -1,0 +1,120 @@
+"""The command line ``velocity_estimator``: finds its commands through entry points, and is thin.
+
+A command is a `Command`: its module adds its arguments and runs. Errors that a user can mend are
+one line; exit codes are 0 (done), 1 (failed) and 2 (wrong use).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg import __version__, registry
+from estimator_pkg.errors import UserError, suggestion
+
+
+@dataclass(frozen=True)
+class Command:
+    """What an entry point of the group ``velocity_estimator.commands`` names.
+
+    Attributes
+    ----------
+    summary : one line.
+    arguments : adds the command's arguments to its parser.
+    run : (arguments) -> result, a dictionary for ``--json`` (or None). It prints what a person
+        wants to see; a key 'ok' that is False makes the exit code 1.
+    """
+
+    summary: str
+    arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], dict[str, Any] | None]
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors are one line that points to --help."""
+
+    def error(self, message: str):
+        print(f"{self.prog}: {message} (see '{self.prog} --help')", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ('-h', '--help'):
+        print(_overview())
+        return 0 if words else 2
+    if words[0] == '--version':
+        print(__version__)
+        return 0
+    name, rest = words[0], words[1:]
+    prog = f'velocity_estimator {name}'
+    try:
+        if name not in registry.names(registry.COMMANDS):
+            print(f"velocity_estimator: unknown command '{name}': "
+                  f'{suggestion(name, registry.names(registry.COMMANDS))}', file=sys.stderr)
+            return 2
+        command: Command = registry.find(registry.COMMANDS, name)
+        parser = _Parser(prog=prog, description=command.summary)
+        command.arguments(parser)
+        parser.add_argument('--json', metavar='FILE', help="the result as JSON ('-': to stdout)")
+        parsed = parser.parse_args(rest)
+        result = command.run(parsed)
+        if parsed.json:
+            _write_json(parsed.json, result)
+        return 1 if result and result.get('ok') is False else 0
+    except UserError as error:
+        print(f'{prog}: {error}', file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f'{prog}: interrupted', file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output went away, as with `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        print(f'{prog}: {error.filename or ""}: {error.strerror or error}', file=sys.stderr)
+        return 1
+
+
+def _write_json(path: str, result: Any) -> None:
+    text = json.dumps(_strict(result), indent=2, allow_nan=False)
+    if path == '-':
+        print(text)
+    else:
+        with open(path, 'w', encoding='utf-8') as file:
+            file.write(text + '\n')
+
+
+def _strict(value: Any) -> Any:
+    """JSON knows no NaN and no infinity: they become null; numpy's numbers become Python's."""
+    if isinstance(value, dict):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_strict(item) for item in value]
+    if hasattr(value, 'tolist'):
+        return _strict(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _overview() -> str:
+    lines = ['usage: velocity_estimator COMMAND ...', '', 'commands:']
+    for name in registry.names(registry.COMMANDS):
+        try:
+            summary = registry.find(registry.COMMANDS, name).summary
+        except UserError as error:
+            summary = f'({error})'
+        lines.append(f'  {name:<12} {summary}')
+    return '\n'.join([*lines, '', "'velocity_estimator COMMAND --help' tells the rest."])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,58 @@
+"""Any number of joints, which may come, go and change order from message to message."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.observers.contract import COASTING, TRACKING
+
+
+class Bank:
+    """The joints of one stream, made as they appear.
+
+    Parameters
+    ----------
+    configuration : observer, gains and settings.
+    only : names of the joints to estimate; empty: every joint that appears.
+    """
+
+    def __init__(self, configuration: Configuration, only: Iterable[str] = ()) -> None:
+        self.configuration = configuration
+        self.only = frozenset(only)
+        self.joints: dict[str, Joint] = {}
+        self.mismatched = 0   # messages whose arrays did not fit their names
+        self.empty = 0        # messages without a position
+
+    def joint(self, name: str) -> Joint | None:
+        """The joint called `name`, made at its first appearance; None if it is not wanted."""
+        joint = self.joints.get(name)
+        if joint is None and (not self.only or name in self.only):
+            gains, settings = self.configuration.for_joint(name)
+            joint = self.joints[name] = Joint(self.configuration.observer, gains, settings)
+        return joint
+
+    def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]
+               ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
+        """One message in; (name, joint, estimate) of every joint whose estimate may be published.
+
+        Parameters
+        ----------
+        stamp_ns : stamp of the measurement, int nanoseconds.
+        names, positions : as in a JointState [rad or m]; of unequal length: counted, not used.
+        """
+        if not positions:
+            self.empty += 1
+            return []
+        if len(names) != len(positions):
+            self.mismatched += 1
+            return []
+        valid = []
+        for name, position in zip(names, positions):
+            joint = self.joints.get(name) or self.joint(name)
+            if joint is not None and joint.update(stamp_ns, position):
+                estimate = joint.estimate()
+                if estimate[3] == TRACKING or estimate[3] == COASTING:
+                    valid.append((name, joint, estimate))
+        return valid

@@ -1,0 +1,90 @@
+"""Many samples of one joint at once: replay, tuning, benchmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.track import TrackFunctions
+
+COMPILE_FROM = 400_000  # samples from which compiling (a few seconds) pays off
+
+
+class Estimates(NamedTuple):
+    """Arrays of shape (n,), one row per sample received; nan where the sample was dropped.
+
+    position [rad or m], velocity, acceleration (SI), one standard deviation of position and of
+    velocity, status (see `observers.contract`) and the guard's verdict (see `guard`).
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    position_stddev: NDArray[np.float64]
+    velocity_stddev: NDArray[np.float64]
+    status: NDArray[np.int8]
+    verdict: NDArray[np.int8]
+
+
+def empty(count: int) -> Estimates:
+    """Room for `count` samples."""
+    def nans() -> NDArray[np.float64]:
+        return np.full(count, np.nan)
+
+    return Estimates(nans(), nans(), nans(), nans(), nans(), np.zeros(count, np.int8),
+                     np.zeros(count, np.int8))
+
+
+def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
+    """A loop over samples; compile it with `compiled` or call it as it is."""
+    advance, read, deviation = track.advance, track.read, track.deviation
+
+    def batch(state: tuple, design: tuple, limits: tuple, stamps: NDArray[np.int64],
+              measurements: NDArray[np.float64], given: NDArray[np.float64],
+              position: NDArray[np.float64], velocity: NDArray[np.float64],
+              acceleration: NDArray[np.float64], position_stddev: NDArray[np.float64],
+              velocity_stddev: NDArray[np.float64], status: NDArray[np.int8],
+              verdict: NDArray[np.int8]) -> tuple:
+        for i in range(len(stamps)):
+            state, said = advance(state, design, limits, stamps[i], measurements[i], given[i])
+            verdict[i] = said
+            if said < DUPLICATE:
+                position[i], velocity[i], acceleration[i], status[i] = read(
+                    state, design, limits, measurements[i], given[i])
+                position_stddev[i], velocity_stddev[i] = deviation(state, design)
+        return state
+
+    return batch
+
+
+def run(batch: Callable[..., tuple], state: tuple, design: tuple, limits: tuple,
+        stamps: NDArray[np.int64], measurements: NDArray[np.float64],
+        given: NDArray[np.float64] | None = None, *, fast: bool | None = None
+        ) -> tuple[tuple, Estimates]:
+    """The track's state after these samples, and the estimates.
+
+    Parameters
+    ----------
+    stamps : shape (n,), int64 nanoseconds.
+    measurements : shape (n,) [rad or m].
+    given : shape (n,), the known input; None: zero.
+    fast : compile or not; None: where it pays.
+    """
+    count = len(stamps)
+    out = empty(count)
+    if given is None:
+        given = np.zeros(count)
+    if fast is None:
+        fast = count >= COMPILE_FROM
+    if fast:
+        state = compiled(batch)(state, design, limits, stamps, measurements, given, *out)
+    else:  # lists hold Python's own numbers, which are several times faster than numpy's
+        rows = (np.asarray(stamps).tolist(), np.asarray(measurements).tolist(),
+                np.asarray(given).tolist())
+        state = batch(state, design, limits, *rows, *out)
+    return state, out

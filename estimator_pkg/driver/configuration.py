@@ -1,0 +1,58 @@
+"""Which observer with which gains for each joint: common values, and overrides per joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.parameters import Parameter, build, declared
+
+
+class Configuration:
+    """Checked values of an observer's gains and of the joint settings.
+
+    Parameters
+    ----------
+    observer : whose gains these are.
+    common : values by parameter name, for every joint.
+    overrides : joint name -> values by parameter name; what is not set follows `common`.
+
+    Raises
+    ------
+    UsageError : an unknown name (the nearest one is suggested) or a value out of range.
+    """
+
+    def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
+                 overrides: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+        self.observer = observer
+        self.common = dict(common or {})
+        self.overrides = {joint: dict(values) for joint, values in (overrides or {}).items()}
+        for values in (self.common, *self.overrides.values()):
+            self._check(values)
+
+    def for_joint(self, joint: str) -> tuple[Any, JointSettings]:
+        """(gains, settings) of this joint."""
+        values = {**self.common, **self.overrides.get(joint, {})}
+        gains = {name: value for name, value in values.items() if name in self._gains}
+        settings = {name: value for name, value in values.items() if name not in self._gains}
+        return (build(self.observer.gains, gains, owner=self.observer.name),
+                build(JointSettings, settings))
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Everything that can be set, by name: the gains first, then the joint settings."""
+        return {**self._gains, **declared(JointSettings)}
+
+    @property
+    def _gains(self) -> dict[str, Parameter]:
+        return declared(self.observer.gains)
+
+    def _check(self, values: Mapping[str, Any]) -> None:
+        known = self.parameters()
+        for name, value in values.items():
+            if name not in known:
+                raise UsageError(f"unknown parameter '{name}' of {self.observer.name}: "
+                                 f'{suggestion(name, known)}')
+            known[name].check(value)

@@ -1,0 +1,85 @@
+"""The guard for time and data that stands before every observer, one per joint.
+
+Stamps stay int64 nanoseconds until two of them are subtracted. `judge` is in the compilable subset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from estimator_pkg.parameters import parameter
+
+# Verdicts. Below DUPLICATE the sample is used.
+USED = 0
+FIRST = 1
+AFTER_GAP = 2          # position re-initialised, speed kept
+AFTER_CLOCK_JUMP = 3   # reset: a looping bag, a restarted simulation
+AFTER_STRAY_STAMP = 4  # the sample before had a stamp from the far future: on from before it
+DUPLICATE = 5
+LATE = 6
+NON_FINITE = 7
+ZERO_STAMP = 8
+MISCONFIGURED = 9
+VERDICTS = ('used', 'first', 'gap', 'clock_jump', 'stray_stamp',
+            'duplicate', 'late', 'non_finite', 'zero_stamp', 'misconfigured')
+DROPPED = VERDICTS[DUPLICATE:]
+
+LATE_IN_A_ROW = 3      # so many late stamps in a row mean that the clock jumped
+SLOW_STREAM = 4.0      # a gap is at least so many mean sample times: slow streams have none
+
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """What the guard accepts, declared once for nodes, commands and docs."""
+
+    gap_max: float = parameter(
+        0.2, unit='s', range=(0.001, 3600.0),
+        description='a longer gap re-initialises the position and keeps the speed '
+                    '(never shorter than four mean sample times)')
+    reorder_window: float = parameter(
+        0.1, unit='s', range=(0.0, 10.0), advanced=True,
+        description='stamps older than the last one by at most this are late and dropped; '
+                    'older ones mean that the clock jumped')
+    timeout: float = parameter(
+        0.5, unit='s', range=(0.01, 3600.0),
+        description='without input for so long (steady clock) the joint is lost')
+
+
+class Limits(NamedTuple):
+    """The guard's numbers as the driver uses them."""
+
+    gap_ns: int
+    reorder_ns: int
+    longest_dt: float  # sample time beyond which the gains are unstable [s]
+
+
+def limits(settings: GuardSettings, longest_dt: float) -> Limits:
+    """The settings in nanoseconds, with the observer's own limit [s]."""
+    return Limits(round(settings.gap_max * 1e9), round(settings.reorder_window * 1e9),
+                  float(longest_dt))
+
+
+def judge(last_ns: int, before_ns: int, late: int, mean_dt: float, stamp_ns: int,
+          gap_ns: int, reorder_ns: int) -> int:
+    """The verdict on a stamp.
+
+    Parameters
+    ----------
+    last_ns : stamp of the last sample used.
+    before_ns : stamp before the last gap, while the first sample after it is the newest; else 0.
+    late : late stamps in a row so far.
+    mean_dt : mean sample time [s].
+    """
+    ahead = stamp_ns - last_ns
+    if ahead > 0:
+        if ahead > gap_ns and ahead > SLOW_STREAM * 1e9 * mean_dt:
+            return AFTER_GAP
+        return USED
+    if ahead == 0:
+        return DUPLICATE
+    if before_ns != 0 and 0 < stamp_ns - before_ns <= gap_ns:
+        return AFTER_STRAY_STAMP
+    if ahead < -reorder_ns or late + 1 >= LATE_IN_A_ROW:
+        return AFTER_CLOCK_JUMP
+    return LATE

@@ -1,0 +1,163 @@
+"""One joint: an observer with its gains, the guard, and what happened to every sample."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver import batch as batches
+from estimator_pkg.driver.compiled import longest_dt
+from estimator_pkg.driver.guard import (
+    DROPPED,
+    DUPLICATE,
+    VERDICTS,
+    GuardSettings,
+    limits,
+)
+from estimator_pkg.driver.track import make_track
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Observer
+from estimator_pkg.parameters import parameter
+
+
+@dataclass(frozen=True)
+class JointSettings(GuardSettings):
+    """What is set per joint beside the observer's gains."""
+
+    wrap_period: float = parameter(
+        2.0 * math.pi, unit='rad', range=(0.0, 1e6), structural=True,
+        description='period after which the reading repeats; 0: prismatic or multi-turn joint, '
+                    'no wrapping anywhere')
+    unwrap: bool = parameter(
+        False, unit='', structural=True,
+        description='count turns from the first sample and publish a multi-turn position')
+
+
+class Joint:
+    """A joint's observer, live: feed it samples, read its estimate.
+
+    Parameters
+    ----------
+    observer : which observer.
+    gains : an instance of ``observer.gains``.
+    settings : wrap period, gaps, reordering.
+    """
+
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
+        self.observer = observer
+        self.settings = settings
+        self.counts = [0] * len(VERDICTS)
+        self.stamp_ns = 0
+        self.reset_count = 0
+        self._structure(gains)
+        self._track = self._blank(self._design)
+        self.verdict = DUPLICATE
+        self._measurement: Any = self.functions.blank
+        self._given: Any = self.functions.no_input
+
+    def _structure(self, gains: Any) -> None:
+        self.gains = gains
+        self.functions = self.observer.build(
+            gains, Circle(self.settings.wrap_period, self.settings.unwrap))
+        track = make_track(self.functions)
+        self._blank, self._advance, self._read, self._deviation = track
+        self._batch: Callable[..., tuple] = batches.make_batch(track)
+        self._design = self.functions.design()
+        self.longest_dt = longest_dt(self.functions.limits)
+        self._limits = limits(self.settings, self.longest_dt)
+
+    def set_gains(self, gains: Any) -> None:
+        """Other gains from the next sample on; the state is kept.
+
+        The caller has made sure that no structural parameter differs.
+        """
+        self._structure(gains)
+        # a dt of 0 ns never comes again, so the coefficients are made anew at the next sample
+        self._track = self._track[:3] + (0,) + self._track[4:]
+
+    def set_settings(self, settings: JointSettings) -> None:
+        """Other guard settings from the next sample on; the state is kept."""
+        self.settings = settings
+        self._limits = limits(settings, self.longest_dt)
+
+    def reset(self) -> None:
+        """Start again, as if no sample had come; the counters go on."""
+        self._track = self._blank(self._design)
+        self.reset_count += 1
+
+    def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
+        """One sample in. True if it was used, False if it was dropped (and counted)."""
+        self._track, verdict = self._advance(self._track, self._design, self._limits, stamp_ns,
+                                             measurement, given)
+        self.verdict = verdict
+        self.counts[verdict] += 1
+        if verdict < DUPLICATE:
+            self.stamp_ns = stamp_ns
+            self._measurement = measurement
+            self._given = given
+            return True
+        return False
+
+    def estimate(self) -> tuple[float, float, float, int]:
+        """(position, velocity, acceleration or nan, status) at the last used sample."""
+        if not self._track[7]:
+            return math.nan, math.nan, math.nan, INITIALISING
+        return self._read(self._track, self._design, self._limits, self._measurement, self._given)
+
+    def stddev(self) -> tuple[float, float]:
+        """One standard deviation of position and velocity."""
+        return self._deviation(self._track, self._design)
+
+    def run(self, stamps: NDArray[np.int64], measurements: NDArray[np.float64],
+            given: NDArray[np.float64] | None = None, *, fast: bool | None = None
+            ) -> batches.Estimates:
+        """Many samples in, all estimates out; the same numbers as sample by sample.
+
+        Parameters
+        ----------
+        stamps : shape (n,), int64 nanoseconds, as received.
+        measurements : shape (n,) [rad or m].
+        given : shape (n,), known input; None: zero.
+        fast : compile or not; None: where it pays.
+        """
+        self._track, out = batches.run(self._batch, self._track, self._design, self._limits,
+                                       stamps, measurements, given, fast=fast)
+        for verdict, count in enumerate(np.bincount(out.verdict, minlength=len(VERDICTS))):
+            self.counts[verdict] += int(count)
+        return out
+
+    @property
+    def mean_dt(self) -> float:
+        """Mean sample time [s]; 0 before the second sample."""
+        return self._track[4]
+
+    @property
+    def received(self) -> int:
+        """Samples that came, used and dropped."""
+        return sum(self.counts)
+
+    @property
+    def used(self) -> int:
+        """Samples that reached the observer."""
+        return sum(self.counts[:DUPLICATE])
+
+    def dropped(self) -> dict[str, int]:
+        """How many samples were dropped, by kind (kinds that occurred)."""
+        return {kind: count for kind, count in zip(DROPPED, self.counts[DUPLICATE:]) if count}
+
+    def events(self) -> dict[str, int]:
+        """Gaps, clock jumps and stray stamps that samples were used across."""
+        return {kind: count for kind, count in zip(VERDICTS[2:DUPLICATE],
+                                                   self.counts[2:DUPLICATE]) if count}
+
+    def why(self) -> str:
+        """What the status means for this joint, in words."""
+        status = self.estimate()[3]
+        if STATUS_NAMES[status] == 'misconfigured':
+            return self.functions.limits(self.mean_dt) or ''
+        return ''

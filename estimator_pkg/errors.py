@@ -1,0 +1,33 @@
+"""The one error a user sees: a single clear line, never a traceback."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class UserError(Exception):
+    """Something the user can mend. Commands print it as one line and exit with 1 (or 2)."""
+
+    exit_code = 1
+
+
+class UsageError(UserError):
+    """The call itself is wrong (unknown name, value out of range): exit code 2."""
+
+    exit_code = 2
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """A half-sentence that names the nearest known name, or all of them.
+
+    Parameters
+    ----------
+    name : what the user wrote.
+    known : the names that would have been right.
+    """
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    return 'known: ' + ', '.join(names) if names else 'none is known'

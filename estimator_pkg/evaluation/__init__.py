@@ -1,0 +1,1 @@
+"""Reference velocity, metrics, comparison."""

@@ -1,0 +1,108 @@
+"""Reading and writing of CDR (XCDR1) primitives, as DDS and rosbag2 carry them.
+
+Alignment is relative to the byte after the four-byte encapsulation header.
+"""
+
+from __future__ import annotations
+
+import struct
+
+
+class MalformedMessageError(ValueError):
+    """The bytes are not a message of the expected type."""
+
+
+class Reader:
+    """A cursor over CDR bytes; every read checks the length.
+
+    Raises
+    ------
+    MalformedMessageError : unknown encapsulation, or the bytes end too early.
+    """
+
+    def __init__(self, raw: bytes) -> None:
+        if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
+            raise MalformedMessageError('not a CDR message')
+        self.raw = raw
+        self.at = 4
+        self.order = '<' if raw[1] else '>'
+        self.padding: list[tuple[int, int]] = []  # byte ranges that carry nothing
+
+    def align(self, size: int) -> None:
+        """Move to the next multiple of `size`."""
+        gap = -(self.at - 4) % size
+        if gap:
+            self.padding.append((self.at, self.at + gap))
+            self.at += gap
+
+    def numbers(self, code: str, count: int) -> tuple:
+        """`count` numbers of struct code `code`, aligned; none: no alignment either."""
+        if count == 0:
+            return ()
+        size = struct.calcsize(code)
+        self.align(size)
+        end = self.at + count * size
+        if end > len(self.raw):
+            raise MalformedMessageError('message is too short')
+        values = struct.unpack_from(f'{self.order}{count}{code}', self.raw, self.at)
+        self.at = end
+        return values
+
+    def number(self, code: str):
+        """One number of struct code `code`."""
+        return self.numbers(code, 1)[0]
+
+    def text(self) -> str:
+        """A string."""
+        length = self.number('I')
+        end = self.at + length
+        if end > len(self.raw):
+            raise MalformedMessageError('message is too short')
+        value = self.raw[self.at:end - 1] if length else b''
+        self.at = end
+        return bytes(value).decode('utf-8', 'replace')
+
+    def texts(self) -> tuple[str, ...]:
+        """A sequence of strings."""
+        count = self.number('I')
+        if count > len(self.raw):
+            raise MalformedMessageError('message is too short')
+        return tuple(self.text() for _ in range(count))
+
+    def doubles(self) -> tuple[float, ...]:
+        """A sequence of doubles."""
+        count = self.number('I')
+        if count * 8 > len(self.raw):
+            raise MalformedMessageError('message is too short')
+        return self.numbers('d', count)
+
+
+class Writer:
+    """Little-endian CDR bytes, piece by piece."""
+
+    def __init__(self) -> None:
+        self.raw = bytearray(b'\x00\x01\x00\x00')
+
+    def numbers(self, code: str, values) -> None:
+        """Numbers of struct code `code`, aligned."""
+        if len(values) == 0:
+            return
+        self.raw += b'\0' * (-(len(self.raw) - 4) % struct.calcsize(code))
+        self.raw += struct.pack(f'<{len(values)}{code}', *values)
+
+    def text(self, value: str) -> None:
+        """A string with its terminator."""
+        encoded = value.encode() + b'\0'
+        self.numbers('I', (len(encoded),))
+        self.raw += encoded
+
+    def texts(self, values) -> None:
+        """A sequence of strings."""
+        self.numbers('I', (len(values),))
+        for value in values:
+            self.text(value)
+
+    def doubles(self, values) -> None:
+        """A sequence of doubles."""
+        self.numbers('I', (len(values),))
+        self.numbers('d', values)

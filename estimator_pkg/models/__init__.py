@@ -1,0 +1,1 @@
+"""Mechanical and motor models that model-based observers need."""

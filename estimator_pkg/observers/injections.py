@@ -1,0 +1,126 @@
+"""The output injections of Brentari et al. (2018), section IV, and a user's own.
+
+Each is a function ``(error, period, limit) -> injection`` [rad], periodic in the error with slope 1
+at zero (Assumption 1). For a circle of another period the angle is scaled to 2 pi and back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from estimator_pkg import registry
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.circle import wrap
+
+Injection = Callable[[float, float, float], float]
+
+NAMES = ('sin', 'tan', 'saw', 'sat')
+
+
+def sin(error: float, period: float, limit: float) -> float:
+    """Case study 1: sin(e)."""
+    scale = 2.0 * math.pi / period
+    return math.sin(error * scale) / scale
+
+
+def tan(error: float, period: float, limit: float) -> float:
+    """Case study 2: 2 tan(e/2)."""
+    scale = 2.0 * math.pi / period
+    return 2.0 * math.tan(0.5 * error * scale) / scale
+
+
+def saw(error: float, period: float, limit: float) -> float:
+    """Case study 3: the wrapped error."""
+    return wrap(error, period)
+
+
+def sat(error: float, period: float, limit: float) -> float:
+    """Case study 4: the wrapped error, saturated at +-limit [rad]."""
+    wrapped = wrap(error, period)
+    if wrapped > limit:
+        return limit
+    if wrapped < -limit:
+        return -limit
+    return wrapped
+
+
+BUILT_IN: dict[str, Injection] = {'sin': sin, 'tan': tan, 'saw': saw, 'sat': sat}
+
+
+def find(name: str, *, margin: float) -> Injection:
+    """A built-in injection by name, or a user's ``package.module:function`` of one angle [rad].
+
+    Parameters
+    ----------
+    margin : delta_pi [rad]; Assumption 1 is checked outside this distance from +-pi.
+
+    Raises
+    ------
+    UsageError : it cannot be loaded, or it violates Assumption 1 (which item, and where).
+    """
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    own = registry.load(name)
+    check_assumption_1(own, margin, name)
+
+    def injection(error: float, period: float, limit: float) -> float:
+        scale = 2.0 * math.pi / period
+        return own(error * scale) / scale
+
+    return injection
+
+
+def check_assumption_1(function: Callable[[float], float], margin: float, name: str) -> None:
+    """Holds `function` to the four items of Assumption 1, numerically.
+
+    Parameters
+    ----------
+    function : of the error [rad].
+    margin : delta_pi [rad].
+
+    Raises
+    ------
+    UsageError : with the item that fails and the error at which it does.
+    """
+    def fail(item: int, what: str) -> None:
+        raise UsageError(f"injection '{name}' violates Assumption 1, item {item}: {what}")
+
+    reach = math.pi - margin
+    count = 2000
+    previous = None
+    for i in range(-count, count + 1):
+        error = reach * i / count
+        try:
+            value = float(function(error))
+        except Exception as problem:  # a user's function may fail in any way
+            raise UsageError(f"injection '{name}' fails at {error:.3f} rad: {problem}") from problem
+        if not math.isfinite(value):
+            fail(1, f'not finite at {error:.3f} rad')
+        if i != 0 and error * value <= 0.0:
+            fail(2, f'error times injection is not positive at {error:.3f} rad')
+        for turn in (-1, 1):
+            if abs(float(function(error + turn * 2.0 * math.pi)) - value) > 1e-6 * (1 + abs(value)):
+                fail(3, f'not 2 pi periodic at {error:.3f} rad')
+        if previous is not None and _jumps(function, previous[0], error):
+            fail(1, f'jumps near {error:.3f} rad')
+        previous = (error, value)
+    step = 1e-5
+    slope = (float(function(step)) - float(function(-step))) / (2.0 * step)
+    if abs(slope - 1.0) > 1e-3:
+        fail(4, f'slope at zero is {slope:.4g}, not 1')
+
+
+def _jumps(function: Callable[[float], float], low: float, high: float) -> bool:
+    """True if the function keeps a finite step while the interval is halved away."""
+    whole = abs(float(function(high)) - float(function(low)))
+    if whole < 1e-3:
+        return False
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        at_low, at_middle, at_high = (float(function(x)) for x in (low, middle, high))
+        if abs(at_middle - at_low) > abs(at_high - at_middle):
+            high = middle
+        else:
+            low = middle
+    return abs(float(function(high)) - float(function(low))) > 0.5 * whole

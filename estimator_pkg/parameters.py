@@ -1,0 +1,162 @@
+"""Parameters declared once, as fields of a frozen dataclass.
+
+ROS parameter descriptors, YAML files, command-line ``--set``, the tuner's search space and the
+tables of docs/ are all made from these declarations.
+
+>>> @dataclass(frozen=True)
+... class Gains:
+...     bandwidth_hz: float = parameter(15.0, unit='Hz', range=(0.01, 1e4), description='...')
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import yaml
+
+from estimator_pkg.errors import UsageError, suggestion
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is declared of one parameter.
+
+    ``kind`` is float, int, bool or str. ``default`` None means: follows from the others.
+    ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner varies.
+    """
+
+    name: str
+    kind: type
+    default: Any
+    unit: str
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    equation: str = ''
+    structural: bool = False
+    advanced: bool = False
+    search: tuple[float, float] | None = None
+
+    def check(self, value: Any) -> Any:
+        """`value` as this parameter's type.
+
+        Raises
+        ------
+        UsageError : wrong type, not finite, out of range, or not among the choices.
+        """
+        if value is None:
+            if self.default is None:
+                return None
+            raise UsageError(f"parameter '{self.name}' needs a value")
+        if self.kind is bool:
+            if not isinstance(value, bool):
+                raise UsageError(f"parameter '{self.name}' must be true or false, not {value!r}")
+            return value
+        if self.kind is str:
+            if not isinstance(value, str):
+                raise UsageError(f"parameter '{self.name}' must be text, not {value!r}")
+            if self.choices and value not in self.choices and not self._open_choice(value):
+                raise UsageError(f"parameter '{self.name}': '{value}' is not one of "
+                                 f'{", ".join(self.choices)}')
+            return value
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise UsageError(f"parameter '{self.name}' must be a number, not {value!r}")
+        if not math.isfinite(value):
+            raise UsageError(f"parameter '{self.name}' must be finite, not {value!r}")
+        if self.kind is int:
+            if value != int(value):
+                raise UsageError(f"parameter '{self.name}' must be a whole number, not {value!r}")
+            value = int(value)
+        else:
+            value = float(value)
+        low, high = self.minimum, self.maximum
+        if (low is not None and value < low) or (high is not None and value > high):
+            raise UsageError(f"parameter '{self.name}' = {value:g} is outside {self.range_text()}")
+        return value
+
+    def _open_choice(self, value: str) -> bool:
+        """Choices that end in 'package.module:name' also admit a user's own."""
+        return 'package.module:name' in self.choices and value.count(':') == 1
+
+    def range_text(self) -> str:
+        """The admitted values, for a person."""
+        if self.choices:
+            return ' | '.join(self.choices)
+        if self.kind is bool:
+            return 'true | false'
+        if self.minimum is None and self.maximum is None:
+            return 'any'
+        low = '-inf' if self.minimum is None else f'{self.minimum:g}'
+        high = 'inf' if self.maximum is None else f'{self.maximum:g}'
+        return f'[{low}, {high}]'
+
+
+def parameter(default: Any, *, unit: str, description: str,
+              range: tuple[float | None, float | None] | None = None,
+              choices: tuple[str, ...] = (), equation: str = '', structural: bool = False,
+              advanced: bool = False, search: tuple[float, float] | None = None,
+              kind: type | None = None) -> Any:
+    """A dataclass field that carries its declaration.
+
+    ``kind`` is needed only where the default is None (a value that follows from others).
+    """
+    low, high = range or (None, None)
+    declared = dict(kind=kind or (float if default is None else type(default)), default=default,
+                    unit=unit, description=description, minimum=low, maximum=high,
+                    choices=choices, equation=equation, structural=structural,
+                    advanced=advanced, search=search)
+    return dataclasses.field(default=default, metadata={'parameter': declared})
+
+
+def declared(cls: type) -> dict[str, Parameter]:
+    """The parameters of a declaring dataclass, by name, in their order."""
+    return {field.name: Parameter(name=field.name, **field.metadata['parameter'])
+            for field in dataclasses.fields(cls) if 'parameter' in field.metadata}
+
+
+def build(cls: type[T], values: Mapping[str, Any], *, owner: str = '') -> T:
+    """An instance of the declaring dataclass `cls` from checked `values`.
+
+    Raises
+    ------
+    UsageError : an unknown name (the nearest one is suggested) or a bad value.
+    """
+    known = declared(cls)
+    checked = {}
+    for name, value in values.items():
+        if name not in known:
+            of = f' of {owner}' if owner else ''
+            raise UsageError(f"unknown parameter '{name}'{of}: {suggestion(name, known)}")
+        checked[name] = known[name].check(value)
+    return cls(**checked)
+
+
+def parse_assignments(pairs: list[str]) -> dict[str, Any]:
+    """``['bandwidth_hz=20', 'form=paper']`` as a dictionary; values are read as YAML scalars.
+
+    Raises
+    ------
+    UsageError : a pair without '='.
+    """
+    values: dict[str, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition('=')
+        if not equals or not name:
+            raise UsageError(f"'{pair}' is not key=value")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            value = text
+        if isinstance(value, str):
+            with contextlib.suppress(ValueError):
+                value = float(value)  # YAML 1.1 reads 1e-3 as text
+        values[name.strip()] = value
+    return values

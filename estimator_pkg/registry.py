@@ -1,0 +1,67 @@
+"""Finding observers, models, commands and simulators through entry points.
+
+Anyone can add one from a package of their own; ours are found in the same way.
+"""
+
+from __future__ import annotations
+
+import importlib
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from estimator_pkg.errors import UsageError, UserError, suggestion
+
+OBSERVERS = 'velocity_estimator.observers'
+MODELS = 'velocity_estimator.models'
+COMMANDS = 'velocity_estimator.commands'
+SIMULATORS = 'velocity_estimator.simulators'
+REPRODUCTIONS = 'velocity_estimator.reproductions'
+
+
+@lru_cache
+def _points(group: str) -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def names(group: str) -> list[str]:
+    """The names known in an entry-point group, sorted."""
+    return sorted(_points(group))
+
+
+def find(group: str, name: str) -> Any:
+    """The object that `name` stands for.
+
+    Raises
+    ------
+    UsageError : no such name; the nearest one is suggested.
+    UserError : it is declared but cannot be imported.
+    """
+    what = group.rpartition('.')[2].rstrip('s')
+    point = _points(group).get(name)
+    if point is None:
+        raise UsageError(f"unknown {what} '{name}': {suggestion(name, _points(group))}")
+    try:
+        return point.load()
+    except ImportError as error:
+        raise UserError(f"{what} '{name}' cannot be imported: {error}") from error
+
+
+def load(path: str) -> Any:
+    """The object a user names as ``package.module:name``.
+
+    Raises
+    ------
+    UsageError : not of that form, not importable, or no such name in the module.
+    """
+    module_name, colon, attribute = path.partition(':')
+    if not colon or not module_name or not attribute:
+        raise UsageError(f"'{path}' is not of the form package.module:name")
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # a user's module may fail in any way while it is imported
+        raise UsageError(f"cannot import '{module_name}': {error}") from error
+    if not hasattr(module, attribute):
+        raise UsageError(f"module '{module_name}' has no '{attribute}': "
+                         f'{suggestion(attribute, vars(module))}')
+    return getattr(module, attribute)

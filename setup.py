@@ -1,0 +1,76 @@
+"""One ament_python package, velocity_estimator, that carries estimator_pkg and sim_pkg.
+
+Dependencies are pinned here and nowhere else. On an apt installation of Jazzy the nodes need rclpy,
+the messages and numpy alone; `make install` installs everything with ``.[all]``.
+"""
+
+from glob import glob
+
+from setuptools import setup
+
+NAME = 'velocity_estimator'
+
+EXTRAS = {
+    'ros': ['ros-jazzy-rclpy>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6',
+            'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9'],
+    'fast': ['numba>=0.61,<1'],
+    'report': ['matplotlib>=3.8,<4'],
+    'test': ['pytest>=8,<10', 'pytest-timeout>=2.3,<3', 'hypothesis>=6.100,<7', 'scipy>=1.11,<2',
+             'filterpy>=1.4,<2', 'psutil>=5.9,<8', 'ruff>=0.6,<1', 'mypy>=1.10,<3',
+             'types-PyYAML', 'colcon-common-extensions>=0.3,<1'],
+}
+EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    packages=['estimator_pkg', 'estimator_pkg.observers', 'estimator_pkg.models',
+              'estimator_pkg.driver', 'estimator_pkg.messages', 'estimator_pkg.nodes',
+              'estimator_pkg.bags', 'estimator_pkg.evaluation',
+              'sim_pkg', 'sim_pkg.nodes', 'sim_pkg.reproduce'],
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+    ],
+    install_requires=['numpy>=1.26,<3', 'PyYAML>=6,<7', 'rosbags>=0.10,<0.12', 'mcap>=1.2,<2',
+                      'rich>=13,<15'],
+    extras_require=EXTRAS,
+    python_requires='>=3.10',
+    zip_safe=True,
+    author='velocity_estimator maintainers',
+    maintainer='velocity_estimator maintainers',
+    maintainer_email='velocity-estimator@example.org',
+    description='Live velocity estimation for ROS 2: observers, simulators, bags and tuning.',
+    license='Apache-2.0',
+    tests_require=['pytest'],
+    entry_points={
+        'console_scripts': [
+            'velocity_estimator = estimator_pkg.cli:main',
+            'joint_observer = estimator_pkg.nodes.joint_observer:main',
+            'encoder_sim = sim_pkg.nodes.encoder_sim:main',
+        ],
+        'velocity_estimator.observers': [
+            'hybrid_angle = estimator_pkg.observers.hybrid_angle:OBSERVER',
+            'finite_difference = estimator_pkg.observers.finite_difference:OBSERVER',
+            'pll = estimator_pkg.observers.pll:OBSERVER',
+            'kalman = estimator_pkg.observers.kalman:OBSERVER',
+        ],
+        'velocity_estimator.models': [],
+        'velocity_estimator.commands': [
+            'list = estimator_pkg.listing:COMMAND',
+            'simulate = sim_pkg.simulate:COMMAND',
+            'record = estimator_pkg.bags.record:COMMAND',
+            'play = estimator_pkg.bags.play:COMMAND',
+            'replay = estimator_pkg.bags.replay:COMMAND',
+            'evaluate = estimator_pkg.evaluation.evaluate:COMMAND',
+            'reproduce = sim_pkg.reproduce.command:COMMAND',
+            'bench = estimator_pkg.evaluation.bench:COMMAND',
+        ],
+        'velocity_estimator.simulators': ['encoder = sim_pkg.encoder:SIMULATOR'],
+        'velocity_estimator.reproductions': [
+            'hybrid_angle = sim_pkg.reproduce.hybrid_angle:REPRODUCTION',
+        ],
+    },
+)

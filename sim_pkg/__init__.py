@@ -1,0 +1,1 @@
+"""Simulated plants, sensors with faults, simulator nodes and the reproductions."""

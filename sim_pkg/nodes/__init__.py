@@ -1,0 +1,1 @@
+"""Simulator nodes: thin shells around the simulations of sim_pkg."""

@@ -1,0 +1,1 @@
+"""One file per paper: its figures and tables, ours beside the printed ones."""
