@@ -1,0 +1,40 @@
+# make demo     watch a live ROS 2 node estimate velocity beside the truth (installs everything first)
+# make test     run every test, the multi-process ones over real DDS included
+# make install  only make .venv with the package, ROS 2 Jazzy and all extras
+# make check    ruff and mypy alone
+# make clean    remove .venv and what builds leave behind
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+SOURCES := setup.py setup.cfg pyproject.toml package.xml \
+	$(shell find estimator_pkg sim_pkg resource launch config -type f -not -name '*.pyc')
+
+.PHONY: demo test install check clean
+
+demo: install
+	@$(BIN)/velocity_estimator demo
+
+install: $(STAMP)
+
+$(STAMP): $(SOURCES)
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 10) <= v <= (3, 14) else \
+	  f"Python 3.10 to 3.14 is needed, {sys.executable} is {v[0]}.{v[1]}: make PYTHON=...")'
+	@test -x $(BIN)/python || { echo "making $(VENV)"; $(PYTHON) -m venv $(VENV); }
+	@echo "installing velocity_estimator with ROS 2 Jazzy and all extras into $(VENV)"
+	@rm -rf build *.egg-info
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check '.[all]'
+	@rm -rf build *.egg-info
+	@touch $@
+
+# Tests run on the installed package, not on the checkout beside it.
+test: install check
+	$(BIN)/pytest
+
+check: install
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) build install log *.egg-info
