@@ -28,7 +28,8 @@ T = TypeVar('T')
 class Parameter:
     """What is declared of one parameter.
 
-    ``kind`` is float, int, bool or str. ``default`` None means: follows from the others.
+    ``kind`` is float, int, bool, str or tuple (a list of texts). ``default`` None means: follows
+    from the others.
     ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner varies.
     """
 
@@ -67,6 +68,10 @@ class Parameter:
                 raise UsageError(f"parameter '{self.name}': '{value}' is not one of "
                                  f'{", ".join(self.choices)}')
             return value
+        if self.kind is tuple:
+            if not isinstance(value, (list, tuple)) or not all(isinstance(v, str) for v in value):
+                raise UsageError(f"parameter '{self.name}' must be a list of texts, not {value!r}")
+            return tuple(value)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise UsageError(f"parameter '{self.name}' must be a number, not {value!r}")
         if not math.isfinite(value):
@@ -92,6 +97,8 @@ class Parameter:
             return ' | '.join(self.choices)
         if self.kind is bool:
             return 'true | false'
+        if self.kind is tuple:
+            return 'a list of texts'
         if self.minimum is None and self.maximum is None:
             return 'any'
         low = '-inf' if self.minimum is None else f'{self.minimum:g}'

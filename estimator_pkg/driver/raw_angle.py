@@ -1,0 +1,35 @@
+"""Raw counts, or an angle of another zero or sense of turning, as rad."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class RawAngle(NamedTuple):
+    """How a number on a wire becomes an angle.
+
+    counts_per_revolution : counts of one turn; 0: the number is in rad already.
+    offset : added after scaling [rad].
+    sign : 1 or -1.
+    """
+
+    counts_per_revolution: float = 0.0
+    offset: float = 0.0
+    sign: int = 1
+
+    @property
+    def scale(self) -> float:
+        """Angle per unit of the raw number [rad], with its sign."""
+        if self.counts_per_revolution > 0.0:
+            return self.sign * 2.0 * math.pi / self.counts_per_revolution
+        return float(self.sign)
+
+    @property
+    def quantum(self) -> float:
+        """The smallest step that counts can show [rad]; 0: not known."""
+        return abs(self.scale) if self.counts_per_revolution > 0.0 else 0.0
+
+    def angle(self, value):
+        """The angle [rad] of a raw number, or of an array of them (any shape)."""
+        return value * self.scale + self.offset

@@ -1,0 +1,249 @@
+"""ROS parameters made from declarations (see `estimator_pkg.parameters`).
+
+Typing is dynamic, so that 20 and 20.0 are the same; type, finiteness and range are checked here,
+because rclpy checks no range for an integer given to a float. A set is checked in the on-set
+callback, which can refuse it with the reason, and takes effect in the post-set callback.
+
+A node that lets parameters be overridden per joint (``joints.<joint>.<parameter>``) is made with
+``allow_undeclared_parameters=True``: a joint may be named before it appears.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.parameters import Parameter, build, declared
+
+T = TypeVar('T')
+Values = dict[str, Any]
+PREFIX = 'joints.'
+
+_TYPES = {float: ParameterType.PARAMETER_DOUBLE, int: ParameterType.PARAMETER_INTEGER,
+          bool: ParameterType.PARAMETER_BOOL, str: ParameterType.PARAMETER_STRING,
+          tuple: ParameterType.PARAMETER_STRING_ARRAY}
+
+
+def split_override(name: str) -> tuple[str, str] | None:
+    """(joint, parameter) of ``joints.<joint>.<parameter>``; None if `name` is none.
+
+    A joint's name may contain dots, a parameter's never does.
+    """
+    if not name.startswith(PREFIX):
+        return None
+    joint, dot, parameter = name[len(PREFIX):].rpartition('.')
+    return (joint, parameter) if dot and joint and parameter else None
+
+
+class RosParameters:
+    """The declared parameters of a node.
+
+    Declare with `declare` and `allow_overrides`, then call `watch` once.
+
+    Attributes
+    ----------
+    values : checked value by name; None where it is not set and has no default.
+    overrides : joint -> checked value by name.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        # What the command line, parameter files and the constructor gave for this node.
+        self._given: Values = {name: given.value
+                               for name, given in node._parameter_overrides.items()}
+        self._known: dict[str, Parameter] = {}
+        self._overridable: dict[str, Parameter] = {}
+        self.values: Values = {}
+        self.overrides: dict[str, Values] = {}
+        self._check: Callable[[Values, dict[str, Values]], None] | None = None
+        self._apply: Callable[[], None] | None = None
+        self._being_set: frozenset[str] = frozenset()
+        self._fresh: list[str] = []  # overrides declared for the set that is being checked
+        self._declaring = False
+
+    def declare(self, cls: type[T]) -> T:
+        """Declare the parameters of the declaring dataclass `cls`; an instance of it as given.
+
+        Raises
+        ------
+        UsageError : a given value is wrong.
+        """
+        known = declared(cls)
+        values = {name: parameter.check(self._given.get(name, parameter.default))
+                  for name, parameter in known.items()}
+        instance = build(cls, values)
+        self._known.update(known)
+        self.values.update(values)
+        for name, parameter in known.items():
+            self._declare(name, parameter, values[name])
+        return instance
+
+    def allow_overrides(self, names: Iterable[str]) -> None:
+        """Take ``joints.<joint>.<parameter>`` for these declared parameters, now and later.
+
+        Raises
+        ------
+        UsageError : a given override has a wrong value.
+        """
+        self._overridable = {name: self._known[name] for name in names}
+        for name, value in self._given.items():
+            joint, parameter = split_override(name) or ('', '')
+            if parameter in self._overridable and value is not None:
+                checked = self._checked(name, self._overridable[parameter], value)
+                self.overrides.setdefault(joint, {})[parameter] = checked
+                self._declare(name, self._overridable[parameter], checked)
+
+    def watch(self, check: Callable[[Values, dict[str, Values]], None],
+              apply: Callable[[], None]) -> None:
+        """Let parameters be set from now on.
+
+        Parameters
+        ----------
+        check : called with (values, overrides) as they would become; raises UsageError to refuse.
+        apply : called after `values` and `overrides` have changed.
+        """
+        self._check, self._apply = check, apply
+        self._node.add_pre_set_parameters_callback(self._before_set)
+        self._node.add_on_set_parameters_callback(self._on_set)
+        self._node.add_post_set_parameters_callback(self._after_set)
+
+    def unknown(self) -> dict[str, str]:
+        """Parameters given at start that nobody declared, each with the nearest known name."""
+        wrong = {}
+        for name in self._given:
+            if name not in self._known and not self._node.has_parameter(name):
+                wrong[name] = self._hint(name)
+        return wrong
+
+    def _hint(self, name: str) -> str:
+        override = split_override(name)
+        if override and self._overridable:
+            return suggestion(override[1], self._overridable)
+        return suggestion(name, self._known)
+
+    def _declare(self, name: str, parameter: Parameter, value: Any) -> None:
+        if isinstance(value, tuple):
+            value = list(value)
+        self._declaring = True
+        try:
+            self._node.declare_parameter(name, value, _descriptor(parameter),
+                                         ignore_override=True)
+        finally:
+            self._declaring = False
+
+    @staticmethod
+    def _checked(name: str, parameter: Parameter, value: Any) -> Any:
+        try:
+            return parameter.check(value)
+        except UsageError as error:  # name the override, not only the parameter
+            text = str(error).replace(f"'{parameter.name}'", f"'{name}'", 1)
+            raise UsageError(text) from None
+
+    def _find(self, name: str) -> Parameter | None:
+        if name in self._known:
+            return self._known[name]
+        override = split_override(name)
+        return self._overridable.get(override[1]) if override else None
+
+    def _after(self, changes: list[RosParameter]) -> tuple[Values, dict[str, Values]]:
+        """(values, overrides) after `changes`; raises UsageError for a wrong one."""
+        values = dict(self.values)
+        overrides = {joint: dict(own) for joint, own in self.overrides.items()}
+        for change in changes:
+            parameter = self._find(change.name)
+            if parameter is None:
+                continue
+            value = change.value
+            if change.name in self._known:
+                if value is None:
+                    value = parameter.default  # deleted: back to the default
+                values[change.name] = parameter.check(value)
+                continue
+            joint, name = split_override(change.name) or ('', '')
+            own = overrides.setdefault(joint, {})
+            if value is None:
+                own.pop(name, None)  # deleted: follows the common value again
+            else:
+                own[name] = self._checked(change.name, parameter, value)
+            if not own:
+                del overrides[joint]
+        return values, overrides
+
+    def _before_set(self, changes: list[RosParameter]) -> list[RosParameter]:
+        """Numbers get the declared type, so that 20 is stored and read back as 20.0."""
+        self._fresh = []
+        for change in changes:
+            parameter = self._find(change.name)
+            if (parameter is not None and not parameter.structural
+                    and not self._node.has_parameter(change.name)):
+                self._declare(change.name, parameter, None)  # an override gets its descriptor
+                self._fresh.append(change.name)
+        self._being_set = frozenset(change.name for change in changes)
+        return [self._typed(change) for change in changes]
+
+    def _typed(self, change: RosParameter) -> RosParameter:
+        parameter = self._find(change.name)
+        if parameter is None or change.value is None:
+            return change
+        try:
+            value = parameter.check(change.value)
+        except UsageError:
+            return change  # refused in a moment, with the reason
+        return RosParameter(change.name, value=list(value) if isinstance(value, tuple) else value)
+
+    def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
+        if self._declaring:
+            return SetParametersResult(successful=True)
+        being_set, self._being_set = self._being_set, frozenset()
+        try:
+            for change in changes:
+                self._settable(change.name, change.name in being_set)
+            values, overrides = self._after(changes)
+            if self._check is not None:
+                self._check(values, overrides)
+        except UsageError as error:
+            for name in self._fresh:
+                self._node.undeclare_parameter(name)
+            self._fresh = []
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _settable(self, name: str, being_set: bool) -> None:
+        parameter = self._find(name)
+        if parameter is None:
+            # Another part of the node may declare parameters of its own; nobody may set one that
+            # does not exist.
+            if being_set and not self._node.has_parameter(name):
+                raise UsageError(f"unknown parameter '{name}': {self._hint(name)}")
+        elif parameter.structural and being_set:
+            raise UsageError(f"parameter '{name}' is structural: set it before the node starts")
+
+    def _after_set(self, changes: list[RosParameter]) -> None:
+        known = [change.name for change in changes if self._find(change.name) is not None]
+        if self._declaring or not known:
+            return
+        self.values, self.overrides = self._after(changes)
+        for name in known:
+            if name in self._known and not self._node.has_parameter(name):
+                self._declare(name, self._known[name], self.values[name])  # deleting undeclared it
+        if self._apply is not None:
+            self._apply()
+
+
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+    unit = f' [{parameter.unit}]' if parameter.unit else ''
+    return ParameterDescriptor(
+        type=_TYPES[parameter.kind], description=parameter.description + unit,
+        additional_constraints=parameter.range_text(), read_only=parameter.structural,
+        dynamic_typing=True)
+
+
+def ros_values(values: Mapping[str, Any]) -> list[RosParameter]:
+    """Parameters for a node's ``parameter_overrides``, from plain values."""
+    return [RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
+            for name, value in values.items()]

@@ -1,0 +1,99 @@
+"""What every node's process does: environment, executor, clean ends.
+
+Import this module before rclpy and numpy: it settles the environment that they read.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from estimator_pkg.errors import UserError
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
+SPIN = 0.1  # [s] EventsExecutor.spin() dispatches nothing on the PyPI wheels, spin_once does
+
+
+def settle_environment() -> None:
+    """Let ROS from PyPI find its packages, and keep BLAS on one thread (small matrices only)."""
+    index = os.path.join(sys.prefix, 'share', 'ament_index')
+    if not os.environ.get('AMENT_PREFIX_PATH') and os.path.isdir(index):
+        os.environ['AMENT_PREFIX_PATH'] = sys.prefix
+    for library in ('OMP', 'OPENBLAS', 'MKL'):
+        os.environ.setdefault(f'{library}_NUM_THREADS', '1')
+
+
+settle_environment()
+
+
+def make_executor() -> Executor:
+    """The executor that costs least where it exists, else the usual one."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        from rclpy.executors import SingleThreadedExecutor
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Run a node until it is interrupted; returns the exit code.
+
+    Parameters
+    ----------
+    make_node : makes the node, once ROS is initialised. What it imports then is imported after
+        Ctrl-C has become quiet.
+    args : command line; None: that of the process.
+    """
+    program = os.path.basename(sys.argv[0])
+    started = False
+
+    def interrupted(number: int, frame: Any) -> None:
+        if not started:  # later ROS ends its context, and the loop below ends with it
+            raise SystemExit(0)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupted)
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+    try:
+        rclpy.init(args=args)
+        started = True
+    except Exception as error:  # of rcl, for a command line it cannot parse
+        print(f'{program}: {_first_line(error)}', file=sys.stderr)
+        return 2
+    executor = node = None
+    try:
+        node = make_node()
+        executor = make_executor()
+        executor.add_node(node)
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=SPIN)
+        return 0
+    except UserError as error:
+        print(f'{program}: {error}', file=sys.stderr)
+        return error.exit_code
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except rclpy_implementation.RCLError:
+        if rclpy.ok():  # else an interrupt took the context away under a call
+            raise
+        return 0
+    finally:
+        if executor is not None:
+            executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _first_line(error: Exception) -> str:
+    text = str(error).strip() or type(error).__name__
+    return text.splitlines()[0]
