@@ -7,6 +7,7 @@ except where the C library's exp, sin and so on differ (fast-math stays off).
 
 from __future__ import annotations
 
+import dis
 import math
 import types
 from collections.abc import Callable
@@ -61,7 +62,9 @@ def _twin(function: Any) -> Callable:
 
 
 def _names(code: types.CodeType) -> set[str]:
-    names = set(code.co_names)
+    """The globals that the code reads. Attributes do not count: `math.sin` is no global `sin`."""
+    names = {instruction.argval for instruction in dis.get_instructions(code)
+             if instruction.opname == 'LOAD_GLOBAL'}
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
             names |= _names(constant)
