@@ -56,6 +56,7 @@ setup(
             'finite_difference = estimator_pkg.observers.finite_difference:OBSERVER',
             'pll = estimator_pkg.observers.pll:OBSERVER',
             'kalman = estimator_pkg.observers.kalman:OBSERVER',
+            'super_twisting = estimator_pkg.observers.super_twisting:OBSERVER',
         ],
         'velocity_estimator.models': [],
         'velocity_estimator.commands': [
