@@ -61,6 +61,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupted)
     import rclpy
+    from rclpy.exceptions import NotInitializedException
     from rclpy.executors import ExternalShutdownException
     from rclpy.impl.implementation_singleton import rclpy_implementation
     try:
@@ -80,8 +81,8 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     except UserError as error:
         print(f'{program}: {error}', file=sys.stderr)
         return error.exit_code
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
+    except (KeyboardInterrupt, ExternalShutdownException, NotInitializedException):
+        return 0  # the last one: interrupted while the node was being made
     except rclpy_implementation.RCLError:
         if rclpy.ok():  # else an interrupt took the context away under a call
             raise
