@@ -1,0 +1,139 @@
+"""The simulator ``encoder``: joints that move by a profile, read by encoders with faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages.cdr import Writer
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.joint_state import Encoder
+from sim_pkg.contract import Message, Simulator, Topic
+from sim_pkg.profiles import Profile, ProfileParameters, fixed, make_profile
+from sim_pkg.sensor import (
+    RAW_COUNTS,
+    SECOND,
+    AngleSensor,
+    Floats,
+    Line,
+    SensorParameters,
+    Whole,
+    random_stream,
+)
+
+MEASURED = Topic('joint_states', JOINT_STATE)
+COUNTS = Topic('angle', 'std_msgs/msg/Int32')
+TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
+
+CHUNK = 64  # samples made at a time: little work, so that none of them leaves late
+
+
+@dataclass(frozen=True)
+class EncoderParameters(ProfileParameters, SensorParameters):
+    """All that can be set of the simulator."""
+
+    joints: tuple[str, ...] = fixed(
+        ('wheel',), unit='', description='names of the joints; each has a sensor of its own')
+    joint_ratio: float = fixed(
+        0.8, unit='', range=(-10.0, 10.0),
+        description='each further joint moves by this times the motion of the one before it')
+
+    def __post_init__(self) -> None:
+        """What a range cannot say; raises UsageError."""
+        super().__post_init__()
+        if not self.joints or not all(self.joints):
+            raise UsageError("parameter 'joints' must name at least one joint, and none by ''")
+        if len(set(self.joints)) < len(self.joints):
+            raise UsageError("parameter 'joints' names a joint twice")
+        if self.convention == RAW_COUNTS and len(self.joints) > 1:
+            raise UsageError("convention 'raw_counts' carries one joint, but 'joints' names "
+                             f'{len(self.joints)}')
+
+
+def topics(parameters: EncoderParameters) -> tuple[Topic, ...]:
+    """Measurement and truth."""
+    return (COUNTS if parameters.convention == RAW_COUNTS else MEASURED), TRUTH
+
+
+class Shaft:
+    """One joint: its motion and its sensor."""
+
+    def __init__(self, parameters: EncoderParameters, seed: int, joint: int) -> None:
+        self.motion: Profile = make_profile(parameters, random_stream(seed, 'profile', joint),
+                                            ratio=parameters.joint_ratio ** joint)
+        self.sensor = AngleSensor(parameters, seed, joint)
+
+
+def generate(parameters: EncoderParameters, duration: float, seed: int) -> Iterator[list[Message]]:
+    """Measurement and truth, `CHUNK` samples at a time (see `sim_pkg.contract`).
+
+    The truth is the continuous position and the velocity at the very time that the stamp of the
+    measurement names, for every sample, also where the measurement does not arrive.
+    """
+    shafts = [Shaft(parameters, seed, joint) for joint in range(len(parameters.joints))]
+    line = Line(parameters, seed)
+    measure = _counts if parameters.convention == RAW_COUNTS else _joint_states(parameters.joints)
+    measured = topics(parameters)[0].name
+    true = Encoder()
+    left = math.ceil(duration * parameters.rate - 1e-6) if math.isfinite(duration) else None
+    waiting: list[Message] = []  # held up past the end of their chunk
+    while left is None or left > 0:
+        count = CHUNK if left is None else min(CHUNK, left)
+        left = None if left is None else left - count
+        samples = line.carry(count)
+        taken, stamped = _seconds(samples.taken_ns), _seconds(samples.stamp_ns)
+        readings = np.array([shaft.sensor.read(shaft.motion(taken)[0]) for shaft in shafts]).T
+        motions = np.array([shaft.motion(stamped)[:2] for shaft in shafts]).transpose(2, 1, 0)
+        messages = waiting
+        for stamp, taken_ns, due, copies, reading, (position, velocity) in zip(
+                samples.stamp_ns.tolist(), samples.taken_ns.tolist(), samples.due_ns.tolist(),
+                samples.copies.tolist(), readings.tolist(), motions.tolist()):
+            messages += [Message(due, measured, partial(measure, stamp, reading))] * copies
+            messages.append(Message(taken_ns, TRUTH.name, partial(
+                _truth, true, parameters.joints, stamp, position, velocity)))
+        messages.sort(key=_due)  # stable: messages that are due together keep their order
+        ready = sum(message.due_ns < samples.horizon_ns for message in messages)
+        yield messages[:ready]
+        waiting = messages[ready:]
+    if waiting:
+        yield waiting
+
+
+def _seconds(nanoseconds: Whole) -> Floats:
+    return nanoseconds.astype(np.float64) / SECOND
+
+
+def _due(message: Message) -> int:
+    return message.due_ns
+
+
+def _truth(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, position: list[float],
+           velocity: list[float], start_ns: int) -> bytes:
+    return encoder.encode(start_ns + stamp_ns, '', names, position, velocity)
+
+
+def _joint_states(names: tuple[str, ...]):
+    encoder = Encoder()
+
+    def encode(stamp_ns: int, reading: list[float], start_ns: int) -> bytes:
+        return encoder.encode(start_ns + stamp_ns, '', names, reading)
+
+    return encode
+
+
+def _counts(stamp_ns: int, reading: list[float], start_ns: int) -> bytes:
+    """One count; an Int32 carries no stamp."""
+    writer = Writer()
+    writer.numbers('i', (int(reading[0]),))
+    return bytes(writer.raw)
+
+
+SIMULATOR = Simulator(
+    name='encoder',
+    summary='joints that move by a profile, read by encoders with faults',
+    parameters=EncoderParameters, topics=topics, generate=generate)

@@ -1,0 +1,135 @@
+"""Any simulator as a live ROS 2 node: its stream of messages, each when it is due."""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import math
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from estimator_pkg.nodes.ros_parameters import RosParameters
+from sim_pkg.contract import Simulator, Topic
+from sim_pkg.nodes.deadline import Deadlines
+from sim_pkg.nodes.settings import FOREVER, RunSettings
+
+SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=50,
+                         reliability=ReliabilityPolicy.BEST_EFFORT)
+LINGER = 0.2  # the last messages get this long to leave before the process ends [s]
+
+
+def message_type(name: str) -> Any:
+    """The message class of a type name such as 'sensor_msgs/msg/JointState'."""
+    package, _, message = name.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), message)
+
+
+class SimulatorNode(Node):
+    """Publishes a simulator's stream from the moment it is made, in a thread of its own.
+
+    Every parameter is fixed at start, because the values follow from seed and parameters alone.
+    The stamps are the system time at the start plus the simulated time, whatever `use_sim_time`.
+
+    Parameters
+    ----------
+    simulator : what to run.
+    name : of the node.
+    on_end : called from the thread when `duration` is over.
+    """
+
+    def __init__(self, simulator: Simulator, name: str, *,
+                 on_end: Callable[[], None] | None = None, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.deadlines = Deadlines()
+        self._on_end = on_end
+        self._thread = threading.Thread(target=self._play, name='deadlines', daemon=True)
+        try:
+            self._set_up(simulator)
+        except BaseException:
+            super().destroy_node()
+            raise
+        self._thread.start()
+
+    def _set_up(self, simulator: Simulator) -> None:
+        ros_parameters = RosParameters(self)
+        settings = ros_parameters.declare(RunSettings)
+        parameters: Any = ros_parameters.declare(simulator.parameters)
+        topics = simulator.topics(parameters)
+        self._senders = {topic.name: self._publisher(topic) for topic in topics}
+        self._measured = [self._senders[topic.name] for topic in topics if not topic.truth]
+        self._wait_for = settings.wait_for_subscribers
+        duration = math.inf if settings.duration == FOREVER else settings.duration
+        self._chunks = simulator.generate(parameters, duration, settings.seed)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        for wrong, hint in ros_parameters.unknown().items():
+            self.get_logger().warning(f"unknown parameter '{wrong}': {hint}")
+        if self.get_parameter('use_sim_time').value:
+            self.get_logger().warning('use_sim_time does not apply: this node makes its own time '
+                                      'and stamps with the system time')
+
+    def _publisher(self, topic: Topic) -> Publisher:
+        return self.create_publisher(
+            message_type(topic.type), topic.name, SENSOR_DATA,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def _play(self) -> None:
+        try:
+            if self._played() and self._on_end is not None:
+                self._on_end()
+        except rclpy_implementation.RCLError:
+            if self.context.ok():  # else an interrupt took the context away under a call
+                raise
+
+    def _played(self) -> bool:
+        """Publish everything. False if the node was ended before."""
+        while any(sender.get_subscription_count() < self._wait_for for sender in self._measured):
+            if not self.deadlines.pause(0.01):
+                return False
+        first = next(self._chunks, [])  # made before the clock runs, as it takes longest
+        start_ns = self.deadlines.start()
+        for chunk in itertools.chain([first], self._chunks):
+            for message in chunk:
+                raw = message.encode(start_ns)
+                if not self.deadlines.wait(message.due_ns) or not self.context.ok():
+                    return False
+                self._senders[message.topic].publish(raw)
+        for sender in self._senders.values():
+            sender.wait_for_all_acked(Duration(seconds=1))
+        return self.deadlines.pause(LINGER)
+
+    def _report(self) -> None:
+        """How well the deadlines are met, for /diagnostics."""
+        told = self.deadlines
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.OK, name=f'{self.get_fully_qualified_name()}: deadlines',
+            message=told.summary(),
+            values=[KeyValue(key=key, value=value) for key, value in (
+                ('messages', str(told.met)), ('late', str(told.late)),
+                ('mean lateness [s]', f'{told.mean_lateness:.6f}'),
+                ('worst lateness [s]', f'{told.worst_lateness:.6f}'))])
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def destroy_node(self) -> None:
+        """End the thread, say how well the deadlines were met, and go."""
+        self.deadlines.stop()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join()
+        if self.context.ok():
+            self.get_logger().info(self.deadlines.summary())
+        else:  # after an interrupt a logger could no longer reach /rosout, and would complain
+            print(f'{self.get_name()}: {self.deadlines.summary()}', file=sys.stderr)
+        super().destroy_node()

@@ -1,0 +1,278 @@
+"""An angle sensor and the line behind it, with every fault that users report.
+
+Faults of the value (`AngleSensor`, one per joint): eccentricity, noise, outliers, quantisation,
+repeated readings, a stuck sensor, the wrap convention. Faults of time and transport (`Line`, one
+per stream): jitter of sampling and of stamps, dropped and duplicated samples, gaps, bursts.
+
+Each fault draws from a random stream of its own, one draw per sample whatever happens to the
+sample. Switching one fault on, or changing its rate, leaves the draws of all others as they are.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.parameters import parameter
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SECOND = 1_000_000_000  # [ns]
+TURN = 2.0 * math.pi
+SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS = 'signed', 'unsigned', 'multi_turn', 'raw_counts'
+
+fixed = partial(parameter, structural=True)  # a change in mid-run would not follow from the seed
+chance = partial(fixed, 0.0, unit='', range=(0.0, 1.0))
+interval = partial(fixed, unit='s', range=(0.0, 1e6))
+
+
+@dataclass(frozen=True)
+class SensorParameters:
+    """How the angle is read and what goes wrong; everything but quantisation is off by default."""
+
+    rate: float = fixed(
+        1000.0, unit='Hz', range=(0.01, 1e5), description='samples per second')
+    counts_per_revolution: int = fixed(
+        4096, unit='counts', range=(0, 2**31 - 1),
+        description='resolution; the angle is rounded down to a count, so that it reads half a '
+                    'count low on average; 0: no quantisation')
+    convention: str = fixed(
+        SIGNED, unit='', choices=(SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS),
+        description='how an angle is written: in [-pi, pi), in [0, 2 pi), turns counted, or counts '
+                    'in [0, counts_per_revolution) as std_msgs/Int32 on the topic angle')
+    noise: float = fixed(
+        0.0, unit='rad', range=(0.0, 10.0),
+        description='standard deviation of white Gaussian noise, before quantisation')
+    eccentricity: float = fixed(
+        0.0, unit='rad', range=(0.0, 1.0),
+        description='amplitude of an error that is a sine of the angle, as from a disc off centre')
+    outliers: float = chance(description='fraction of readings that are off by outlier_size')
+    outlier_size: float = fixed(
+        1.0, unit='rad', range=(0.0, 1e3),
+        description='size of an outlier, of either sign')
+    repeated: float = chance(
+        description='fraction of samples that repeat the reading before them under a new stamp')
+    update_every: int = fixed(
+        1, unit='samples', range=(1, 1_000_000),
+        description='the sensor gives a new reading only every so many samples and repeats it in '
+                    'between')
+    stuck_every: float = interval(
+        0.0, description='mean time until the sensor sticks to its reading; 0: never')
+    stuck_length: float = interval(0.2, description='how long it sticks')
+    sampling_jitter: float = interval(
+        0.0, description='samples are taken late by up to this, evenly spread, and stamped with '
+                         'the time at which they were; shorter than one sample time')
+    stamp_jitter: float = interval(
+        0.0, description='stamps are wrong by up to this either way, evenly spread; sampling is '
+                         'on time')
+    dropped: float = chance(description='fraction of samples that never arrive')
+    duplicated: float = chance(
+        description='fraction of messages that arrive twice, with the same stamp')
+    gap_every: float = interval(
+        0.0, description='mean time until a gap, in which nothing arrives; 0: never')
+    gap_length: float = interval(0.3, description='how long a gap lasts')
+    burst_every: float = interval(
+        0.0, description='mean time until messages are held up, to arrive all at once; 0: never')
+    burst_length: float = interval(0.05, description='how long they are held up')
+
+    def __post_init__(self) -> None:
+        """What a range cannot say; raises UsageError."""
+        if self.convention == RAW_COUNTS and self.counts_per_revolution == 0:
+            raise UsageError("convention 'raw_counts' needs 'counts_per_revolution' above 0")
+        if self.sampling_jitter >= 1.0 / self.rate:
+            raise UsageError(f"parameter 'sampling_jitter' = {self.sampling_jitter:g} must be "
+                             f'shorter than one sample time, {1.0 / self.rate:g} s')
+
+    @property
+    def period(self) -> float:
+        """Sample time [s]."""
+        return 1.0 / self.rate
+
+
+def random_stream(seed: int, purpose: str, joint: int = 0) -> np.random.Generator:
+    """A random stream of its own for this purpose and joint; any new purpose leaves it as it is."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(
+        [seed, zlib.crc32(purpose.encode()), joint])))
+
+
+class Episodes:
+    """Stretches of samples in which something is the matter, at random.
+
+    Parameters
+    ----------
+    random : one draw per sample.
+    every : mean time from the end of one to the start of the next [s]; 0: never.
+    length : of each [s], at least one sample.
+    period : sample time [s].
+    """
+
+    def __init__(self, random: np.random.Generator, every: float, length: float,
+                 period: float) -> None:
+        self._random = random
+        self._chance = period / every if every > 0.0 else 0.0
+        self._samples = max(1, round(length / period))
+        self._until = 0  # sample at which the latest one ends
+
+    def ends(self, first: int, count: int) -> Whole:
+        """For samples `first` on: the sample at which the episode ends, or 0 outside of any."""
+        ends = np.zeros(count, np.int64)
+        if self._chance == 0.0:
+            return ends
+        ends[:max(0, self._until - first)] = self._until
+        for start in np.flatnonzero(self._random.random(count) < self._chance):
+            if first + start >= self._until:
+                self._until = int(first + start) + self._samples
+                ends[start:start + self._samples] = self._until
+        return ends
+
+
+class AngleSensor:
+    """One joint's sensor. Feed it the true angle of every sample, in order.
+
+    Parameters
+    ----------
+    parameters : faults and resolution.
+    seed, joint : what its random streams follow from.
+    """
+
+    def __init__(self, parameters: SensorParameters, seed: int, joint: int = 0) -> None:
+        self._p = parameters
+        self._noise = random_stream(seed, 'noise', joint)
+        self._outliers = random_stream(seed, 'outliers', joint)
+        self._repeated = random_stream(seed, 'repeated', joint)
+        self._stuck = Episodes(random_stream(seed, 'stuck', joint), parameters.stuck_every,
+                               parameters.stuck_length, parameters.period)
+        self._index = 0
+        self._held = 0.0  # last reading, in counts where there are any, else in rad
+
+    def read(self, angle: Floats) -> Floats:
+        """What the sensor says of these true angles [rad], shape (n,), in its convention."""
+        reading = self._hold(self._quantised(self._disturbed(angle)))
+        return written(reading, self._p.counts_per_revolution, self._p.convention)
+
+    def _disturbed(self, angle: Floats) -> Floats:
+        p, count = self._p, len(angle)
+        disturbed = angle
+        if p.eccentricity > 0.0:
+            disturbed = disturbed + p.eccentricity * np.sin(angle)
+        if p.noise > 0.0:
+            disturbed = disturbed + p.noise * self._noise.standard_normal(count)
+        if p.outliers > 0.0:
+            draw, sign = self._outliers.random((count, 2)).T
+            size = np.where(sign < 0.5, -p.outlier_size, p.outlier_size)
+            disturbed = disturbed + np.where(draw < p.outliers, size, 0.0)
+        return disturbed
+
+    def _quantised(self, angle: Floats) -> Floats:
+        counts = self._p.counts_per_revolution
+        return np.floor(angle * (counts / TURN)) if counts else angle
+
+    def _hold(self, reading: Floats) -> Floats:
+        """Readings with those that are not fresh replaced by the last fresh one."""
+        p, count = self._p, len(reading)
+        index = np.arange(self._index, self._index + count)
+        fresh = self._stuck.ends(self._index, count) == 0
+        if p.update_every > 1:
+            fresh &= index % p.update_every == 0
+        if p.repeated > 0.0:
+            fresh &= self._repeated.random(count) >= p.repeated
+        if self._index == 0:
+            fresh[:1] = True
+        source = np.maximum.accumulate(np.where(fresh, np.arange(count), -1))
+        held = np.where(source < 0, self._held, reading[source])
+        if count:
+            self._held = float(held[-1])
+            self._index += count
+        return held
+
+
+def written(reading: Floats, counts: int, convention: str) -> Floats:
+    """Readings of any turn in a wrap convention.
+
+    Parameters
+    ----------
+    reading : in counts where `counts` > 0, else in rad; shape (n,).
+    counts : counts per revolution; 0: no quantisation.
+    convention : one of SIGNED, UNSIGNED, MULTI_TURN (all in rad), RAW_COUNTS.
+    """
+    turn = float(counts) if counts else TURN
+    if convention != MULTI_TURN:
+        reading = reading - turn * np.floor(reading / turn)
+        reading = np.where(reading >= turn, 0.0, reading)  # a tiny negative angle rounds up to it
+    if convention == SIGNED:
+        reading = np.where(reading >= 0.5 * turn, reading - turn, reading)
+    if convention == RAW_COUNTS or not counts:
+        return reading
+    return reading / counts * TURN  # in this order -pi is exactly -pi, whatever the counts
+
+
+class Samples(NamedTuple):
+    """What the line makes of a chunk of samples; arrays of shape (n,).
+
+    Attributes
+    ----------
+    taken_ns : when each was truly taken [ns from the start].
+    stamp_ns : what its stamp says.
+    due_ns : when its message arrives.
+    copies : how many messages arrive: 0, 1 or 2.
+    horizon_ns : nothing of a later chunk arrives before this.
+    """
+
+    taken_ns: Whole
+    stamp_ns: Whole
+    due_ns: Whole
+    copies: Whole
+    horizon_ns: int
+
+
+class Line:
+    """Sampling in time, and the way from the sensor to the reader."""
+
+    def __init__(self, parameters: SensorParameters, seed: int) -> None:
+        self._p = p = parameters
+        self._sampling = random_stream(seed, 'sampling_jitter')
+        self._stamps = random_stream(seed, 'stamp_jitter')
+        self._dropped = random_stream(seed, 'dropped')
+        self._duplicated = random_stream(seed, 'duplicated')
+        self._gaps = Episodes(random_stream(seed, 'gap'), p.gap_every, p.gap_length, p.period)
+        self._bursts = Episodes(random_stream(seed, 'burst'), p.burst_every, p.burst_length,
+                                p.period)
+        self._index = 0
+
+    def carry(self, count: int) -> Samples:
+        """The next `count` samples."""
+        p, first = self._p, self._index
+        self._index += count
+        index = np.arange(first, first + count)
+        taken = self._grid(index)
+        if p.sampling_jitter > 0.0:
+            taken = taken + _whole(p.sampling_jitter * SECOND * self._sampling.random(count))
+        stamp = taken
+        if p.stamp_jitter > 0.0:
+            spread = 2.0 * self._stamps.random(count) - 1.0
+            stamp = taken + _whole(p.stamp_jitter * SECOND * spread)
+        arrives: Mask = self._gaps.ends(first, count) == 0
+        if p.dropped > 0.0:
+            arrives = arrives & (self._dropped.random(count) >= p.dropped)
+        copies = arrives.astype(np.int64)
+        if p.duplicated > 0.0:
+            copies *= 1 + (self._duplicated.random(count) < p.duplicated)
+        held_until = self._bursts.ends(first, count)
+        due = np.where(held_until > 0, self._grid(held_until), taken)
+        return Samples(taken, stamp, due, copies, int(self._grid(np.array([self._index]))[0]))
+
+    def _grid(self, index: Whole) -> Whole:
+        return _whole(index.astype(np.float64) * (SECOND / self._p.rate))
+
+
+def _whole(nanoseconds: Floats) -> Whole:
+    return np.rint(nanoseconds).astype(np.int64)
