@@ -27,7 +27,7 @@ setup(
     packages=['estimator_pkg', 'estimator_pkg.observers', 'estimator_pkg.models',
               'estimator_pkg.driver', 'estimator_pkg.messages', 'estimator_pkg.nodes',
               'estimator_pkg.bags', 'estimator_pkg.evaluation',
-              'sim_pkg', 'sim_pkg.nodes', 'sim_pkg.reproduce'],
+              'sim_pkg', 'sim_pkg.nodes', 'sim_pkg.reproduce', 'sim_pkg.demo'],
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -60,6 +60,7 @@ setup(
         ],
         'velocity_estimator.models': [],
         'velocity_estimator.commands': [
+            'demo = sim_pkg.demo.command:COMMAND',
             'list = estimator_pkg.listing:COMMAND',
             'simulate = sim_pkg.simulate:COMMAND',
             'record = estimator_pkg.bags.record:COMMAND',

@@ -1,0 +1,1 @@
+"""The demonstration: simulator and observer as processes over real DDS, watched and recorded."""

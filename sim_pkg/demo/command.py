@@ -1,0 +1,128 @@
+"""The command ``demo``: two nodes over real DDS, watched for ten seconds, recorded and judged."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import os
+import random
+import time
+from pathlib import Path
+from typing import Any
+
+from estimator_pkg.cli import Command
+from estimator_pkg.cli import main as velocity_estimator
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.nodes.runtime import settle_environment
+
+COUNTS = 4096
+RATE = 500              # samples per second
+FRAME = 0.1             # time between two frames of the table [s]
+PATIENCE = 20.0         # time within which the first estimate must come [s]
+MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
+ESTIMATE, STDDEV = '/joint_observer/estimate', '/joint_observer/estimate_stddev'
+# Standing still, creeping over the counts, and a sprint through the wraps, both ways.
+MOTION = {'profile': 'trapezoid', 'velocity': 20.0, 'acceleration': 40.0, 'hold_time': 0.7,
+          'counts_per_revolution': COUNTS, 'rate': float(RATE), 'wait_for_subscribers': 3}
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    parser.add_argument('--duration', type=float, default=10.0, metavar='S',
+                        help='how long to watch [s] (default: 10)')
+    parser.add_argument('--out', default='demo_output', metavar='DIR',
+                        help='folder for the bag and the plot (default: demo_output)')
+    parser.add_argument('--observer', default='hybrid_angle', metavar='NAME',
+                        help='which observer (default: hybrid_angle)')
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Run the demonstration; returns the paths of bag and plot and how many estimates came.
+
+    Raises
+    ------
+    UsageError : a duration that makes no sense.
+    UserError : a process failed; with what it said.
+    """
+    if not 0.5 <= parsed.duration <= 3600.0:
+        raise UsageError(f'--duration {parsed.duration:g} is not between 0.5 and 3600 s')
+    from sim_pkg.demo.processes import ended_on_any_signal
+    settle_environment()
+    environment = os.environ | {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        # a domain of its own, so that two demos on one machine do not hear each other
+        'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 100))}
+    os.environ.update(environment)
+    folder = Path(parsed.out)
+    folder.mkdir(parents=True, exist_ok=True)
+    name = time.strftime('run_%Y%m%d_%H%M%S')
+    bag, plot = folder / name, folder / f'{name}.png'
+    with ended_on_any_signal():
+        count = _watch(parsed, bag, environment)
+        print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
+        code = velocity_estimator(['evaluate', str(bag), '--observer', 'finite_difference',
+                                   '--skip', '1', '--plot', str(plot)])
+    print(f'\nbag   {bag}\nplot  {plot}')
+    return {'ok': code == 0 and count > 0, 'bag': str(bag), 'plot': str(plot), 'estimates': count}
+
+
+def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -> int:
+    """Starts the processes, shows what they say, ends them; the number of estimates seen."""
+    from sim_pkg.demo.processes import Child
+    ros = ['--ros-args']
+    for key, value in (MOTION | {'duration': parsed.duration + PATIENCE}).items():
+        ros += ['-p', f'{key}:={value}']
+    with contextlib.ExitStack() as stack:
+        children = []
+        for name, module, words in (
+                ('joint_observer', 'estimator_pkg.nodes.joint_observer',
+                 ['--ros-args', '-p', f'quantum:={2.0 * math.pi / COUNTS}',
+                  '-p', f'observer:={parsed.observer}']),
+                ('record', 'estimator_pkg.cli',
+                 ['record', MEASURED, TRUTH, ESTIMATE, STDDEV, '--out', str(bag)]),
+                ('encoder_sim', 'sim_pkg.nodes.encoder_sim', ros)):
+            child = Child(name, module, words, environment)
+            stack.callback(child.end)
+            children.append(child)
+        return _show(parsed, children)
+
+
+def _show(parsed: argparse.Namespace, children: list) -> int:
+    """The table, until the time is up."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from sim_pkg.demo.listener import Topics, listen
+    from sim_pkg.demo.table import Display
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C stays KeyboardInterrupt
+    try:
+        topics = Topics()
+        spin = listen(topics, measured=MEASURED, truth=TRUTH, estimate=ESTIMATE, stddev=STDDEV)
+        title = (f'encoder_sim ({COUNTS} counts, {RATE} Hz, wrapped) -> DDS -> joint_observer '
+                 f'({parsed.observer}) -> DDS -> this table')
+        with Display(title) as display:
+            begun, started, frame = time.monotonic(), math.inf, 0.0
+            while time.monotonic() < started + parsed.duration:
+                spin(FRAME / 4.0)
+                now = time.monotonic()
+                if now < frame:
+                    continue
+                frame = now + FRAME
+                for child in children:
+                    child.check()
+                moment = topics.snapshot()
+                if moment is not None:
+                    started = min(started, now)
+                    display.show(moment)
+                elif now > begun + PATIENCE:
+                    raise UserError(f'no estimate within {PATIENCE:g} s; the observer says: '
+                                    f'{children[0].last_line()}')
+        return topics.count
+    finally:
+        rclpy.try_shutdown()
+
+
+COMMAND = Command(
+    summary='simulator and observer over real DDS: a live table, a bag, a plot',
+    arguments=arguments, run=run)

@@ -1,0 +1,79 @@
+"""Child processes that never outlive the one that started them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+
+from estimator_pkg.errors import UserError
+
+PATIENCE = 5.0  # time a process is given to end by itself after each signal [s]
+
+
+class Child:
+    """A Python module run as a process of its own, in a session of its own.
+
+    Ctrl-C reaches only the parent, which then ends its children in their order.
+    """
+
+    def __init__(self, name: str, module: str, arguments: Sequence[str],
+                 environment: Mapping[str, str]) -> None:
+        self.name = name
+        self._log = tempfile.TemporaryFile(  # noqa: SIM115 (closed by `end`)
+            mode='a+', encoding='utf-8', errors='replace')
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL,
+            stdout=self._log, stderr=subprocess.STDOUT, env=dict(environment),
+            start_new_session=True)
+
+    def check(self) -> None:
+        """Raises UserError, with what it said last, if the process has ended with an error."""
+        code = self._process.poll()
+        if code:
+            raise UserError(f'{self.name} ended with code {code}: {self.last_line()}')
+
+    def last_line(self) -> str:
+        """The last line that the process printed."""
+        self._log.seek(0)
+        lines = [line for line in self._log.read().splitlines() if line.strip()]
+        return lines[-1] if lines else '(it printed nothing)'
+
+    def end(self) -> int:
+        """Ends the process, gently at first; returns its exit code."""
+        for ask in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            if self._process.poll() is not None:
+                break
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, ask)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(PATIENCE)
+        self._log.close()
+        return self._process.wait()
+
+
+@contextlib.contextmanager
+def ended_on_any_signal() -> Iterator[None]:
+    """SIGTERM and SIGHUP become KeyboardInterrupt, so that children are ended for them too."""
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt)
+              for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def sleep_until(moment: float) -> None:
+    """Sleep until this time of `time.monotonic` [s]."""
+    left = moment - time.monotonic()
+    if left > 0.0:
+        time.sleep(left)

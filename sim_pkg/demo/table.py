@@ -1,0 +1,101 @@
+"""The live table of the demo: a terminal table, or lines where there is no terminal."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from sim_pkg.demo.listener import Snapshot
+
+BARS = ' ▁▂▃▄▅▆▇█'
+TRACE = 60          # columns of the velocity traces
+LINE_PERIOD = 1.0   # time between lines where there is no terminal [s]
+
+
+class Display:
+    """Shows snapshots; use as a context manager.
+
+    Parameters
+    ----------
+    title : one line above the table.
+    """
+
+    def __init__(self, title: str, console: Console | None = None) -> None:
+        self._console = console or Console()
+        self._title = title
+        self._live: Live | None = None
+        self._traces = {name: deque([0.0] * TRACE, maxlen=TRACE)
+                        for name in ('truth', 'difference', 'estimate')}
+        self._next_line = 0.0
+
+    def __enter__(self) -> Display:
+        if self._console.is_terminal:
+            self._live = Live(self._waiting(), console=self._console, auto_refresh=False)
+            self._live.start()
+        else:
+            self._console.print(self._title, highlight=False)
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        if self._live:
+            self._live.stop()
+
+    def show(self, moment: Snapshot) -> None:
+        """Show this moment; without a terminal only about once a second."""
+        if self._live:
+            self._traces['truth'].append(moment.true_velocity)
+            self._traces['difference'].append(moment.finite_difference)
+            self._traces['estimate'].append(moment.velocity)
+            self._live.update(self._table(moment), refresh=True)
+        elif moment.seconds >= self._next_line:
+            self._next_line = moment.seconds + LINE_PERIOD
+            self._console.print(
+                f't {moment.seconds:5.2f} s  angle {moment.angle:+.4f} rad  '
+                f'true {moment.true_velocity:+8.3f}  finite difference '
+                f'{moment.finite_difference:+8.3f}  estimate {moment.velocity:+8.3f} '
+                f'+- {moment.stddev:.3f}  error {moment.error:+.3f} rad/s', highlight=False)
+
+    def _waiting(self) -> Text:
+        return Text(f'{self._title}\nwaiting for the first estimate ...')
+
+    def _table(self, moment: Snapshot) -> Group:
+        span = max(1.0, max(abs(value) for value in self._traces['truth']) * 1.2)
+        table = Table(box=None, pad_edge=False)
+        table.add_column('')
+        table.add_column('now', justify='right', width=12)
+        table.add_column('unit')
+        table.add_column(f'last {TRACE // 10} s, full scale +-{span:.0f} rad/s')
+        rows = [
+            ('measured angle', f'{moment.angle:+.4f}', 'rad', ''),
+            ('true velocity', f'{moment.true_velocity:+.3f}', 'rad/s',
+             sparkline(self._traces['truth'], span)),
+            ('finite difference', f'{moment.finite_difference:+.3f}', 'rad/s',
+             sparkline(self._traces['difference'], span)),
+            ('estimate', f'{moment.velocity:+.3f}', 'rad/s',
+             sparkline(self._traces['estimate'], span)),
+            ('  standard deviation', f'{moment.stddev:.3f}', 'rad/s', ''),
+            ('  error', f'{moment.error:+.3f}', 'rad/s', ''),
+        ]
+        for name, value, unit, trace in rows:
+            style = 'bold green' if name == 'estimate' else ''
+            table.add_row(name, value, unit, trace, style=style)
+        return Group(Text(self._title, style='bold'),
+                     Text(f't {moment.seconds:.1f} s, {moment.messages} estimates',
+                          style='dim'), table)
+
+
+def sparkline(values: deque[float], span: float) -> str:
+    """Values in [-span, span] as one line of bars; nan is a blank."""
+    marks = []
+    for value in values:
+        if not math.isfinite(value):
+            marks.append(' ')
+            continue
+        part = min(max(0.5 + 0.5 * value / span, 0.0), 1.0)
+        marks.append(BARS[round(part * (len(BARS) - 1))])
+    return ''.join(marks)
