@@ -30,6 +30,7 @@ class Layout:
         mask = bytearray(b'\xff' * (self.fixed_to - self.fixed_from))
         for start, end in reader.padding:
             mask[start - self.fixed_from:end - self.fixed_from] = bytes(end - start)
+        self.mask = bytes(mask)  # 255 where the bytes from fixed_from to fixed_to carry something
         self._mask = int.from_bytes(mask, 'little')
         self._fixed = self._significant(raw)
         self.counts: list[tuple[int, int]] = []  # (where the count stands, the count)

@@ -1,0 +1,79 @@
+"""Many messages of a bag at once: one buffer and where each message stands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Block:
+    """Messages in log order.
+
+    Attributes
+    ----------
+    topic : shape (n,), which topic each message belongs to (an index kept by the bag).
+    log_ns, publish_ns : shape (n,), int64 nanoseconds.
+    data : the buffer, shape (size,), uint8.
+    start, end : shape (n,), where each message's bytes stand in `data`.
+    """
+
+    topic: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    publish_ns: NDArray[np.int64]
+    data: NDArray[np.uint8]
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.topic)
+
+    def take(self, rows: NDArray | slice) -> Block:
+        """Some of the messages, on the same buffer."""
+        return Block(self.topic[rows], self.log_ns[rows], self.publish_ns[rows], self.data,
+                     self.start[rows], self.end[rows])
+
+    def in_log_order(self) -> Block:
+        """The messages sorted by log time; equal times keep their order."""
+        if np.all(self.log_ns[1:] >= self.log_ns[:-1]):
+            return self
+        return self.take(np.argsort(self.log_ns, kind='stable'))
+
+
+def join(blocks: Sequence[Block]) -> Block:
+    """The messages of several blocks one after the other, on a buffer of their own."""
+    data = np.concatenate([block.data for block in blocks])
+    shifts = np.cumsum([0] + [len(block.data) for block in blocks[:-1]])
+    return Block(np.concatenate([block.topic for block in blocks]),
+                 np.concatenate([block.log_ns for block in blocks]),
+                 np.concatenate([block.publish_ns for block in blocks]), data,
+                 np.concatenate([block.start + shift for block, shift in zip(blocks, shifts)]),
+                 np.concatenate([block.end + shift for block, shift in zip(blocks, shifts)]))
+
+
+def compact(block: Block) -> Block:
+    """The same messages on a buffer without what lies before the first and after the last."""
+    if not len(block):
+        return replace(block, data=np.zeros(0, np.uint8))
+    low, high = int(block.start.min()), int(block.end.max())
+    return replace(block, data=block.data[low:high], start=block.start - low, end=block.end - low)
+
+
+def from_messages(topic: Sequence[int], log_ns: Sequence[int], publish_ns: Sequence[int],
+                  raws: Sequence[bytes]) -> Block:
+    """A block of single messages."""
+    end = np.cumsum([len(raw) for raw in raws], dtype=np.int64)
+    start = np.concatenate([np.zeros(1, np.int64), end[:-1]]) if len(raws) else end
+    return Block(np.asarray(topic, np.int64), np.asarray(log_ns, np.int64),
+                 np.asarray(publish_ns, np.int64),
+                 np.frombuffer(b''.join(raws), np.uint8), start, end)
+
+
+def rows(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
+    """`length` bytes from each `start` on, shape (n, length); a copy."""
+    if not len(start):
+        return np.zeros((0, length), np.uint8)
+    return np.lib.stride_tricks.sliding_window_view(data, length)[start]

@@ -1,0 +1,102 @@
+"""Message definitions and type hashes, which a bag carries so that any tool can read it."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from estimator_pkg.errors import UserError
+
+SEPARATOR = '=' * 80
+
+
+@lru_cache(maxsize=1)
+def jazzy() -> Typestore:
+    """The message types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@lru_cache(maxsize=256)
+def define(type_name: str) -> tuple[str, str]:
+    """(definition with its dependencies, type hash) of a type; empty texts where it is unknown.
+
+    Parameters
+    ----------
+    type_name : as in 'sensor_msgs/msg/JointState'. Types beyond those of Jazzy are looked for in
+        the ROS packages that are installed.
+    """
+    store = jazzy()
+    if type_name in store.fielddefs:
+        text, _ = store.generate_msgdef(type_name, ros_version=2)
+        return text, store.hash_rihs01(type_name)
+    return _installed(type_name)
+
+
+def _installed(type_name: str) -> tuple[str, str]:
+    texts: list[str] = []
+    done: set[str] = set()
+    waiting = [type_name]
+    while waiting:
+        name = waiting.pop(0)
+        if name in done:
+            continue
+        done.add(name)
+        file = _file(name, '.msg')
+        if file is None:
+            return '', ''
+        text = file.read_text(encoding='utf-8')
+        package = name.split('/')[0]
+        head = '' if name == type_name else f'{SEPARATOR}\nMSG: {name.replace("/msg/", "/")}\n'
+        texts.append(head + text)
+        for line in text.splitlines():
+            word = line.split('#')[0].strip().split(' ')[0].split('[')[0].split('<')[0]
+            if word[:1].isupper():
+                waiting.append(f'{package}/msg/{word}')
+            elif '/' in word:
+                owner, _, short = word.partition('/')
+                waiting.append(f'{owner}/msg/{short.rpartition("/")[2]}')
+    return '\n'.join(texts), _hash(type_name)
+
+
+def _hash(type_name: str) -> str:
+    file = _file(type_name, '.json')
+    if file is None:
+        return ''
+    for item in json.loads(file.read_text(encoding='utf-8')).get('type_hashes', []):
+        if item['type_name'] == type_name:
+            return item['hash_string']
+    return ''
+
+
+def _file(type_name: str, suffix: str) -> Path | None:
+    for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
+        package, _, rest = type_name.partition('/')
+        path = Path(prefix, 'share', package, rest + suffix)
+        if prefix and path.is_file():
+            return path
+    return None
+
+
+def store_for(type_name: str, definition: str) -> Typestore:
+    """A store that knows this type: as the bag defines it, else as Jazzy does.
+
+    Raises
+    ------
+    UserError : neither does.
+    """
+    if definition and not definition.startswith(f'{SEPARATOR}\nIDL'):
+        store = get_typestore(Stores.EMPTY)
+        try:
+            store.register(get_types_from_msg(definition, type_name))
+            return store
+        except Exception:  # a definition that the parser does not take: the usual types may do
+            pass
+    if type_name in jazzy().fielddefs:
+        return jazzy()
+    raise UserError(f'the bag does not say what a {type_name} is')

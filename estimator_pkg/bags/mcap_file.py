@@ -1,0 +1,282 @@
+"""One MCAP file: opened and indexed by the mcap library, its chunks read as blocks.
+
+A chunk's messages are found through its message index, all at once. Where the recorder crashed and
+no index was written, or the end of the file is missing, the records are walked one by one and what
+is whole is read.
+"""
+
+from __future__ import annotations
+
+import io
+import mmap
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import lz4.frame
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
+from mcap.records import Channel, ChunkIndex, Schema
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.block import Block, rows
+from estimator_pkg.errors import UserError
+
+MAGIC = b'\x89MCAP0\r\n'
+_RECORD = struct.Struct('<BQ')            # opcode, length of what follows
+_CHUNK = struct.Struct('<QQQII')          # start, end, size, checksum, length of the next text
+MESSAGE = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
+                     ('log_ns', '<u8'), ('publish_ns', '<u8')])  # packed: 31 bytes
+_FIXED = MESSAGE.itemsize - _RECORD.size  # of a message record's length, what is not payload
+
+
+class _Part(NamedTuple):
+    """A chunk, or all records of a file without chunks."""
+
+    at: int          # where the chunk record stands; -1: the file has no chunks
+    start_ns: int
+    index_size: int  # bytes of message index behind the chunk; 0: none
+
+
+class McapFile:
+    """An MCAP file that is open for reading.
+
+    Attributes
+    ----------
+    channels, schemas : by their ids, as the mcap library describes them.
+    counts : channel id -> number of messages.
+    metadata : the metadata records by name.
+
+    Raises
+    ------
+    UserError : it is empty, no MCAP file, or nothing in it can be read.
+    """
+
+    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
+        self.path = path
+        self._warn = warn
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.counts: dict[int, int] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        self._parts: list[_Part] = []
+        self._file = path.open('rb')  # closed by `close`
+        try:
+            self._open()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _open(self) -> None:
+        start = self._file.read(len(MAGIC))
+        if not start:
+            raise UserError(f'{self.path} is empty (0 bytes)')
+        if start != MAGIC:
+            raise UserError(f'{self.path} is no MCAP file')
+        if not self._indexed():
+            self._scan()
+
+    def _indexed(self) -> bool:
+        """Open through the summary at the end of the file; False where there is none."""
+        try:
+            self._file.seek(0)
+            reader = SeekingReader(self._file)
+            summary = reader.get_summary()
+            if summary is None or summary.statistics is None or not summary.chunk_indexes:
+                return False
+            if any(channel not in summary.channels for channel in
+                   summary.statistics.channel_message_counts):
+                return False
+            for metadata in reader.iter_metadata():
+                self.metadata[metadata.name] = metadata.metadata
+        except Exception:  # whatever a broken file does to the library: it is walked instead
+            return False
+        self.channels, self.schemas = dict(summary.channels), dict(summary.schemas)
+        self.counts = dict(summary.statistics.channel_message_counts)
+        self._parts = [_part(index) for index in summary.chunk_indexes]
+        return True
+
+    def _scan(self) -> None:
+        """Walk all records; what the end of the file cuts off is left out, with a warning."""
+        size = self._file.seek(0, io.SEEK_END)
+        at, whole, loose = len(MAGIC), False, False
+        view = memoryview(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
+        end = size
+        while at + _RECORD.size <= size:
+            opcode, length = _RECORD.unpack_from(view, at)
+            body = at + _RECORD.size
+            if opcode == Opcode.CHUNK:
+                self._parts.append(_Part(at, 0, 0))
+            elif opcode == Opcode.MESSAGE:
+                loose = True
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and body + length <= size:
+                self._learn(opcode, view[body:body + length])
+            elif opcode == Opcode.DATA_END:
+                whole = True
+                end = at
+                break
+            elif opcode == 0:  # no record: the file was cut and padded
+                end = at
+                break
+            at = body + length
+        if not whole:
+            self._warn(f'{self.path} is cut off (its recorder did not end cleanly?): '
+                       'reading what is there')
+        if loose:
+            self._parts = [_Part(-1, 0, end)]
+        found = []
+        for part in self._parts:
+            block = self._load(part, quiet=True)
+            if len(block):
+                found.append(part._replace(start_ns=int(block.log_ns.min())))
+                for channel, count in zip(*np.unique(block.topic, return_counts=True)):
+                    self.counts[int(channel)] = self.counts.get(int(channel), 0) + int(count)
+        self._parts = found
+
+    def _learn(self, opcode: int, body: memoryview) -> None:
+        stream = ReadDataStream(io.BytesIO(body))
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self.schemas[schema.id] = schema
+        else:
+            channel = Channel.read(stream)
+            self.channels[channel.id] = channel
+
+    def parts(self) -> Iterator[tuple[int, Callable[[], Block]]]:
+        """(time of its first message, a function that reads it) of every chunk.
+
+        The blocks' `topic` are channel ids.
+        """
+        for part in self._parts:
+            yield part.start_ns, lambda part=part: self._load(part)  # type: ignore[misc]
+
+    def _load(self, part: _Part, *, quiet: bool = False) -> Block:
+        if part.at < 0:
+            whole = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
+            data = np.frombuffer(whole, np.uint8)[:part.index_size]
+            return self._block(data, self._walk(data, len(MAGIC)))
+        try:
+            data = self._chunk(part)
+        except UserError as error:
+            if not quiet:
+                self._warn(str(error))
+            data = np.zeros(0, np.uint8)
+        offsets = self._offsets(part, data)
+        return self._block(data, self._walk(data, 0) if offsets is None else offsets)
+
+    def _chunk(self, part: _Part) -> NDArray[np.uint8]:
+        """The chunk's records, unpacked; of a chunk that is cut off, what can be unpacked."""
+        def damaged(why: str) -> UserError:
+            return UserError(f'{self.path}: the chunk at byte {part.at} is damaged ({why}), '
+                             'its messages are left out')
+
+        self._file.seek(part.at)
+        head = self._file.read(_RECORD.size + _CHUNK.size)
+        if len(head) < _RECORD.size + _CHUNK.size or head[0] != Opcode.CHUNK:
+            raise damaged('no chunk starts there')
+        _, _, size, checksum, text = _CHUNK.unpack_from(head, _RECORD.size)
+        rest = self._file.read(text + 8)
+        compression = rest[:text].decode('utf-8', 'replace')
+        packed_size = int.from_bytes(rest[text:], 'little')
+        packed = self._file.read(packed_size) if len(rest) == text + 8 else b''
+        try:
+            if len(packed) == packed_size:
+                data = _unpack(packed, compression, size)
+            else:
+                return np.frombuffer(_unpack_partly(packed, compression), np.uint8)
+        except (zstandard.ZstdError, RuntimeError, ValueError) as error:
+            raise damaged(str(error)) from error
+        if len(data) != size:
+            raise damaged('wrong size')
+        if checksum and zlib.crc32(data) != checksum:
+            raise damaged('wrong checksum')
+        return np.frombuffer(data, np.uint8)
+
+    def _offsets(self, part: _Part, data: NDArray[np.uint8]) -> NDArray[np.int64] | None:
+        """Where the message records stand, from the chunk's index; None if that is of no use."""
+        if not part.index_size or not len(data):
+            return None
+        raw = self._file.read(part.index_size)  # the index stands right behind the chunk
+        at, found = 0, []
+        while at + _RECORD.size + 6 <= len(raw):
+            opcode, length = _RECORD.unpack_from(raw, at)
+            if opcode == Opcode.MESSAGE_INDEX:
+                count = int.from_bytes(raw[at + 11:at + 15], 'little') // 16
+                if at + 15 + 16 * count > len(raw):
+                    return None
+                found.append(np.frombuffer(raw, '<u8', 2 * count, at + 15)[1::2])
+            at += _RECORD.size + length
+        if not found:
+            return None
+        offsets = np.sort(np.concatenate(found)).astype(np.int64)
+        if not len(offsets) or offsets[0] < 0 or offsets[-1] + MESSAGE.itemsize > len(data):
+            return None
+        # Everything between the messages must be other records, or the index is not complete.
+        heads = rows(data, offsets, _RECORD.size)
+        if np.any(heads[:, 0] != Opcode.MESSAGE):
+            return None
+        ends = offsets + _RECORD.size + heads[:, 1:].copy().view('<u8')[:, 0].astype(np.int64)
+        edges = np.concatenate([[0], ends]), np.concatenate([offsets, [len(data)]])
+        if np.any(edges[0] > edges[1]):
+            return None
+        for gap in np.flatnonzero(edges[0] != edges[1]):
+            if len(self._walk(data[:edges[1][gap]], int(edges[0][gap]))):
+                return None
+        return offsets
+
+    def _walk(self, data: NDArray[np.uint8], at: int) -> NDArray[np.int64]:
+        """Where the message records stand in `data` from `at` on, record by record."""
+        view = data.data
+        size, found = len(view), []
+        while at + _RECORD.size <= size:
+            opcode, length = _RECORD.unpack_from(view, at)
+            after = at + _RECORD.size + length
+            if after > size:
+                break
+            if opcode == Opcode.MESSAGE:
+                if length >= _FIXED:
+                    found.append(at)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._learn(opcode, view[at + _RECORD.size:after])
+            at = after
+        return np.array(found, np.int64)
+
+    def _block(self, data: NDArray[np.uint8], offsets: NDArray[np.int64]) -> Block:
+        heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
+        log_ns = heads['log_ns'].astype(np.int64)
+        publish_ns = heads['publish_ns'].astype(np.int64)
+        start = offsets + MESSAGE.itemsize
+        return Block(heads['channel'].astype(np.int64), log_ns,
+                     np.where(publish_ns > 0, publish_ns, log_ns), data, start,
+                     start + heads['length'].astype(np.int64) - _FIXED).in_log_order()
+
+
+def _part(index: ChunkIndex) -> _Part:
+    return _Part(index.chunk_start_offset, index.message_start_time, index.message_index_length)
+
+
+def _unpack(packed: bytes, compression: str, size: int) -> bytes:
+    if compression == 'zstd':
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    if compression == 'lz4':
+        return lz4.frame.decompress(packed)
+    if compression:
+        raise ValueError(f"unknown compression '{compression}'")
+    return packed
+
+
+def _unpack_partly(packed: bytes, compression: str) -> bytes:
+    if compression == 'zstd':
+        return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+    if compression == 'lz4':
+        return lz4.frame.LZ4FrameDecompressor().decompress(packed)
+    return packed if not compression else b''

@@ -1,0 +1,384 @@
+"""Reading bags: rosbag2 folders and single files, MCAP and sqlite3, split and compressed.
+
+>>> with open_bag('recording') as bag:
+...     for message in bag.messages(['/joint_states']):
+...         print(message.log_ns, len(message.raw))
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+import zstandard
+from rosbags.interfaces import Qos
+
+from estimator_pkg.bags import qos as qos_profiles
+from estimator_pkg.bags.block import Block, compact, from_messages, join
+from estimator_pkg.bags.mcap_file import McapFile
+from estimator_pkg.bags.sqlite_file import SqliteFile
+from estimator_pkg.errors import UserError, suggestion
+
+METADATA = 'metadata.yaml'
+ROS1 = b'#ROSBAG'
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name, type : as in '/joint_states', 'sensor_msgs/msg/JointState'.
+    count : messages in the bag.
+    qos : the profiles its publishers offered.
+    definition, type_hash : the message definition and RIHS01 hash; empty where the bag has none.
+    definition_format : 'ros2msg' or 'ros2idl'.
+    serialization : 'cdr', or what a foreign recorder wrote.
+    """
+
+    name: str
+    type: str
+    count: int
+    qos: tuple[Qos, ...] = ()
+    definition: str = field(default='', repr=False)
+    type_hash: str = ''
+    definition_format: str = 'ros2msg'
+    serialization: str = 'cdr'
+
+
+class Message(NamedTuple):
+    """One message: topic, when it was recorded and published [ns], its CDR bytes."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    raw: bytes
+
+
+class Bag:
+    """A bag that is open for reading; use `open_bag`.
+
+    Attributes
+    ----------
+    path : where it is.
+    topics : name -> Topic.
+    warnings : what was wrong with the bag without keeping it from being read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self.topics: dict[str, Topic] = {}
+        self._names: list[str] = []
+        self._mcaps: list[tuple[McapFile, np.ndarray]] = []     # with channel id -> topic index
+        self._sqlites: list[tuple[SqliteFile, dict[int, int]]] = []
+        self._unpack_messages = False
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all files."""
+        for mcap, _ in self._mcaps:
+            mcap.close()
+        for sqlite, _ in self._sqlites:
+            sqlite.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    @property
+    def count(self) -> int:
+        """Messages in the bag."""
+        return sum(topic.count for topic in self.topics.values())
+
+    def require(self, topic: str, types: Sequence[str] = ()) -> Topic:
+        """The topic called `topic`.
+
+        Parameters
+        ----------
+        types : the message types that will do; empty: any.
+
+        Raises
+        ------
+        UserError : it is not there (the message says which are), holds nothing, or has another
+            type.
+        """
+        found = self.topics.get(topic)
+        if found is None:
+            raise UserError(f"{self.path} has no topic '{topic}': {suggestion(topic, ())}"
+                            if not self.topics else
+                            f"{self.path} has no topic '{topic}'; it has {self.listing()}")
+        if types and found.type not in types:
+            raise UserError(f"topic '{topic}' of {self.path} is {found.type}, "
+                            f'not {" or ".join(types)}')
+        if found.serialization != 'cdr':
+            raise UserError(f"topic '{topic}' of {self.path} is not of ROS 2: its messages are "
+                            f"'{found.serialization}', not CDR")
+        if not found.count:
+            raise UserError(f"topic '{topic}' of {self.path} holds no messages")
+        return found
+
+    def listing(self) -> str:
+        """The topics with their types and counts, for a person."""
+        if not self.topics:
+            return 'no topics'
+        return ', '.join(f'{topic.name} ({topic.type}, {topic.count})'
+                         for topic in sorted(self.topics.values(), key=lambda item: item.name))
+
+    def messages(self, topics: Iterable[str] | None = None) -> Iterator[Message]:
+        """The messages of these topics (None: all), in log order."""
+        for names, block in self.blocks(topics):
+            view = block.data.data
+            for row in zip(block.topic.tolist(), block.log_ns.tolist(),
+                           block.publish_ns.tolist(), block.start.tolist(), block.end.tolist()):
+                yield Message(names[row[0]], row[1], row[2], bytes(view[row[3]:row[4]]))
+
+    def blocks(self, topics: Iterable[str] | None = None) -> Iterator[tuple[list[str], Block]]:
+        """(names, block): the same messages, many at a time; `block.topic` counts in `names`."""
+        wanted = set(self.topics if topics is None else topics)
+        keep = np.array([name in wanted for name in self._names] + [False])
+        for block in _merged(sorted(self._parts(keep), key=lambda part: part[0])
+                             if not self._sqlites else self._sqlite_parts(keep)):
+            if self._unpack_messages:
+                block = _unpacked(block)
+            if len(block):
+                yield self._names, block
+
+    def _parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
+        for mcap, index in self._mcaps:
+            channels = [channel for channel in mcap.counts if keep[index[channel]]]
+            if not channels:
+                continue
+            for start_ns, load in mcap.parts():
+                def translated(load: Callable[[], Block] = load,
+                               index: np.ndarray = index) -> Block:
+                    block = load()
+                    topic = index[np.minimum(block.topic, len(index) - 1)]
+                    block = replace(block, topic=topic)
+                    chosen = keep[topic]
+                    return block if chosen.all() else block.take(chosen)
+                yield start_ns, translated
+
+    def _sqlite_parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
+        """Block after block of file after file; files of a split bag follow each other."""
+        for sqlite, index in self._sqlites:
+            wanted = {key for key, topic in index.items() if keep[topic]}
+            lookup = np.full(max(index, default=0) + 1, -1)
+            for key, topic in index.items():
+                lookup[key] = topic
+            for start_ns, load in sqlite.parts(wanted):
+                block = load()
+                yield start_ns, lambda block=block, lookup=lookup: (  # type: ignore[misc]
+                    replace(block, topic=lookup[block.topic]))
+
+    def warn(self, text: str) -> None:
+        """Tell the user, once, what is wrong with the bag."""
+        if text not in self.warnings:
+            self.warnings.append(text)
+            print(f'warning: {text}', file=sys.stderr)
+
+    def _open(self) -> None:
+        try:
+            if self.path.is_dir():
+                self._open_folder()
+            elif self.path.exists():
+                self._open_file(self.path)
+            else:
+                raise UserError(f'{self.path} does not exist')
+        except OSError as error:
+            raise UserError(f'cannot read {error.filename or self.path}: '
+                            f'{error.strerror or error}') from error
+        if not self.topics:
+            raise UserError(f'{self.path} is an empty bag: it has no topics')
+
+    def _open_folder(self) -> None:
+        information = self._metadata()
+        listed = information.get('relative_file_paths')
+        if isinstance(listed, list) and listed:
+            files = [self.path / Path(str(name)).name for name in listed]
+            missing = [file.name for file in files if not file.exists()]
+            if len(missing) == len(files):
+                raise UserError(f'{self.path}: {missing[0]} is missing, which {METADATA} names')
+            if missing:
+                self.warn(f'{self.path}: {", ".join(missing)} is missing, which {METADATA} '
+                          'names; its messages are left out')
+            files = [file for file in files if file.exists()]
+        else:
+            files = sorted((file for file in self.path.iterdir()
+                            if file.suffix in ('.mcap', '.db3', '.zstd')), key=_natural)
+            if not files:
+                raise UserError(f'{self.path} is no bag: it holds neither {METADATA} nor .mcap or '
+                                '.db3 files')
+            if not information:
+                self.warn(f'{self.path} has no {METADATA} (its recorder did not end cleanly?): '
+                          f'reading {len(files)} file{"s" if len(files) > 1 else ""}')
+        mode = str(information.get('compression_mode') or '').lower()
+        self._unpack_messages = mode == 'message'
+        problems = []
+        for file in files:
+            try:
+                self._open_file(file)
+            except UserError as error:
+                problems.append(str(error))
+        if problems and not self._mcaps and not self._sqlites:
+            raise UserError(problems[0])
+        for problem in problems:
+            self.warn(f'{problem}; it is left out')
+        for item in information.get('topics_with_message_count') or ():
+            try:
+                about = item['topic_metadata']
+                self._add(about['name'], about['type'], 0,
+                          qos_profiles.parse(about.get('offered_qos_profiles')),
+                          type_hash=about.get('type_description_hash', ''))
+            except (KeyError, TypeError, AttributeError):
+                continue
+
+    def _metadata(self) -> dict[str, Any]:
+        file = self.path / METADATA
+        if not file.exists():
+            return {}
+        try:
+            content = yaml.safe_load(file.read_text(encoding='utf-8'))
+            return dict(content['rosbag2_bagfile_information'])
+        except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError):
+            self.warn(f'{file} cannot be read as metadata; reading the files beside it')
+            return {}
+
+    def _open_file(self, file: Path) -> None:
+        if file.suffix == '.zstd':
+            file = self._unpacked_file(file)
+        with open(file, 'rb') as stream:
+            start = stream.read(len(ROS1))
+        if start == ROS1:
+            raise UserError(f"{file} is a bag of ROS 1; 'rosbags-convert --src {file.name} --dst "
+                            f"{file.stem}' makes one of ROS 2 of it")
+        if start[:6] == b'SQLite':
+            self._add_sqlite(SqliteFile(file))
+        elif start[:5] == b'\x89MCAP':
+            self._add_mcap(McapFile(file, self.warn))
+        elif not start:
+            raise UserError(f'{file} is empty (0 bytes)')
+        else:
+            raise UserError(f'{file} is no bag: neither MCAP nor sqlite3')
+
+    def _unpacked_file(self, file: Path) -> Path:
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix='bag')
+        target = Path(self._folder.name, file.stem)
+        try:
+            with open(file, 'rb') as packed, open(target, 'wb') as plain:
+                zstandard.ZstdDecompressor().copy_stream(packed, plain)
+        except zstandard.ZstdError as error:
+            raise UserError(f'{file} is damaged: {error}') from error
+        return target
+
+    def _add_mcap(self, mcap: McapFile) -> None:
+        index = np.full(max(mcap.channels, default=0) + 2, -1)
+        for key, channel in mcap.channels.items():
+            schema = mcap.schemas.get(channel.schema_id)
+            index[key] = self._add(
+                channel.topic, schema.name if schema else '', mcap.counts.get(key, 0),
+                qos_profiles.parse(channel.metadata.get('offered_qos_profiles', '')),
+                definition=schema.data.decode('utf-8', 'replace') if schema else '',
+                type_hash=channel.metadata.get('topic_type_hash', ''),
+                definition_format=schema.encoding if schema else '',
+                serialization=channel.message_encoding)
+        self._mcaps.append((mcap, index))
+
+    def _add_sqlite(self, sqlite: SqliteFile) -> None:
+        index = {}
+        for item in sqlite.connections:
+            index[item.id] = self._add(
+                item.topic, item.msgtype, sqlite.counts[item.id],
+                list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
+                definition=item.msgdef.data, type_hash=item.digest,
+                serialization=item.ext.serialization_format)  # type: ignore[union-attr]
+        self._sqlites.append((sqlite, index))
+
+    def _add(self, name: str, type_name: str, count: int, qos: Sequence[Qos], *,
+             definition: str = '', type_hash: str = '', definition_format: str = 'ros2msg',
+             serialization: str = 'cdr') -> int:
+        """The topic's index; -1 where its messages cannot go with those of the same name."""
+        known = self.topics.get(name)
+        if known is None:
+            self._names.append(name)
+            known = Topic(name, type_name, 0)
+        elif known.type != type_name:
+            self.warn(f"{self.path}: topic '{name}' comes as {known.type} and as {type_name}; "
+                      'the latter is left out')
+            return -1
+        self.topics[name] = Topic(
+            name, type_name, known.count + count,
+            known.qos + tuple(item for item in qos if item not in known.qos),
+            known.definition or definition, known.type_hash or type_hash,
+            definition_format if definition and not known.definition else known.definition_format,
+            serialization)
+        return self._names.index(name)
+
+
+def open_bag(path: str | Path) -> Bag:
+    """The bag at `path`: a rosbag2 folder, or a single .mcap or .db3 file.
+
+    Raises
+    ------
+    UserError : it is missing, empty, or no bag.
+    """
+    return Bag(Path(path))
+
+
+def _natural(file: Path) -> tuple:
+    """Sort key under which wbag_10 comes after wbag_9."""
+    parts: list[Any] = []
+    digits = ''
+    for letter in file.name:
+        if letter.isdigit():
+            digits += letter
+        else:
+            if digits:
+                parts.append((0, int(digits), ''))
+                digits = ''
+            parts.append((1, 0, letter))
+    return tuple(parts)
+
+
+def _merged(parts: Iterable[tuple[int, Callable[[], Block]]]) -> Iterator[Block]:
+    """Blocks in log order from parts sorted by their first time, which may overlap."""
+    held: Block | None = None
+    for start_ns, load in parts:
+        if held is not None and len(held) and held.log_ns[-1] > start_ns:
+            cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
+            if cut:
+                yield held.take(slice(0, cut))
+            held = join([compact(held.take(slice(cut, None))), load()]).in_log_order()
+            continue
+        if held is not None and len(held):
+            yield held
+        held = load()
+    if held is not None and len(held):
+        yield held
+
+
+def _unpacked(block: Block) -> Block:
+    """The messages of a bag whose messages are compressed one by one."""
+    view = block.data.data
+    unpacker = zstandard.ZstdDecompressor()
+    raws = [unpacker.decompressobj().decompress(view[start:end])
+            for start, end in zip(block.start.tolist(), block.end.tolist())]
+    return from_messages(block.topic.tolist(), block.log_ns.tolist(), block.publish_ns.tolist(),
+                         raws)

@@ -1,0 +1,65 @@
+"""A topic of JointStates as one series of numbers per joint."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.errors import UserError
+from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.messages.joint_state_block import Decoded, decode_block
+
+
+class Series(NamedTuple):
+    """One joint's numbers in the order of the bag; nan where a message does not give one.
+
+    stamps_ns : shape (n,), int64 header stamps.
+    position, velocity, effort : shape (n,) [rad or m, per second, N m or N].
+    """
+
+    stamps_ns: NDArray[np.int64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    effort: NDArray[np.float64]
+
+
+def joint_series(bag: Bag, topic: str) -> dict[str, Series]:
+    """The joints of a topic of JointStates, by name, in the order of their appearance.
+
+    An array of another length than `name` counts as absent, except that it may be empty anyway.
+
+    Raises
+    ------
+    UserError : the topic is not there, of another type, or names no joint.
+    """
+    bag.require(topic, [TYPE])
+    pieces: dict[str, list[tuple[NDArray, Decoded, int]]] = {}
+    first = 0
+    for _, block in bag.blocks([topic]):
+        groups, _ = decode_block(block)
+        for group in groups:
+            for column, name in enumerate(group.names):
+                pieces.setdefault(name, []).append((group.rows + first, group, column))
+        first += len(block)
+    if not pieces:
+        raise UserError(f"topic '{topic}' of {bag.path} names no joint")
+    return {name: _series(items) for name, items in pieces.items()}
+
+
+def _series(pieces: list[tuple[NDArray, Decoded, int]]) -> Series:
+    order = np.argsort(np.concatenate([row for row, _, _ in pieces]), kind='stable')
+    stamps = np.concatenate([group.stamps_ns for _, group, _ in pieces])[order]
+    columns = [np.concatenate([_column(group.arrays[which], len(group.names), column,
+                                       len(group.rows)) for _, group, column in pieces])[order]
+               for which in range(3)]
+    return Series(stamps, *columns)
+
+
+def _column(array: NDArray[np.float64], names: int, column: int, count: int
+            ) -> NDArray[np.float64]:
+    if array.shape[1] != names:
+        return np.full(count, np.nan)
+    return array[:, column]

@@ -1,0 +1,84 @@
+"""One sqlite3 file of a bag, read through rosbags in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import apsw
+from rosbags.interfaces import Connection
+from rosbags.rosbag2.errors import ReaderError
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+from estimator_pkg.bags.block import Block, from_messages
+from estimator_pkg.errors import UserError
+
+MAGIC = b'SQLite format 3\0'
+ROWS = 4096  # messages per block
+
+
+class SqliteFile:
+    """A sqlite3 file that is open for reading.
+
+    Attributes
+    ----------
+    connections : its topics as rosbags describes them.
+    counts : connection id -> number of messages.
+
+    Raises
+    ------
+    UserError : it is empty, damaged, or no bag.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with open(path, 'rb') as file:
+            start = file.read(len(MAGIC))
+        if not start:
+            raise UserError(f'{path} is empty (0 bytes)')
+        if start != MAGIC:
+            raise UserError(f'{path} is no sqlite3 file')
+        self._reader = Sqlite3Reader(path)
+        try:
+            self._reader.open()
+        except (ReaderError, apsw.Error) as error:
+            raise UserError(f'{path} cannot be read as a bag: {_line(error)}') from error
+        self.connections: list[Connection] = list(self._reader.connections)
+        self.counts = {item.id: item.msgcount for item in self.connections}
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+    def parts(self, wanted: set[int]) -> Iterator[tuple[int, Callable[[], Block]]]:
+        """(time of its first message, a function that gives it) of block after block.
+
+        The blocks' `topic` are connection ids, only those `wanted`.
+        """
+        connections = [item for item in self.connections if item.id in wanted]
+        if not connections:
+            return
+        topic: list[int] = []
+        times: list[int] = []
+        raws: list[bytes] = []
+
+        def full() -> tuple[int, Callable[[], Block]]:
+            block = from_messages(topic, times, times, raws)
+            return times[0], lambda: block
+
+        try:
+            for connection, time_ns, raw in self._reader.messages(connections):
+                topic.append(connection.id)
+                times.append(time_ns)
+                raws.append(raw)
+                if len(raws) == ROWS:
+                    yield full()
+                    topic, times, raws = [], [], []
+        except apsw.Error as error:
+            raise UserError(f'{self.path} is damaged: {_line(error)}') from error
+        if raws:
+            yield full()
+
+
+def _line(error: Exception) -> str:
+    return str(error).splitlines()[0]

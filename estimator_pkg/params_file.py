@@ -1,0 +1,141 @@
+"""Parameter files in the ROS format, as nodes take them with ``--params-file``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from estimator_pkg.errors import UsageError, UserError
+
+KEY = 'ros__parameters'
+OVERRIDES = 'joints'
+
+
+def load(path: str | Path, node_name: str = 'joint_observer') -> dict[str, Any]:
+    """The parameters for a node, nested keys flattened with dots.
+
+    Sections named ``/**`` or ``*`` hold for every node, those named after it (with or without a
+    namespace) for this one; the latter win.
+
+    Raises
+    ------
+    UserError : the file cannot be read.
+    UsageError : it is no parameter file, or has no section for this node.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except UnicodeDecodeError as error:
+        raise UserError(f'{path} is not text') from error
+    except OSError as error:
+        raise UserError(f'cannot read {path}: {error.strerror}') from error
+    try:
+        content = yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        line = f' (line {mark.line + 1})' if mark else ''
+        what = getattr(error, 'problem', None) or str(error).splitlines()[0]
+        raise UsageError(f'{path} is no YAML{line}: {what}') from error
+    if not isinstance(content, Mapping):
+        raise UsageError(f'{path} is no parameter file: it has no section '
+                         f"'{node_name}: {KEY}:'")
+    matching = sorted(_sections(path, content, ''), key=lambda item: _weight(item[0], node_name))
+    values: dict[str, Any] = {}
+    found = False
+    for name, section in matching:
+        if _weight(name, node_name):
+            found = True
+            values.update(_flat(section, ''))
+    if not found:
+        there = ', '.join(f"'{name}'" for name, _ in matching)
+        raise UsageError(f"{path} has no section for '{node_name}'; " + (
+            f'it has {there}' if there else f"no '{KEY}' at all"))
+    return values
+
+
+def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """(common values, joint -> values): what is called ``joints.<joint>.<parameter>`` apart.
+
+    A joint's name may contain dots; parameter names have none.
+    """
+    common: dict[str, Any] = {}
+    overrides: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        first, _, rest = name.partition('.')
+        joint, _, parameter = rest.rpartition('.')
+        if first == OVERRIDES and joint and parameter:
+            overrides.setdefault(joint, {})[parameter] = value
+        else:
+            common[name] = value
+    return common, overrides
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which, as for ROS, 1e-3 is a number and a repeated key an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        seen = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.tag != 'tag:yaml.org,2002:merge':
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"'{key.value}' comes twice", key.start_mark)
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.yaml_implicit_resolvers = {key: list(value) for key, value in
+                                   yaml.SafeLoader.yaml_implicit_resolvers.items()}
+
+
+def _add_numbers() -> None:
+    import re
+    number = re.compile(r'^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$')
+    _Loader.add_implicit_resolver('tag:yaml.org,2002:float', number, list('-+.0123456789'))
+
+
+_add_numbers()
+
+
+def _sections(path: str | Path, content: Mapping, prefix: str) -> list[tuple[str, Mapping]]:
+    found: list[tuple[str, Mapping]] = []
+    for key, value in content.items():
+        name = f'{prefix}/{str(key).strip("/")}' if prefix or str(key).startswith('/') else str(key)
+        if not isinstance(value, Mapping):
+            raise UsageError(f"{path}: '{name}' must hold '{KEY}:' with the parameters below it")
+        if KEY in value:
+            section = value[KEY]
+            if section is None:
+                section = {}
+            if not isinstance(section, Mapping):
+                raise UsageError(f"{path}: '{KEY}' of '{name}' must hold keys and values")
+            found.append((name, section))
+            rest = {other: item for other, item in value.items() if other != KEY}
+        else:
+            rest = dict(value)
+        found.extend(_sections(path, rest, name))
+    return found
+
+
+def _weight(section: str, node_name: str) -> int:
+    """0: not for this node; else the larger the more it is meant for this one."""
+    parts = [part for part in section.split('/') if part]
+    last = parts[-1] if parts else ''
+    if last == node_name.rpartition('/')[2]:
+        return 3
+    if last == '*':
+        return 2
+    return 1 if last == '**' else 0
+
+
+def _flat(section: Mapping, prefix: str) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for key, value in section.items():
+        name = f'{prefix}.{key}' if prefix else str(key)
+        if isinstance(value, Mapping):
+            values.update(_flat(value, name))
+        else:
+            values[name] = value
+    return values

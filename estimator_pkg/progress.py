@@ -1,0 +1,28 @@
+"""A progress bar for long work: on stderr, and only where a person looks."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
+    """A bar that the given function advances by so many steps; silent without a terminal.
+
+    Parameters
+    ----------
+    label : what is being done.
+    total : all steps; None: not known.
+    """
+    if not sys.stderr.isatty():
+        yield lambda steps: None
+        return
+    from rich import progress as rich
+    from rich.console import Console
+    with rich.Progress(rich.TextColumn('{task.description}'), rich.BarColumn(),
+                       rich.MofNCompleteColumn(), rich.TimeRemainingColumn(),
+                       console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda steps: bar.advance(task, steps)
