@@ -57,7 +57,7 @@ def _twin(function: Any) -> Callable:
                       for value in (cell.cell_contents for cell in function.__closure__ or ()))
         copy = types.FunctionType(code, names, function.__name__, function.__defaults__, cells)
         copy.__qualname__ = function.__qualname__
-        _twins[key] = numba.njit(copy, error_model='numpy')
+        _twins[key] = numba.njit(copy, error_model='numpy', forceinline=True)
     return _twins[key]
 
 

@@ -16,8 +16,10 @@ from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
 MEMORY = 400.0      # samples over which the innovation's power is averaged
+CALM = 16.0         # unchanged readings over which the innovation's power is averaged for the bound
+FRESH = 4.0         # samples that the power weighs when a start has settled
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
-LOST_AFTER = 0.5    # doubted for this long [s], the estimate counts as initialising again
+LOST_AFTER = 0.5    # doubted for this long [s], the observer starts again
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,11 @@ class AngleCore:
     """The part that differs between angle-only observers. All but `design` compile.
 
     design : () -> design of the core (a tuple of floats).
-    settle : time after which a start has settled [s].
+    settle : time after which a start, or a doubt, has settled [s].
     prepare : (design, dt) -> coefficients of the core.
     init : (measurement, design) -> state of the core.
-    correct : (state, coefficients, measurement) -> (state, innovation [rad]).
+    correct : (state, coefficients, measurement) -> (state, innovation [rad]). While no speed is
+        known (second sample) there is no prediction, and the innovation is 0.
     estimate : (state) -> (position, velocity, acceleration or nan).
     resume : (state, measurement) -> state with this position and the same speed.
     noise_gains : (state, coefficients) -> variances of position, velocity and innovation, each per
@@ -68,111 +71,138 @@ def variance_floor(quantum: float) -> float:
     return quantum * quantum / 12.0
 
 
-def low_speed_bound(change: float, since: float, quantum: float, power: float) -> float:
+def low_speed_bound(change: float, since: float, quantum: float, variance: float) -> float:
     """The largest speed [rad/s] that a reading unchanged for `since` [s] allows; inf: no bound.
 
     A shaft turning faster would have changed the reading by now. Off where the noise is larger
     than a quantum, because then an unchanged reading says nothing. A stream that repeats every
     second sample is not slowed: its change spans two samples.
+
+    Parameters
+    ----------
+    change : size of the last change of the reading [rad].
+    quantum : smallest step of the reading [rad]; 0: not known, the last change stands for it.
+    variance : of the measurement noise [rad^2].
     """
     step = change if change > quantum else quantum
-    if since <= 0.0 or step <= 0.0 or power > step * step:
+    if since <= 0.0 or step <= 0.0 or variance > step * step:
         return math.inf
     return step / since
 
 
+def _watch(lock: tuple[int, float, float], size: float, outside: float, dt: float, settle: float
+           ) -> tuple[int, float, float]:
+    """The lock after one sample: (status, time since the last doubt, time in doubt; both in s).
+
+    An innovation of this `size` [rad] beyond `outside` [rad] throws doubt on the lock; `settle` [s]
+    without another one restores it.
+    """
+    status, clear, astray = lock
+    clear = 0.0 if size > outside else clear + dt
+    if clear >= settle:
+        return (TRACKING, clear, 0.0)
+    if status == INITIALISING:
+        return (INITIALISING, clear, 0.0)
+    astray += dt
+    if astray > LOST_AFTER:
+        return (INITIALISING, 0.0, 0.0)
+    return (COASTING, clear, astray)
+
+
 def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
-    """The contract's functions for an angle-only observer made of `core`."""
+    """The contract's functions for an angle-only observer made of `core`.
+
+    State: core's state; convention; (last change [rad], time since it [s], power of the innovation
+    while the reading stood still [rad^2]); (power of the innovation [rad^2], samples it stands
+    for); lock, see `_watch`.
+    """
     prepare_core, init_core, correct = core.prepare, core.init, core.correct
     estimate, resume_core, noise_gains = core.estimate, core.resume, core.noise_gains
 
     def design() -> tuple:
         floor = variance_floor(gains.quantum)
         known = gains.noise * gains.noise + floor if gains.noise is not None else 0.0
-        lock = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
+        outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
         return (core.design(), float(circle.period), float(circle.unwrap), float(gains.quantum),
-                known, floor, core.settle, lock, float(gains.low_speed_bound))
+                known, floor, float(core.settle), outside, float(gains.low_speed_bound))
 
     def prepare(design: tuple, dt: float) -> tuple:
         return (prepare_core(design[0], dt), dt)
 
     def init(measurement: float, design: tuple) -> tuple:
-        return (init_core(measurement, design[0]), begin(measurement),
-                0.0, 0.0,           # last change [rad], time since it [s]
-                design[5], 1.0,     # power of the innovation [rad^2], samples it stands for
-                0.0, 0.0, 0.0)      # time since lock was doubted [s], time in doubt [s], locked
+        return (init_core(measurement, design[0]), begin(measurement), (0.0, 0.0, design[5]),
+                (design[5], 1.0), (INITIALISING, 0.0, 0.0))
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
-        inner, convention, change, since, power, count, clear, astray, locked = state
-        inner_coefficients, dt = coefficients
-        inner, innovation = correct(inner, inner_coefficients, measurement)
+        inner, convention, reading, (power, count), lock = state
+        inner, innovation = correct(inner, coefficients[0], measurement)
+        square = innovation * innovation
         if measurement == convention[0]:
-            since += dt
+            change, since, calm = reading
+            reading = (change, since + coefficients[1], calm + (square - calm) / CALM)
         else:
-            change = abs(wrap(measurement - convention[0], design[1]))
-            since = 0.0
+            change = measurement - convention[0]
+            reading = (abs(wrap(change, design[1])), 0.0, reading[2])
             convention = follow(convention, measurement, design[1])
         size = abs(innovation)
-        if size > design[7]:
-            clear = 0.0
-        else:
-            clear += dt
-            if locked > 0.0:
-                if count < MEMORY:
-                    count += 1.0
-                power += (innovation * innovation - power) / count
-            else:
-                power += 0.25 * (innovation * innovation - power)
-        if clear >= design[6]:
-            if locked == 0.0:
-                count = 4.0  # what the start has left in the average weighs four samples
-            locked = 1.0
-            astray = 0.0
-        elif locked > 0.0:
-            astray += dt
-            if astray > LOST_AFTER:
-                locked = 0.0
-        return (inner, convention, change, since, power, count, clear, astray, locked)
+        outside = design[7]
+        if lock[0] == TRACKING and size <= outside:
+            if count < MEMORY:
+                count += 1.0
+            return (inner, convention, reading, (power + (square - power) / count, count), lock)
+        before = lock[0]
+        lock = _watch(lock, size, outside, coefficients[1], design[6])
+        if before == INITIALISING:
+            if size <= outside:
+                power += (square - power) / FRESH
+            if lock[0] == TRACKING:
+                count = FRESH
+        elif lock[0] == INITIALISING:
+            inner = init_core(measurement, design[0])  # astray for too long: start again
+        return (inner, convention, reading, (power, count), lock)
+
+    def noise_variance(state: tuple, coefficients: tuple, design: tuple, power: float) -> float:
+        """Variance of the measurement noise, quantisation included: given, or from `power`."""
+        if design[4] > 0.0:
+            return design[4]
+        return max(power / noise_gains(state[0], coefficients[0])[2], design[5])
+
+    def bounded(state: tuple, coefficients: tuple, design: tuple, value: float) -> float:
+        """`value` [rad/s] held within the low-speed bound."""
+        change, since, calm = state[2]
+        step = change if change > design[3] else design[3]
+        if abs(value) * since <= step:
+            return value
+        bound = low_speed_bound(change, since, design[3],
+                                noise_variance(state, coefficients, design, calm))
+        return bound if value > bound else -bound if value < -bound else value
 
     def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
                given: float) -> tuple:
-        inner, convention, change, since, power, count, clear, astray, locked = state
-        position, velocity, acceleration = estimate(inner)
-        if since > 0.0 and design[8] > 0.0:
-            bound = low_speed_bound(change, since, design[3], power)
-            if velocity > bound:
-                velocity = bound
-            elif velocity < -bound:
-                velocity = -bound
-        if locked == 0.0:
-            status = INITIALISING
-        elif astray > 0.0:
-            status = COASTING
-        else:
-            status = TRACKING
-        return (present(convention, position, design[1], design[2]), velocity, acceleration,
-                status)
+        position, velocity, acceleration = estimate(state[0])
+        if state[2][1] > 0.0 and design[8] > 0.0:
+            velocity = bounded(state, coefficients, design, velocity)
+        return (present(state[1], position, design[1], design[2]), velocity, acceleration,
+                state[4][0])
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
-        inner, convention, change, since, power, count, clear, astray, locked = state
-        of_position, of_velocity, of_innovation = noise_gains(inner, coefficients[0])
+        of_position, of_velocity, of_innovation = noise_gains(state[0], coefficients[0])
         variance = design[4]
         if variance == 0.0:
-            variance = power / of_innovation
+            variance = state[3][0] / of_innovation
             if variance < design[5]:
                 variance = design[5]
         sigma = math.sqrt(of_velocity * variance)
-        if since > 0.0 and design[8] > 0.0:
-            bound = low_speed_bound(change, since, design[3], power)
-            if sigma > bound:
-                sigma = bound
+        if state[2][1] > 0.0 and design[8] > 0.0:
+            sigma = bounded(state, coefficients, design, sigma)
         return math.sqrt(of_position * variance), sigma
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        inner, convention, change, since, power, count, clear, astray, locked = state
+        inner, convention, reading, power, lock = state
+        status = COASTING if lock[0] == TRACKING else lock[0]
         return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
-                0.0, 0.0, power, count, 0.0, coefficients[1], locked)
+                (0.0, 0.0, reading[2]), power, (status, 0.0, lock[2]))
 
     return Functions(design, prepare, init, step, output, stddev, resume, core.limits,
                      core.group_delay)

@@ -1,0 +1,286 @@
+"""The robust sampled form of the hybrid observer, second and third order.
+
+Against Algorithm 1 of Brentari et al. (2018):
+
+* The poles are those of the continuous design at any sample time (pole matching), so no sample time
+  is unstable and each sample may have its own.
+* The innovation is continued from the error that the last correction left: it may pass pi, where
+  the wrapped one would fold over and could hold a false speed for ever.
+* The reset (J2) comes before the injection, and the injection never moves the position past the
+  measurement (that tames tan).
+* The start is an expanding memory: least squares over the samples so far, until its gains have come
+  down to the steady ones. The speed is right from the second sample on.
+
+State (order 2 without the acceleration): (last measurement [rad], error that the last correction
+left [rad], velocity [rad/s], acceleration [rad/s^2], samples of the expanding memory; 0: steady).
+The position is the last measurement less the error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.hybrid_design import Design
+from estimator_pkg.observers.injections import Injection
+
+OUTSIDE = 0.125  # part of a turn: a start whose next sample is farther off begins anew from there
+
+
+def init_2(measurement: float, design: tuple) -> tuple:
+    """The state after the first sample [rad], second order."""
+    return (measurement, 0.0, 0.0, 1.0)
+
+
+def init_3(measurement: float, design: tuple) -> tuple:
+    """The state after the first sample [rad], third order."""
+    return (measurement, 0.0, 0.0, 0.0, 1.0)
+
+
+def estimate_2(state: tuple) -> tuple[float, float, float]:
+    """Position [rad], velocity [rad/s], no acceleration."""
+    return state[0] - state[1], state[2], math.nan
+
+
+def estimate_3(state: tuple) -> tuple[float, float, float]:
+    """Position [rad], velocity [rad/s], acceleration [rad/s^2]."""
+    return state[0] - state[1], state[2], state[3]
+
+
+def resume_2(state: tuple, measurement: float) -> tuple:
+    """After a gap: at the measurement, with the speed as it was."""
+    return (measurement, 0.0, state[2], state[3])
+
+
+def resume_3(state: tuple, measurement: float) -> tuple:
+    """After a gap: at the measurement, with the speed as it was; the acceleration is forgotten."""
+    return (measurement, 0.0, state[2], 0.0, state[4])
+
+
+def design_values(design: Design, reach: float, saturation: float, fastest: float) -> tuple:
+    """What `prepare` needs, as a flat tuple of six floats.
+
+    The first three describe the poles: three real ones (order 3: one beside a pair) or, for a
+    complex pair, its real and imaginary part.
+
+    Parameters
+    ----------
+    reach : errors from here on are reset instead of injected [rad].
+    saturation : M [rad].
+    fastest : speed limit [rad/s].
+    """
+    poles = sorted(design.poles, key=lambda pole: (abs(pole.imag) > 0.0, pole.real))
+    if is_complex(design):
+        pair = (poles[-1].real, abs(poles[-1].imag))
+    else:
+        pair = (poles[-2].real, poles[-1].real)
+    single = poles[0].real if len(poles) == 3 else 0.0
+    return (single, pair[0], pair[1], reach, saturation, fastest)
+
+
+def is_complex(design: Design) -> bool:
+    """True where two of the poles are a complex pair."""
+    return any(abs(pole.imag) > 1e-9 * abs(pole) for pole in design.poles)
+
+
+def real_pair(first: float, second: float, dt: float) -> tuple[float, float]:
+    """(sum, product) of exp(-first dt) and exp(-second dt); poles in 1/s."""
+    one, other = math.exp(-first * dt), math.exp(-second * dt)
+    return one + other, one * other
+
+
+def complex_pair(real: float, imaginary: float, dt: float) -> tuple[float, float]:
+    """(sum, product) of exp(-(real +- i imaginary) dt); 1/s."""
+    size = math.exp(-real * dt)
+    return 2.0 * size * math.cos(imaginary * dt), size * size
+
+
+def make_prepare_2(pair: Callable[[float, float, float], tuple[float, float]]
+                   ) -> Callable[[tuple, float], tuple]:
+    """`prepare` of the second order: (alpha, beta/dt, dt, reach, saturation, fastest)."""
+    def prepare(design: tuple, dt: float) -> tuple:
+        total, product = pair(design[1], design[2], dt)
+        return (1.0 - product, (1.0 - total + product) / dt, dt, design[3], design[4], design[5])
+
+    return prepare
+
+
+def make_prepare_3(pair: Callable[[float, float, float], tuple[float, float]]
+                   ) -> Callable[[tuple, float], tuple]:
+    """`prepare` of the third order: (alpha, beta/dt, gamma/dt^2, dt, reach, saturation, fastest).
+
+    With p, v, a the prediction and e the innovation, x = p + alpha e, v += beta/dt e,
+    a += gamma/dt^2 e have the z-polynomial
+    z^3 + (alpha + beta + gamma/2 - 3) z^2 + (3 - 2 alpha - beta + gamma/2) z + alpha - 1.
+    """
+    def prepare(design: tuple, dt: float) -> tuple:
+        total, product = pair(design[1], design[2], dt)
+        z = math.exp(-design[0] * dt)
+        alpha = 1.0 - z * product
+        gamma = (1.0 - z) * (1.0 - total + product)
+        beta = 3.0 - alpha - 0.5 * gamma - z - total
+        return (alpha, beta / dt, gamma / (dt * dt), dt, design[3], design[4], design[5])
+
+    return prepare
+
+
+def prepare_triple(design: tuple, dt: float) -> tuple:
+    """As `make_prepare_3` for a triple real pole, whose z is one exponential."""
+    z = math.exp(-design[0] * dt)
+    rate = (1.0 - z) / dt
+    slope = (1.0 - z) * rate
+    return (1.0 - z * z * z, 1.5 * slope * (1.0 + z), slope * rate, dt,
+            design[3], design[4], design[5])
+
+
+def held(velocity: float, fastest: float) -> float:
+    """`velocity` within +-fastest."""
+    if velocity > fastest:
+        return fastest
+    if velocity < -fastest:
+        return -fastest
+    return velocity
+
+
+def make_correct_2(injection: Injection, linear: bool, period: float
+                   ) -> Callable[[tuple, tuple, float], tuple[tuple, float]]:
+    """`correct` of the second order.
+
+    Parameters
+    ----------
+    linear : the injection is the wrapped error itself (saw).
+    period : of the circle [rad]; 0: none.
+    """
+    half = 0.5 * period if period > 0.0 else math.inf
+    doubtful = OUTSIDE * period if period > 0.0 else math.inf
+
+    def begin(state: tuple, coefficients: tuple, measurement: float, error: float
+              ) -> tuple[tuple, float]:
+        """The expanding memory of a straight line: one sample further."""
+        last, _, velocity, count = state
+        alpha, beta, dt, _, _, fastest = coefficients
+        if count > 1.0 and not -doubtful < error < doubtful:
+            velocity = wrap(measurement - last, period) / dt
+            return (measurement, 0.0, held(velocity, fastest), 2.0), error
+        count += 1.0
+        rate = 6.0 / (count * (count + 1.0) * dt)
+        if rate < beta:
+            count = 0.0
+        else:
+            alpha, beta = (4.0 * count - 2.0) / (count * (count + 1.0)), rate
+        velocity = held(velocity + beta * error, fastest)
+        if count == 2.0:
+            return (measurement, 0.0, velocity, count), 0.0  # the speed was not known: no surprise
+        return (measurement, error - alpha * error, velocity, count), error
+
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
+        last, error, velocity, count = state
+        alpha, beta, dt, reach, saturation, fastest = coefficients
+        unforeseen = measurement - last - velocity * dt
+        if not -half <= unforeseen < half:
+            unforeseen = wrap(unforeseen, period)
+        error += unforeseen
+        if count > 0.0:
+            return begin(state, coefficients, measurement, error)
+        if not -reach < error < reach:
+            return (measurement, 0.0, velocity, 0.0), error
+        push = error
+        if not linear:
+            push = injection(error, period, saturation)
+            if abs(push) * alpha > abs(error):
+                push = error / alpha
+        velocity += beta * push
+        if not -fastest <= velocity <= fastest:
+            velocity = held(velocity, fastest)
+        return (measurement, error - alpha * push, velocity, 0.0), error
+
+    return correct
+
+
+def make_correct_3(injection: Injection, linear: bool, period: float
+                   ) -> Callable[[tuple, tuple, float], tuple[tuple, float]]:
+    """`correct` of the third order; parameters as for `make_correct_2`."""
+    half = 0.5 * period if period > 0.0 else math.inf
+    doubtful = OUTSIDE * period if period > 0.0 else math.inf
+
+    def begin(state: tuple, coefficients: tuple, measurement: float, error: float
+              ) -> tuple[tuple, float]:
+        """The expanding memory: a straight line through two samples, then a parabola."""
+        last, _, velocity, acceleration, count = state
+        alpha, beta, gamma, dt, _, _, fastest = coefficients
+        if count < 2.0:
+            velocity = held(velocity + error / dt, fastest)
+            return (measurement, 0.0, velocity, 0.0, 2.0), 0.0  # speed not known: no surprise
+        if not -doubtful < error < doubtful:
+            velocity = held(wrap(measurement - last, period) / dt, fastest)
+            return (measurement, 0.0, velocity, 0.0, 2.0), error
+        count += 1.0
+        per_sample = 1.0 / (count * (count + 1.0) * (count + 2.0))
+        slope = 60.0 * per_sample / (dt * dt)
+        if slope < gamma:
+            count = 0.0
+        else:
+            alpha = (3.0 * count * (3.0 * count - 3.0) + 6.0) * per_sample
+            beta = (36.0 * count - 18.0) * per_sample / dt
+            gamma = slope
+        velocity = held(velocity + acceleration * dt + beta * error, fastest)
+        return ((measurement, error - alpha * error, velocity, acceleration + gamma * error, count),
+                error)
+
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
+        last, error, velocity, acceleration, count = state
+        alpha, beta, gamma, dt, reach, saturation, fastest = coefficients
+        gained = acceleration * dt
+        unforeseen = measurement - last - (velocity + 0.5 * gained) * dt
+        if not -half <= unforeseen < half:
+            unforeseen = wrap(unforeseen, period)
+        error += unforeseen
+        if count > 0.0:
+            return begin(state, coefficients, measurement, error)
+        velocity += gained
+        if not -reach < error < reach:
+            return (measurement, 0.0, held(velocity, fastest), acceleration, 0.0), error
+        push = error
+        if not linear:
+            push = injection(error, period, saturation)
+            if abs(push) * alpha > abs(error):
+                push = error / alpha
+        velocity += beta * push
+        acceleration += gamma * push
+        if not -fastest <= velocity <= fastest:
+            velocity = held(velocity, fastest)
+            acceleration = 0.0
+        return (measurement, error - alpha * push, velocity, acceleration, 0.0), error
+
+    return correct
+
+
+def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """Variances of position, velocity [1/s^2] and innovation per unit variance of white noise.
+
+    From P = A P A' + K K' with A = (I - K C) F: (2 a^2 + 2 b - 3 a b), 2 b^2/dt^2 and 4 a + 2 b,
+    all over a (4 - 2 a - b), where a and b are the gains alpha and beta.
+    """
+    alpha, beta_rate, dt = coefficients[0], coefficients[1], coefficients[2]
+    beta = beta_rate * dt
+    scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
+    return ((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) * scale,
+            2.0 * beta_rate * beta_rate * scale,
+            (4.0 * alpha + 2.0 * beta) * scale)
+
+
+def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """As `noise_gains_2`, third order, any poles: the same equation solved for three states."""
+    alpha, beta, gamma, dt = coefficients[0], coefficients[1], coefficients[2], coefficients[3]
+    beta *= dt
+    gamma *= dt * dt
+    scale = 1.0 / ((4.0 - 2.0 * alpha - beta)
+                   * (2.0 * alpha * beta + alpha * gamma - 2.0 * gamma))
+    position = (4.0 * alpha * alpha * beta + 2.0 * alpha * alpha * gamma
+                - 6.0 * alpha * beta * beta + alpha * beta * gamma - 4.0 * alpha * gamma
+                + 4.0 * beta * beta)
+    velocity = 2.0 * (2.0 * beta * beta * (beta - gamma) + (2.0 - alpha) * gamma * gamma)
+    innovation = 2.0 * (4.0 * alpha * beta + 2.0 * alpha * gamma + 2.0 * beta * beta
+                        + beta * gamma - 4.0 * gamma)
+    return position * scale, velocity * scale / (dt * dt), innovation * scale
