@@ -203,9 +203,8 @@ class RosParameters:
         try:
             for change in changes:
                 self._settable(change.name, change.name in being_set)
-            values, overrides = self._after(changes)
-            if self._check is not None:
-                self._check(values, overrides)
+            if self._check is not None and any(self._find(change.name) for change in changes):
+                self._check(*self._after(changes))
         except UsageError as error:
             for name in self._fresh:
                 self._node.undeclare_parameter(name)

@@ -1,0 +1,72 @@
+"""What a node says of itself, as diagnostic_msgs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from estimator_pkg.driver.guard import DROPPED, DUPLICATE, VERDICTS
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.observers.contract import (
+    COASTING,
+    INITIALISING,
+    LOST,
+    MISCONFIGURED,
+    NOT_OBSERVABLE,
+    STATUS_NAMES,
+    TRACKING,
+)
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+_LEVELS = {INITIALISING: WARN, TRACKING: OK, COASTING: WARN, LOST: ERROR, NOT_OBSERVABLE: WARN,
+           MISCONFIGURED: ERROR}
+_REASONS = {INITIALISING: 'not settled yet since the start, a reset or the loss of lock',
+            COASTING: 'carried by prediction after a gap, an outlier or a loss of lock',
+            NOT_OBSERVABLE: 'the signals do not determine the state'}
+EVENTS = VERDICTS[2:DUPLICATE]
+
+
+def entry(level: bytes, name: str, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:
+    """One entry; numbers are written as a person reads them."""
+    return DiagnosticStatus(level=level, name=name, message=message,
+                            values=[KeyValue(key=key, value=_text(value))
+                                    for key, value in values.items()])
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f'{value:.6g}' if math.isfinite(value) else ''
+    return str(value)
+
+
+def group_delay(joint: Joint) -> float:
+    """Delay of the velocity at low frequency and the measured rate [s]; nan while unknown."""
+    if joint.mean_dt <= 0.0 or joint.mean_dt > joint.longest_dt:
+        return math.nan
+    return joint.functions.group_delay(joint.mean_dt)
+
+
+def counters(joints: Mapping[str, Joint]) -> dict[str, int]:
+    """Samples of these joints: received = used + every kind of dropped; events across which
+    samples were used.
+    """
+    total = [sum(column) for column in zip(*(joint.counts for joint in joints.values()))]
+    total = total or [0] * len(VERDICTS)
+    values = {'received': sum(total), 'used': sum(total[:DUPLICATE])}
+    values.update({f'dropped.{kind}': count for kind, count in zip(DROPPED, total[DUPLICATE:])})
+    values.update({f'events.{kind}': count for kind, count in zip(EVENTS, total[2:DUPLICATE])})
+    return values
+
+
+def joint_status(name: str, joint: Joint, status: int, why: str) -> DiagnosticStatus:
+    """The entry of one joint in ~/status: its message is the status, with why after a colon."""
+    why = why or _REASONS.get(status, '')
+    said = STATUS_NAMES[status]
+    values = {'status': said, 'why': why, 'group_delay_s': group_delay(joint),
+              'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else math.nan,
+              **counters({name: joint}), 'resets': joint.reset_count}
+    return entry(_LEVELS[status], name, f'{said}: {why}' if why else said, values)

@@ -1,0 +1,53 @@
+"""How many messages were lost between the publishers and us, from their sequence numbers.
+
+A queue that overflows (KEEP_LAST) overwrites messages, reliable or not, and Fast DDS reports none
+of them by its message-lost event. The publication sequence numbers do: what is missing between two
+of them was lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class Loss:
+    """Counts what is missing in the sequence numbers of one subscription's publishers.
+
+    Messages do not say who sent them. That matters little: whichever publisher a number is counted
+    for, the sum stays right. Several publishers that start at once may hide their first losses.
+
+    Parameters
+    ----------
+    publishers : how many publishers are matched now.
+    """
+
+    def __init__(self, publishers: Callable[[], int]) -> None:
+        self._publishers = publishers
+        self._expected: list[int] = []  # the next number of each publisher
+        self.known = False              # the middleware gives sequence numbers
+        self.count = 0
+
+    def saw(self, sequence: int | None) -> None:
+        """A message with this publication sequence number came."""
+        try:
+            self._expected[self._expected.index(sequence)] += 1  # type: ignore[arg-type]
+        except ValueError:
+            if sequence:  # None or 0: this middleware has none
+                self._jump(sequence)
+
+    def forget(self) -> None:
+        """A publisher left: nobody can tell which number was its next."""
+        self._expected.clear()
+
+    def _jump(self, sequence: int) -> None:
+        """A number that nobody's next was: a new publisher, or a gap."""
+        self.known = True
+        before = [expected for expected in self._expected if expected < sequence]
+        if len(self._expected) < max(1, self._publishers()):
+            self._expected.append(sequence + 1)
+        elif before:
+            nearest = max(before)
+            self.count += sequence - nearest
+            self._expected[self._expected.index(nearest)] = sequence + 1
+        else:  # numbers only grow: a publisher has gone and another came
+            self._expected[:] = [sequence + 1]
