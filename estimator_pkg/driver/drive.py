@@ -1,0 +1,108 @@
+"""Many samples of a drive at once: currents and voltages in, electrical and mechanical state out.
+
+The same track (guard and observer) as for a joint; a measurement is the tuple
+(i_alpha, i_beta, u_alpha, u_beta).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.track import make_track
+from estimator_pkg.observers.contract import INITIALISING
+
+COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid', 'position', 'velocity')
+
+
+class DriveEstimates(NamedTuple):
+    """One row per sample received.
+
+    rows : shape (n, 6), `COLUMNS`: rad, rad/s, Wb, 0 or 1, rad, rad/s; nan where withheld or
+        where the sample was dropped.
+    status : shape (n,), see `observers.contract`.
+    reasons : shape (n,), bits of `observers.pmsm_watch.REASONS`.
+    verdict : shape (n,), see `guard`.
+    """
+
+    rows: NDArray[np.float64]
+    status: NDArray[np.int8]
+    reasons: NDArray[np.int16]
+    verdict: NDArray[np.int8]
+
+    @property
+    def electrical_angle(self) -> NDArray[np.float64]:
+        return self.rows[:, 0]
+
+    @property
+    def electrical_speed(self) -> NDArray[np.float64]:
+        return self.rows[:, 1]
+
+    @property
+    def flux_linkage(self) -> NDArray[np.float64]:
+        return self.rows[:, 2]
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        return self.rows[:, 4]
+
+    @property
+    def velocity(self) -> NDArray[np.float64]:
+        return self.rows[:, 5]
+
+
+def empty(count: int) -> DriveEstimates:
+    """Room for `count` samples."""
+    return DriveEstimates(np.full((count, len(COLUMNS)), np.nan),
+                          np.full(count, INITIALISING, np.int8), np.zeros(count, np.int16),
+                          np.zeros(count, np.int8))
+
+
+def make_drive_batch(functions: Any) -> Callable[..., tuple]:
+    """A loop over samples through guard and observer; compile it, or call it as it is."""
+    track_functions = make_track(functions)
+    advance, read = track_functions.advance, track_functions.read
+    electrical, reasons_of = functions.electrical, functions.reasons
+
+    def batch(track: tuple, design: tuple, limits: tuple, stamps: NDArray[np.int64],
+              samples: NDArray[np.float64], rows: NDArray[np.float64], status: NDArray[np.int8],
+              reasons: NDArray[np.int16], verdict: NDArray[np.int8]) -> tuple:
+        for k in range(len(stamps)):
+            sample = samples[k]
+            measurement = (sample[0], sample[1], sample[2], sample[3])
+            track, said = advance(track, design, limits, stamps[k], measurement, 0.0)
+            verdict[k] = said
+            if said < DUPLICATE:
+                row = rows[k]
+                row[4], row[5], spare, status[k] = read(track, design, limits, measurement, 0.0)
+                row[0], row[1], row[2], row[3] = electrical(track[6], track[5], design)
+                reasons[k] = reasons_of(track[6])
+        return track
+
+    return batch
+
+
+def run(batch: Callable[..., tuple], track: tuple, design: tuple, limits: tuple,
+        stamps: NDArray[np.int64], samples: NDArray[np.float64], *, fast: bool
+        ) -> tuple[tuple, DriveEstimates]:
+    """The track after these samples, and the estimates.
+
+    Parameters
+    ----------
+    stamps : shape (n,), int64 nanoseconds.
+    samples : shape (n, 4) [A, A, V, V].
+    fast : compile, where Numba is there.
+    """
+    out = empty(len(stamps))
+    if fast:
+        track = compiled(batch)(track, design, limits, np.ascontiguousarray(stamps, np.int64),
+                                np.ascontiguousarray(samples, float), *out)
+    else:  # lists hold Python's own numbers, which are several times faster than numpy's
+        track = batch(track, design, limits, np.asarray(stamps).tolist(),
+                      np.asarray(samples).tolist(), *out)
+    return track, out

@@ -1,0 +1,63 @@
+"""The electrical data of a permanent-magnet motor, and the transformations of its signals.
+
+A two-vector (alpha, beta) is the complex number alpha + j beta. Currents, voltages and flux are
+amplitude-invariant inside: the length of the vector is the amplitude of the phase quantity.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.parameters import parameter
+
+POWER_INVARIANT = math.sqrt(1.5)  # length of a power-invariant vector per amplitude
+NEEDED = ('resistance', 'inductance', 'flux', 'pole_pairs')
+
+
+@dataclass(frozen=True)
+class MotorData:
+    """What the nameplate or a measurement tells of the motor; there are no defaults to trust."""
+
+    resistance: float | None = parameter(
+        None, unit='ohm', range=(1e-6, 1e4), structural=True,
+        description='stator resistance of one phase to the star point (half of line to line)',
+        equation='R in (1)')
+    inductance: float | None = parameter(
+        None, unit='H', range=(1e-9, 10.0), structural=True,
+        description='stator inductance of one phase to the star point (half of line to line)',
+        equation='L in (1)')
+    flux: float | None = parameter(
+        None, unit='Wb', range=(1e-7, 100.0), structural=True,
+        description='nominal flux linkage of the magnets: amplitude of the phase back-EMF [V] '
+                    'per electrical speed [rad/s]', equation='phi in (1)')
+    pole_pairs: int | None = parameter(
+        None, unit='', range=(1, 200), structural=True, kind=int,
+        description='pole pairs: electrical turns per mechanical turn', equation='p')
+
+
+def check_motor(data: MotorData, owner: str) -> None:
+    """Refuses motor data that is incomplete or not positive.
+
+    Raises
+    ------
+    UsageError : with the names that are missing or not positive.
+    """
+    missing = [name for name in NEEDED if getattr(data, name) is None]
+    if missing:
+        raise UsageError(f'{owner} needs the motor data {", ".join(missing)}')
+    bad = [name for name in NEEDED if not getattr(data, name) > 0]
+    if bad:
+        raise UsageError(f'{owner}: {", ".join(bad)} must be positive')
+
+
+def clarke(a: float, b: float, c: float) -> tuple[float, float]:
+    """(alpha, beta) of three phase quantities, amplitude-invariant; a common part drops out."""
+    return (2.0 * a - b - c) / 3.0, (b - c) / math.sqrt(3.0)
+
+
+def phases(alpha: float, beta: float) -> tuple[float, float, float]:
+    """(a, b, c) of an amplitude-invariant vector, without a common part."""
+    half = 0.5 * math.sqrt(3.0) * beta
+    return alpha, -0.5 * alpha + half, -0.5 * alpha - half

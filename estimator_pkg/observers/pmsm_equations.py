@@ -1,0 +1,81 @@
+"""The observer of Bosso, Azzollini and Tilli (2020) in continuous time: flow and jump.
+
+A two-vector (a, b) is the complex number a + j b; J v is j v, C[z] v is z v. All signals but z and
+y are in the estimated frame z (zeta_hat_chi in the paper), which turns with the rotor in the end:
+
+    i, h   estimates of current [A] and back-EMF [V];  converged: h = -j chi, chi = |omega| phi
+    z      unit number;                                converged: sgn(omega) exp(j theta)
+    x      xi_hat [1/Wb];                              converged: sgn(omega) / phi
+
+Equation numbers are the paper's. Where it is misprinted, see docs/papers/pmsm.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def frame_speed(h: complex, x: float, k_eta: float) -> float:
+    """omega_hat_chi [rad/s], the speed of the estimated frame, below (4)."""
+    return abs(h) * x + k_eta * h.real
+
+
+def emf(h: complex, z: complex) -> complex:
+    """y = C[z] J h, the fast estimate of chi zeta_chi in the static frame [V], above (14)."""
+    return z * complex(-h.imag, h.real)
+
+
+def flow(i: complex, h: complex, z: complex, x: float, current: complex, voltage: complex,
+         resistance: float, inductance: float, k_p: float, k_i: float, k_eta: float,
+         gamma: float) -> tuple[complex, complex, complex, float]:
+    """Time derivatives of (i, h, z, x): the flow of (5) and (16).
+
+    Parameters
+    ----------
+    current, voltage : measured stator current [A] and voltage [V] in the static frame.
+    """
+    back = z.conjugate()
+    i_frame = back * current
+    error = i_frame - i
+    turning = complex(0.0, frame_speed(h, x, k_eta))
+    # the rotation acts on the measured current, so that the fast error system is linear
+    d_i = ((h + back * voltage - resistance * i) * (1.0 / inductance) - turning * i_frame
+           + k_p * error)
+    return d_i, k_i * error, turning * z, gamma * h.real
+
+
+def reflect(i: complex, h: complex, z: complex) -> tuple[complex, complex, complex]:
+    """(i, h, z) after a clock tick: the jump (14), (16), which takes eta to -F eta.
+
+    The frame is reset where the back-EMF says that it points away from the rotor (h2 >= 0). G_f is
+    the rotation (conj(h)/|h|)^2; it takes h to its mirror image, and current and back-EMF keep
+    their values in the static frame. (The printed second row, G_f i, would not.)
+    """
+    size = abs(h)
+    if h.imag < 0.0 or size == 0.0:
+        return i, h, z
+    root = h.conjugate() * (1.0 / size)
+    turn = root * root
+    return turn * i, h.conjugate(), turn.conjugate() * z
+
+
+def wants_reflection(h: complex) -> bool:
+    """True where a clock tick resets the frame: eta1 <= 0."""
+    return h.imag >= 0.0
+
+
+def rotor_angle(z: complex, x: float) -> float:
+    """theta_hat [rad, electrical, in (-pi, pi]] = arg(z sgn(x))."""
+    if x < 0.0:
+        return math.atan2(-z.imag, -z.real)
+    return math.atan2(z.imag, z.real)
+
+
+def flux_linkage(x: float, lowest: float, highest: float) -> float:
+    """phi_hat = sat(1/|xi|) [Wb]."""
+    size = abs(x)
+    if size * highest <= 1.0:
+        return highest
+    if size * lowest >= 1.0:
+        return lowest
+    return 1.0 / size
