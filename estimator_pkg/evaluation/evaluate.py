@@ -1,0 +1,132 @@
+"""``velocity_estimator evaluate``: estimates against the truth that a bag carries."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+from estimator_pkg import registry
+from estimator_pkg.cli import Command
+from estimator_pkg.errors import UsageError
+from estimator_pkg.evaluation import plot
+from estimator_pkg.evaluation.comparison import MEASUREMENT, TRUTH, Comparison, Options, compare
+from estimator_pkg.evaluation.reference import Reference
+from estimator_pkg.evaluation.text import fixed, number, table
+
+ALL = 'all'
+HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
+          'received', 'used', 'dropped')
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument('--measurement', metavar='TOPIC',
+                        help=f'JointState with the measured positions (default {MEASUREMENT})')
+    parser.add_argument('--truth', metavar='TOPIC',
+                        help=f'JointState with the true velocities (default {TRUTH})')
+    parser.add_argument('--estimate', metavar='TOPIC', action='append', default=[],
+                        help="JointState with estimates, repeatable (default: all '.../estimate')")
+    parser.add_argument('--observer', metavar='NAME', action='append', default=[],
+                        help="run this observer at its defaults on the measurement; repeatable, "
+                             "or 'all'")
+    parser.add_argument('--skip', type=float, default=0.0, metavar='S',
+                        help='leave out so many seconds at the beginning')
+    parser.add_argument('--wrap-period', type=float, default=2.0 * math.pi, metavar='RAD',
+                        help='period of the positions; 0 for prismatic joints (default 2 pi)')
+    parser.add_argument('--correct-reference', action='store_true',
+                        help="take the truth's own lag and bias, as fitted to the measured "
+                             'position, off it first')
+    parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
+
+
+def options(parsed: argparse.Namespace) -> Options:
+    """The arguments as `Options`; raises UsageError."""
+    if not (math.isfinite(parsed.skip) and parsed.skip >= 0.0):
+        raise UsageError('--skip must be a time of 0 s or more')
+    if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
+        raise UsageError('--wrap-period must be an angle of 0 or more')
+    observers: list[str] = []
+    for name in parsed.observer:
+        if name == ALL:
+            observers += angle_observers()
+        else:
+            registry.find(registry.OBSERVERS, name)  # an unknown one is refused before any work
+            observers.append(name)
+    return Options(parsed.measurement, parsed.truth, tuple(parsed.estimate),
+                   tuple(dict.fromkeys(observers)), parsed.skip, parsed.wrap_period,
+                   parsed.correct_reference)
+
+
+def angle_observers() -> list[str]:
+    """The names of all observers that take an angle and nothing else."""
+    return [name for name in registry.names(registry.OBSERVERS)
+            if registry.find(registry.OBSERVERS, name).kind == 'angle']
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Compares, prints, draws."""
+    chosen = options(parsed)
+    if parsed.plot:
+        plot.check(parsed.plot)
+    comparisons = []
+    for bag in dict.fromkeys(parsed.bags):
+        comparisons.append(compare(bag, chosen))
+        print(describe(comparisons[-1]) + '\n')
+    if parsed.plot:
+        plot.draw(comparisons, parsed.plot)
+        print(f'plot: {parsed.plot}')
+    return {'bags': {comparison.bag: comparison.as_dict() for comparison in comparisons}}
+
+
+def describe(comparison: Comparison) -> str:
+    """The comparison as text."""
+    lines = [f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, '
+             'at zero shift']
+    rows, remarks = [], []
+    for row in comparison.rows:
+        v = row.velocity
+        dropped = ' '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
+        mark = ' *' if row.reference_cannot_tell else ''
+        rows.append((row.source, row.joint, fixed(v['rms'], 4) + mark, fixed(v['mean_abs'], 4),
+                     fixed(v['max_abs'], 3), fixed(v['bias'], 4), fixed(_ms(v['delay_s']), 2),
+                     number(v['noise'], 3), str(row.matched['compared']),
+                     str(row.samples['received']), str(row.samples['used']), dropped or '0'))
+        moved = row.joint in comparison.corrected  # then nearly every truth is interpolated
+        if row.matched['unmatched'] or (row.matched['interpolated'] and not moved):
+            remarks.append(f'{row.source}, {row.joint}: of {row.matched["estimates"]} estimates '
+                           f'{row.matched["interpolated"]} met an interpolated truth, '
+                           f'{row.matched["unmatched"]} none')
+    lines.append(table(HEADER, rows, left=2))
+    if any(row.reference_cannot_tell for row in comparison.rows):
+        lines.append("* the reference cannot tell: the error is no larger than the reference's own "
+                     'noise')
+    for joint, known in comparison.references.items():
+        lines.append(f'truth of {joint} against the measured position: {_reference(known)}')
+        if joint in comparison.corrected:
+            off = comparison.corrected[joint]
+            lines.append(f'  taken off: lag {_ms(off["lag_s"]):.2f} ms, bias {off["bias"]:.4f} '
+                         'rad/s')
+    return '\n'.join(lines + remarks + list(comparison.notes))
+
+
+def _reference(known: Reference) -> str:
+    """Lag, bias, slope and noise in words."""
+    def pair(name: str, value: float, deviation: float, decimals: int, unit: str) -> str:
+        if not math.isfinite(value):
+            return f'{name} not determined'
+        return f'{name} {value:.{decimals}f} +- {deviation:.{decimals}f}{unit}'
+
+    return ', '.join([pair('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
+                      pair('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
+                      pair('slope', known.slope, known.slope_stddev, 4, ''),
+                      f'noise {number(known.noise, 2)} rad/s'])
+
+
+def _ms(seconds: float) -> float:
+    return seconds * 1e3
+
+
+COMMAND = Command('estimates against truth: errors, delay, noise, samples used and dropped',
+                  arguments, run)

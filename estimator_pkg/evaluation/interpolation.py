@@ -1,0 +1,43 @@
+"""Cubic interpolation between samples at uneven times, with numpy alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def slopes(time: Array, values: Array) -> Array:
+    """The slope at each sample of the parabola through it and its neighbours.
+
+    Parameters
+    ----------
+    time : shape (n,), strictly increasing [s].
+    values : shape (n,).
+    """
+    if len(time) < 3:
+        return np.gradient(values, time) if len(time) == 2 else np.zeros(len(time))
+    return np.gradient(values, time, edge_order=2)
+
+
+def cubic(time: Array, values: Array, at: Array) -> Array:
+    """`values` at the times `at`, by cubic Hermite interpolation; the samples at the samples.
+
+    Parameters
+    ----------
+    time : shape (n,), strictly increasing [s].
+    values : shape (n,).
+    at : shape (m,) [s]; outside the samples the value at the nearer end is given.
+    """
+    if len(time) < 2:
+        return np.full(len(at), values[0] if len(values) else np.nan)
+    slope = slopes(time, values)
+    right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+    left = right - 1
+    width = time[right] - time[left]
+    part = np.clip((at - time[left]) / width, 0.0, 1.0)
+    rest = 1.0 - part
+    return (values[left] * rest * rest * (1.0 + 2.0 * part)
+            + values[right] * part * part * (1.0 + 2.0 * rest)
+            + width * part * rest * (slope[left] * rest - slope[right] * part))

@@ -1,0 +1,163 @@
+"""What a measured reference velocity is worth: its own lag, bias, slope and noise.
+
+The reference of a recording is a sensor too. Held against the measured position, by
+
+    integral of the reference = position(t - lag) * slope + bias * t,
+
+over short windows, it tells how late and how biased it is. The windows' length keeps the drift of
+the integral out and the quantisation of the position small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.evaluation.delay import GAP, noise_power
+from estimator_pkg.evaluation.metrics import wrapped
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.1        # [s], but at least so many samples:
+WINDOW_SAMPLES = 10
+FEWEST = 20         # windows end to end, below which nothing is fitted
+OUTLIER = 6.0       # windows this many robust standard deviations off are left out
+LAG_KNOWN = 1e-3    # a lag, slope or bias is given if its standard deviation is at most this
+SLOPE_KNOWN = 0.01  # (lag [s], slope, part of the reference's rms speed or this much [rad/s])
+BIAS_KNOWN = 0.01
+QUIETEST = 0.1      # the noise is that of the quietest tenth of the record
+SHORTEST_BLOCK = 20
+ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What is known of a reference; nan where the record does not tell.
+
+    lag_s, lag_stddev [s]: it shows what the position did so long ago. bias, bias_stddev [rad/s]: it
+    reads so much too high. slope, slope_stddev: times the true speed. noise [rad/s]: rms of its
+    white noise. window_s: length of the windows of the fit.
+    """
+
+    lag_s: float
+    lag_stddev: float
+    bias: float
+    bias_stddev: float
+    slope: float
+    slope_stddev: float
+    noise: float
+    window_s: float
+
+    def as_dict(self) -> dict[str, float]:
+        """For ``--json``."""
+        return asdict(self)
+
+    def cannot_tell(self, rms: float) -> bool:
+        """True if an rms error [rad/s] is no larger than the reference's own noise."""
+        return bool(rms <= ALIKE * self.noise)
+
+
+def noise(time: Array, velocity: Array) -> float:
+    """The rms of the white noise on `velocity`, from its quietest stretches.
+
+    Third differences of a motion are small at usual sample rates, those of white noise are not.
+    Violent motion has them too, therefore the quietest tenth of the record counts.
+    """
+    if len(time) < SHORTEST_BLOCK + 3:
+        return np.nan
+    step = float(np.median(np.diff(time)))
+    size = int(max(0.2 / step, SHORTEST_BLOCK))
+    starts = range(0, max(1, len(velocity) - size - 2), size)
+    return float(np.sqrt(np.quantile([noise_power(velocity[i:i + size + 3]) for i in starts],
+                                     QUIETEST)))
+
+
+def fit(time: Array, velocity: Array, position: Array, period: float) -> Reference:
+    """Lag, bias, slope and noise of a reference velocity against the measured position.
+
+    Parameters
+    ----------
+    time : shape (n,), strictly increasing [s].
+    velocity : shape (n,), the reference [rad/s].
+    position : shape (n,), the measurement at the same times [rad], in any convention.
+    period : wrap period [rad]; 0: none.
+    """
+    good = np.isfinite(velocity) & np.isfinite(position)
+    time, velocity, position = time[good], velocity[good], position[good]
+    spread = noise(time, velocity)
+    unknown = Reference(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, spread, np.nan)
+    if len(time) < 2 * WINDOW_SAMPLES:
+        return unknown
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    across = max(WINDOW_SAMPLES, round(WINDOW / step))
+    if len(time) < FEWEST * across:
+        return unknown
+    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * steps)])
+    # position minus integral changes slowly, so the turns can be counted at any speed
+    behind = position - travelled
+    if period > 0.0:
+        behind = np.unwrap(behind, period=period)
+    holes = np.concatenate([[0], np.cumsum(steps > GAP * step)])
+    whole = holes[across:] == holes[:-across]
+
+    def across_window(values: Array) -> Array:
+        return (values[across:] - values[:-across])[whole]
+
+    length = across_window(time)
+    if len(length) < FEWEST * across:
+        return unknown
+    missed = wrapped(-across_window(behind), period)
+    moved = across_window(travelled) - missed
+    change = across_window(velocity)
+    kept = np.ones(len(missed), bool)
+    for _ in range(3):
+        columns = np.stack([length, -change, moved], axis=1)[kept]
+        answer = _least_squares(columns, missed[kept], across, spread)
+        predicted = np.stack([length, -change, moved], axis=1) @ np.nan_to_num(answer[0])
+        rest = np.abs(missed - predicted)
+        kept = rest <= OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
+    (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = answer
+    return Reference(lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev, spread,
+                     across * step)
+
+
+def _least_squares(columns: Array, missed: Array, across: int, spread: float
+                   ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(bias, lag, slope - 1) and their standard deviations; nan for what is not determined.
+
+    What the record does not determine (a lag at rest) is left out of the fit. The reference's noise
+    in the change of speed would draw the lag towards zero, so its share is taken off.
+    """
+    speed = float(np.sqrt(np.mean((columns[:, 2] / columns[:, 0]) ** 2)))
+    limits = (BIAS_KNOWN * max(1.0, speed), LAG_KNOWN, SLOPE_KNOWN)
+    use = [0, 1, 2]
+    while use:
+        part = columns[:, use]
+        normal = part.T @ part
+        if 1 in use:
+            at = use.index(1)
+            share = normal[at, at] - 2.0 * len(part) * spread * spread
+            if not share > 0.2 * normal[at, at]:
+                use.remove(1)
+                continue
+            normal[at, at] = share
+        scale = np.sqrt(np.diag(normal))
+        if not np.all(scale > 0.0) or np.linalg.cond(normal / np.outer(scale, scale)) > 1e10:
+            use.pop()
+            continue
+        inverse = np.linalg.inv(normal)
+        values = inverse @ (part.T @ missed)
+        # neighbouring windows share their samples: only every `across`-th is a new one
+        variance = float(np.mean((missed - part @ values) ** 2)) * across
+        deviations = np.sqrt(variance * np.diag(inverse))
+        vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]
+        if not vague:
+            answer, spreads = [np.nan] * 3, [np.nan] * 3
+            for name, value, deviation in zip(use, values, deviations):
+                answer[name], spreads[name] = float(value), float(deviation)
+            return tuple(answer), tuple(spreads)
+        use.remove(max(vague))  # the slope first, then the lag, then the bias
+    return (np.nan,) * 3, (np.nan,) * 3

@@ -1,0 +1,37 @@
+"""Tables for a terminal and for Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number in few characters; '-' for none."""
+    if value is None or not math.isfinite(value):
+        return '-'
+    return f'{value:.{digits}g}'
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """A number with so many decimals; '-' for none."""
+    if value is None or not math.isfinite(value):
+        return '-'
+    return f'{value:.{decimals}f}'
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """Columns side by side, the first `left` of them set left, the others right."""
+    lines = [list(header), *[list(row) for row in rows]]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    return '\n'.join('  '.join(
+        cell.ljust(width) if i < left else cell.rjust(width)
+        for i, (cell, width) in enumerate(zip(line, widths))).rstrip() for line in lines)
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The same as a Markdown table."""
+    def line(cells: Sequence[str]) -> str:
+        return '| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |'
+
+    return '\n'.join([line(header), '|' + '---|' * len(header), *[line(row) for row in rows]])

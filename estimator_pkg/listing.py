@@ -1,0 +1,185 @@
+"""``velocity_estimator list``: what there is, with every parameter.
+
+The tables of docs/parameters.md are its ``--markdown`` output.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import textwrap
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg import registry
+from estimator_pkg.cli import Command
+from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.evaluation.text import markdown
+from estimator_pkg.nodes.settings import NodeSettings
+from estimator_pkg.parameters import Parameter, declared
+
+TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text'}
+
+
+@dataclass(frozen=True)
+class Item:
+    """One thing that can be named on the command line or in a parameter file."""
+
+    name: str
+    summary: str
+    reference: str = ''
+    parameters: tuple[Parameter, ...] = ()
+    live: bool = True  # served by a node whose parameters may change while it runs
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {'summary': self.summary, 'reference': self.reference,
+                'parameters': {p.name: {
+                    'type': TYPE_NAMES[p.kind], 'default': p.default, 'unit': p.unit,
+                    'minimum': p.minimum, 'maximum': p.maximum, 'choices': list(p.choices),
+                    'description': p.description, 'equation': p.equation,
+                    'live': not p.structural, 'advanced': p.advanced}
+                    for p in self.parameters}}
+
+
+def catalogue() -> dict[str, list[Item]]:
+    """Everything there is, by kind; what cannot be imported says so in its summary."""
+    return {
+        'observers': _entries(registry.OBSERVERS, 'gains'),
+        'settings of each joint': [Item(
+            'joint', 'what is set per joint beside the gains, of whichever observer',
+            parameters=tuple(declared(JointSettings).values()))],
+        'nodes': [Item('joint_observer', 'estimates velocity live, for any number of joints',
+                       parameters=tuple(declared(NodeSettings).values()))],
+        'models': _entries(registry.MODELS, 'parameters'),
+        'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
+        'reproductions': _entries(registry.REPRODUCTIONS, ''),
+        'commands': _entries(registry.COMMANDS, ''),
+    }
+
+
+def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
+    """The entry points of a group; `declaring` is the attribute that holds the dataclass."""
+    items = []
+    for name in registry.names(group):
+        try:
+            record = registry.find(group, name)
+        except UserError as error:
+            items.append(Item(name, f'({error})'))
+            continue
+        cls = getattr(record, declaring, None) if declaring else None
+        items.append(Item(name, getattr(record, 'summary', ''), getattr(record, 'reference', ''),
+                          tuple(declared(cls).values()) if cls is not None else (), live))
+    return items
+
+
+def default_text(parameter: Parameter) -> str:
+    """The default as one would write it."""
+    value = parameter.default
+    if value is None:
+        return 'unset'
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    if isinstance(value, float):
+        return f'{value:g}'
+    if isinstance(value, (tuple, list)):
+        return '[' + ', '.join(map(str, value)) + ']'
+    return str(value)
+
+
+def meaning(parameter: Parameter, live: bool) -> str:
+    """Description, equation, and (where others are live) that it cannot change in mid-run."""
+    text = parameter.description
+    if parameter.equation:
+        text += f'; {parameter.equation}'
+    if live and parameter.structural:
+        text += ' (at start only)'
+    return text
+
+
+def describe(item: Item, width: int) -> str:
+    """The item for a terminal of so many columns."""
+    lines = [f'{item.name}: {item.summary}']
+    if item.reference:
+        lines.append(f'  from: {item.reference}')
+    for p in item.parameters:
+        unit = f' {p.unit}' if p.unit else ''
+        lines.append(f'  {p.name} = {default_text(p)}{unit}, {p.range_text()}')
+        lines += textwrap.wrap(meaning(p, item.live), width, initial_indent='      ',
+                               subsequent_indent='      ')
+    return '\n'.join(lines)
+
+
+def markdown_tables(kinds: dict[str, list[Item]]) -> str:
+    """docs/parameters.md."""
+    parts = ['# Parameters', '',
+             "Made from the declarations in the code by `velocity_estimator list --markdown`; "
+             'change them there.', '',
+             'In a parameter file of a node (`/**` or its name, then `ros__parameters`) each has '
+             'its plain name; `joints.<joint>.<parameter>` overrides one for one joint. On the '
+             'command line it is `--set name=value`. "unset" follows from the others or from the '
+             'data.']
+    for kind, items in kinds.items():
+        with_parameters = [item for item in items if item.parameters]
+        if not with_parameters:
+            continue
+        parts += ['', f'## {kind[0].upper()}{kind[1:]}']
+        for item in with_parameters:
+            parts += ['', f'### {item.name}', '', f'{item.summary[0].upper()}{item.summary[1:]}.']
+            if item.reference:
+                parts += ['', f'From: {item.reference}.']
+            parts += ['', markdown(('name', 'default', 'unit', 'range', 'meaning'), [
+                (f'`{p.name}`', default_text(p), p.unit, p.range_text(),
+                 meaning(p, item.live))
+                for p in item.parameters])]
+    return '\n'.join(parts)
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument('name', nargs='?', help='show only this one')
+    parser.add_argument('--markdown', action='store_true',
+                        help='the parameter tables as in docs/parameters.md')
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Prints the catalogue, or the one thing asked for."""
+    kinds = catalogue()
+    if parsed.name is not None:
+        kinds = _only(kinds, parsed.name)
+    if parsed.markdown:
+        print(markdown_tables(kinds))
+    else:
+        _print(kinds)
+    return {kind: {item.name: item.as_dict() for item in items} for kind, items in kinds.items()}
+
+
+def _only(kinds: dict[str, list[Item]], name: str) -> dict[str, list[Item]]:
+    chosen = {kind: [item for item in items if item.name == name]
+              for kind, items in kinds.items()}
+    chosen = {kind: items for kind, items in chosen.items() if items}
+    if not chosen:
+        known = {item.name for items in kinds.values() for item in items}
+        raise UsageError(f"nothing is called '{name}': {suggestion(name, known)}")
+    return chosen
+
+
+def _print(kinds: dict[str, list[Item]]) -> None:
+    width = max(40, min(100, shutil.get_terminal_size((100, 24)).columns))
+    for kind, items in kinds.items():
+        print(kind.upper())
+        print(_block(items, width) + '\n')
+
+
+def _block(items: Iterable[Item], width: int) -> str:
+    items = list(items)
+    if not items:
+        return 'none'
+    spaced = any(item.parameters for item in items)
+    return ('\n\n' if spaced else '\n').join(describe(item, width) for item in items)
+
+
+COMMAND = Command('observers, models and simulators with their parameters; commands',
+                  arguments, run)
