@@ -1,0 +1,161 @@
+"""Processes that the node benchmarks put around a node: a publisher, a listener, a null node.
+
+    python benchmarks/node_processes.py publish RATE SECONDS JOINTS [SUBSCRIPTIONS]
+    python benchmarks/node_processes.py listen TOPIC
+    python benchmarks/node_processes.py diagnose
+    python benchmarks/node_processes.py null
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from estimator_pkg.nodes.runtime import run as run_node
+from estimator_pkg.nodes.runtime import settle_environment
+
+PERIOD = 6.0  # [s] of the motion that is published
+
+
+@contextmanager
+def process(*words: str, domain: int, extra: tuple[str, ...] = ()) -> Iterator[subprocess.Popen]:
+    """A role of this file, or 'node' for joint_observer, as a process that ends with the block."""
+    settle_environment()
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain),
+                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    program = (['-m', 'estimator_pkg.nodes.joint_observer'] if words == ('node',)
+               else [str(Path(__file__).resolve()), *words])
+    child = subprocess.Popen([sys.executable, *program, *extra], env=environment, text=True,
+                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    try:
+        yield child
+    finally:
+        if child.poll() is None:
+            child.send_signal(signal.SIGINT)
+        try:
+            child.wait(10)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+def own_domain() -> int:
+    """A ROS domain that hopefully nobody else on this machine uses."""
+    return random.SystemRandom().randint(1, 100)
+
+
+def result(child: subprocess.Popen, timeout: float = 60.0) -> dict:
+    """What a role printed as its last line, once it has ended."""
+    output, _ = child.communicate(timeout=timeout)
+    return json.loads(output.splitlines()[-1])
+
+
+def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> None:
+    """JointStates at `rate` by absolute deadlines; ends with how many were published."""
+    import math
+
+    import rclpy
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.messages.joint_state import Encoder
+
+    rclpy.init()
+    node = rclpy.create_node('benchmark_publisher')
+    publisher = node.create_publisher(JointState, 'joint_states', 10)
+    encode = Encoder().encode
+    names = [f'joint_{i}' for i in range(joints)]
+    while publisher.get_subscription_count() < subscriptions:
+        time.sleep(0.02)
+    time.sleep(1.0)  # for the connections between the others
+    print('started', flush=True)
+    count = int(rate * seconds)
+    begun, begun_ns = time.perf_counter(), time.time_ns()
+    for i in range(count):
+        wait = begun + i / rate - time.perf_counter()
+        if wait > 0.0:
+            time.sleep(wait)
+        angle = math.sin(2.0 * math.pi * i / rate / PERIOD)
+        publisher.publish(encode(begun_ns + round(i * 1e9 / rate), 'base', names,
+                                 [angle + 0.1 * joint for joint in range(joints)]))
+    took = time.perf_counter() - begun
+    print(json.dumps({'published': count, 'seconds': took}), flush=True)
+    time.sleep(1.0)
+    rclpy.shutdown()
+
+
+def listen(topic: str) -> None:
+    """Counts JointStates on `topic`; ends on SIGINT with the count and the stamps seen."""
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.messages.joint_state import Decoder
+
+    seen: list[int] = []
+
+    def make():
+        import rclpy
+        node = rclpy.create_node('benchmark_listener')
+        layout = Decoder().layout
+        node.create_subscription(JointState, topic,
+                                 lambda raw: seen.append(layout(raw).stamp_ns(raw)), 5000, raw=True)
+        return node
+
+    run_node(make, [])
+    print(json.dumps({'received': len(seen), 'distinct': len(set(seen))}), flush=True)
+
+
+def diagnose() -> None:
+    """Ends on SIGINT with the newest counters that joint_observer reported."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    newest: dict[str, str] = {}
+
+    def came(message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == '/joint_observer':
+                newest.update({item.key: item.value for item in status.values})
+
+    def make():
+        import rclpy
+        node = rclpy.create_node('benchmark_diagnosis')
+        node.create_subscription(DiagnosticArray, '/diagnostics', came, 10)
+        return node
+
+    run_node(make, [])
+    print(json.dumps(newest), flush=True)
+
+
+def null() -> None:
+    """Receives and republishes JointStates, typed, as any rclpy node would: the floor of costs."""
+    from sensor_msgs.msg import JointState
+
+    def make():
+        import rclpy
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        node = rclpy.create_node('null_node')
+        publisher = node.create_publisher(JointState, '~/estimate', 50)
+        node.create_subscription(
+            JointState, 'joint_states', publisher.publish,
+            QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT))
+        return node
+
+    run_node(make, [])
+
+
+if __name__ == '__main__':
+    role, *rest = sys.argv[1:]
+    if role == 'publish':
+        publish(float(rest[0]), float(rest[1]), int(rest[2]), int(rest[3]) if rest[3:] else 1)
+    elif role == 'listen':
+        listen(rest[0])
+    elif role == 'diagnose':
+        diagnose()
+    else:
+        null()
