@@ -42,7 +42,8 @@ def measure(rate: float, joints: int = 7, seconds: float = 5.0,
     true_loss = sent['published'] - received
     return {'rate_hz': rate, 'joints': joints, 'observer': observer,
             'published': sent['published'],
-            'published_rate_hz': sent['published'] / sent['seconds'], 'received': received, 'true_loss': true_loss, 'reported': reported,
+            'published_rate_hz': sent['published'] / sent['seconds'],
+            'received': received, 'true_loss': true_loss, 'reported': reported,
             'ok': true_loss == reported}
 
 
