@@ -25,11 +25,11 @@ class Gains(AngleGains):
 
 def prepare(design: tuple, dt: float) -> tuple:
     """(1/dt, weight of the newest difference, dt, wrap period), with the pole matched to dt."""
-    return (1.0 / dt, 1.0 - math.exp(-design[0] * dt), dt, design[1])
+    return (1.0 / dt, -math.expm1(-design[0] * dt), dt, design[1])
 
 
 def init(measurement: float, design: tuple) -> tuple:
-    """(last measurement [rad], velocity [rad/s])."""
+    """(last measurement [rad], velocity [rad/s], 1 after the second sample)."""
     return (measurement, 0.0, 0.0)
 
 
@@ -38,10 +38,10 @@ def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
     last, velocity, started = state
     rate, weight, dt, period = coefficients
     change = wrap(measurement - last, period)
-    innovation = change - velocity * dt
     if started == 0.0:
-        return (measurement, change * rate, 1.0), innovation
-    return (measurement, velocity + weight * (change * rate - velocity), 1.0), innovation
+        return (measurement, change * rate, 1.0), 0.0  # the speed was not known: no surprise
+    return ((measurement, velocity + weight * (change * rate - velocity), 1.0),
+            change - velocity * dt)
 
 
 def estimate(state: tuple) -> tuple[float, float, float]:
@@ -75,8 +75,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return (pole, float(circle.period))
 
     def group_delay(dt: float) -> float:
-        kept = math.exp(-pole * dt)
-        return dt * kept / (1.0 - kept) + 0.5 * dt  # low-pass, and half a sample of the difference
+        # of the low-pass, z/(1 - z) samples, and half a sample of the difference
+        return dt / math.expm1(pole * dt) + 0.5 * dt
 
     return around(AngleCore(
         design=design, settle=SETTLING / pole, prepare=prepare, init=init, correct=correct,

@@ -1,0 +1,56 @@
+"""Tracking loops with fixed gains: pole matching and what they make of white noise.
+
+One sample of the loops meant here, with the prediction x + v dt (+ a dt^2/2) and the innovation e:
+
+    x = prediction + alpha e,   v += beta/dt e,   a += gamma/dt^2 e
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def matched(decay: float, spread: float, dt: float) -> tuple[float, float]:
+    """(alpha, beta) with the poles exp(p dt) of the continuous ones p = -decay +- sqrt(spread).
+
+    alpha = 1 - z1 z2 and beta = (1 - z1)(1 - z2), written without the differences of nearly equal
+    numbers that a slow loop at a high rate would bring.
+
+    Parameters
+    ----------
+    decay : [1/s], positive.
+    spread : [1/s^2]; negative for a complex pair. Less than decay^2.
+    dt : sample time [s].
+    """
+    alpha = -math.expm1(-2.0 * decay * dt)
+    if spread < 0.0:
+        size = math.exp(-decay * dt)
+        half = math.sin(0.5 * math.sqrt(-spread) * dt)
+        return alpha, (1.0 - size) * (1.0 - size) + 4.0 * size * half * half
+    apart = math.sqrt(spread)
+    return alpha, math.expm1((apart - decay) * dt) * math.expm1(-(apart + decay) * dt)
+
+
+def noise_of_two(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
+    """Variances of position, velocity [1/s^2] and innovation per unit variance of white noise.
+
+    The solution of P = A P A' + K K' with A = (1 - K C) F, for x and v.
+    """
+    scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
+    return ((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) * scale,
+            2.0 * beta * beta * scale / (dt * dt),
+            (4.0 * alpha + 2.0 * beta) * scale)
+
+
+def noise_of_three(alpha: float, beta: float, gamma: float, dt: float
+                   ) -> tuple[float, float, float]:
+    """As `noise_of_two`, for x, v and a."""
+    scale = 1.0 / ((4.0 - 2.0 * alpha - beta)
+                   * (2.0 * alpha * beta + alpha * gamma - 2.0 * gamma))
+    position = (4.0 * alpha * alpha * beta + 2.0 * alpha * alpha * gamma
+                - 6.0 * alpha * beta * beta + alpha * beta * gamma - 4.0 * alpha * gamma
+                + 4.0 * beta * beta)
+    velocity = 2.0 * (2.0 * beta * beta * (beta - gamma) + (2.0 - alpha) * gamma * gamma)
+    innovation = 2.0 * (4.0 * alpha * beta + 2.0 * alpha * gamma + 2.0 * beta * beta
+                        + beta * gamma - 4.0 * gamma)
+    return position * scale, velocity * scale / (dt * dt), innovation * scale
