@@ -80,7 +80,7 @@ def generate(parameters: EncoderParameters, duration: float, seed: int) -> Itera
     measure = _counts if parameters.convention == RAW_COUNTS else _joint_states(parameters.joints)
     measured = topics(parameters)[0].name
     true = Encoder()
-    left = math.ceil(duration * parameters.rate - 1e-6) if math.isfinite(duration) else None
+    left = None if math.isinf(duration) else max(1, math.ceil(duration * parameters.rate - 1e-6))
     waiting: list[Message] = []  # held up past the end of their chunk
     while left is None or left > 0:
         count = CHUNK if left is None else min(CHUNK, left)
