@@ -61,9 +61,6 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupted)
     import rclpy
-    from rclpy.exceptions import NotInitializedException
-    from rclpy.executors import ExternalShutdownException
-    from rclpy.impl.implementation_singleton import rclpy_implementation
     try:
         rclpy.init(args=args)
         started = True
@@ -78,15 +75,13 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         while rclpy.ok():
             executor.spin_once(timeout_sec=SPIN)
         return 0
-    except UserError as error:
+    except (KeyboardInterrupt, Exception) as error:
+        if not rclpy.ok():  # an interrupt took the context away under a call
+            return 0
+        if not isinstance(error, UserError):
+            raise
         print(f'{program}: {error}', file=sys.stderr)
         return error.exit_code
-    except (KeyboardInterrupt, ExternalShutdownException, NotInitializedException):
-        return 0  # the last one: interrupted while the node was being made
-    except rclpy_implementation.RCLError:
-        if rclpy.ok():  # else an interrupt took the context away under a call
-            raise
-        return 0
     finally:
         if executor is not None:
             executor.shutdown()

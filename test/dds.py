@@ -1,0 +1,259 @@
+"""Helpers for tests over real DDS: a probe in the test's process, nodes in processes of their own.
+
+Everything runs on this machine alone, in a ROS domain of this test run.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from estimator_pkg.nodes import runtime
+
+DOMAIN = random.SystemRandom().randint(1, 100)
+os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+PATIENCE = 20.0  # [s] a condition may take; passing tests never wait that long
+
+
+class NodeProcess:
+    """A node in a process of its own; use it as a context, so that it always ends.
+
+    Parameters
+    ----------
+    module : run as ``python -m``.
+    arguments : its command line.
+    """
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        self._child = subprocess.Popen(
+            [sys.executable, '-m', module, *arguments], text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+        self._lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._child.stdout is not None
+        self._lines += []
+        for line in self._child.stdout:
+            self._lines.append(line.rstrip('\n'))
+
+    @property
+    def output(self) -> str:
+        """What it has printed so far, log included."""
+        return '\n'.join(self._lines)
+
+    def prints(self, text: str) -> None:
+        """Wait until `text` is in its output."""
+        until(lambda: text in self.output or self._child.poll() is not None)
+        self._reader.join(1.0 if self._child.poll() is not None else 0.0)
+        assert text in self.output, f'{text!r} is not in: {self.output}'
+
+    @property
+    def alive(self) -> bool:
+        return self._child.poll() is None
+
+    def signal(self, number: int) -> None:
+        self._child.send_signal(number)
+
+    def ends(self) -> int:
+        """Wait until it has ended; its exit code."""
+        code = self._child.wait(PATIENCE)
+        self._reader.join(5.0)
+        return code
+
+    def __enter__(self) -> NodeProcess:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        if self.alive:
+            self.signal(signal.SIGINT)
+            try:
+                self._child.wait(5.0)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+        self._child.wait()
+        self._reader.join(5.0)
+
+
+def until(condition: Callable[[], Any], spin: Callable[[], None] | None = None) -> bool:
+    """Wait for `condition`; False if it did not come true."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        if spin is None:
+            time.sleep(0.01)
+        else:
+            spin()
+    return True
+
+
+class Probe:
+    """A node in this process that publishes, listens and calls; its executor runs while it waits.
+
+    One exists per test run (the fixture `probe`).
+    """
+
+    def __init__(self) -> None:
+        import rclpy
+        rclpy.init(domain_id=DOMAIN)
+        self.node = rclpy.create_node('probe')
+        self.executor = runtime.make_executor()
+        self.executor.add_node(self.node)
+
+    def close(self) -> None:
+        import rclpy
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def until(self, condition: Callable[[], Any]) -> None:
+        """Run the executor until `condition` holds; fails if it never does."""
+        assert until(condition, lambda: self.executor.spin_once(timeout_sec=0.01)), 'never came'
+
+    def spin(self, seconds: float) -> None:
+        """Run the executor for so long."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.01)
+
+    def call(self, kind: type, name: str, request: Any) -> Any:
+        """The answer of a service."""
+        client = self.node.create_client(kind, name)
+        try:
+            self.until(client.service_is_ready)
+            future = client.call_async(request)
+            self.until(future.done)
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+
+class Observer:
+    """A running joint_observer as a test sees it: feed it, collect what it says.
+
+    Parameters
+    ----------
+    name : fully qualified, as '/joint_observer'.
+    topic : where its JointStates come from.
+    """
+
+    def __init__(self, probe: Probe, name: str = '/joint_observer', topic: str = '/joint_states',
+                 *, reliable: bool = True) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+        from sensor_msgs.msg import JointState
+
+        from estimator_pkg.messages.joint_state import Decoder, Encoder
+
+        self.probe, self.name = probe, name
+        self.answers: list[Any] = []   # decoded JointStates of ~/estimate
+        self.statuses: dict[str, Any] = {}     # newest ~/status, by joint
+        self.diagnostics: dict[str, Any] = {}  # newest /diagnostics of this node, by entry
+        self.reports = 0
+        self._encode, self._decode = Encoder().encode, Decoder().decode
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        node = probe.node
+        self.publisher = node.create_publisher(
+            JointState, topic, QoSProfile(depth=50, reliability=reliability))
+        self._subscriptions = [
+            node.create_subscription(JointState, f'{name}/estimate',
+                                     lambda raw: self.answers.append(self._decode(raw)), 1000,
+                                     raw=True),
+            node.create_subscription(DiagnosticArray, f'{name}/status', self._status, latched),
+            node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 50)]
+
+    def __enter__(self) -> Observer:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        for subscription in self._subscriptions:
+            self.probe.node.destroy_subscription(subscription)
+        self.probe.node.destroy_publisher(self.publisher)
+
+    def connect(self) -> Observer:
+        """Wait until the node is there and connected."""
+        self.probe.until(lambda: self.publisher.get_subscription_count()
+                         and all(map(self._connected, self._subscriptions)))
+        self.probe.spin(0.3)  # the node's side of the connections
+        return self
+
+    @staticmethod
+    def _connected(subscription: Any) -> bool:
+        return subscription.get_publisher_count() > 0
+
+    def _status(self, message: Any) -> None:
+        self.statuses = {status.name: status for status in message.status}
+
+    def _diagnosed(self, message: Any) -> None:
+        own = {status.name: status for status in message.status
+               if status.name == self.name or status.name.startswith(f'{self.name}: ')}
+        if own:
+            self.reports += 1
+            self.diagnostics.update(own)
+
+    def encode(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
+               frame_id: str = 'base') -> bytes:
+        return self._encode(stamp_ns, frame_id, names, positions)
+
+    def feed(self, messages: Iterable[bytes]) -> list[Any]:
+        """Publish messages, never more than 20 ahead of the node; its answers to them."""
+        start, sent = len(self.answers), 0
+        for raw in messages:
+            self.publisher.publish(raw)
+            sent += 1
+            self.executor_turn()
+            self.probe.until(lambda: len(self.answers) - start > sent - 20)
+        self.probe.until(lambda: len(self.answers) - start >= sent)
+        return self.answers[start:]
+
+    def executor_turn(self) -> None:
+        self.probe.executor.spin_once(timeout_sec=0.0)
+
+    def next_report(self) -> dict[str, dict[str, str]]:
+        """The values of the next /diagnostics that counts all up to now, by entry."""
+        reports = self.reports
+        self.probe.until(lambda: self.reports > reports)
+        return {name: {item.key: item.value for item in status.values}
+                for name, status in self.diagnostics.items()}
+
+    def status(self, joint: str) -> str:
+        """The newest status of a joint, '' while there is none."""
+        entry = self.statuses.get(joint)
+        return '' if entry is None else value(entry, 'status')
+
+    def set(self, **values: Any) -> Any:
+        """Set parameters together ('__' stands for '.'); the node's result."""
+        from rcl_interfaces.srv import SetParametersAtomically
+        from rclpy.parameter import Parameter
+
+        request = SetParametersAtomically.Request()
+        request.parameters = [
+            Parameter(key.replace('__', '.'), value=given).to_parameter_msg()
+            for key, given in values.items()]
+        return self.probe.call(SetParametersAtomically, f'{self.name}/set_parameters_atomically',
+                               request).result
+
+    def get(self, name: str) -> Any:
+        """The value of a parameter."""
+        from rcl_interfaces.srv import GetParameters
+        from rclpy.parameter import parameter_value_to_python
+
+        request = GetParameters.Request(names=[name])
+        answer = self.probe.call(GetParameters, f'{self.name}/get_parameters', request)
+        return parameter_value_to_python(answer.values[0])
+
+
+def value(entry: Any, key: str) -> str:
+    """The value of a key in a DiagnosticStatus."""
+    return {item.key: item.value for item in entry.values}[key]

@@ -1,0 +1,270 @@
+"""The node joint_observer, in a process of its own, over real DDS."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import dds
+import numpy as np
+import pytest
+
+from estimator_pkg import observers
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.contract import TRACKING
+
+MODULE = 'estimator_pkg.nodes.joint_observer'
+BEGIN = 1_700_000_000_000_000_000  # [ns]
+MS = 1_000_000
+TURN = 2.0 * math.pi
+
+
+@pytest.fixture(scope='module')
+def live(probe):
+    """A node at its defaults; every test brings joints of its own."""
+    with dds.NodeProcess(MODULE) as process, dds.Observer(probe) as observer:
+        observer.process = process
+        yield observer.connect()
+
+
+def turning(live, names, speeds, count, *, begin=BEGIN, dt=MS, first=0):
+    """Messages of shafts that turn at constant speeds [rad/s], wrapped to [-pi, pi)."""
+    return [live.encode(begin + i * dt, names, [wrap(speed * i * dt * 1e-9, TURN)
+                                                for speed in speeds])
+            for i in range(first, first + count)]
+
+
+def test_estimates_are_right_and_carry_the_stamp_of_the_measurement(live):
+    answers = live.feed(turning(live, ['right_a', 'right_b'], [30.0, -20.0], 600))
+    assert [answer.stamp_ns for answer in answers] == [BEGIN + i * MS for i in range(600)]
+    assert {answer.frame_id for answer in answers} == {'base'}
+    assert answers[0].names == ()  # not settled: one message leaves all the same
+    for i, answer in enumerate(answers[200:], 200):
+        assert answer.names == ('right_a', 'right_b')
+        assert answer.velocities == pytest.approx((30.0, -20.0), rel=1e-6)
+        for speed, position in zip((30.0, -20.0), answer.positions):
+            assert -math.pi <= position < math.pi
+            assert wrap(position - speed * i * 1e-3, TURN) == pytest.approx(0.0, abs=1e-6)
+        assert answer.efforts == ()
+
+
+def test_joints_come_go_and_change_order(live):
+    live.feed(turning(live, ['one', 'two'], [1.0, 2.0], 300))
+    both = live.feed(turning(live, ['two', 'one'], [2.0, 1.0], 10, first=300))[-1]
+    assert both.names == ('two', 'one')
+    assert both.velocities == pytest.approx((2.0, 1.0), rel=1e-6)
+    alone = live.feed(turning(live, ['one'], [1.0], 10, first=310))[-1]
+    assert alone.names == ('one',) and alone.velocities == pytest.approx((1.0,), rel=1e-6)
+    more = live.feed(turning(live, ['three', 'one'], [3.0, 1.0], 300, first=320))
+    assert more[0].names == ('one',)  # the new one settles first
+    assert more[-1].velocities == pytest.approx((3.0, 1.0), rel=1e-6)
+
+
+def joint_entry(report, name):
+    return report[f'/joint_observer: {name}']
+
+
+def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
+    before = live.next_report()['/joint_observer']
+    live.feed(turning(live, ['bad'], [1.0], 300))
+    at = BEGIN + 299 * MS
+    far = at + 10**15
+
+    def one(stamp, *positions, names=('bad',)):
+        return live.encode(stamp, names, positions)
+
+    live.feed([one(at + MS, math.nan), one(at + MS, math.inf), one(at + MS, -math.inf),
+               one(at, 0.3), one(at, 0.3),          # equal stamps
+               one(at - 5 * MS, 0.29),              # late
+               one(0, 0.3),                         # no stamp
+               one(at + 2 * MS, names=()), one(at + 2 * MS),  # empty
+               one(at + 2 * MS, 0.3, 0.4), one(at + 2 * MS, 0.3, names=('bad', 'worse')),
+               one(far, 0.301), one(at + 3 * MS, 0.302)])     # one stamp from the far future
+    live.publisher.publish(b'\x00\x01\x00\x00nonsense')
+    live.publisher.publish(one(at + 4 * MS, 0.303)[:-5])
+    for loop in range(2):  # a bag that loops
+        live.feed(turning(live, ['bad'], [1.0], 300, begin=BEGIN - (loop + 1) * 10**12))
+    after = live.next_report()
+    joint = {key: int(count) for key, count in joint_entry(after, 'bad').items()
+             if key.partition('.')[0] in ('received', 'used', 'dropped', 'events')}
+    dropped = {key.partition('.')[2]: count for key, count in joint.items()
+               if key.startswith('dropped.')}
+    assert dropped == {'duplicate': 2, 'late': 1, 'non_finite': 3, 'zero_stamp': 1,
+                       'misconfigured': 0}
+    assert joint['events.gap'] == 1 and joint['events.stray_stamp'] == 1
+    assert joint['events.clock_jump'] == 2
+    assert joint['received'] == joint['used'] + sum(dropped.values()) == 300 + 7 + 2 + 600
+    new = {key: int(after['/joint_observer'][key]) - int(before[key])
+           for key in before if key.startswith('messages_')}
+    assert new['messages_dropped.malformed'] == 2
+    assert new['messages_dropped.empty'] == 2
+    assert new['messages_dropped.mismatched'] == 2
+    assert new['messages_received'] == new['messages_used'] + 6 == 300 + 13 + 2 + 600
+    assert live.answers[-1].velocities == pytest.approx((1.0,), rel=1e-6)
+    assert live.process.alive and 'Traceback' not in live.process.output
+    for told in ('carry no time stamp', 'stamp_source: publisher', 'clock of the measurements',
+                 'are malformed'):
+        live.process.prints(told)
+
+
+def test_empty_answers_for_messages_without_a_valid_joint(live):
+    answer, = live.feed([live.encode(BEGIN + 7, ['x', 'y'], [1.0], 'tool')])
+    assert (answer.stamp_ns, answer.frame_id) == (BEGIN + 7, 'tool')
+    assert answer.names == answer.positions == answer.velocities == ()
+
+
+def test_status_of_a_joint_from_its_first_sample_to_silence(live):
+    live.feed(turning(live, ['patient'], [1.0], 1))
+    live.probe.until(lambda: live.status('patient') == 'initialising')
+    live.feed(turning(live, ['patient'], [1.0], 400, first=1))
+    live.probe.until(lambda: live.status('patient') == 'tracking')
+    assert dds.value(live.statuses['patient'], 'group_delay_s') == '0'
+    assert float(dds.value(live.statuses['patient'], 'rate_hz')) == pytest.approx(1000.0)
+    live.probe.until(lambda: live.status('patient') == 'lost')
+    assert 'no usable sample for 0.5 s' in live.statuses['patient'].message
+    live.feed(turning(live, ['patient'], [1.0], 1, first=500))
+    live.probe.until(lambda: live.status('patient') == 'tracking')
+
+
+def test_a_driver_that_repeats_one_stamp_is_lost_too(live):
+    live.feed(turning(live, ['stuck'], [1.0], 400))
+    end = time.monotonic() + 1.0
+    while time.monotonic() < end:
+        live.feed(turning(live, ['stuck'], [1.0], 1, first=399))
+    live.probe.until(lambda: live.status('stuck') == 'lost')
+
+
+def test_reset_starts_every_joint_again(live):
+    from std_srvs.srv import Trigger
+
+    assert live.feed(turning(live, ['again'], [1.0], 400))[-1].names == ('again',)
+    answer = live.probe.call(Trigger, '/joint_observer/reset', Trigger.Request())
+    assert answer.success and 'start again' in answer.message
+    assert live.feed(turning(live, ['again'], [1.0], 1, first=400))[-1].names == ()
+    assert joint_entry(live.next_report(), 'again')['resets'] == '1'
+
+
+# Parameters
+
+def offline(values=None, overrides=None):
+    return Bank(Configuration(observers.find('hybrid_angle'), values, overrides))
+
+
+def valid(bank, stamp, names, positions):
+    return [(name, *estimate[:2]) for name, joint, estimate in bank.update(stamp, names, positions)]
+
+
+def uneven(count):
+    generator = np.random.default_rng(1)
+    return [wrap(2.0 * i * 1e-3 + 1e-3 * generator.standard_normal(), TURN) for i in range(count)]
+
+
+def test_a_gain_changes_live_and_the_state_is_kept(live):
+    bank, samples = offline(), uneven(800)
+    try:
+        for i, sample in enumerate(samples):
+            if i == 400:
+                result = live.set(bandwidth_hz=20)  # a whole number for a float
+                assert result.successful, result.reason
+                assert live.get('bandwidth_hz') == 20.0
+                joint = bank.joints['tuned']
+                joint.set_gains(offline({'bandwidth_hz': 20.0}).configuration.for_joint('')[0])
+            stamp = BEGIN + i * MS
+            answer, = live.feed([live.encode(stamp, ['tuned'], [sample])])
+            expected = valid(bank, stamp, ['tuned'], [sample])
+            assert list(zip(answer.names, answer.positions, answer.velocities)) == expected
+        assert answer.names == ('tuned',)
+    finally:
+        assert live.set(bandwidth_hz=45.0).successful
+
+
+def test_an_override_of_one_joint_before_it_appears_and_back(live):
+    assert live.set(joints__eager__bandwidth_hz=200).successful
+    bank = offline({}, {'eager': {'bandwidth_hz': 200.0}})
+    for i, sample in enumerate(uneven(300)):
+        stamp = BEGIN + i * MS
+        answer, = live.feed([live.encode(stamp, ['eager', 'calm'], [sample, sample])])
+        expected = valid(bank, stamp, ['eager', 'calm'], [sample, sample])
+        assert list(zip(answer.names, answer.positions, answer.velocities)) == expected
+    assert answer.velocities[0] != answer.velocities[1]
+    assert live.get('joints.eager.bandwidth_hz') == 200.0
+    assert live.set(joints__eager__bandwidth_hz=None).successful  # follows the common value again
+    assert live.get('joints.eager.bandwidth_hz') is None
+
+
+@pytest.mark.parametrize(('given', 'reason'), [
+    ({'bandwidth_hz': -1.0}, "'bandwidth_hz' = -1 is outside [0.001, 1e+06]"),
+    ({'bandwidth_hz': -1}, 'is outside'),
+    ({'bandwidth_hz': math.nan}, 'must be finite'),
+    ({'bandwidth_hz': 'fast'}, "must be a number, not 'fast'"),
+    ({'bandwith_hz': 20.0}, "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?"),
+    ({'joints__a__nose': 0.1}, "did you mean 'noise'?"),
+    ({'joints__a__noise': 'loud'}, "'joints.a.noise' must be a number"),
+    ({'joints__a__order': 2}, 'structural'),
+    ({'order': 2}, 'read-only'),
+    ({'observer': 'kalman'}, 'read-only'),
+    ({'gap_max': 0.5, 'low_speed_bound': 3}, "'low_speed_bound' must be true or false"),
+    ({'k1': 100.0, 'k2': 1e-6, 'k3': 1e6}, 'stable')])
+def test_a_wrong_value_is_refused_with_the_reason_and_nothing_changes(live, given, reason):
+    names = ('bandwidth_hz', 'gap_max', 'order')
+    before = [live.get(name) for name in names]
+    result = live.set(**given)
+    assert not result.successful and reason in result.reason
+    assert [live.get(name) for name in names] == before
+
+
+def test_unset_parameters_can_be_set_and_unset(live):
+    assert live.get('noise') is None
+    assert live.set(noise=0.001).successful
+    assert live.get('noise') == 0.001
+    assert live.set(noise=None).successful
+    assert live.get('noise') is None
+    assert live.set(gap_max=0.4).successful and live.set(gap_max=None).successful
+    assert live.get('gap_max') == 0.2  # the default, not gone
+
+
+def test_parameters_describe_themselves(live):
+    from rcl_interfaces.srv import DescribeParameters
+
+    names = ['bandwidth_hz', 'observer', 'joints']
+    answer = live.probe.call(DescribeParameters, '/joint_observer/describe_parameters',
+                             DescribeParameters.Request(names=names))
+    gain, observer, joints = answer.descriptors
+    assert '[Hz]' in gain.description and gain.additional_constraints == '[0.001, 1e+06]'
+    assert gain.dynamic_typing and not gain.read_only
+    assert observer.read_only and joints.read_only
+
+
+# Outputs made only while somebody listens
+
+def test_standard_deviation_and_acceleration_while_subscribed(live):
+    from sensor_msgs.msg import JointState
+    from trajectory_msgs.msg import JointTrajectory
+
+    node, deviations, accelerations = live.probe.node, [], []
+    subscriptions = [
+        node.create_subscription(JointState, '/joint_observer/estimate_stddev',
+                                 deviations.append, 1000),
+        node.create_subscription(JointTrajectory, '/joint_observer/acceleration',
+                                 accelerations.append, 1000)]
+    try:
+        live.probe.until(lambda: all(each.get_publisher_count() for each in subscriptions))
+        live.probe.spin(0.5)  # the node looks ten times a second who listens
+        bank, samples = offline(), uneven(400)
+        answers = live.feed([live.encode(BEGIN + i * MS, ['wide'], [sample], 'tool')
+                             for i, sample in enumerate(samples)])
+        for i, sample in enumerate(samples):
+            estimate = bank.update(BEGIN + i * MS, ['wide'], [sample])
+        live.probe.until(lambda: len(deviations) >= 400 and len(accelerations) >= 400)
+        (name, joint, numbers), = estimate
+        last, point = deviations[-1], accelerations[-1].points[0]
+        assert list(last.name) == ['wide'] == accelerations[-1].joint_names
+        assert last.header == accelerations[-1].header and last.header.frame_id == 'tool'
+        assert (last.position[0], last.velocity[0]) == joint.stddev()
+        assert point.accelerations[0] == numbers[2] and point.velocities[0] == numbers[1]
+        assert numbers[3] == TRACKING and answers[-1].velocities == (numbers[1],)
+    finally:
+        for subscription in subscriptions:
+            node.destroy_subscription(subscription)
