@@ -2,51 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg import registry
-from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.joint import Joint
 from estimator_pkg.evaluation import metrics
+from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.signals import SIGNALS, SKIPPED, Samples, Signal
 from estimator_pkg.evaluation.text import fixed, number, table
-from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
+from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.progress import progress
 
-DEFAULTS = 'defaults'
 
-
-@dataclass(frozen=True)
-class Entry:
-    """One row of the table: an observer with certain values.
-
-    tuning : how its values came about; 'defaults', or the name of what they were tuned on.
-    """
-
-    observer: str
-    tuning: str = DEFAULTS
-    values: tuple[tuple[str, Any], ...] = ()
-
-
-def entries() -> list[Entry]:
-    """Every angle observer at its defaults."""
-    return [Entry(name) for name in registry.names(registry.OBSERVERS)
-            if registry.find(registry.OBSERVERS, name).kind == 'angle']
-
-
-def measure(observer: Observer, values: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
+def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
     """Velocity errors, delay and the share of samples that were published, after the first second.
 
     Returns
     -------
     rms, mean_abs, max_abs, bias [rad/s], delay_s, noise (see `metrics.velocity`), published.
     """
-    joint = Joint(observer, *Configuration(observer, values).for_joint(''))
+    joint = entry.joint()
     out = joint.run(samples.stamps, samples.angle)
     time = (samples.stamps - samples.stamps[0]) * 1e-9
     counted = time >= SKIPPED
@@ -59,16 +36,14 @@ def measure(observer: Observer, values: Mapping[str, Any], samples: Samples) -> 
 def run(rows: Iterable[Entry] | None = None, signals: tuple[Signal, ...] = SIGNALS
         ) -> dict[str, Any]:
     """The table as data: one result per entry and signal."""
-    chosen = list(entries() if rows is None else rows)
+    chosen = list(at_defaults() if rows is None else rows)
     results = []
     with progress('accuracy', len(chosen) * len(signals)) as advance:
         for signal in signals:
             samples = signal.samples()
             for entry in chosen:
-                observer = registry.find(registry.OBSERVERS, entry.observer)
-                results.append({'observer': entry.observer, 'tuning': entry.tuning,
-                                'signal': signal.name,
-                                **measure(observer, dict(entry.values), samples)})
+                results.append({'observer': entry.label, 'tuning': entry.tuning,
+                                'signal': signal.name, **measure(entry, samples)})
                 advance(1)
     return {'signals': {signal.name: signal.summary for signal in signals}, 'results': results}
 

@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import registry
 from estimator_pkg.driver import compiled
-from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.evaluation.bench_accuracy import entries
+from estimator_pkg.evaluation.entries import at_defaults
 from estimator_pkg.evaluation.signals import RATE, Signal, sine
 from estimator_pkg.evaluation.timing import Side, best_and_median, interleave, not_run, ratio, row
 from estimator_pkg.observers.circle import wrap
@@ -34,11 +32,6 @@ SAME_WORK = 'filterpy, same work'
 BARE = 'filterpy, bare'
 TURN = 2.0 * math.pi
 MAIN = 'hybrid_angle'       # the observer of which the batch's speed is required
-
-
-def _joint(name: str) -> Joint:
-    observer = registry.find(registry.OBSERVERS, name)
-    return Joint(observer, *Configuration(observer).for_joint(''))
 
 
 def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
@@ -62,8 +55,8 @@ def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
             return (time.thread_time() - start) / UPDATES
         return side
 
-    names = [entry.observer for entry in entries()]
-    sides = {name: observer_side(_joint(name)) for name in names}
+    sides = {entry.label: observer_side(entry.joint()) for entry in at_defaults()}
+    names = list(sides)
     peers = _filterpy(chunk)
     sides.update(peers)
     with progress('one update', (rounds + 1) * len(sides)) as advance:
@@ -154,12 +147,13 @@ def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
             return time.thread_time() - start
         return side
 
-    names = [entry.observer for entry in entries()]
-    with progress('compiling', len(names)) as advance:
-        sides: dict[str, Side] = {}
-        for name in names:
-            sides[name] = observer_side(_joint(name))
+    entries = at_defaults()
+    sides: dict[str, Side] = {}
+    with progress('compiling', len(entries)) as advance:
+        for entry in entries:
+            sides[entry.label] = observer_side(entry.joint())
             advance(1)
+    names = list(sides)
     peer = _lfilter(signal.angle)
     if peer is not None:
         sides['lfilter'] = peer

@@ -9,25 +9,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg import registry
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.series import Series, joint_series
-from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import metrics, reference
+from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
+from estimator_pkg.observers.contract import COASTING, TRACKING
 
 Array = NDArray[np.float64]
 
 MEASUREMENT = '/joint_states'
 TRUTH = '/ground_truth/joint_states'
 ESTIMATE = 'estimate'       # last part of an estimate topic's name
-COUNTER = 'finite_difference'  # its guard counts the samples of a recorded estimate
+COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
 LAG_SEEN = 2.0              # a lag or bias is corrected if it is so many standard deviations
 
 
@@ -37,7 +36,7 @@ class Options:
 
     measurement, truth : topics; None: the usual ones.
     estimates : topics; empty: every JointState whose name ends in '/estimate'.
-    observers : run these at their defaults on the measurement, in place of recorded estimates.
+    observers : run these on the measurement, in place of recorded estimates.
     skip : seconds left out at the beginning.
     wrap_period : of the positions [rad]; 0: none.
     correct_reference : take the reference's own lag and bias off before it is compared with.
@@ -46,7 +45,7 @@ class Options:
     measurement: str | None = None
     truth: str | None = None
     estimates: tuple[str, ...] = ()
-    observers: tuple[str, ...] = ()
+    observers: tuple[Entry, ...] = ()
     skip: float = 0.0
     wrap_period: float = 2.0 * np.pi
     correct_reference: bool = False
@@ -180,10 +179,9 @@ def _sources(bag: Bag, path: str, measurement: dict[str, Series], options: Optio
     if options.observers:
         if not measurement:
             raise UserError(f'{path}: {options.measurement or MEASUREMENT} carries no position')
-        for name in options.observers:
-            observer = registry.find(registry.OBSERVERS, name)
-            yield name, {joint: run_observer(observer, series, options.wrap_period)
-                         for joint, series in measurement.items()}
+        for entry in options.observers:
+            yield entry.label, {joint: _run(entry, series, options.wrap_period)
+                                for joint, series in measurement.items()}
         if not options.estimates:
             return
     topics = list(options.estimates) or sorted(
@@ -200,11 +198,9 @@ def _sources(bag: Bag, path: str, measurement: dict[str, Series], options: Optio
                       for joint, series in joint_series(bag, topic).items()}
 
 
-def run_observer(observer: Observer, measurement: Series, wrap_period: float,
-                 values: dict[str, Any] | None = None) -> Estimate:
-    """What `observer` (at its defaults, but for `values`) publishes for this measurement."""
-    configuration = Configuration(observer, {'wrap_period': wrap_period, **(values or {})})
-    joint = Joint(observer, *configuration.for_joint(''))
+def _run(entry: Entry, measurement: Series, wrap_period: float) -> Estimate:
+    """What this observer publishes for this measurement."""
+    joint = entry.joint(wrap_period=wrap_period)
     out = joint.run(measurement.stamps_ns, measurement.position)
     valid = (out.verdict < DUPLICATE) & ((out.status == TRACKING) | (out.status == COASTING))
     return Estimate(measurement.stamps_ns[valid], out.position[valid], out.velocity[valid],
@@ -219,8 +215,7 @@ def _samples(estimates: Series, measurement: Series | None) -> dict[str, Any]:
     if measurement is None:
         count = len(estimates.stamps_ns)
         return {'received': count, 'used': count, 'dropped': {}}
-    observer = registry.find(registry.OBSERVERS, COUNTER)
-    joint = Joint(observer, *Configuration(observer).for_joint(''))
+    joint = COUNTER.joint()
     joint.run(measurement.stamps_ns, measurement.position)
     return _counts(joint)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.delay import delay
+from estimator_pkg.evaluation.delay import LONGEST, delay
 from estimator_pkg.evaluation.interpolation import cubic, slopes
 
 Array = NDArray[np.float64]
@@ -107,7 +107,10 @@ def _same_speed(first: Array, block: Array, steady: float, noise: float) -> bool
 
 
 def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -> float:
-    """The shift [s] that minimises the position error, by Gauss-Newton; nan if it never moves."""
+    """The shift [s] that minimises the position error, by Gauss-Newton.
+
+    nan where the position never moves, or not as the truth does.
+    """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
     if len(time) < 8:
@@ -120,9 +123,13 @@ def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -
         return np.nan
     shift = 0.0
     for _ in range(20):
-        error = wrapped(estimate - cubic(time, truth, time - shift), period)
-        change = -float(np.mean(error * speed)) / power
+        at = time - shift
+        inside = (at >= time[0]) & (at <= time[-1])
+        error = wrapped(estimate[inside] - cubic(time, truth, at[inside]), period)
+        change = -float(np.mean(error * speed[inside])) / power
         shift += change
         if abs(change) < 1e-9:
             break
+        if abs(shift) > LONGEST:
+            return np.nan
     return shift

@@ -27,7 +27,9 @@ OUTLIER = 6.0       # windows this many robust standard deviations off are left 
 LAG_KNOWN = 1e-3    # a lag, slope or bias is given if its standard deviation is at most this
 SLOPE_KNOWN = 0.01  # (lag [s], slope, part of the reference's rms speed or this much [rad/s])
 BIAS_KNOWN = 0.01
-QUIETEST = 0.1      # the noise is that of the quietest tenth of the record
+QUIETEST = 0.1      # the noise is that of the quietest tenth of the record, which of n samples of
+CHANCE = 1.38       # white noise is lower by this over root n (1.28 standard deviations of the rms of
+                    # third differences, whose power has 2.31 / 2 times the variance of the mean)
 SHORTEST_BLOCK = 20
 ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
 
@@ -70,8 +72,9 @@ def noise(time: Array, velocity: Array) -> float:
     step = float(np.median(np.diff(time)))
     size = int(max(0.2 / step, SHORTEST_BLOCK))
     starts = range(0, max(1, len(velocity) - size - 2), size)
-    return float(np.sqrt(np.quantile([noise_power(velocity[i:i + size + 3]) for i in starts],
-                                     QUIETEST)))
+    powers = [noise_power(velocity[i:i + size + 3]) for i in starts]
+    low = 1.0 - CHANCE / np.sqrt(size) if len(powers) > 1 else 1.0
+    return float(np.sqrt(np.quantile(powers, QUIETEST)) / low)
 
 
 def fit(time: Array, velocity: Array, position: Array, period: float) -> Reference:

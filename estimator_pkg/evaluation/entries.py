@@ -1,0 +1,51 @@
+"""What is compared in a table: an observer, and the values it runs with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg import registry
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import Joint
+
+DEFAULTS = 'defaults'
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row: an observer with certain values.
+
+    label : how the row is called.
+    values : (name, value) of the parameters that are not at their default.
+    tuning : how the values came about: 'defaults', or what they were tuned on.
+    """
+
+    label: str
+    observer: str
+    values: tuple[tuple[str, Any], ...] = ()
+    tuning: str = DEFAULTS
+
+    def joint(self, **settings: Any) -> Joint:
+        """A joint with this observer; `settings` are further parameters."""
+        observer = registry.find(registry.OBSERVERS, self.observer)
+        configuration = Configuration(observer, {**dict(self.values), **settings})
+        return Joint(observer, *configuration.for_joint(''))
+
+
+def angle_observers() -> list[str]:
+    """The names of all observers that take an angle and nothing else."""
+    return [name for name in registry.names(registry.OBSERVERS)
+            if registry.find(registry.OBSERVERS, name).kind == 'angle']
+
+
+def at_defaults() -> list[Entry]:
+    """Every angle observer at its defaults, and the Kalman filter of either model."""
+    found = []
+    for name in angle_observers():
+        if name == 'kalman':
+            found += [Entry(f'kalman {model}', name, (('model', f'constant_{model}'),))
+                      for model in ('acceleration', 'velocity')]
+        else:
+            found.append(Entry(name, name))
+    return found

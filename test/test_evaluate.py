@@ -1,0 +1,312 @@
+"""The command evaluate on small bags whose answers are known."""
+
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.cli import main
+from estimator_pkg.messages.joint_state import TYPE, Encoder
+
+TURN = 2.0 * math.pi
+START = 1_700_000_000_000_000_000
+MEASUREMENT, TRUTH, ESTIMATE = '/joint_states', '/ground_truth/joint_states', '/observer/estimate'
+
+
+def write_bag(path, topics):
+    """`topics`: name -> list of (stamp [ns], names, positions, velocities)."""
+    rows = sorted(((row[0], name, row) for name, rows in topics.items()
+                   for row in rows), key=lambda item: item[0])
+    encoders = {name: Encoder() for name in topics}
+    with BagWriter(path) as bag:
+        for name in topics:
+            bag.add_topic(name, TYPE)
+        for stamp, name, (_, names, positions, velocities) in rows:
+            bag.write(name, stamp, encoders[name].encode(stamp, '', names, positions, velocities))
+    return str(path)
+
+
+def stamps_of(seconds=4.0, rate=500.0, start=START):
+    return [start + round(i * 1e9 / rate) for i in range(1, int(seconds * rate) + 1)]
+
+
+def motion(stamp, late=0.0):
+    t = (stamp - START) * 1e-9 - late
+    return 12.0 / TURN * math.sin(TURN * t) + 6.0 * t, 12.0 * math.cos(TURN * t) + 6.0
+
+
+def wrapped(angle):
+    return (angle + math.pi) % TURN - math.pi
+
+
+def measured(stamps, joint='a', late=0.0):
+    return [(s, (joint,), (wrapped(motion(s, late)[0]),), ()) for s in stamps]
+
+
+def true(stamps, joint='a', late=0.0, bias=0.0, position=True):
+    return [(s, (joint,), (motion(s)[0],) if position else (),
+             (motion(s, late)[1] + bias,)) for s in stamps]
+
+
+def estimated(stamps, joint='a', late=0.0, bias=0.0):
+    return [(s, (joint,), (wrapped(motion(s, late)[0]),), (motion(s, late)[1] + bias,))
+            for s in stamps]
+
+
+@pytest.fixture(scope='module')
+def good(tmp_path_factory):
+    """Measurement, truth, and estimates 6 ms late and 0.1 rad/s high."""
+    stamps = stamps_of()
+    return write_bag(tmp_path_factory.mktemp('evaluate') / 'good', {
+        MEASUREMENT: measured(stamps), TRUTH: true(stamps),
+        ESTIMATE: estimated(stamps[10:], late=0.006, bias=0.1)})
+
+
+def evaluate(tmp_path, *words):
+    """The result as JSON."""
+    out = tmp_path / 'out.json'
+    assert main(['evaluate', *words, '--json', str(out)]) == 0
+    return json.loads(out.read_text(), parse_constant=pytest.fail)
+
+
+def fails(capsys, *words, code=1):
+    """The one line of the error."""
+    assert main(['evaluate', *words]) == code
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+# ---------------------------------------------------------------- the numbers
+
+def test_json_is_as_the_design_has_it(good, tmp_path):
+    found = evaluate(tmp_path, good)
+    joint = found['bags'][good]['estimates'][ESTIMATE]['joints']['a']
+    assert {'rms', 'mean_abs', 'max_abs', 'bias', 'delay_s'} <= set(joint['velocity'])
+    assert {'rms', 'mean_abs', 'max_abs', 'bias', 'delay_s'} <= set(joint['position'])
+    assert joint['samples'] == {'received': 2000, 'used': 2000, 'dropped': {}}
+    assert joint['matched'] == {'estimates': 1990, 'compared': 1990, 'interpolated': 0,
+                                'unmatched': 0}
+
+
+def test_errors_and_delay_are_those_put_in(good, tmp_path):
+    joint = evaluate(tmp_path, good)['bags'][good]['estimates'][ESTIMATE]['joints']['a']
+    late = 12.0 * 2.0 * math.sin(TURN * 0.003)  # amplitude of a sine minus itself 6 ms later
+    assert joint['velocity']['bias'] == pytest.approx(0.1, abs=0.01)
+    assert joint['velocity']['rms'] == pytest.approx(math.hypot(late / math.sqrt(2.0), 0.1),
+                                                     rel=0.02)
+    assert joint['velocity']['max_abs'] == pytest.approx(late + 0.1, rel=1e-3)
+    assert joint['velocity']['delay_s'] == pytest.approx(0.006, abs=1e-4)
+    assert joint['velocity']['noise'] is None  # the truth is never constant, and JSON has no nan
+    assert joint['position']['delay_s'] == pytest.approx(0.006, abs=1e-6)
+    assert joint['position']['max_abs'] < 0.11  # across the wraps, which the truth does not have
+
+
+def test_skip_counts_from_the_first_measurement(good, tmp_path):
+    joint = evaluate(tmp_path, good, '--skip', '1')['bags'][good]['estimates'][ESTIMATE]
+    assert joint['joints']['a']['matched']['compared'] == 1500
+
+
+def test_truth_at_other_stamps_is_interpolated_and_said_so(tmp_path, capsys):
+    stamps = stamps_of()
+    bag = write_bag(tmp_path / 'bag', {
+        TRUTH: true([s + 700_000 for s in stamps if not 1.0 < (s - START) * 1e-9 < 2.0]),
+        ESTIMATE: estimated(stamps)})
+    joint = evaluate(tmp_path, bag)['bags'][bag]['estimates'][ESTIMATE]['joints']['a']
+    # the first estimate comes before the truth; those in its hole have none either
+    assert joint['matched'] == {'estimates': 2000, 'compared': 1499, 'interpolated': 1499,
+                                'unmatched': 501}
+    assert joint['velocity']['max_abs'] < 3e-4
+    assert '1499 met an interpolated truth, 501 none' in capsys.readouterr().out
+
+
+def test_samples_are_counted_by_kind(tmp_path):
+    stamps = stamps_of()
+    rows = measured(stamps)
+    rows[50] = (rows[49][0], *rows[50][1:])                    # a duplicate
+    rows[60] = (rows[60][0], ('a',), (math.nan,), ())
+    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: rows, TRUTH: true(stamps),
+                                       ESTIMATE: estimated(stamps)})
+    samples = evaluate(tmp_path, bag)['bags'][bag]['estimates'][ESTIMATE]['joints']['a']['samples']
+    assert samples == {'received': 2000, 'used': 1998,
+                       'dropped': {'duplicate': 1, 'non_finite': 1}}
+
+
+def test_observers_are_compared_from_the_measurement(good, tmp_path):
+    found = evaluate(tmp_path, good, '--observer', 'finite_difference', '--observer', 'pll')
+    estimates = found['bags'][good]['estimates']
+    assert list(estimates) == ['finite_difference', 'pll']
+    assert all(0.003 < estimates[name]['joints']['a']['velocity']['delay_s'] < 0.02
+               for name in estimates)
+
+
+def test_all_observers_stand_in_one_table(good, tmp_path, capsys):
+    estimates = evaluate(tmp_path, good, '--observer', 'all')['bags'][good]['estimates']
+    assert {'finite_difference', 'hybrid_angle', 'kalman', 'pll'} <= set(estimates)
+    printed = capsys.readouterr().out
+    assert all(f'\n{name} ' in printed for name in estimates)
+
+
+def test_recorded_estimates_and_observers_stand_together(good, tmp_path):
+    found = evaluate(tmp_path, good, '--observer', 'pll', '--estimate', ESTIMATE)
+    assert list(found['bags'][good]['estimates']) == ['pll', ESTIMATE]
+
+
+def test_several_bags_and_joints(good, tmp_path):
+    stamps = stamps_of(2.0)
+    other = write_bag(tmp_path / 'other', {
+        TRUTH: true(stamps, 'a') + true(stamps, 'b'),
+        ESTIMATE: estimated(stamps, 'b', bias=-0.2) + estimated(stamps, 'stray')})
+    found = evaluate(tmp_path, good, other)['bags']
+    assert list(found) == [good, other]
+    joints = found[other]['estimates'][ESTIMATE]['joints']
+    assert list(joints) == ['b']
+    assert joints['b']['velocity']['bias'] == pytest.approx(-0.2)
+    assert found[other]['notes'] == [f"{ESTIMATE}: joint 'stray' has no truth"]
+
+
+def test_a_prismatic_joint_is_not_wrapped(tmp_path):
+    stamps = stamps_of(1.0)
+    bag = write_bag(tmp_path / 'bag', {
+        TRUTH: true(stamps), ESTIMATE: [(s, ('a',), (motion(s)[0] + TURN,), (motion(s)[1],))
+                                        for s in stamps]})
+    def error(*words):
+        found = evaluate(tmp_path, bag, *words)['bags'][bag]['estimates'][ESTIMATE]
+        return found['joints']['a']['position']['max_abs']
+    assert error() < 1e-9
+    assert error('--wrap-period', '0') == pytest.approx(TURN)
+
+
+# ---------------------------------------------------------------- the reference
+
+@pytest.fixture(scope='module')
+def late_reference(tmp_path_factory):
+    """A truth that lags the position by 2 ms and reads 0.05 rad/s low."""
+    stamps = stamps_of(8.0)
+    return write_bag(tmp_path_factory.mktemp('evaluate') / 'late', {
+        MEASUREMENT: measured(stamps),
+        TRUTH: true(stamps, late=0.002, bias=-0.05, position=False),
+        ESTIMATE: estimated(stamps)})
+
+
+def test_the_reference_is_held_against_the_position(late_reference, tmp_path, capsys):
+    found = evaluate(tmp_path, late_reference)['bags'][late_reference]
+    assert found['reference']['a']['lag_s'] == pytest.approx(0.002, abs=1e-5)
+    assert found['reference']['a']['bias'] == pytest.approx(-0.05, abs=2e-3)
+    joint = found['estimates'][ESTIMATE]['joints']['a']
+    assert joint['velocity']['bias'] == pytest.approx(0.05, abs=5e-3)
+    assert joint['velocity']['delay_s'] == pytest.approx(-0.002, abs=2e-4)
+    assert joint['position']['rms'] is None  # this truth has no position
+    assert 'lag 2.00 +- ' in capsys.readouterr().out
+
+
+def test_the_reference_is_corrected_only_when_asked(late_reference, tmp_path):
+    found = evaluate(tmp_path, late_reference, '--correct-reference')['bags'][late_reference]
+    joint = found['estimates'][ESTIMATE]['joints']['a']
+    assert joint['velocity']['rms'] < 3e-3
+    assert abs(joint['velocity']['delay_s']) < 2e-5
+
+
+def test_the_row_says_where_the_reference_cannot_tell(tmp_path, capsys):
+    random = np.random.default_rng(1)
+    stamps = stamps_of(4.0)
+    noisy = [(s, ('a',), (), (motion(s)[1] + 0.1 * random.standard_normal(),)) for s in stamps]
+    bag = write_bag(tmp_path / 'bag', {
+        MEASUREMENT: measured(stamps), TRUTH: noisy, '/good/estimate': estimated(stamps),
+        '/bad/estimate': estimated(stamps, bias=0.3)})
+    found = evaluate(tmp_path, bag)['bags'][bag]
+    assert found['reference']['a']['noise'] == pytest.approx(0.1, rel=0.2)
+    assert found['estimates']['/good/estimate']['joints']['a']['reference_cannot_tell'] is True
+    assert found['estimates']['/bad/estimate']['joints']['a']['reference_cannot_tell'] is False
+    printed = capsys.readouterr().out
+    good_line = next(line for line in printed.splitlines() if line.startswith('/good/estimate'))
+    bad_line = next(line for line in printed.splitlines() if line.startswith('/bad/estimate'))
+    assert ' * ' in good_line and ' * ' not in bad_line
+    assert 'the reference cannot tell' in printed
+
+
+# ---------------------------------------------------------------- errors, one line each
+
+def test_no_truth_says_what_could_be_one(tmp_path, capsys):
+    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: measured(stamps_of(0.1))})
+    line = fails(capsys, bag)
+    assert 'no truth' in line and '--truth' in line and MEASUREMENT in line
+
+
+@pytest.mark.parametrize('option', ['--truth', '--estimate', '--measurement'])
+def test_a_missing_topic_says_which_are_there(good, capsys, option):
+    line = fails(capsys, good, option, '/wrong')
+    assert '/wrong' in line
+    assert all(topic in line for topic in (MEASUREMENT, TRUTH, ESTIMATE))
+
+
+def test_a_truth_without_velocity(good, capsys):
+    assert 'carries no velocity' in fails(capsys, good, '--truth', MEASUREMENT)
+
+
+def test_no_estimates_says_what_to_do(tmp_path, capsys):
+    stamps = stamps_of(0.1)
+    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: measured(stamps), TRUTH: true(stamps)})
+    line = fails(capsys, bag)
+    assert 'no estimates' in line and 'replay' in line and '--observer all' in line
+
+
+def test_observers_need_a_measurement(tmp_path, capsys):
+    bag = write_bag(tmp_path / 'bag', {TRUTH: true(stamps_of(0.1))})
+    assert MEASUREMENT in fails(capsys, bag, '--observer', 'pll')
+
+
+def test_no_joint_in_common(tmp_path, capsys):
+    stamps = stamps_of(0.1)
+    bag = write_bag(tmp_path / 'bag', {TRUTH: true(stamps, 'elbow'),
+                                       ESTIMATE: estimated(stamps, 'knee')})
+    line = fails(capsys, bag)
+    assert 'knee' in line and 'elbow' in line
+
+
+def test_no_overlap_in_time(tmp_path, capsys):
+    bag = write_bag(tmp_path / 'bag', {
+        TRUTH: true(stamps_of(1.0)), ESTIMATE: estimated(stamps_of(1.0, start=START + 10**10))})
+    line = fails(capsys, bag)
+    assert 'do not overlap in time' in line
+    assert '1700000010.002 to 1700000011.000 s' in line
+
+
+def test_nothing_left_after_skipping(good, capsys):
+    assert 'nothing is left after the first 100 s' in fails(capsys, good, '--skip', '100')
+
+
+@pytest.mark.parametrize(('words', 'text'), [
+    (('--skip', '-1'), '--skip'), (('--skip', 'nan'), '--skip'), (('--wrap-period', '-1'), 'wrap'),
+    (('--observer', 'finite_diference'), "did you mean 'finite_difference'")])
+def test_wrong_use(good, capsys, words, text):
+    assert text in fails(capsys, good, *words, code=2)
+
+
+def test_no_bag(tmp_path, capsys):
+    assert 'does not exist' in fails(capsys, str(tmp_path / 'nowhere'))
+
+
+# ---------------------------------------------------------------- the plot
+
+def test_plot(good, tmp_path):
+    picture = tmp_path / 'errors.png'
+    assert main(['evaluate', good, '--plot', str(picture)]) == 0
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+def test_an_impossible_plot_is_refused_before_the_work(good, tmp_path, capsys):
+    assert 'nonsense' in fails(capsys, good, '--plot', str(tmp_path / 'errors.nonsense'))
+    assert capsys.readouterr().out == ''
+
+
+def test_without_matplotlib_a_plot_ends_with_a_hint(good, tmp_path, capsys, monkeypatch):
+    for name in [name for name in sys.modules if name.split('.')[0] == 'matplotlib']:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setitem(sys.modules, 'matplotlib', None)
+    monkeypatch.setitem(sys.modules, 'matplotlib.backend_bases', None)
+    line = fails(capsys, good, '--plot', str(tmp_path / 'errors.png'))
+    assert 'velocity_estimator[report]' in line

@@ -1,0 +1,116 @@
+"""The command list, and the tables of docs/parameters.md that it makes."""
+
+import dataclasses
+import importlib
+import json
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+
+import estimator_pkg
+import sim_pkg
+from estimator_pkg import listing, registry
+from estimator_pkg.cli import main
+from estimator_pkg.errors import UserError
+from estimator_pkg.parameters import declared
+
+DOCS = Path(__file__).resolve().parent.parent / 'docs' / 'parameters.md'
+
+
+def declaring_classes():
+    """Every dataclass of ours with declared parameters, by its full name."""
+    found = {}
+    for package in (estimator_pkg, sim_pkg):
+        for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
+            try:
+                names = vars(importlib.import_module(module.name))
+            except ImportError:
+                if '.nodes' not in module.name:  # nodes need ROS, and declare nothing themselves
+                    raise
+                continue
+            for item in names.values():
+                if isinstance(item, type) and dataclasses.is_dataclass(item) and declared(item):
+                    found[f'{item.__module__}.{item.__qualname__}'] = item
+    return found
+
+
+def listed(capsys, *words):
+    assert main(['list', *words]) == 0
+    return capsys.readouterr().out
+
+
+def test_every_kind_is_listed(capsys):
+    out = listed(capsys)
+    for kind in ('OBSERVERS', 'NODES', 'MODELS', 'SIMULATORS', 'COMMANDS', 'REPRODUCTIONS'):
+        assert f'{kind}\n' in out
+    for name in ('hybrid_angle', 'finite_difference', 'pll', 'kalman', 'encoder', 'evaluate'):
+        assert re.search(rf'^{name}: \w', out, re.MULTILINE)
+    assert 'cannot be imported' not in out
+
+
+def test_a_parameter_shows_default_unit_range_and_meaning(capsys):
+    out = listed(capsys, 'finite_difference')
+    assert '  bandwidth_hz = 30 Hz, [0.001, 1e+06]\n      -3 dB frequency' in out
+    assert 'pll' not in out
+
+
+def test_structural_parameters_are_marked_where_others_are_live(capsys):
+    assert 'wrapping anywhere (at start only)' in listed(capsys, 'joint').replace('\n      ', ' ')
+    assert 'at start only' not in listed(capsys, 'encoder')  # a simulation never changes
+
+
+def test_an_unknown_name_suggests_the_nearest(capsys):
+    assert main(['list', 'hybrid_angel']) == 2
+    assert "did you mean 'hybrid_angle'?" in capsys.readouterr().err
+
+
+def test_json_carries_everything(tmp_path, capsys):
+    out = tmp_path / 'list.json'
+    listed(capsys, '--json', str(out))
+    found = json.loads(out.read_text())
+    gains = found['observers']['finite_difference']['parameters']
+    assert gains['bandwidth_hz']['default'] == 30.0
+    assert gains['bandwidth_hz']['unit'] == 'Hz'
+    assert gains['bandwidth_hz']['live'] is True
+    assert found['settings of each joint']['joint']['parameters']['unwrap']['live'] is False
+
+
+def test_what_cannot_be_imported_is_said_and_nothing_else_suffers(capsys, monkeypatch):
+    find = registry.find
+
+    def broken(group, name):
+        if name == 'pll':
+            raise UserError("observer 'pll' cannot be imported: no such thing")
+        return find(group, name)
+
+    monkeypatch.setattr(registry, 'find', broken)
+    out = listed(capsys)
+    assert "pll: (observer 'pll' cannot be imported: no such thing)" in out
+    assert 'bandwidth_hz = 30 Hz' in out
+
+
+def test_docs_are_as_the_code_declares(capsys):
+    assert DOCS.read_text(encoding='utf-8') == listed(capsys, '--markdown'), (
+        'docs/parameters.md is stale: velocity_estimator list --markdown > docs/parameters.md')
+
+
+def test_every_declared_parameter_has_a_row():
+    rows = DOCS.read_text(encoding='utf-8').splitlines()
+    classes = declaring_classes()
+    assert len(classes) > 6
+    missing = [f'{name}.{parameter}' for name, cls in classes.items()
+               for parameter, about in declared(cls).items()
+               if not any(row.startswith(f'| `{parameter}` | {listing.default_text(about)} |')
+                          for row in rows)]
+    assert not missing
+
+
+@pytest.mark.parametrize('name', sorted(declaring_classes()))
+def test_every_declared_parameter_is_described(name):
+    for parameter in declared(declaring_classes()[name]).values():
+        assert parameter.description.strip(), parameter.name
+        assert parameter.kind in listing.TYPE_NAMES, parameter.name
+        if parameter.default is not None:
+            assert parameter.check(parameter.default) == parameter.default
