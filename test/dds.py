@@ -42,7 +42,6 @@ class NodeProcess:
 
     def _read(self) -> None:
         assert self._child.stdout is not None
-        self._lines += []
         for line in self._child.stdout:
             self._lines.append(line.rstrip('\n'))
 
@@ -160,6 +159,7 @@ class Observer:
         self.statuses: dict[str, Any] = {}     # newest ~/status, by joint
         self.diagnostics: dict[str, Any] = {}  # newest /diagnostics of this node, by entry
         self.reports = 0
+        self.stamp_of_diagnostics = 0  # [ns]
         self._encode, self._decode = Encoder().encode, Decoder().decode
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
@@ -200,6 +200,8 @@ class Observer:
                if status.name == self.name or status.name.startswith(f'{self.name}: ')}
         if own:
             self.reports += 1
+            self.stamp_of_diagnostics = (message.header.stamp.sec * 1_000_000_000
+                                         + message.header.stamp.nanosec)
             self.diagnostics.update(own)
 
     def encode(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
@@ -208,17 +210,18 @@ class Observer:
 
     def feed(self, messages: Iterable[bytes]) -> list[Any]:
         """Publish messages, never more than 20 ahead of the node; its answers to them."""
-        start, sent = len(self.answers), 0
+        start = len(self.answers)
+        due = start
         for raw in messages:
             self.publisher.publish(raw)
-            sent += 1
-            self.executor_turn()
-            self.probe.until(lambda: len(self.answers) - start > sent - 20)
-        self.probe.until(lambda: len(self.answers) - start >= sent)
+            due += 1
+            self.probe.executor.spin_once(timeout_sec=0.0)
+            self._answered(due - 20)
+        self._answered(due)
         return self.answers[start:]
 
-    def executor_turn(self) -> None:
-        self.probe.executor.spin_once(timeout_sec=0.0)
+    def _answered(self, count: int) -> None:
+        self.probe.until(lambda: len(self.answers) >= count)
 
     def next_report(self) -> dict[str, dict[str, str]]:
         """The values of the next /diagnostics that counts all up to now, by entry."""

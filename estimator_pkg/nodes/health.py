@@ -171,8 +171,8 @@ class Health:
             log(f"unknown parameter '{name}': {hint}")
         seen = self._bank.joints
         for joint in sorted({*self._ros.overrides, *self._bank.only} - set(seen)):
-            log(f"joint '{joint}' was named in the parameters and never seen: "
-                f'{suggestion(joint, seen)}')
+            hint = suggestion(joint, seen) if seen else 'no joint has come yet'
+            log(f"joint '{joint}' was named in the parameters and never seen: {hint}")
         if not self._decoded and not self.malformed:
             log(f'nothing has been received on {self._input.topic_name} for {UNHEARD_OF:g} s; '
                 f'publishers connected: {self._input.get_publisher_count()}')

@@ -6,6 +6,7 @@ Import this module before rclpy and numpy: it settles the environment that they 
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -61,12 +62,20 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupted)
     import rclpy
+    from rclpy.logging import LoggingSeverity, set_logger_level
+    from rclpy.utilities import remove_ros_args
     try:
+        set_logger_level('rcl', LoggingSeverity.FATAL)  # it would log the error told below
         rclpy.init(args=args)
+        set_logger_level('rcl', LoggingSeverity.UNSET)
         started = True
     except Exception as error:  # of rcl, for a command line it cannot parse
-        print(f'{program}: {_first_line(error)}', file=sys.stderr)
+        print(f'{program}: wrong ROS arguments: {_first_line(error)}', file=sys.stderr)
         return 2
+    rest = remove_ros_args([program, *args] if args is not None else sys.argv)[1:]
+    if rest:
+        rclpy.try_shutdown()
+        return _usage(program, rest[0])
     executor = node = None
     try:
         node = make_node()
@@ -90,6 +99,14 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
+def _usage(program: str, word: str) -> int:
+    helped = word in ('-h', '--help')
+    print(f'usage: {program} [--ros-args [-p PARAMETER:=VALUE ...] [--params-file FILE] '
+          '[-r FROM:=TO ...]]' + ('' if helped else f"; not '{word}'"),
+          file=sys.stdout if helped else sys.stderr)
+    return 0 if helped else 2
+
+
 def _first_line(error: Exception) -> str:
     text = str(error).strip() or type(error).__name__
-    return text.splitlines()[0]
+    return re.sub(r', at \S+:\d+', '', text.splitlines()[0])  # where in the source of rcl
