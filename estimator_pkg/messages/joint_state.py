@@ -30,7 +30,7 @@ class Layout:
         mask = bytearray(b'\xff' * (self.fixed_to - self.fixed_from))
         for start, end in reader.padding:
             mask[start - self.fixed_from:end - self.fixed_from] = bytes(end - start)
-        self.mask = bytes(mask)  # 255 where the bytes from fixed_from to fixed_to carry something
+        self._carrying = bytes(mask)
         self._mask = int.from_bytes(mask, 'little')
         self._fixed = self._significant(raw)
         self.counts: list[tuple[int, int]] = []  # (where the count stands, the count)
@@ -56,6 +56,15 @@ class Layout:
 
     def _significant(self, raw: bytes) -> int:
         return int.from_bytes(raw[self.fixed_from:self.fixed_to], 'little') & self._mask
+
+    def deciding(self) -> list[bool]:
+        """Of each byte up to `length`: whether messages of this layout have the same there."""
+        mask = bytearray(self.length)
+        mask[:2] = b'\xff\xff'
+        mask[self.fixed_from:self.fixed_to] = self._carrying
+        for at, _ in self.counts:
+            mask[at:at + 4] = b'\xff' * 4
+        return [byte != 0 for byte in mask]
 
     def stamp_ns(self, raw: bytes) -> int:
         """Header stamp [ns]."""

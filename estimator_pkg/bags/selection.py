@@ -1,0 +1,43 @@
+"""Which topic of a bag is the measurement."""
+
+from __future__ import annotations
+
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.errors import UserError
+from estimator_pkg.messages.joint_state import TYPE
+
+TRUTH = '/ground_truth/'
+USUAL = '/joint_states'
+MADE = ('/estimate', '/estimate_stddev')  # what our nodes publish
+
+
+def measurement_topic(bag: Bag, named: str | None = None) -> str:
+    """The topic of JointStates that is the measurement.
+
+    Parameters
+    ----------
+    named : what the user said; None: the only one that is neither truth nor estimate, else
+        /joint_states.
+
+    Raises
+    ------
+    UserError : it is not there or has another type, or it is not clear which one is meant.
+    """
+    if named is not None:
+        found = bag.topics.get(named)
+        if found is not None and found.count and found.type != TYPE:
+            raise UserError(f"topic '{named}' of {bag.path} is {found.type}, not {TYPE}: name the "
+                            f"number in it with --angle {named}:FIELD")
+        return bag.require(named, [TYPE]).name
+    states = [topic for topic in bag.topics.values() if topic.type == TYPE and topic.count]
+    names = [topic.name for topic in states
+             if TRUTH not in f'{topic.name}/' and not topic.name.endswith(MADE)]
+    if len(names) == 1:
+        return names[0]
+    if USUAL in names:
+        return USUAL
+    if names:
+        raise UserError(f'{bag.path} has several topics of joint states: name one with '
+                        f'--measurement ({", ".join(sorted(names))})')
+    raise UserError(f'{bag.path} has no measured joint states: name a topic with --measurement, or '
+                    f'a number with --angle TOPIC:FIELD; it has {bag.listing()}')

@@ -1,0 +1,115 @@
+"""Messages in a buffer, decoded together where they are laid out alike.
+
+A layout says how long a message is at least and which of its bytes decide where everything stands
+(byte order, texts, lengths). Messages that agree in these bytes form one group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.messages.cdr import MalformedMessageError
+
+MANY_LAYOUTS = 16  # from so many in one block on, messages are taken one by one
+
+
+class Messages(Protocol):
+    """Messages in a buffer, as `estimator_pkg.bags.block.Block` has them."""
+
+    @property
+    def data(self) -> NDArray[np.uint8]: ...  # noqa: D102  (described there)
+
+    @property
+    def start(self) -> NDArray[np.int64]: ...  # noqa: D102
+
+    @property
+    def end(self) -> NDArray[np.int64]: ...  # noqa: D102
+
+
+class LayoutLike(Protocol):
+    """What is asked of a layout."""
+
+    @property
+    def length(self) -> int: ...  # noqa: D102  bytes that a message has at least
+
+    def deciding(self) -> Sequence[bool] | NDArray[np.bool_]: ...  # noqa: D102  which decide
+
+
+L = TypeVar('L', bound=LayoutLike)
+
+
+class Alike(NamedTuple, Generic[L]):
+    """Messages of one layout: which rows of the block, ascending, and their bytes (n, length)."""
+
+    rows: NDArray[np.int64]
+    data: NDArray[np.uint8]
+    layout: L
+
+
+def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) -> Iterator[Alike[L]]:
+    """The messages of a block by layout; every row is in one group or added to `malformed`.
+
+    Parameters
+    ----------
+    make : the layout of a message; raises MalformedMessageError.
+    """
+    left = np.arange(len(block.start))
+    view = block.data.data
+    tried = 0
+    while len(left):
+        row = int(left[0])
+        raw = bytes(view[block.start[row]:block.end[row]])
+        tried += 1
+        try:
+            layout = make(raw)
+        except MalformedMessageError:
+            malformed.append(row)
+            left = left[1:]
+            continue
+        candidates = left if tried <= MANY_LAYOUTS else left[:1]
+        group = _fitting(block, candidates, layout, raw)
+        yield group
+        if len(group.rows) == len(left):
+            return
+        left = np.setdiff1d(left, group.rows, assume_unique=True)
+
+
+def _fitting(block: Messages, candidates: NDArray[np.int64], layout: L, first: bytes) -> Alike[L]:
+    length = layout.length
+    long = block.end[candidates] - block.start[candidates] >= length
+    rows = candidates if long.all() else candidates[long]
+    data = _cut(block.data, block.start[rows], length)
+    where = np.flatnonzero(np.asarray(layout.deciding()))
+    fits = np.all(data[:, where] == np.frombuffer(first, np.uint8)[where], axis=1)
+    if not fits.all():
+        rows, data = rows[fits], data[fits]
+    return Alike(rows, data, layout)
+
+
+def _cut(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
+    """`length` bytes from each start on, shape (n, length); no copy where starts are regular."""
+    if not len(start):
+        return np.zeros((0, length), np.uint8)
+    windows = np.lib.stride_tricks.sliding_window_view(data, length)
+    steps = np.diff(start)
+    if len(steps) and steps[0] > 0 and np.all(steps == steps[0]):
+        return windows[start[0]:start[-1] + 1:steps[0]]
+    return windows[start]
+
+
+def numbers(data: NDArray[np.uint8], at: int, count: int, kind: str) -> NDArray:
+    """`count` numbers of numpy type `kind` that stand at byte `at`, shape (n, count)."""
+    if not count:
+        return np.zeros((len(data), 0), kind)
+    size = np.dtype(kind).itemsize
+    return np.ascontiguousarray(data[:, at:at + size * count]).view(kind)
+
+
+def stamps(data: NDArray[np.uint8], at: int, order: str) -> NDArray[np.int64]:
+    """Stamps [ns] whose seconds stand at byte `at`, shape (n,)."""
+    seconds = numbers(data, at, 1, f'{order}i4')[:, 0].astype(np.int64)
+    return seconds * 1_000_000_000 + numbers(data, at + 4, 1, f'{order}u4')[:, 0]
