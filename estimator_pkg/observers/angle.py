@@ -19,7 +19,7 @@ MEMORY = 400.0      # samples over which the innovation's power is averaged
 CALM = 16.0         # unchanged readings over which the innovation's power is averaged for the bound
 FRESH = 4.0         # samples that the power weighs when a start has settled
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
-LOST_AFTER = 0.5    # doubted for this long [s], the observer starts again
+LOST_AFTER = 0.5    # in doubt, and off for this long [s] in all: the observer starts again
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,13 @@ class AngleCore:
     prepare : (design, dt) -> coefficients of the core.
     init : (measurement, design) -> state of the core.
     correct : (state, coefficients, measurement) -> (state, innovation [rad]). While no speed is
-        known (second sample) there is no prediction, and the innovation is 0.
+        known (second sample) there is no prediction, and the innovation is 0. It is infinite where
+        the core has given up its speed and starts again.
     estimate : (state) -> (position, velocity, acceleration or nan).
     resume : (state, measurement) -> state with this position and the same speed.
     noise_gains : (state, coefficients) -> variances of position, velocity and innovation, each per
         unit variance of white measurement noise.
+    restarts : False where the core must be left alone whatever becomes of its lock.
     """
 
     design: Callable[[], tuple]
@@ -64,6 +66,7 @@ class AngleCore:
     noise_gains: Callable[[tuple, tuple], tuple[float, float, float]]
     limits: Callable[[float], str | None]
     group_delay: Callable[[float], float]
+    restarts: bool = True
 
 
 def variance_floor(quantum: float) -> float:
@@ -90,23 +93,25 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
     return step / since
 
 
-def _watch(lock: tuple[int, float, float], size: float, outside: float, dt: float, settle: float
-           ) -> tuple[int, float, float]:
-    """The lock after one sample: (status, time since the last doubt, time in doubt; both in s).
+def _watch(lock: tuple[int, float, float, float], size: float, outside: float, dt: float,
+           settle: float) -> tuple[int, float, float, float]:
+    """The lock after one sample; what `around` says of its four fields holds.
 
     An innovation of this `size` [rad] beyond `outside` [rad] throws doubt on the lock; `settle` [s]
     without another one restores it.
     """
-    status, clear, astray = lock
-    clear = 0.0 if size > outside else clear + dt
+    status, clear, astray, trusted = lock
+    if size == math.inf:
+        return (INITIALISING, 0.0, 0.0, 0.0)
+    if size > outside:
+        astray += dt
+        if astray > LOST_AFTER:
+            return (INITIALISING, 0.0, astray, 0.0)
+        return (COASTING if status != INITIALISING else INITIALISING, 0.0, astray, trusted)
+    clear += dt
     if clear >= settle:
-        return (TRACKING, clear, 0.0)
-    if status == INITIALISING:
-        return (INITIALISING, clear, 0.0)
-    astray += dt
-    if astray > LOST_AFTER:
-        return (INITIALISING, 0.0, 0.0)
-    return (COASTING, clear, astray)
+        return (TRACKING, clear, 0.0, trusted)
+    return (status, clear, astray, trusted)
 
 
 def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
@@ -114,10 +119,17 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
 
     State: core's state; convention; (last change [rad], time since it [s], power of the innovation
     while the reading stood still [rad^2]); (power of the innovation [rad^2], samples it stands
-    for); lock, see `_watch`.
+    for); lock: (status, time since the last doubt [s], time in doubt [s], speed before the doubt
+    [rad/s]; 0 while there is none).
+
+    A core that was astray for too long starts again. So does one whose lock returned at another
+    speed: every speed + n 2 pi/dt fits the samples as well, and a shaft does not change by half of
+    that while the lock is in doubt; nor does a start know of more than pi/dt.
     """
     prepare_core, init_core, correct = core.prepare, core.init, core.correct
     estimate, resume_core, noise_gains = core.estimate, core.resume, core.noise_gains
+    restarts = core.restarts
+    half = 0.5 * circle.period if circle.period > 0.0 else math.inf
 
     def design() -> tuple:
         floor = variance_floor(gains.quantum)
@@ -131,35 +143,42 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
 
     def init(measurement: float, design: tuple) -> tuple:
         return (init_core(measurement, design[0]), begin(measurement), (0.0, 0.0, design[5]),
-                (design[5], 1.0), (INITIALISING, 0.0, 0.0))
+                (design[5], 1.0), (INITIALISING, 0.0, 0.0, 0.0))
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
         inner, convention, reading, (power, count), lock = state
         inner, innovation = correct(inner, coefficients[0], measurement)
         square = innovation * innovation
+        size = abs(innovation)
+        outside = design[7]
         if measurement == convention[0]:
             change, since, calm = reading
-            reading = (change, since + coefficients[1], calm + (square - calm) / CALM)
+            if size <= outside:
+                calm += (square - calm) / CALM
+            reading = (change, since + coefficients[1], calm)
         else:
             change = measurement - convention[0]
             reading = (abs(wrap(change, design[1])), 0.0, reading[2])
             convention = follow(convention, measurement, design[1])
-        size = abs(innovation)
-        outside = design[7]
         if lock[0] == TRACKING and size <= outside:
             if count < MEMORY:
                 count += 1.0
             return (inner, convention, reading, (power + (square - power) / count, count), lock)
-        before = lock[0]
-        lock = _watch(lock, size, outside, coefficients[1], design[6])
-        if before == INITIALISING:
+        if lock[0] == INITIALISING:
             if size <= outside:
                 power += (square - power) / FRESH
+            count = FRESH
+        elif lock[0] == TRACKING:
+            lock = (TRACKING, 0.0, 0.0, estimate(state[0])[1])
+        lock = _watch(lock, size, outside, coefficients[1], design[6])
+        if restarts:
+            lost = lock[2] > LOST_AFTER
             if lock[0] == TRACKING:
-                count = FRESH
-        elif lock[0] == INITIALISING:
-            inner = init_core(measurement, design[0])  # astray for too long: start again
+                lost = abs(estimate(inner)[1] - lock[3]) * coefficients[1] > half
+            if lost:
+                inner = init_core(measurement, design[0])
+                lock = (INITIALISING, 0.0, 0.0, 0.0)
         return (inner, convention, reading, (power, count), lock)
 
     def noise_variance(state: tuple, coefficients: tuple, design: tuple, power: float) -> float:
@@ -200,9 +219,12 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         inner, convention, reading, power, lock = state
-        status = COASTING if lock[0] == TRACKING else lock[0]
+        if lock[0] == TRACKING:
+            lock = (COASTING, 0.0, 0.0, estimate(inner)[1])
+        else:
+            lock = (lock[0], 0.0, lock[2], lock[3])
         return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
-                (0.0, 0.0, reading[2]), power, (status, 0.0, lock[2]))
+                (0.0, 0.0, reading[2]), power, lock)
 
     return Functions(design, prepare, init, step, output, stddev, resume, core.limits,
                      core.group_delay)

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
+from estimator_pkg.observers import hybrid_correction as correction
 from estimator_pkg.observers import hybrid_paper as paper
 from estimator_pkg.observers import hybrid_robust as robust
 from estimator_pkg.observers import injections
@@ -90,7 +91,12 @@ def design_of(gains: Gains) -> Design:
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions of the hybrid observer at these gains.
+    """The functions of the hybrid observer at these gains; raises as `core` does."""
+    return around(core(gains, circle), gains, circle)
+
+
+def core(gains: Gains, circle: Circle) -> AngleCore:
+    """The observer itself, without what all angle-only observers share around it.
 
     Raises
     ------
@@ -106,7 +112,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     margin = gains.delta_pi * scale
     injection = injections.find(gains.injection, margin=gains.delta_pi)
     make = _paper if gains.form == 'paper' else _robust
-    return around(make(gains, design, injection, margin, circle.period), gains, circle)
+    return make(gains, design, injection, margin, circle.period)
 
 
 def _robust(gains: Gains, design: Design, injection: injections.Injection, margin: float,
@@ -125,14 +131,15 @@ def _robust(gains: Gains, design: Design, injection: injections.Injection, margi
 
         return AngleCore(
             design=lambda: values, settle=SETTLING / design.slowest, prepare=prepare,
-            init=robust.init_2, correct=robust.make_correct_2(injection, linear, period),
+            init=robust.init_2, correct=correction.make_correct_2(injection, linear, period),
             estimate=robust.estimate_2, resume=robust.resume_2, noise_gains=robust.noise_gains_2,
             limits=lambda dt: None, group_delay=group_delay)
     return AngleCore(
         design=lambda: values, settle=SETTLING / design.slowest,
         prepare=robust.prepare_triple if design.triple else robust.make_prepare_3(pair),
-        init=robust.init_3, correct=robust.make_correct_3(injection, linear, period),
-        estimate=robust.estimate_3, resume=robust.resume_3, noise_gains=robust.noise_gains_3,
+        init=robust.init_3, correct=correction.make_correct_3(injection, linear, period),
+        estimate=robust.estimate_3, resume=robust.resume_3,
+        noise_gains=robust.noise_gains_triple if design.triple else robust.noise_gains_3,
         limits=lambda dt: None,
         group_delay=lambda dt: 0.0)  # a ramp of speed is followed without lag at any sample time
 
@@ -156,7 +163,7 @@ def _paper(gains: Gains, design: Design, injection: injections.Injection, margin
         design=lambda: values, settle=SETTLING / design.slowest, prepare=paper.prepare,
         init=paper.init, correct=paper.make_correct(paper.make_algorithm_1(injection, period)),
         estimate=paper.estimate, resume=paper.make_resume(period), noise_gains=paper.noise_gains,
-        limits=limits, group_delay=lambda dt: l1 / l2 - 0.5 * dt)
+        limits=limits, group_delay=lambda dt: l1 / l2 - 0.5 * dt, restarts=False)
 
 
 OBSERVER = Observer(

@@ -1,19 +1,12 @@
-"""The robust sampled form of the hybrid observer, second and third order.
+"""The robust sampled form of the hybrid observer: state, pole-matched gains, noise.
 
-Against Algorithm 1 of Brentari et al. (2018):
-
-* The poles are those of the continuous design at any sample time (pole matching), so no sample time
-  is unstable and each sample may have its own.
-* The innovation is continued from the error that the last correction left: it may pass pi, where
-  the wrapped one would fold over and could hold a false speed for ever.
-* The reset (J2) comes before the injection, and the injection never moves the position past the
-  measurement (that tames tan).
-* The start is an expanding memory: least squares over the samples so far, until its gains have come
-  down to the steady ones. The speed is right from the second sample on.
+The poles are those of the continuous design at any sample time (pole matching), so no sample time
+is unstable and each sample may have its own. The corrections are in `hybrid_correction`.
 
 State (order 2 without the acceleration): (last measurement [rad], error that the last correction
-left [rad], velocity [rad/s], acceleration [rad/s^2], samples of the expanding memory; 0: steady).
-The position is the last measurement less the error.
+left [rad], velocity [rad/s], acceleration [rad/s^2], phase). The position is the last measurement
+less the error. The phase is 0 in steady state, the number of samples so far in a start, and less
+the number of samples held while astray.
 """
 
 from __future__ import annotations
@@ -21,11 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.hybrid_design import Design
-from estimator_pkg.observers.injections import Injection
-
-OUTSIDE = 0.125  # part of a turn: a start whose next sample is farther off begins anew from there
 
 
 def init_2(measurement: float, design: tuple) -> tuple:
@@ -108,7 +97,9 @@ def make_prepare_2(pair: Callable[[float, float, float], tuple[float, float]]
 
 def make_prepare_3(pair: Callable[[float, float, float], tuple[float, float]]
                    ) -> Callable[[tuple, float], tuple]:
-    """`prepare` of the third order: (alpha, beta/dt, gamma/dt^2, dt, reach, saturation, fastest).
+    """`prepare` of the third order.
+
+    Gives (alpha, beta/dt, gamma/dt^2, dt, reach, saturation, fastest, z of the single pole).
 
     With p, v, a the prediction and e the innovation, x = p + alpha e, v += beta/dt e,
     a += gamma/dt^2 e have the z-polynomial
@@ -120,7 +111,7 @@ def make_prepare_3(pair: Callable[[float, float, float], tuple[float, float]]
         alpha = 1.0 - z * product
         gamma = (1.0 - z) * (1.0 - total + product)
         beta = 3.0 - alpha - 0.5 * gamma - z - total
-        return (alpha, beta / dt, gamma / (dt * dt), dt, design[3], design[4], design[5])
+        return (alpha, beta / dt, gamma / (dt * dt), dt, design[3], design[4], design[5], z)
 
     return prepare
 
@@ -131,129 +122,7 @@ def prepare_triple(design: tuple, dt: float) -> tuple:
     rate = (1.0 - z) / dt
     slope = (1.0 - z) * rate
     return (1.0 - z * z * z, 1.5 * slope * (1.0 + z), slope * rate, dt,
-            design[3], design[4], design[5])
-
-
-def held(velocity: float, fastest: float) -> float:
-    """`velocity` within +-fastest."""
-    if velocity > fastest:
-        return fastest
-    if velocity < -fastest:
-        return -fastest
-    return velocity
-
-
-def make_correct_2(injection: Injection, linear: bool, period: float
-                   ) -> Callable[[tuple, tuple, float], tuple[tuple, float]]:
-    """`correct` of the second order.
-
-    Parameters
-    ----------
-    linear : the injection is the wrapped error itself (saw).
-    period : of the circle [rad]; 0: none.
-    """
-    half = 0.5 * period if period > 0.0 else math.inf
-    doubtful = OUTSIDE * period if period > 0.0 else math.inf
-
-    def begin(state: tuple, coefficients: tuple, measurement: float, error: float
-              ) -> tuple[tuple, float]:
-        """The expanding memory of a straight line: one sample further."""
-        last, _, velocity, count = state
-        alpha, beta, dt, _, _, fastest = coefficients
-        if count > 1.0 and not -doubtful < error < doubtful:
-            velocity = wrap(measurement - last, period) / dt
-            return (measurement, 0.0, held(velocity, fastest), 2.0), error
-        count += 1.0
-        rate = 6.0 / (count * (count + 1.0) * dt)
-        if rate < beta:
-            count = 0.0
-        else:
-            alpha, beta = (4.0 * count - 2.0) / (count * (count + 1.0)), rate
-        velocity = held(velocity + beta * error, fastest)
-        if count == 2.0:
-            return (measurement, 0.0, velocity, count), 0.0  # the speed was not known: no surprise
-        return (measurement, error - alpha * error, velocity, count), error
-
-    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-        last, error, velocity, count = state
-        alpha, beta, dt, reach, saturation, fastest = coefficients
-        unforeseen = measurement - last - velocity * dt
-        if not -half <= unforeseen < half:
-            unforeseen = wrap(unforeseen, period)
-        error += unforeseen
-        if count > 0.0:
-            return begin(state, coefficients, measurement, error)
-        if not -reach < error < reach:
-            return (measurement, 0.0, velocity, 0.0), error
-        push = error
-        if not linear:
-            push = injection(error, period, saturation)
-            if abs(push) * alpha > abs(error):
-                push = error / alpha
-        velocity += beta * push
-        if not -fastest <= velocity <= fastest:
-            velocity = held(velocity, fastest)
-        return (measurement, error - alpha * push, velocity, 0.0), error
-
-    return correct
-
-
-def make_correct_3(injection: Injection, linear: bool, period: float
-                   ) -> Callable[[tuple, tuple, float], tuple[tuple, float]]:
-    """`correct` of the third order; parameters as for `make_correct_2`."""
-    half = 0.5 * period if period > 0.0 else math.inf
-    doubtful = OUTSIDE * period if period > 0.0 else math.inf
-
-    def begin(state: tuple, coefficients: tuple, measurement: float, error: float
-              ) -> tuple[tuple, float]:
-        """The expanding memory: a straight line through two samples, then a parabola."""
-        last, _, velocity, acceleration, count = state
-        alpha, beta, gamma, dt, _, _, fastest = coefficients
-        if count < 2.0:
-            velocity = held(velocity + error / dt, fastest)
-            return (measurement, 0.0, velocity, 0.0, 2.0), 0.0  # speed not known: no surprise
-        if not -doubtful < error < doubtful:
-            velocity = held(wrap(measurement - last, period) / dt, fastest)
-            return (measurement, 0.0, velocity, 0.0, 2.0), error
-        count += 1.0
-        per_sample = 1.0 / (count * (count + 1.0) * (count + 2.0))
-        slope = 60.0 * per_sample / (dt * dt)
-        if slope < gamma:
-            count = 0.0
-        else:
-            alpha = (3.0 * count * (3.0 * count - 3.0) + 6.0) * per_sample
-            beta = (36.0 * count - 18.0) * per_sample / dt
-            gamma = slope
-        velocity = held(velocity + acceleration * dt + beta * error, fastest)
-        return ((measurement, error - alpha * error, velocity, acceleration + gamma * error, count),
-                error)
-
-    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-        last, error, velocity, acceleration, count = state
-        alpha, beta, gamma, dt, reach, saturation, fastest = coefficients
-        gained = acceleration * dt
-        unforeseen = measurement - last - (velocity + 0.5 * gained) * dt
-        if not -half <= unforeseen < half:
-            unforeseen = wrap(unforeseen, period)
-        error += unforeseen
-        if count > 0.0:
-            return begin(state, coefficients, measurement, error)
-        velocity += gained
-        if not -reach < error < reach:
-            return (measurement, 0.0, held(velocity, fastest), acceleration, 0.0), error
-        push = error
-        if not linear:
-            push = injection(error, period, saturation)
-            if abs(push) * alpha > abs(error):
-                push = error / alpha
-        velocity += beta * push
-        acceleration += gamma * push
-        if not -fastest <= velocity <= fastest:
-            velocity = held(velocity, fastest)
-            acceleration = 0.0
-        return (measurement, error - alpha * push, velocity, acceleration, 0.0), error
-
-    return correct
+            design[3], design[4], design[5], z)
 
 
 def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
@@ -284,3 +153,20 @@ def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, floa
     innovation = 2.0 * (4.0 * alpha * beta + 2.0 * alpha * gamma + 2.0 * beta * beta
                         + beta * gamma - 4.0 * gamma)
     return position * scale, velocity * scale / (dt * dt), innovation * scale
+
+
+def noise_gains_triple(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """As `noise_gains_3` for a triple real pole z, where the equation factors.
+
+    With d = 1 - z: d (19 + 24 z + 16 z^2 + 6 z^3 + z^4), d^3 (49 + 50 z + 13 z^2)/(2 dt^2) and
+    20 + 10 z + 2 z^2, all over (1 + z)^5.
+    """
+    z = coefficients[7]
+    d = 1.0 - z
+    rate = d / coefficients[3]
+    one = 1.0 + z
+    two = one * one
+    scale = 1.0 / (two * two * one)
+    return (d * (19.0 + z * (24.0 + z * (16.0 + z * (6.0 + z)))) * scale,
+            d * rate * rate * (24.5 + z * (25.0 + 6.5 * z)) * scale,
+            (20.0 + z * (10.0 + 2.0 * z)) * scale)
