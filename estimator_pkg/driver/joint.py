@@ -129,6 +129,14 @@ class Joint:
                                        stamps, measurements, given, fast=fast)
         for verdict, count in enumerate(np.bincount(out.verdict, minlength=len(VERDICTS))):
             self.counts[verdict] += int(count)
+        if len(out.verdict):
+            self.verdict = int(out.verdict[-1])
+        used = np.flatnonzero(out.verdict < DUPLICATE)
+        if len(used):
+            last = used[-1]
+            self.stamp_ns = int(stamps[last])
+            self._measurement = float(measurements[last])
+            self._given = self.functions.no_input if given is None else float(given[last])
         return out
 
     @property

@@ -76,7 +76,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     def group_delay(dt: float) -> float:
         # of the low-pass, z/(1 - z) samples, and half a sample of the difference
-        return dt / math.expm1(pole * dt) + 0.5 * dt
+        return dt * (0.5 - math.exp(-pole * dt) / math.expm1(-pole * dt))
 
     return around(AngleCore(
         design=design, settle=SETTLING / pole, prepare=prepare, init=init, correct=correct,
