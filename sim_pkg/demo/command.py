@@ -18,7 +18,6 @@ from estimator_pkg.nodes.runtime import settle_environment
 
 COUNTS = 4096
 RATE = 500              # samples per second
-FRAME = 0.1             # time between two frames of the table [s]
 PATIENCE = 20.0         # time within which the first estimate must come [s]
 MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
 ESTIMATE, STDDEV = '/joint_observer/estimate', '/joint_observer/estimate_stddev'
@@ -94,13 +93,12 @@ def _show(parsed: argparse.Namespace, children: list) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from sim_pkg.demo.listener import Topics, listen
-    from sim_pkg.demo.table import Display
+    from sim_pkg.demo.table import FRAME, Display
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C stays KeyboardInterrupt
     try:
         topics = Topics()
         spin = listen(topics, measured=MEASURED, truth=TRUTH, estimate=ESTIMATE, stddev=STDDEV)
-        title = (f'encoder_sim ({COUNTS} counts, {RATE} Hz, wrapped) -> DDS -> joint_observer '
-                 f'({parsed.observer}) -> DDS -> this table')
+        title = f'encoder_sim: {COUNTS} counts at {RATE} Hz  ->  joint_observer: {parsed.observer}'
         with Display(title) as display:
             begun, started, frame = time.monotonic(), math.inf, 0.0
             while time.monotonic() < started + parsed.duration:

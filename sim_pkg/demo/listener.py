@@ -46,10 +46,22 @@ class Topics:
     def _all(self) -> tuple[deque[bytes], ...]:
         return self.measured, self.truth, self.estimates, self.stddevs
 
+    def on_measured(self, raw: bytes) -> None:
+        """One measurement more."""
+        self.measured.append(raw)
+
+    def on_truth(self, raw: bytes) -> None:
+        """One true state more."""
+        self.truth.append(raw)
+
     def on_estimate(self, raw: bytes) -> None:
         """One estimate more."""
         self.estimates.append(raw)
         self.count += 1
+
+    def on_stddev(self, raw: bytes) -> None:
+        """One standard deviation more."""
+        self.stddevs.append(raw)
 
     def snapshot(self) -> Snapshot | None:
         """The newest estimate with truth and measurement of the same stamp; None: none yet."""
@@ -103,8 +115,8 @@ def listen(topics: Topics, *, measured: str, truth: str, estimate: str, stddev: 
 
     from estimator_pkg.nodes.runtime import make_executor
     node = rclpy.create_node('demo')
-    for name, take in ((measured, topics.measured.append), (truth, topics.truth.append),
-                       (estimate, topics.on_estimate), (stddev, topics.stddevs.append)):
+    for name, take in ((measured, topics.on_measured), (truth, topics.on_truth),
+                       (estimate, topics.on_estimate), (stddev, topics.on_stddev)):
         node.create_subscription(JointStateMessage, name, take, qos_profile_sensor_data, raw=True)
     executor = make_executor()
     executor.add_node(node)

@@ -13,7 +13,9 @@ from rich.text import Text
 from sim_pkg.demo.listener import Snapshot
 
 BARS = ' ▁▂▃▄▅▆▇█'
-TRACE = 60          # columns of the velocity traces
+TRACE = 40          # columns of the traces, one a frame
+FRAME = 0.1         # time between two frames of the table [s]
+ERROR_SPAN = 1.0    # full scale of the error traces [rad/s]
 LINE_PERIOD = 1.0   # time between lines where there is no terminal [s]
 
 
@@ -30,7 +32,7 @@ class Display:
         self._title = title
         self._live: Live | None = None
         self._traces = {name: deque([0.0] * TRACE, maxlen=TRACE)
-                        for name in ('truth', 'difference', 'estimate')}
+                        for name in ('truth', 'difference', 'error')}
         self._next_line = 0.0
 
     def __enter__(self) -> Display:
@@ -38,7 +40,7 @@ class Display:
             self._live = Live(self._waiting(), console=self._console, auto_refresh=False)
             self._live.start()
         else:
-            self._console.print(self._title, highlight=False)
+            self._console.print(self._title, highlight=False, soft_wrap=True)
         return self
 
     def __exit__(self, *problem: object) -> None:
@@ -49,8 +51,8 @@ class Display:
         """Show this moment; without a terminal only about once a second."""
         if self._live:
             self._traces['truth'].append(moment.true_velocity)
-            self._traces['difference'].append(moment.finite_difference)
-            self._traces['estimate'].append(moment.velocity)
+            self._traces['difference'].append(moment.finite_difference - moment.true_velocity)
+            self._traces['error'].append(moment.error)
             self._live.update(self._table(moment), refresh=True)
         elif moment.seconds >= self._next_line:
             self._next_line = moment.seconds + LINE_PERIOD
@@ -58,32 +60,34 @@ class Display:
                 f't {moment.seconds:5.2f} s  angle {moment.angle:+.4f} rad  '
                 f'true {moment.true_velocity:+8.3f}  finite difference '
                 f'{moment.finite_difference:+8.3f}  estimate {moment.velocity:+8.3f} '
-                f'+- {moment.stddev:.3f}  error {moment.error:+.3f} rad/s', highlight=False)
+                f'+- {moment.stddev:.3f}  error {moment.error:+.3f} rad/s',
+                highlight=False, soft_wrap=True)
 
     def _waiting(self) -> Text:
         return Text(f'{self._title}\nwaiting for the first estimate ...')
 
     def _table(self, moment: Snapshot) -> Group:
-        span = max(1.0, max(abs(value) for value in self._traces['truth']) * 1.2)
+        span = max(1.0, *(abs(value) for value in self._traces['truth']))
         table = Table(box=None, pad_edge=False)
         table.add_column('')
-        table.add_column('now', justify='right', width=12)
+        table.add_column('now', justify='right', width=10)
         table.add_column('unit')
-        table.add_column(f'last {TRACE // 10} s, full scale +-{span:.0f} rad/s')
+        table.add_column(f'last {TRACE * FRAME:.0f} s')
+        table.add_column('full scale')
         rows = [
-            ('measured angle', f'{moment.angle:+.4f}', 'rad', ''),
+            ('measured angle', f'{moment.angle:+.4f}', 'rad', '', ''),
             ('true velocity', f'{moment.true_velocity:+.3f}', 'rad/s',
-             sparkline(self._traces['truth'], span)),
+             sparkline(self._traces['truth'], span), f'+-{span:.0f} rad/s'),
             ('finite difference', f'{moment.finite_difference:+.3f}', 'rad/s',
-             sparkline(self._traces['difference'], span)),
+             sparkline(self._traces['difference'], ERROR_SPAN), f'error, +-{ERROR_SPAN:g} rad/s'),
             ('estimate', f'{moment.velocity:+.3f}', 'rad/s',
-             sparkline(self._traces['estimate'], span)),
-            ('  standard deviation', f'{moment.stddev:.3f}', 'rad/s', ''),
-            ('  error', f'{moment.error:+.3f}', 'rad/s', ''),
+             sparkline(self._traces['error'], ERROR_SPAN), f'error, +-{ERROR_SPAN:g} rad/s'),
+            ('  standard deviation', f'{moment.stddev:.3f}', 'rad/s', '', ''),
+            ('  error', f'{moment.error:+.3f}', 'rad/s', '', ''),
         ]
-        for name, value, unit, trace in rows:
-            style = 'bold green' if name == 'estimate' else ''
-            table.add_row(name, value, unit, trace, style=style)
+        for row in rows:
+            style = 'bold green' if row[0] == 'estimate' else ''
+            table.add_row(*row, style=style)
         return Group(Text(self._title, style='bold'),
                      Text(f't {moment.seconds:.1f} s, {moment.messages} estimates',
                           style='dim'), table)
