@@ -61,8 +61,8 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
                       for value in (cell.cell_contents for cell in function.__closure__ or ()))
         copy = types.FunctionType(code, names, function.__name__, function.__defaults__, cells)
         copy.__qualname__ = function.__qualname__
-        _twins[key] = numba.njit(copy, error_model='numpy', forceinline=True,
-                                 no_cpython_wrapper=inner, no_cfunc_wrapper=inner)
+        options: dict[str, Any] = {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': inner}
+        _twins[key] = numba.njit(copy, error_model='numpy', forceinline=True, **options)
     return _twins[key]
 
 
