@@ -158,7 +158,7 @@ def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, floa
 def noise_gains_triple(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
     """As `noise_gains_3` for a triple real pole z, where the equation factors.
 
-    With d = 1 - z: d (19 + 24 z + 16 z^2 + 6 z^3 + z^4), d^3 (49 + 50 z + 13 z^2)/(2 dt^2) and
+    With d = 1 - z: d (1 + 6 z + 16 z^2 + 24 z^3 + 19 z^4), d^3 (13 + 50 z + 49 z^2)/(2 dt^2) and
     20 + 10 z + 2 z^2, all over (1 + z)^5.
     """
     z = coefficients[7]
@@ -167,6 +167,6 @@ def noise_gains_triple(state: tuple, coefficients: tuple) -> tuple[float, float,
     one = 1.0 + z
     two = one * one
     scale = 1.0 / (two * two * one)
-    return (d * (19.0 + z * (24.0 + z * (16.0 + z * (6.0 + z)))) * scale,
-            d * rate * rate * (24.5 + z * (25.0 + 6.5 * z)) * scale,
+    return (d * (1.0 + z * (6.0 + z * (16.0 + z * (24.0 + z * 19.0)))) * scale,
+            d * rate * rate * (6.5 + z * (25.0 + 24.5 * z)) * scale,
             (20.0 + z * (10.0 + 2.0 * z)) * scale)
