@@ -32,6 +32,7 @@ def profiles():
     yield 'with offsets', motion('chirp', mean_velocity=3.0, start_angle=-7.0, sweep_time=2.0)
     yield 'downward chirp', chirp(1.0, 5.0, 0.5, 3.0)
     yield 'chirp of one frequency', chirp(1.0, 2.0, 2.0, 3.0)
+    yield 'sawtooth of velocity', pieces([(1.5, -2.0, 5.0), (0.5, 5.0, -2.0)], repeat=True)
 
 
 @pytest.mark.parametrize(('name', 'profile'), list(profiles()))

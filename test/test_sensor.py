@@ -88,7 +88,7 @@ def test_raw_counts_are_whole_and_in_one_turn():
 
 def test_lower_edge_of_signed_is_exactly_minus_pi():
     """An observer takes anything below -pi for a multi-turn reading."""
-    for counts in (10, 1000, 3600, 4096, 10_002):
+    for counts in (10, 50, 100, 200, 1000, 4096):
         assert written(np.array([counts / 2]), counts, 'signed')[0] == -math.pi
 
 
