@@ -19,6 +19,7 @@ MEMORY = 400.0      # samples over which the innovation's power is averaged
 CALM = 16.0         # unchanged readings over which the innovation's power is averaged for the bound
 FRESH = 4.0         # samples that the power weighs when a start has settled
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
+LARGEST = 1e9       # beyond it [rad] a double does not tell 1e-7 rad apart: no reading, but garbage
 LOST_AFTER = 0.5    # in doubt, and off for this long [s] in all: the observer starts again
 
 
@@ -67,6 +68,11 @@ class AngleCore:
     limits: Callable[[float], str | None]
     group_delay: Callable[[float], float]
     restarts: bool = True
+
+
+def is_angle(measurement: float) -> bool:
+    """False for NaN, infinities and numbers that no encoder gives [rad or m]."""
+    return -LARGEST < measurement < LARGEST
 
 
 def variance_floor(quantum: float) -> float:
@@ -227,4 +233,4 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 (0.0, 0.0, reading[2]), power, lock)
 
     return Functions(design, prepare, init, step, output, stddev, resume, core.limits,
-                     core.group_delay)
+                     core.group_delay, is_angle)

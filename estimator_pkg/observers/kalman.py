@@ -197,7 +197,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
     def group_delay(dt: float) -> float:
         if order == 3:
             return 0.0  # a constant acceleration is followed without lag
-        of_r = density * dt if per_dt > 0.0 else usual
+        if estimated > 0.0:
+            return math.nan  # it follows from noise that is not known
+        of_r = density * dt if per_dt > 0.0 else density
         alpha, beta = steady_gains_2(of_r, dt)
         return dt * (alpha / beta - 0.5)
 

@@ -1,0 +1,314 @@
+"""What every observer owes the driver, whoever wrote it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from observer_cases import label, make, stamps, variants, wrapped
+
+from estimator_pkg import observers
+from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.parameters import build, declared
+
+NAMES = sorted({name for name, _ in variants()})
+each_variant = pytest.mark.parametrize('variant', variants(), ids=label)
+each_observer = pytest.mark.parametrize('name', NAMES)
+
+
+def functions(variant, period=2.0 * math.pi):
+    name, gains = variant
+    observer = observers.find(name)
+    return observer.build(build(observer.gains, gains), Circle(period))
+
+
+def stream(seed, count=400, noise=3e-3):
+    """(stamps, angles): jitter, gaps, duplicates, late and bad stamps, repeats, wraps, outliers."""
+    random = np.random.default_rng(seed)
+    at = stamps(count, 1e-3, 2e-4, seed)
+    t = (at - at[0]) * 1e-9
+    angle = 2.0 + 40.0 * t + 3.0 * np.sin(20.0 * t) + random.normal(0.0, noise, count)
+    angle = np.rint(wrapped(angle) / 1e-3) * 1e-3
+    at[150:] += 300_000_000                     # a gap
+    at[250] = at[249]                           # a duplicate
+    at[270] = at[268]                           # late
+    at[300] += 10 ** 15                         # the far future
+    angle[200] = angle[199]                     # a repeat
+    angle[320] += 3.0                           # outliers
+    angle[321] = math.nan
+    angle[340:352] = angle[340]                 # a stuck sensor
+    return at, angle
+
+
+def flat(value):
+    """The numbers in a nest of tuples."""
+    if isinstance(value, tuple):
+        return [number for item in value for number in flat(item)]
+    return [value]
+
+
+def kinds(value):
+    """The nest of tuples with types in place of numbers."""
+    return tuple(kinds(item) for item in value) if isinstance(value, tuple) else type(value)
+
+
+def assert_same(plain, twin):
+    """Bit for bit, or to 1e-12 where the C library's functions differ."""
+    assert kinds(plain) == kinds(twin)
+    for a, b in zip(flat(plain), flat(twin)):
+        assert a == b or (math.isnan(a) and math.isnan(b)) or (
+            abs(a - b) <= 1e-12 * max(abs(a), abs(b))), (plain, twin)
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+@each_variant
+def test_plain_equals_compiled_per_step_from_the_same_state(variant):
+    made = functions(variant)
+    twins = {name: compiled(getattr(made, name))
+             for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')}
+    design = made.design()
+    for seed in (1, 2):
+        at, angles = stream(seed)
+        state = made.init(float(angles[0]), design)
+        assert_same(state, twins['init'](float(angles[0]), design))
+        last = int(at[0])
+        for i, (stamp, angle) in enumerate(zip(at.tolist(), angles.tolist())):
+            if stamp <= last or not made.finite(angle):
+                continue
+            dt = (stamp - last) * 1e-9
+            last = stamp
+            coefficients = made.prepare(design, dt)
+            assert_same(coefficients, twins['prepare'](design, dt))
+            arguments = (state, coefficients, design, angle)
+            after = ((made.resume(*arguments), twins['resume'](*arguments)) if dt > 0.2
+                     else (made.step(*arguments, 0.0), twins['step'](*arguments, 0.0)))
+            assert_same(*after)
+            state = after[0]
+            if i % 3 == 0:
+                whole = (state, coefficients, design)
+                assert_same(made.output(*whole, angle, 0.0), twins['output'](*whole, angle, 0.0))
+                assert_same(made.stddev(*whole), twins['stddev'](*whole))
+
+
+@each_variant
+def test_types_of_the_state_are_stable(variant):
+    made = functions(variant)
+    design = made.design()
+    state = made.init(made.blank, design)
+    coefficients = made.prepare(design, 1e-3)
+    for value in flat(state) + flat(coefficients) + flat(design):
+        assert type(value) in (float, int, complex)
+    for angle in (0.1, 0.2, 0.2, 3.0, -3.0, -3.0, 1e-9, 100.0):
+        after = made.step(state, coefficients, design, angle, made.no_input)
+        assert kinds(after) == kinds(state)
+        state = made.resume(after, coefficients, design, angle)
+        assert kinds(state) == kinds(after)
+        *numbers, status = made.output(state, coefficients, design, angle, made.no_input)
+        assert [type(number) for number in numbers] == [float] * 3
+        assert type(status) is int
+        assert [type(number) for number in made.stddev(state, coefficients, design)] == [float] * 2
+
+
+@each_variant
+def test_only_finite_measurements_reach_the_state(variant):
+    joint = make(*variant)
+    at = stamps(60).tolist()
+    for i, stamp in enumerate(at):
+        joint.update(stamp, wrapped(0.02 * i).item())
+        before = joint._track
+        for bad in (math.nan, math.inf, -math.inf):
+            assert not joint.update(stamp + 1000, bad)
+        assert joint._track == before
+    assert joint.dropped() == {'non_finite': 180}
+    assert joint.received == 240 and joint.used == 60
+
+
+@each_variant
+def test_absurd_measurements_do_not_spoil_the_state_for_good(variant):
+    """Memory that was never written reads as any double: finite, but no angle."""
+    joint = make(*variant)
+    at = stamps(3000).tolist()
+    for i, stamp in enumerate(at):
+        angle = wrapped(2.0 * i * 1e-3).item()
+        if i == 1000:
+            angle = 1.7e308
+        if i == 1001:
+            angle = -1.7e308
+        if i == 1010:
+            angle = 1e18
+        joint.update(stamp, angle)
+    position, velocity, _, status = joint.estimate()
+    assert status == TRACKING
+    assert velocity == pytest.approx(2.0, abs=0.02)
+    assert position == pytest.approx(angle, abs=0.02)
+
+
+@each_variant
+def test_estimates_and_deviations_are_finite_whatever_comes(variant):
+    joint = make(*variant)
+    for stamp, angle in zip(*(array.tolist() for array in stream(7))):
+        if joint.update(stamp, angle):
+            position, velocity, _, status = joint.estimate()
+            assert math.isfinite(position) and math.isfinite(velocity)
+            assert status in (INITIALISING, TRACKING, COASTING)
+            assert all(math.isfinite(sigma) and sigma >= 0.0 for sigma in joint.stddev())
+
+
+@each_variant
+def test_no_sample_time_breaks_an_observer_that_names_no_limit(variant):
+    name, gains = variant
+    for dt in (1e-6, 1e-4, 0.05, 1.0):
+        joint = make(name, gains, gap_max=3000.0)
+        if dt > joint.longest_dt:
+            continue
+        at = stamps(4000 if dt < 1e-2 else 400, dt, 0.1 * dt)
+        t = (at - at[0]) * 1e-9
+        speed = 0.5 / dt if dt > 1e-3 else 50.0  # half a radian per sample at most
+        out = joint.run(at, wrapped(speed * t), fast=False)
+        assert np.all(np.isfinite(out.velocity))
+        if out.status[-1] == TRACKING:
+            assert out.velocity[-1] == pytest.approx(speed, rel=0.02)
+        else:
+            assert dt < 1e-3  # a few milliseconds of samples do not settle it
+
+
+@each_variant
+def test_says_tracking_only_when_the_speed_is_right(variant):
+    """A cold start at speed, without noise: from the first `tracking` on, within 10 %."""
+    for speed in (5.0, 20.0, 100.0):
+        joint = make(*variant)
+        at = stamps(3000)
+        t = (at - at[0]) * 1e-9
+        out = joint.run(at, wrapped(1.0 + speed * t), fast=False)
+        assert out.status[-1] == TRACKING
+        good = np.abs(out.velocity - speed) < 0.1 * speed
+        assert np.all(good[out.status == TRACKING])
+        assert np.sum(good & (out.status == INITIALISING)) < 300  # right, but withheld: 0.3 s
+
+
+def samples_of(parameter):
+    """Values of a parameter other than its default, all admitted."""
+    if parameter.kind is bool:
+        return [not parameter.default]
+    if parameter.kind is str:
+        return []
+    low, high = parameter.search or (parameter.minimum, parameter.maximum)
+    if parameter.default is None:
+        centre = math.sqrt(max(low, 1e-9) * high)
+        return [min(max(centre, parameter.minimum), parameter.maximum)]
+    if parameter.default == 0:
+        return [min(1e-3, high)]
+    return [min(max(factor * parameter.default, low), high) for factor in (0.7, 1.5)]
+
+
+LIVE = [(name, key, value) for name in NAMES
+        for key, parameter in declared(observers.find(name).gains).items()
+        if not parameter.structural for value in samples_of(parameter)]
+
+
+@pytest.mark.parametrize('name, key, value', LIVE,
+                         ids=[f'{name}-{key}-{value:.3g}' for name, key, value in LIVE])
+def test_live_change_of_a_gain_keeps_the_state(name, key, value):
+    observer = observers.find(name)
+    joint, same = make(name), make(name)
+    at = stamps(2400).tolist()
+    # 7 rad/s and 1.5 mrad of noise
+    angles = (wrapped(np.arange(2400) * 7e-3
+                      + np.random.default_rng(3).normal(0.0, 1.5e-3, 2400))).tolist()
+    for stamp, angle in zip(at[:2000], angles[:2000]):
+        joint.update(stamp, angle)
+        same.update(stamp, angle)
+    before = joint.estimate()
+    assert before[3] == TRACKING
+    try:
+        gains = dataclasses.replace(joint.gains, **{key: value})
+        observer.build(gains, Circle())
+    except UsageError as error:
+        pytest.skip(f'not alone: {error}')
+    joint.set_gains(gains)
+    if key != 'low_speed_bound':
+        assert joint.estimate()[1] == pytest.approx(before[1], abs=1e-9)
+    for stamp, angle in zip(at[2000:2003], angles[2000:2003]):
+        joint.update(stamp, angle)
+        same.update(stamp, angle)
+        # one noisy sample moves the speed by no more than its raw difference could
+        assert abs(joint.estimate()[1] - 7.0) < abs(same.estimate()[1] - 7.0) + 4.0 * 1.5
+        assert joint.estimate()[3] == TRACKING
+
+
+@each_observer
+def test_every_parameter_is_declared_in_full(name):
+    for key, parameter in declared(observers.find(name).gains).items():
+        assert parameter.description.strip(), key
+        if parameter.kind in (float, int):
+            assert parameter.minimum is not None and parameter.maximum is not None, key
+        if parameter.kind is str:
+            assert parameter.choices, key
+        assert isinstance(parameter.unit, str), key
+        if parameter.default is not None:
+            assert parameter.check(parameter.default) == parameter.default
+        if parameter.search:
+            low, high = parameter.search
+            assert parameter.minimum <= low < high <= parameter.maximum
+            if parameter.default is not None:
+                assert low <= parameter.default <= high
+    fields = {field.name for field in dataclasses.fields(observers.find(name).gains)}
+    assert fields == set(declared(observers.find(name).gains))
+
+
+@each_observer
+def test_lengths_and_rates_carry_units(name):
+    """'' is for flags, choices and pure numbers: nothing whose name or text speaks of a unit."""
+    for key, parameter in declared(observers.find(name).gains).items():
+        if parameter.kind is bool or parameter.kind is str:
+            assert parameter.unit == ''
+        if key.endswith('_hz'):
+            assert parameter.unit == 'Hz'
+        if key in ('quantum', 'noise'):
+            assert parameter.unit == 'rad'
+
+
+@each_observer
+def test_tuner_has_something_to_vary(name):
+    assert any(parameter.search for parameter in declared(observers.find(name).gains).values())
+
+
+@each_observer
+def test_observer_says_what_it_is(name):
+    observer = observers.find(name)
+    assert observer.name == name
+    assert observer.summary and '\n' not in observer.summary and observer.reference
+    assert build(observer.gains, {}) == observer.gains()
+
+
+@each_variant
+def test_acceleration_is_given_where_it_is_promised(variant):
+    name, gains = variant
+    joint = make(name, gains)
+    at = stamps(2000)
+    t = (at - at[0]) * 1e-9
+    out = joint.run(at, wrapped(10.0 * t * t), fast=False)  # 20 rad/s^2
+    if observers.find(name).gives_acceleration(joint.gains):
+        assert out.acceleration[-1] == pytest.approx(20.0, rel=0.02)
+    else:
+        assert np.all(np.isnan(out.acceleration[out.verdict < DUPLICATE]))
+
+
+@each_variant
+def test_group_delay_is_the_lag_in_a_ramp(variant):
+    """At constant acceleration the estimate is late by the group delay, at any sample time."""
+    name, gains = variant
+    if gains.get('model') == 'constant_velocity':
+        assert math.isnan(make(name, gains).functions.group_delay(1e-3))  # follows from the noise
+        gains = {**gains, 'noise': 1e-3}
+    for dt in (5e-4, 2e-3):
+        joint = make(name, gains)
+        at = stamps(int(3.0 / dt), dt)
+        t = (at - at[0]) * 1e-9
+        out = joint.run(at, wrapped(5.0 * t * t), fast=False)
+        lag = t[-1] - out.velocity[-1] / 10.0
+        assert joint.functions.group_delay(dt) == pytest.approx(lag, abs=2e-5)
