@@ -37,22 +37,27 @@ class DriveEstimates(NamedTuple):
 
     @property
     def electrical_angle(self) -> NDArray[np.float64]:
+        """rad; shape (n,)."""
         return self.rows[:, 0]
 
     @property
     def electrical_speed(self) -> NDArray[np.float64]:
+        """rad/s; shape (n,)."""
         return self.rows[:, 1]
 
     @property
     def flux_linkage(self) -> NDArray[np.float64]:
+        """Wb; shape (n,)."""
         return self.rows[:, 2]
 
     @property
     def position(self) -> NDArray[np.float64]:
+        """Mechanical, relative, rad; shape (n,)."""
         return self.rows[:, 4]
 
     @property
     def velocity(self) -> NDArray[np.float64]:
+        """Mechanical, rad/s; shape (n,)."""
         return self.rows[:, 5]
 
 

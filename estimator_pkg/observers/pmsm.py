@@ -44,7 +44,6 @@ from estimator_pkg.observers.pmsm_watch import (
 
 CHORD = 0.3         # gates of the identifier, see `credible`
 REST = 0.25
-DITHER = 0.8        # every second clock period is so much shorter: no speed repeats at all of them
 FAST = 1e-3         # s, averages of the back-EMF
 SLOW = 5e-3         # s, averages of speeds; also how long the turning is watched before locking on
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
@@ -112,7 +111,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 1.0 / start if start > 0.0 else 0.0, float(gains.pole_pairs or 1), gains.hold,
                 2.0 * math.pi * gains.speed_filter_hz,
                 noise * noise if noise is not None else 0.0, guess * guess,
-                float(circle.period) if not circle.unwrap else 0.0)
+                float(circle.period) if not circle.unwrap else 0.0, gains.second_period)
 
     def prepare(design: tuple, dt: float) -> tuple:
         k_p, k_i, resistance, inductance, epsilon = (design[0], design[1], design[4], design[5],
@@ -225,7 +224,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             integral = complex(0.0, 0.0)
             rho = 0.0
             if robust:
-                span = DITHER if span == 1.0 else 1.0
+                span = design[22] if span == 1.0 else 1.0
         if searching:
             event = SEARCHING
             if last & BLIND:

@@ -63,6 +63,10 @@ class Gains(MotorData):
     periods: int = parameter(
         2, unit='', range=(1, 16), structural=True, advanced=True,
         description='clock periods that the identifier fits', equation='N in (23)')
+    second_period: float = parameter(
+        0.8, unit='', range=(0.2, 1.0), advanced=True,
+        description='every second clock period is so much shorter, so that no speed brings the '
+                    'rotor back to the same angle at every tick; 1: all equal (form paper: always)')
     scaling: str = parameter(
         'amplitude', unit='', choices=('amplitude', 'power'), structural=True,
         description='what the length of the measured alpha-beta vectors means: the amplitude of '

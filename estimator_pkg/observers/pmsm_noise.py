@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 
-
 def covariance(e11: float, e12: float, e21: float, e22: float, b1: float, b2: float
                ) -> tuple[float, float, float]:
     """(P11, P12, P22) of P = E P E' + b b', by Cramer's rule."""

@@ -110,7 +110,7 @@ def look(watch: Watch, event: int, h: complex, speed: float, turning: float, inn
     if reasons & (LOW_EMF | NO_VOLTAGE):
         reasons |= when_blind
     limit = HALF_TURN * math.pi / dt
-    if not (-limit < turning < limit and -limit < speed < limit):
+    if not (-limit < rate < limit and -limit < speed < limit):
         reasons |= TOO_FAST
     if not abs(mean_h.real) <= -ALIGNED * mean_h.imag:
         reasons |= MISALIGNED

@@ -1,0 +1,202 @@
+"""The drive in closed loop: motor, inverter, sensors and controller, sample by sample.
+
+`make_loop` puts the parts together as one pure function over a chunk of samples, so that it can be
+compiled. What feeds the controller its angle and speed is an argument: the true ones (`sensored`),
+or an observer (`sim_pkg.pmsm_sensorless`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.compiled import available, compiled
+from sim_pkg.pmsm_control import current_control, speed_control
+from sim_pkg.pmsm_inverter import dead_time_error, switch
+from sim_pkg.pmsm_parameters import PmsmParameters
+from sim_pkg.pmsm_plant import Plant, move
+from sim_pkg.pmsm_profiles import Profile
+from sim_pkg.sensor import random_stream
+
+CHUNK = 0.01  # s simulated at a time: the temperature steps once per chunk
+
+
+class Record(NamedTuple):
+    """What a chunk of n samples saw.
+
+    samples : shape (n, 4): measured current [A] and reported voltage [V], alpha and beta.
+    truth : shape (n, 5): mechanical speed [rad/s], electrical angle [rad, unwrapped], flux [Wb],
+        i_q [A], mechanical speed that was wanted [rad/s].
+    """
+
+    samples: NDArray[np.float64]
+    truth: NDArray[np.float64]
+
+
+def sensored(state: float, current: complex, voltage: complex, theta: float, speed: float,
+             poles: float, wanted: float) -> tuple[float, float, float, float]:
+    """The feedback of an ideal sensor: (state, electrical angle, electrical speed, forced i_q).
+
+    `state` stays as it is. A forced current other than 0 replaces the speed control.
+    """
+    return state, theta, poles * speed, 0.0
+
+
+def quantised(value: float, step: float, limit: float) -> float:
+    """As an ADC gives it; a step of 0: as it is."""
+    if step <= 0.0:
+        return value
+    if value > limit:
+        value = limit
+    elif value < -limit:
+        value = -limit
+    return step * math.floor(value / step + 0.5)
+
+
+def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., tuple]:
+    """The function that takes a drive through a chunk of samples.
+
+    Parameters
+    ----------
+    feedback : as `sensored`; its state may be any tuple.
+    switched : the bridge with its edges, instead of the mean voltage.
+    """
+    def loop(state: tuple, plant: Plant, control: tuple, drive: tuple, noise: NDArray[np.float64],
+             wanted: NDArray[np.float64], acceleration: NDArray[np.float64],
+             load: NDArray[np.float64], samples: NDArray[np.float64],
+             truth: NDArray[np.float64]) -> tuple:
+        (current, theta, speed, older, acted, active, folded, steering, held,
+         frame_before, forced_before) = state
+        step, limit, dead, offset, delay = drive
+        period, dc_voltage, poles = control[9], control[10], control[8]
+        for k in range(len(wanted)):
+            back = complex(math.cos(theta), -math.sin(theta))
+            read = complex(quantised(current.real + noise[k][0], step, limit),
+                           quantised(current.imag + noise[k][1], step, limit))
+            held, angle, omega, forced = feedback(held, read, acted, theta, speed, poles,
+                                                  wanted[k])
+            if forced != 0.0:
+                i_q = forced
+            else:
+                if forced_before != 0.0:
+                    # take over bumplessly: the current loop's integral turns into the new frame,
+                    # the speed loop starts from the torque that flows
+                    turn = frame_before - angle
+                    folded = folded * complex(math.cos(turn), math.sin(turn))
+                    flowing = read * complex(math.cos(angle), -math.sin(angle))
+                    steering = control[4] * flowing.imag
+                i_q, steering = speed_control(wanted[k], acceleration[k], omega / poles, steering,
+                                              control)
+            following, folded = current_control(read, i_q, angle, omega, folded, control)
+            frame_before = angle + omega * period
+            forced_before = forced
+            if delay == 0:
+                told = acted
+            elif delay == 1:
+                told = active
+            elif delay == 2:
+                told = following
+            else:
+                told = older
+            row, true = samples[k], truth[k]
+            row[0], row[1], row[2], row[3] = read.real, read.imag, told.real, told.imag
+            true[0], true[1], true[2] = speed, theta, plant[2]
+            true[3], true[4] = (current * back).imag, wanted[k]
+            # on to the next sample: the rest of this carrier period, the first part of the next
+            if switched:
+                current, theta, speed = switch(current, theta, speed, load[k], plant, active,
+                                               dc_voltage, dead, period, offset, 1.0)
+                if offset > 0.0:
+                    current, theta, speed = switch(current, theta, speed, load[k], plant, following,
+                                                   dc_voltage, dead, period, 0.0, offset)
+            else:
+                lost = complex(0.0, 0.0)
+                if dead > 0.0:
+                    lost = dead_time_error(current, dc_voltage, dead)
+                current, theta, speed = move(current, active - lost, theta, speed, load[k], plant,
+                                             (1.0 - offset) * period)
+                if offset > 0.0:
+                    current, theta, speed = move(current, following - lost, theta, speed, load[k],
+                                                 plant, offset * period)
+            older, acted, active = acted, active, following
+        return (current, theta, speed, older, acted, active, folded, steering, held, frame_before,
+                forced_before)
+
+    return loop
+
+
+class Drive:
+    """A simulated drive: asks for chunks of samples, for ever.
+
+    Parameters
+    ----------
+    parameters : motor, load, inverter, sensors, controller.
+    seed : of the current noise.
+    feedback, held : what feeds the controller, and its state at the start.
+    profile : wanted speed; that of the parameters if none is given.
+    start_speed : mechanical speed at the start [rad/s]; None: that of the profile.
+    fast : compile, where Numba is there.
+    """
+
+    def __init__(self, parameters: PmsmParameters, seed: int = 0, *,
+                 feedback: Callable[..., tuple] = sensored, held: object = 0.0,
+                 profile: Profile | None = None, start_speed: float | None = None,
+                 theta: float = 0.0, fast: bool | None = None) -> None:
+        self.parameters = parameters
+        self.profile = profile or parameters.motion()
+        self._random = random_stream(seed, 'current')
+        self._control = parameters.control()
+        loop = make_loop(feedback, parameters.inverter == 'switched')
+        self.fast = available() if fast is None else fast
+        self._loop = compiled(loop) if self.fast else loop
+        self.count = 0
+        speed = float(self.profile.at(np.zeros(1)).speed[0]) if start_speed is None else start_speed
+        zero = complex(0.0, 0.0)
+        plant = parameters.plant()
+        # as if it had run without current so far
+        omega = plant[3] * speed
+        voltage = [1j * omega * plant[2] * np.exp(1j * (theta + (part - 0.5) * omega
+                                                        * parameters.period))
+                   for part in (-1.0, 0.0, 1.0)]
+        if feedback is not sensored:
+            voltage = [zero] * 3
+        self._state: tuple = (zero, theta, speed, complex(voltage[0]), complex(voltage[1]),
+                              complex(voltage[2]), zero, 0.0, held, theta, 0.0)
+        bits, reach = parameters.adc_bits, parameters.adc_range
+        self._drive = (2.0 * reach / 2 ** bits if bits else 0.0, reach,
+                       parameters.dead_time * parameters.sample_rate, parameters.sampling_offset,
+                       parameters.voltage_delay)
+
+    def run(self, count: int) -> Record:
+        """The next `count` samples."""
+        parameters = self.parameters
+        records = []
+        chunk = max(1, round(CHUNK * parameters.sample_rate))
+        while count > 0:
+            size = min(count, chunk - self.count % chunk)
+            times = (self.count + np.arange(size)) * parameters.period
+            motion = self.profile.at(times)
+            noise = parameters.current_noise * self._random.standard_normal((size, 2))
+            load = np.where(times >= parameters.load_step_time, parameters.load_step, 0.0)
+            record = Record(np.empty((size, 4)), np.empty((size, 5)))
+            columns = (noise, motion.speed, motion.acceleration, load)
+            given = columns if self.fast else [column.tolist() for column in columns]
+            self._state = self._loop(self._state, parameters.plant(float(times[0])), self._control,
+                                     self._drive, *given, *record)
+            records.append(record)
+            self.count += size
+            count -= size
+        return Record(np.concatenate([record.samples for record in records]),
+                      np.concatenate([record.truth for record in records]))
+
+    def chunks(self, size: int) -> Iterator[Record]:
+        """Chunks of `size` samples, for ever."""
+        while True:
+            yield self.run(size)
+
+
+__all__ = ['CHUNK', 'Drive', 'Record', 'make_loop', 'quantised', 'sensored']

@@ -1,0 +1,91 @@
+"""The inverter: voltage limit, dead time, and the three-phase bridge that switches.
+
+A period of the carrier starts at its valley, where all three low sides are on. Functions are in the
+compilable subset.
+"""
+
+from __future__ import annotations
+
+import math
+
+from sim_pkg.pmsm_plant import Plant, move
+
+HALF_ROOT_3 = 0.5 * math.sqrt(3.0)
+
+
+def limited(voltage: complex, dc_voltage: float) -> complex:
+    """The vector, shortened to what space-vector modulation can make: dc_voltage/sqrt(3)."""
+    size = abs(voltage)
+    most = dc_voltage / math.sqrt(3.0)
+    if size > most:
+        return voltage * (most / size)
+    return voltage
+
+
+def _sign(value: float) -> float:
+    if value > 0.0:
+        return 1.0
+    return -1.0 if value < 0.0 else 0.0
+
+
+def phase_signs(current: complex) -> tuple[float, float, float]:
+    """Signs of the three phase currents."""
+    half = HALF_ROOT_3 * current.imag
+    return (_sign(current.real), _sign(half - 0.5 * current.real),
+            _sign(-half - 0.5 * current.real))
+
+
+def dead_time_error(current: complex, dc_voltage: float, part: float) -> complex:
+    """The mean voltage that dead time takes away [V]; `part` is dead time over period."""
+    a, b, c = phase_signs(current)
+    return dc_voltage * part * complex((2.0 * a - b - c) / 3.0, (b - c) / (2.0 * HALF_ROOT_3))
+
+
+def edges(voltage: complex, current: complex, dc_voltage: float, part: float
+          ) -> tuple[float, float, float, float, float, float]:
+    """When each phase goes high and low again, as parts of the period: (a, a, b, b, c, c).
+
+    The common part of the three duties is centred (min-max). While both switches of a leg are off
+    the current decides: a positive one delays the rising edge, a negative one the falling edge.
+    """
+    half = HALF_ROOT_3 * voltage.imag
+    a, b, c = voltage.real, half - 0.5 * voltage.real, -half - 0.5 * voltage.real
+    middle = 0.5 * (max(a, b, c) + min(a, b, c))
+    scale = 0.5 / dc_voltage
+    signs = phase_signs(current)
+    da = 0.25 + (a - middle) * scale  # half of each duty
+    db = 0.25 + (b - middle) * scale
+    dc = 0.25 + (c - middle) * scale
+    ra, rb, rc = max(0.0, signs[0]) * part, max(0.0, signs[1]) * part, max(0.0, signs[2]) * part
+    fa, fb, fc = max(0.0, -signs[0]) * part, max(0.0, -signs[1]) * part, max(0.0, -signs[2]) * part
+    return (0.5 - da + ra, 0.5 + da + fa, 0.5 - db + rb, 0.5 + db + fb, 0.5 - dc + rc,
+            0.5 + dc + fc)
+
+
+def switch(current: complex, theta: float, speed: float, load: float, plant: Plant,
+           voltage: complex, dc_voltage: float, dead: float, period: float, start: float,
+           end: float) -> tuple[complex, float, float]:
+    """(current, electrical angle, speed) after the part from `start` to `end` of a carrier period.
+
+    Parameters
+    ----------
+    voltage : commanded for this period [V].
+    dead : dead time over period.
+    start, end : parts of the period, 0 to 1.
+    """
+    on_a, off_a, on_b, off_b, on_c, off_c = edges(voltage, current, dc_voltage, dead)
+    now = start
+    while now < end:
+        until = end
+        for edge in (on_a, off_a, on_b, off_b, on_c, off_c):
+            if now < edge < until:
+                until = edge
+        middle = 0.5 * (now + until)
+        a = 1.0 if on_a < middle < off_a else 0.0
+        b = 1.0 if on_b < middle < off_b else 0.0
+        c = 1.0 if on_c < middle < off_c else 0.0
+        vector = dc_voltage * complex((2.0 * a - b - c) / 3.0, (b - c) / (2.0 * HALF_ROOT_3))
+        current, theta, speed = move(current, vector, theta, speed, load, plant,
+                                     (until - now) * period)
+        now = until
+    return current, theta, speed

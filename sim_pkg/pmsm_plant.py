@@ -1,0 +1,68 @@
+"""The motor: the electromagnetic model (1) and its mechanics, stepped exactly where that is closed.
+
+Vectors are complex numbers alpha + j beta, amplitude-invariant. All functions are in the compilable
+subset.
+"""
+
+from __future__ import annotations
+
+import math
+
+STICKS = 1.0  # rad/s below which Coulomb friction fades to zero
+
+# (R [ohm], L [H], flux [Wb], pole pairs, inertia [kg m^2], load [N m] quadratic per (rad/s)^2,
+#  constant, viscous per rad/s, Coulomb)
+Plant = tuple[float, float, float, float, float, float, float, float, float]
+
+
+def electric(current: complex, voltage: complex, theta: float, omega: float, plant: Plant,
+             time: float) -> complex:
+    """The current [A] after `time` [s] at constant voltage and constant speed: exact.
+
+    Parameters
+    ----------
+    theta, omega : electrical angle at the start [rad] and electrical speed [rad/s].
+    """
+    resistance, inductance, flux = plant[0], plant[1], plant[2]
+    rate = resistance / inductance
+    decay = math.exp(-rate * time)
+    turn = omega * time
+    # integral of exp(-rate (t - s)) exp(j omega s) = (exp(j omega t) - exp(-rate t))/(rate + j w)
+    rest = complex(math.cos(turn) - decay, math.sin(turn)) * complex(rate, -omega)
+    scale = omega * flux / (inductance * (rate * rate + omega * omega))
+    emf = complex(0.0, scale) * complex(math.cos(theta), math.sin(theta)) * rest
+    return decay * current + (1.0 - decay) / resistance * voltage - emf
+
+
+def torque(current: complex, theta: float, plant: Plant) -> float:
+    """Of the motor [N m]: 3/2 p phi i_q."""
+    i_q = current.imag * math.cos(theta) - current.real * math.sin(theta)
+    return 1.5 * plant[3] * plant[2] * i_q
+
+
+def resisting(speed: float, load: float, plant: Plant) -> float:
+    """Torque against the motion [N m] at the mechanical speed [rad/s]; `load` is added."""
+    friction = speed / STICKS
+    if friction > 1.0:
+        friction = 1.0
+    elif friction < -1.0:
+        friction = -1.0
+    # what brakes vanishes with the motion, so that a rotor at rest is not driven by its load
+    return (plant[5] * speed * abs(speed) + plant[7] * speed
+            + (plant[6] + plant[8] + load) * friction)
+
+
+def move(current: complex, voltage: complex, theta: float, speed: float, load: float, plant: Plant,
+         time: float) -> tuple[complex, float, float]:
+    """(current, electrical angle, mechanical speed) after `time` [s] at constant voltage.
+
+    The speed is of second order in `time`; the current is exact for its mean.
+    """
+    poles, inertia = plant[3], plant[4]
+    before = torque(current, theta, plant)
+    brake = resisting(speed, load, plant)
+    middle = speed + 0.5 * time * (before - brake) / inertia
+    current = electric(current, voltage, theta, poles * middle, plant, time)
+    after = torque(current, theta + poles * middle * time, plant)
+    new_speed = speed + time * (0.5 * (before + after) - resisting(middle, load, plant)) / inertia
+    return current, theta + 0.5 * poles * time * (speed + new_speed), new_speed

@@ -1,0 +1,68 @@
+"""A drive whose controller runs on the observer's own angle and speed.
+
+Two ways to begin: a rotor that spins already (the currents are held at zero until the observer has
+found it), or one at rest (a current vector is turned ever faster until the observer tracks).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from estimator_pkg.observers.contract import NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.pmsm import DriveFunctions
+from estimator_pkg.observers.pmsm_equations import rotor_angle
+from sim_pkg.pmsm_parameters import PmsmParameters
+
+WAITING, FORCED, RUNNING = 0.0, 1.0, 2.0
+
+
+def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
+    """A feedback for `pmsm_drive.make_loop`; its state is from `begin`."""
+    init, step, output = functions.init, functions.step, functions.output
+
+    def feedback(held: tuple, current: complex, voltage: complex, theta: float, speed: float,
+                 poles: float, wanted: float) -> tuple:
+        state, design, coefficients, mode, angle, omega, rise, pull, enough = held
+        dt = coefficients[0][0]
+        sample = (current.real, current.imag, voltage.real, voltage.imag)
+        state = step(state, coefficients, design, sample, 0.0)
+        position, velocity, spare, status = output(state, coefficients, design, sample, 0.0)
+        forced = 0.0
+        if mode != RUNNING and status == TRACKING and abs(velocity) * poles >= enough:
+            mode = RUNNING
+        if mode == RUNNING:
+            if status != NOT_OBSERVABLE:
+                omega = velocity * poles
+                angle = rotor_angle(state[0][2], state[0][3])
+            else:  # carried on at the last speed until it can be seen again
+                angle += omega * dt
+        elif mode == FORCED:
+            omega += rise * dt
+            angle += omega * dt
+            forced = pull
+        else:
+            forced = 1e-9  # hold the current at zero in the static frame
+        return ((state, design, coefficients, mode, angle, omega, rise, pull, enough), angle, omega,
+                forced)
+
+    return feedback
+
+
+def begin(functions: DriveFunctions, parameters: PmsmParameters, *, forced: bool,
+          rise_rpm: float = 3000.0, pull: float = 0.5, handover_rpm: float = 600.0) -> tuple:
+    """The state of the feedback before the first sample.
+
+    Parameters
+    ----------
+    forced : start from rest by a turning current vector; else wait for a spinning rotor.
+    rise_rpm : how fast the forced speed rises [rpm/s].
+    pull : forced current over rated current.
+    handover_rpm : speed from which the observer takes over [rpm].
+    """
+    design = functions.design()
+    electrical = parameters.pole_pairs * math.pi / 30.0
+    return (functions.init((0.0, 0.0, 0.0, 0.0), design), design,
+            functions.prepare(design, parameters.period), FORCED if forced else WAITING, 0.0, 0.0,
+            rise_rpm * electrical, pull * parameters.rated_current,
+            handover_rpm * electrical if forced else 0.0)
