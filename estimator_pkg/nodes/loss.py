@@ -13,8 +13,9 @@ from collections.abc import Callable
 class Loss:
     """Counts what is missing in the sequence numbers of one subscription's publishers.
 
-    Messages do not say who sent them. That matters little: whichever publisher a number is counted
-    for, the sum stays right. Several publishers that start at once may hide their first losses.
+    Messages do not say who sent them. That matters little: a number counted for the wrong one of
+    two publishers makes up for it when both have come to that number. What several publishers lose
+    before they are told apart may stay uncounted.
 
     Parameters
     ----------

@@ -68,6 +68,8 @@ class NodeSettings:
                                  "'counts_per_revolution'")
             if not self.angle_joint:
                 raise UsageError("parameter 'angle_joint' must not be empty")
+            if self.only and self.angle_joint not in self.only:
+                raise UsageError(f"angle_joint '{self.angle_joint}' is not among 'joints'")
 
     @property
     def only(self) -> tuple[str, ...]:
