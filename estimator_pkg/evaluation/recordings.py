@@ -31,8 +31,7 @@ SKIPPED = 0.5       # [s] at the beginning that does not count
 MARGIN = 1.15       # a fresh bound is this many times what was measured
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))
 MAIN = 'hybrid_angle'
-RIVAL = 'kalman acceleration'
-RIVAL_FACTOR = 1.1
+RIVALS = ('kalman acceleration', RAW.label)
 
 
 def recordings(folder: Path) -> list[Path]:
@@ -96,22 +95,20 @@ def bounds(measured: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[float
 
 
 def describe(measured: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
-    """The table: rms error of each observer on each recording, and how it stands to the rival."""
+    """The table: rms error of each observer on each recording, and `MAIN`'s over its rivals'."""
     observers = list(dict.fromkeys(row['observer'] for row in measured))
-    cells: dict[str, dict[str, str]] = {}
-    errors: dict[str, dict[str, float]] = {}
-    noises: dict[str, float] = {}
+    cases: dict[str, dict[str, dict[str, Any]]] = {}
     for row in measured:
-        mark = ' *' if row['reference_cannot_tell'] else ''
-        cells.setdefault(row['case'], {})[row['observer']] = fixed(row['rms'], 3) + mark
-        errors.setdefault(row['case'], {})[row['observer']] = row['rms']
-        noises[row['case']] = row['reference_noise']
+        cases.setdefault(row['case'], {})[row['observer']] = row
     lines = []
-    for name, found in errors.items():
-        ratio = found.get(MAIN, math.nan) / found.get(RIVAL, math.nan)
-        lines.append((name, fixed(noises[name], 3), *(cells[name].get(o, '-') for o in observers),
-                      fixed(ratio, 2)))
-    header = ('recording/joint', 'reference noise', *observers, f'{MAIN} / {RIVAL}')
+    for name, found in cases.items():
+        noise = next(iter(found.values()))['reference_noise']
+        cells = [fixed(row['rms'], 3) + (' *' if row['reference_cannot_tell'] else '')
+                 for row in found.values()]
+        lines.append((name, fixed(noise, 3), *cells,
+                      *(fixed(found[MAIN]['rms'] / found[rival]['rms'], 2) for rival in RIVALS)))
+    header = ('recording/joint', 'reference noise', *observers,
+              *(f'{MAIN} / {rival}' for rival in RIVALS))
     text = (markdown if as_markdown else table)(header, lines)
     return (f'{text}\n\nVelocity rms error [rad/s] at zero shift, the first {SKIPPED:g} s left '
             "out, the reference's own lag and bias\ntaken off. *: the reference cannot tell: the "

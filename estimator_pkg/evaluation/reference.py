@@ -23,13 +23,14 @@ Array = NDArray[np.float64]
 WINDOW = 0.1        # [s], but at least so many samples:
 WINDOW_SAMPLES = 10
 FEWEST = 20         # windows end to end, below which nothing is fitted
+NEIGHBOURS = (-3, -2, 2, 3)  # samples that know the speed but not the noise of the one between
 OUTLIER = 6.0       # windows this many robust standard deviations off are left out
 LAG_KNOWN = 1e-3    # a lag, slope or bias is given if its standard deviation is at most this
 SLOPE_KNOWN = 0.01  # (lag [s], slope, part of the reference's rms speed or this much [rad/s])
 BIAS_KNOWN = 0.01
 QUIETEST = 0.1      # the noise is that of the quietest tenth of the record, which of n samples of
-CHANCE = 1.38       # white noise is lower by this over root n (1.28 standard deviations of the rms of
-                    # third differences, whose power has 2.31 / 2 times the variance of the mean)
+CHANCE = 1.38       # white noise is lower by this over root n (1.28 standard deviations of the rms
+                    # of third differences, which are correlated)
 SHORTEST_BLOCK = 20
 ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
 
@@ -109,58 +110,54 @@ def fit(time: Array, velocity: Array, position: Array, period: float) -> Referen
     def across_window(values: Array) -> Array:
         return (values[across:] - values[:-across])[whole]
 
+    around = np.full(len(time), np.nan)
+    around[3:-3] = np.mean([velocity[3 + i:len(time) - 3 + i] for i in NEIGHBOURS], axis=0)
+    whole &= np.isfinite(around[across:]) & np.isfinite(around[:-across])
     length = across_window(time)
     if len(length) < FEWEST * across:
         return unknown
     missed = wrapped(-across_window(behind), period)
     moved = across_window(travelled) - missed
-    change = across_window(velocity)
+    columns = np.stack([length, -across_window(velocity), moved], axis=1)
+    instruments = np.stack([length, -across_window(around), moved], axis=1)
     kept = np.ones(len(missed), bool)
     for _ in range(3):
-        columns = np.stack([length, -change, moved], axis=1)[kept]
-        answer = _least_squares(columns, missed[kept], across, spread)
-        predicted = np.stack([length, -change, moved], axis=1) @ np.nan_to_num(answer[0])
-        rest = np.abs(missed - predicted)
+        answer = _solve(columns[kept], instruments[kept], missed[kept], across)
+        rest = np.abs(missed - columns @ np.nan_to_num(answer[0]))
         kept = rest <= OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
     (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = answer
     return Reference(lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev, spread,
                      across * step)
 
 
-def _least_squares(columns: Array, missed: Array, across: int, spread: float
-                   ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _solve(columns: Array, instruments: Array, missed: Array, across: int
+           ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """(bias, lag, slope - 1) and their standard deviations; nan for what is not determined.
 
-    What the record does not determine (a lag at rest) is left out of the fit. The reference's noise
-    in the change of speed would draw the lag towards zero, so its share is taken off.
+    The noise of the reference in `columns` would draw a least-squares lag towards zero, so the
+    equations are weighted with `instruments` that share the speed and not the noise. What the
+    record does not determine (a lag at rest) is left out.
     """
     speed = float(np.sqrt(np.mean((columns[:, 2] / columns[:, 0]) ** 2)))
     limits = (BIAS_KNOWN * max(1.0, speed), LAG_KNOWN, SLOPE_KNOWN)
     use = [0, 1, 2]
     while use:
-        part = columns[:, use]
-        normal = part.T @ part
-        if 1 in use:
-            at = use.index(1)
-            share = normal[at, at] - 2.0 * len(part) * spread * spread
-            if not share > 0.2 * normal[at, at]:
-                use.remove(1)
-                continue
-            normal[at, at] = share
-        scale = np.sqrt(np.diag(normal))
-        if not np.all(scale > 0.0) or np.linalg.cond(normal / np.outer(scale, scale)) > 1e10:
+        part, weights = columns[:, use], instruments[:, use]
+        normal = weights.T @ part
+        scale = np.sqrt(np.abs(np.diag(normal)))
+        if np.all(scale > 0.0) and np.linalg.cond(normal / np.outer(scale, scale)) < 1e10:
+            inverse = np.linalg.inv(normal)
+            values = inverse @ (weights.T @ missed)
+            # neighbouring windows share their samples: only every `across`-th is a new one
+            variance = float(np.mean((missed - part @ values) ** 2)) * across
+            deviations = np.sqrt(variance * np.diag(inverse @ (weights.T @ weights) @ inverse.T))
+            vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]
+            if not vague:
+                answer, spreads = [np.nan] * 3, [np.nan] * 3
+                for name, value, deviation in zip(use, values, deviations):
+                    answer[name], spreads[name] = float(value), float(deviation)
+                return tuple(answer), tuple(spreads)
+            use.remove(max(vague))  # the slope first, then the lag, then the bias
+        else:
             use.pop()
-            continue
-        inverse = np.linalg.inv(normal)
-        values = inverse @ (part.T @ missed)
-        # neighbouring windows share their samples: only every `across`-th is a new one
-        variance = float(np.mean((missed - part @ values) ** 2)) * across
-        deviations = np.sqrt(variance * np.diag(inverse))
-        vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]
-        if not vague:
-            answer, spreads = [np.nan] * 3, [np.nan] * 3
-            for name, value, deviation in zip(use, values, deviations):
-                answer[name], spreads[name] = float(value), float(deviation)
-            return tuple(answer), tuple(spreads)
-        use.remove(max(vague))  # the slope first, then the lag, then the bias
     return (np.nan,) * 3, (np.nan,) * 3
