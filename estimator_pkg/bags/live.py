@@ -1,0 +1,162 @@
+"""What `record` and `play` share: a node of their own, message types, QoS between bag and rclpy.
+
+Imports ROS, so the commands import it when they run.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from estimator_pkg.errors import UserError
+
+try:
+    from estimator_pkg.nodes.runtime import make_executor  # isort: skip  settles the environment
+    import rclpy
+    from rclpy.duration import Duration
+    from rclpy.qos import (
+        DurabilityPolicy,
+        HistoryPolicy,
+        QoSProfile,
+        ReliabilityPolicy,
+    )
+    from rclpy.signals import SignalHandlerOptions
+except ImportError as problem:
+    raise UserError(f'ROS is not there ({problem}): on a robot, source its setup file; elsewhere, '
+                    "install the extra 'ros'") from problem
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+DEPTH = 1000  # of queues: what arrives while the disk is busy must not be lost
+
+
+class Live:
+    """A node, and whether the user wants to end.
+
+    Attributes
+    ----------
+    node : the node.
+    stopping : Ctrl-C was pressed, or the process was asked to end.
+    """
+
+    def __init__(self, name: str) -> None:
+        from rclpy.node import Node
+        self.stopping = False
+        # Our loops end by themselves, so that the bag is closed while ROS is still there.
+        self._before = {number: signal.signal(number, self._stop)
+                        for number in (signal.SIGINT, signal.SIGTERM)}
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node: Node = Node(name)
+        self._executor = make_executor()
+        self._executor.add_node(self.node)
+
+    def spin(self, seconds: float) -> None:
+        """Let callbacks run for at most so long, at least one if any is due."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def close(self) -> None:
+        """Take the node off the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _stop(self, number: int, frame: Any) -> None:
+        if self.stopping:  # a second Ctrl-C: at once
+            raise KeyboardInterrupt
+        self.stopping = True
+
+
+@contextmanager
+def live(name: str) -> Iterator[Live]:
+    """A node on the live graph.
+
+    Raises
+    ------
+    UserError : ROS cannot start.
+    """
+    try:
+        here = Live(name)
+    except Exception as error:  # of rcl: no middleware, a wrong environment
+        raise UserError(f'ROS cannot start: {str(error).splitlines()[0]}') from error
+    try:
+        yield here
+    finally:
+        here.close()
+
+
+def message_class(type_name: str) -> Any | None:
+    """The Python class of 'package/msg/Name'; None where its package is not installed."""
+    package, _, rest = type_name.partition('/')
+    kind, _, name = rest.rpartition('/')
+    try:
+        return getattr(importlib.import_module(f'{package}.{kind or "msg"}'), name)
+    except (ImportError, AttributeError, ValueError):
+        return None
+
+
+def offered(profile: QoSProfile) -> Qos:
+    """A publisher's profile as bags carry it."""
+    def time(duration: Duration) -> QosTime:
+        return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
+
+    def same(kind: Any, value: Any) -> Any:
+        return kind.__members__.get(value.name, kind.UNKNOWN)
+
+    return Qos(same(QosHistory, profile.history), profile.depth,
+               same(QosReliability, profile.reliability), same(QosDurability, profile.durability),
+               time(profile.deadline), time(profile.lifespan),
+               same(QosLiveliness, profile.liveliness), time(profile.liveliness_lease_duration),
+               bool(profile.avoid_ros_namespace_conventions))
+
+
+def matching(profiles: Sequence[Qos]) -> QoSProfile:
+    """What connects to all of these profiles, or offers what each of them did.
+
+    Reliable and transient local only where all are: a subscription that asks for more than a
+    publisher offers gets nothing from it.
+    """
+    reliable = bool(profiles) and all(item.reliability != QosReliability.BEST_EFFORT
+                                      for item in profiles)
+    latched = bool(profiles) and all(item.durability == QosDurability.TRANSIENT_LOCAL
+                                     for item in profiles)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=max([DEPTH, *(item.depth for item in profiles)]),
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
+def raw_callback(receive: Callable[[bytes, Any], None]) -> Callable[..., None]:
+    """`receive` as a callback of a raw subscription, whatever the executor hands over.
+
+    EventsExecutor of rclpy 7.1 hands over one tuple, other executors two arguments.
+    """
+    def callback(message: Any, info: Any = None) -> None:
+        if info is None:
+            message, info = message
+        receive(message, info)
+
+    callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
+    return callback
+
+
+def _two(message: Any, info: Any) -> None:
+    """Only its signature is of use."""
+
+
+_TWO_ARGUMENTS = inspect.signature(_two)

@@ -1,0 +1,189 @@
+"""``velocity_estimator record``: topics of the live graph into a bag, bytes as they came."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from rosbags.interfaces import Qos
+
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.cli import Command
+from estimator_pkg.errors import UsageError, UserError
+
+if TYPE_CHECKING:
+    from rclpy.qos import QoSProfile
+    from rclpy.subscription import Subscription
+
+    from estimator_pkg.bags.live import Live
+    from estimator_pkg.nodes.loss import Loss
+
+LOOK = 0.1       # s between looks at the graph
+FLUSH = 2.0      # s after which what has come is on its way to the disk
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument('topics', metavar='TOPIC', nargs='*',
+                        help='topics to record; none: all, also those that appear later')
+    parser.add_argument('--out', metavar='BAG', required=True, help='bag to write')
+    parser.add_argument('--duration', metavar='S', type=float,
+                        help='end so long after the first message; default: at Ctrl-C')
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Records until Ctrl-C or for the given time, then says what came."""
+    if parsed.duration is not None and not (math.isfinite(parsed.duration)
+                                            and parsed.duration > 0.0):
+        raise UsageError(f'--duration {parsed.duration:g}: it must be above 0 s')
+    from estimator_pkg.bags.live import live
+    wanted = [name if name.startswith('/') else f'/{name}' for name in parsed.topics]
+    with BagWriter(parsed.out) as writer:
+        with live('bag_recorder') as here:
+            recorder = Recorder(here, writer, wanted)
+            recorder.run(parsed.duration)
+        counts = writer.counts()
+        if not sum(counts.values()):
+            raise UserError('nothing was recorded: '
+                            + (f"no messages came on {', '.join(wanted)}" if wanted
+                               else 'no topic had messages'))
+    lost = {name: track.lost for name, track in recorder.tracks.items()}
+    print(f'{parsed.out}:')
+    for name, count in counts.items():
+        print(f'  {name}  {count} messages' + (f', {lost[name]} lost' if lost[name] else ''))
+    return {'bag': parsed.out, 'messages': counts, 'lost': lost}
+
+
+@dataclass
+class Track:
+    """One topic that is being recorded."""
+
+    subscription: Subscription
+    qos: QoSProfile
+    loss: Loss
+    lost_before: int = 0
+    profiles: list[Qos] = field(default_factory=list)
+
+    @property
+    def lost(self) -> int:
+        """Messages lost on the way to us."""
+        return self.lost_before + self.loss.count
+
+
+class Recorder:
+    """Follows the graph and writes what comes.
+
+    Parameters
+    ----------
+    wanted : names of topics; empty: all.
+    """
+
+    def __init__(self, here: Live, writer: BagWriter, wanted: list[str]) -> None:
+        self._here = here
+        self._writer = writer
+        self._wanted = wanted
+        self._refused: set[str] = set()
+        self._first_ns = 0
+        self.tracks: dict[str, Track] = {}
+
+    def run(self, duration: float | None) -> None:
+        """Record for so long [s] from the first message on, or until Ctrl-C."""
+        look = flush = 0.0
+        told = False
+        begun = time.monotonic()
+        while not self._here.stopping:
+            now = time.monotonic()
+            if now >= look:
+                self._look()
+                look = now + LOOK
+                if not told and now > begun + 1.0:
+                    told = True
+                    self._tell_missing()
+            if now >= flush:
+                self._writer.flush()
+                flush = now + FLUSH
+            if duration is not None and self._first_ns and (
+                    time.monotonic_ns() - self._first_ns > duration * 1e9):
+                return
+            self._here.spin(min(LOOK, duration or LOOK))
+
+    def _tell_missing(self) -> None:
+        missing = [name for name in self._wanted if name not in self.tracks]
+        if missing:
+            print(f"waiting for {', '.join(missing)}", file=sys.stderr)
+
+    def _look(self) -> None:
+        """Subscribe to what has appeared, and follow publishers that offer less than before."""
+        for name, types in self._here.node.get_topic_names_and_types():
+            if name in self._refused or (self._wanted and name not in self._wanted):
+                continue
+            publishers = self._here.node.get_publishers_info_by_topic(name)
+            if not publishers:
+                continue
+            from estimator_pkg.bags.live import offered
+            profiles = []
+            for publisher in publishers:
+                profile = offered(publisher.qos_profile)
+                if profile not in profiles:
+                    profiles.append(profile)
+            track = self.tracks.get(name)
+            if track is None:
+                self._start(name, types, profiles, str(publishers[0].topic_type_hash))
+            elif any(profile not in track.profiles for profile in profiles):
+                self._adapt(name, types[0], track, profiles)
+
+    def _start(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> None:
+        from estimator_pkg.bags.live import matching, message_class
+        kind = message_class(types[0])
+        if kind is None or len(types) > 1:
+            self._refused.add(name)
+            why = ('it has several types' if len(types) > 1 else
+                   f'its type {types[0]} is not installed')
+            if self._wanted:
+                raise UserError(f'{name} cannot be recorded: {why}')
+            print(f'warning: {name} is not recorded: {why}', file=sys.stderr)
+            return
+        self._writer.add_topic(name, types[0], profiles,
+                               type_hash=type_hash if type_hash.startswith('RIHS01_') else '')
+        qos = matching(profiles)
+        self.tracks[name] = self._subscribe(name, kind, qos, profiles)
+        print(f'recording {name} ({types[0]})', file=sys.stderr)
+
+    def _adapt(self, name: str, type_name: str, track: Track, profiles: list[Qos]) -> None:
+        """Another publisher came, which may not match the subscription there is."""
+        from estimator_pkg.bags.live import matching, message_class
+        track.profiles += [profile for profile in profiles if profile not in track.profiles]
+        qos = matching(track.profiles)
+        if (qos.reliability, qos.durability) == (track.qos.reliability, track.qos.durability):
+            return
+        print(f'warning: a publisher of {name} offers less than those before: subscribing anew',
+              file=sys.stderr)
+        self._here.node.destroy_subscription(track.subscription)
+        again = self._subscribe(name, message_class(type_name), qos, track.profiles)
+        again.lost_before = track.lost
+        self.tracks[name] = again
+
+    def _subscribe(self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]) -> Track:
+        from estimator_pkg.bags.live import raw_callback
+        from estimator_pkg.nodes.loss import Loss
+        holder: list[Subscription] = []
+        loss = Loss(lambda: holder[0].get_publisher_count())
+        write = self._writer.write
+
+        def receive(raw: bytes, info: Any) -> None:
+            loss.saw(info['publication_sequence_number'])
+            now = time.time_ns()
+            write(name, info['received_timestamp'] or now, raw, info['source_timestamp'] or now)
+            if not self._first_ns:
+                self._first_ns = time.monotonic_ns()
+
+        holder.append(self._here.node.create_subscription(kind, name, raw_callback(receive), qos,
+                                                          raw=True))
+        return Track(holder[0], qos, loss, profiles=list(profiles))
+
+
+COMMAND = Command('topics of the live graph into a bag', arguments, run)
