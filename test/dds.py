@@ -155,7 +155,8 @@ class Observer:
         from estimator_pkg.messages.joint_state import Decoder, Encoder
 
         self.probe, self.name = probe, name
-        self.answers: list[Any] = []   # decoded JointStates of ~/estimate
+        self.answers: list[Any] = []           # decoded JointStates of ~/estimate
+        self.raw_answers: list[bytes] = []     # and as they came
         self.statuses: dict[str, Any] = {}     # newest ~/status, by joint
         self.diagnostics: dict[str, Any] = {}  # newest /diagnostics of this node, by entry
         self.reports = 0
@@ -167,9 +168,7 @@ class Observer:
         self.publisher = node.create_publisher(
             JointState, topic, QoSProfile(depth=50, reliability=reliability))
         self._subscriptions = [
-            node.create_subscription(JointState, f'{name}/estimate',
-                                     lambda raw: self.answers.append(self._decode(raw)), 1000,
-                                     raw=True),
+            node.create_subscription(JointState, f'{name}/estimate', self._answer, 1000, raw=True),
             node.create_subscription(DiagnosticArray, f'{name}/status', self._status, latched),
             node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 50)]
 
@@ -191,6 +190,10 @@ class Observer:
     @staticmethod
     def _connected(subscription: Any) -> bool:
         return subscription.get_publisher_count() > 0
+
+    def _answer(self, raw: bytes) -> None:
+        self.raw_answers.append(raw)
+        self.answers.append(self._decode(raw))
 
     def _status(self, message: Any) -> None:
         self.statuses = {status.name: status for status in message.status}

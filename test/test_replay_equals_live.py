@@ -1,0 +1,115 @@
+"""The same messages through the real node over real DDS, through replay and the driver."""
+
+from __future__ import annotations
+
+import math
+
+import dds
+import pytest
+
+from estimator_pkg import cli, observers, params_file
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+
+MODULE = 'estimator_pkg.nodes.joint_observer'
+FAULTS = ['noise=0.0005', 'sampling_jitter=0.0004', 'dropped=0.02', 'repeated=0.02',
+          'duplicated=0.02', 'outliers=0.002', 'outlier_size=3.13', 'gap_every=0.7',
+          'gap_length=0.25', 'burst_every=0.9', 'eccentricity=0.002']
+SETS = {  # what the parameter file says beside the observer
+    'hybrid_angle': 'quantum: 0.0015339\n    joints.b: {bandwidth_hz: 100, unwrap: true}',
+    'kalman': 'noise: 0.001\n    gap_max: 0.1',
+    'finite_difference': 'joints: [b]\n    low_speed_bound: false'}
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    """A bag of two joints with every fault, and with what no simulator makes behind it."""
+    from estimator_pkg.bags.writer import BagWriter
+
+    path = tmp_path_factory.mktemp('bags')
+    faults = [word for fault in FAULTS for word in ('--set', fault)]
+    assert cli.main(['simulate', 'encoder', '--out', str(path / 'made'), '--duration', '2',
+                     '--seed', '5', '--set', 'joints=[a, b]', *faults]) == 0
+    with open_bag(path / 'made') as bag, BagWriter(path / 'bag') as writer:
+        writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        raws = []
+        for message in bag.messages(['/joint_states']):
+            raws.append((message.log_ns, bytes(message.raw)))
+        last, raw = raws[-1]
+        raws += [(last + i * 1_000_000, odd) for i, odd in enumerate(odd_messages(raw), 1)]
+        for log_ns, raw in raws:
+            writer.write('/joint_states', log_ns, raw)
+    return path / 'bag', [raw for _, raw in raws]
+
+
+def odd_messages(raw):
+    """Bad values and stamps, joints that come and go, a clock that jumps back."""
+    stamp, encode = Decoder().decode(raw).stamp_ns, Encoder().encode
+
+    def at(milliseconds, names, positions):
+        return encode(stamp + milliseconds * 1_000_000, 'tool', names, positions)
+
+    yield from (at(1, ['a', 'b'], [math.nan, 1.0]), at(2, ['b', 'a'], [1.0, math.inf]),
+                at(2, ['a', 'b'], [1.0, 1.0]), at(1, ['a', 'b'], [1.0, 1.0]),
+                at(3, [], []), at(3, ['a', 'b'], [1.0]), encode(0, '', ['a'], [1.0]),
+                at(10**9, ['a'], [1.0]), at(4, ['a'], [1.001]))
+    for i in range(300):
+        yield at(5 + i, ['c', 'a'], [0.001 * i, 1.0 + 0.002 * i])
+    for i in range(300):  # the bag loops
+        yield at(i - 5000, ['b'], [0.003 * i])
+
+
+@pytest.mark.parametrize('observer', SETS)
+def test_replay_and_driver_equal_the_live_node(observer, recording, probe, tmp_path):
+    bag, raws = recording
+    file = tmp_path / 'params.yaml'
+    file.write_text(f'/**:\n  ros__parameters:\n    observer: {observer}\n    {SETS[observer]}\n')
+    live, deviations = run_live(observer, file, raws, probe)
+    assert len(live) == len(deviations) == len(raws)
+
+    assert cli.main(['replay', str(bag), '--params', str(file), '--out', str(tmp_path / 'out'),
+                     '--name', observer]) == 0
+    with open_bag(tmp_path / 'out') as replayed:
+        for topic, made in ((f'/{observer}/estimate', live),
+                            (f'/{observer}/estimate_stddev', deviations)):
+            assert [bytes(message.raw) for message in replayed.messages([topic])] == made
+
+    common, overrides = params_file.split(params_file.load(file, observer))
+    only = common.pop('joints', ())
+    common.pop('observer')
+    bank = Bank(Configuration(observers.find(observer), common, overrides), only)
+    decode, published = Decoder().decode, 0
+    for raw, answer, deviation in zip(raws, map(decode, live), map(decode, deviations)):
+        measured = decode(raw)
+        found = bank.update(measured.stamp_ns, measured.names, measured.positions)
+        assert (answer.stamp_ns, answer.frame_id) == (measured.stamp_ns, measured.frame_id)
+        assert list(zip(answer.names, answer.positions, answer.velocities)) == [
+            (name, *estimate[:2]) for name, joint, estimate in found]
+        assert list(zip(deviation.names, deviation.positions, deviation.velocities)) == [
+            (name, *joint.stddev()) for name, joint, estimate in found]
+        published += len(found)
+    assert published > len(raws) // 2  # there was something to compare
+
+
+def run_live(name, file, raws, probe):
+    """The bytes that the node answered to each message: estimates, standard deviations."""
+    from sensor_msgs.msg import JointState
+
+    deviations = []
+    with dds.NodeProcess(MODULE, '--ros-args', '-r', f'__node:={name}', '-r', f'__ns:=/{name}',
+                         '--params-file', str(file)) as process, \
+            dds.Observer(probe, f'/{name}/{name}', f'/{name}/joint_states') as live:
+        listener = probe.node.create_subscription(
+            JointState, f'/{name}/{name}/estimate_stddev', deviations.append, 1000, raw=True)
+        try:
+            live.connect()
+            probe.until(listener.get_publisher_count)
+            probe.spin(0.3)
+            live.feed(raws)
+            probe.until(lambda: len(deviations) >= len(raws))
+        finally:
+            probe.node.destroy_subscription(listener)
+    assert 'Traceback' not in process.output
+    return live.raw_answers, deviations
