@@ -1,4 +1,4 @@
-"""Figures 4 and 5 of the hybrid-angle paper: plant (1) and observer (3), integrated with their jumps.
+"""Figures 4 and 5 of the hybrid-angle paper: plant (1) and observer (3) with their jumps.
 
 Runge-Kutta of order four at a fixed step; jumps are tested after each step, in the order plant J1,
 observer J1, observer J2, until none is left (the paper leaves the order open). It runs as plain
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from estimator_pkg.observers.hybrid_angle_continuous import (
 from sim_pkg import profiles
 from sim_pkg.reproduce import splitmix
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 STEP = 1e-4             # integration step [s]
 DURATION = 8.0          # of Figures 4 and 5 [s]
@@ -139,13 +139,18 @@ def make_simulation(name: str) -> Callable[..., None]:
 
 
 @lru_cache
-def figure_4(name: str) -> Trace:
-    """Figure 4: no noise, epsilon 0.7 s, M = 1 rad."""
-    return _run(name, epsilon=0.7, limit=1.0, noise=np.zeros(STEPS))
+def figure_4(injection: str, *, k1: float = K1, k2: float = K2, margin: float = MARGIN) -> Trace:
+    """Figure 4: no noise, epsilon 0.7 s, M = 1 rad.
+
+    Parameters
+    ----------
+    margin : delta_pi [rad]; so small that no step ends inside it, it switches J2 off.
+    """
+    return _run(injection, (*observer_gains(k1, k2, 0.7), 1.0), margin, np.zeros(STEPS))
 
 
 @lru_cache
-def figure_5(name: str, seed: int) -> Trace:
+def figure_5(injection: str, seed: int) -> Trace:
     """Figure 5: +-15 degrees of uniform noise held for 1 ms, epsilon 0.1 s, M = 0.03 rad.
 
     Parameters
@@ -153,15 +158,15 @@ def figure_5(name: str, seed: int) -> Trace:
     seed : of the splitmix64 stream. The paper states neither distribution nor bandwidth.
     """
     held = splitmix.uniforms(seed, STEPS // NOISE_HOLD, NOISE_REACH)
-    return _run(name, epsilon=0.1, limit=0.03, noise=np.repeat(held, NOISE_HOLD))
+    return _run(injection, (*observer_gains(K1, K2, 0.1), 0.03), MARGIN,
+                np.repeat(held, NOISE_HOLD))
 
 
-def _run(name: str, *, epsilon: float, limit: float, noise: Array) -> Trace:
-    half_steps = 0.5 * STEP * np.arange(2 * STEPS + 1)
+def _run(injection: str, gains: tuple[float, float, float], margin: float, noise: Array) -> Trace:
+    half_steps = np.asarray(0.5 * STEP * np.arange(2 * STEPS + 1), np.float64)
     speed = profiles.figure_4()(half_steps)[1]
     out = [np.zeros(STEPS) for _ in range(5)]
     out += [np.full(STEPS, np.nan), np.full(STEPS, np.nan), np.zeros(STEPS)]
     # lists hold Python's own numbers, which are several times faster than numpy's
-    make_simulation(name)((*observer_gains(K1, K2, epsilon), limit), MARGIN, STEP,
-                          speed.tolist(), noise.tolist(), *out)
+    make_simulation(injection)(gains, margin, STEP, speed.tolist(), noise.tolist(), *out)
     return Trace(half_steps[:-1:2], speed[:-1:2], *out)

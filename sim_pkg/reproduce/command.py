@@ -1,0 +1,55 @@
+"""``velocity_estimator reproduce``: a paper's figures and tables, ours beside the reference."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from estimator_pkg import registry
+from estimator_pkg.cli import Command
+from estimator_pkg.errors import UserError
+from estimator_pkg.progress import progress
+from sim_pkg.reproduce import table
+from sim_pkg.reproduce.contract import Reproduction
+
+NO_MATPLOTLIB = ("matplotlib is not there: pip install 'velocity_estimator[report]' "
+                 'to draw the figures')
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    known = ', '.join(registry.names(registry.REPRODUCTIONS))
+    parser.add_argument('paper', metavar='PAPER', help=f'which paper: {known}')
+    parser.add_argument('--plot', metavar='DIR', type=Path, help='draw the figures into DIR')
+    parser.add_argument('--only', metavar='ID', default='',
+                        help="only rows whose id starts so, such as 'F4'")
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Compute and print the rows, draw the figures; 'ok' is False if a row fails."""
+    reproduction: Reproduction = registry.find(registry.REPRODUCTIONS, parsed.paper)
+    if parsed.plot is not None:
+        _require_matplotlib()  # before the work, not after it
+    with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
+        rows = list(reproduction.rows(advance, parsed.only))
+    print(reproduction.summary)
+    table.show(rows)
+    for note in reproduction.notes:
+        print(note)
+    if parsed.plot is not None:
+        parsed.plot.mkdir(parents=True, exist_ok=True)
+        for path in reproduction.figures(parsed.plot):
+            print(path)
+    return {'paper': reproduction.name, 'ok': all(row.ok for row in rows),
+            'rows': [row.as_dict() for row in rows]}
+
+
+def _require_matplotlib() -> None:
+    try:
+        import matplotlib  # noqa: F401  (only to see whether it is there)
+    except ImportError as error:
+        raise UserError(NO_MATPLOTLIB) from error
+
+
+COMMAND = Command("reproduce a paper's figures and tables", arguments, run)

@@ -1,0 +1,50 @@
+"""The table of a reproduction: ours, the reference, the tolerance and what the paper prints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from sim_pkg.reproduce.contract import Row
+
+PLAIN_WIDTH = 160  # columns where the output is no terminal
+
+
+def number(value: float) -> str:
+    """A number as the tables write it: at most five digits, no lonely exponents."""
+    if not math.isfinite(value):
+        return str(value)
+    if value == int(value) and abs(value) < 1e6:
+        return f'{int(value)}'
+    return f'{value:.5g}' if abs(value) >= 1e-4 else f'{value:.2e}'
+
+
+def show(rows: Sequence[Row], console: Console | None = None) -> None:
+    """Print the table and one line that says how many rows hold."""
+    console = console or Console()
+    if not console.is_terminal:
+        console = Console(file=console.file, width=PLAIN_WIDTH)
+    table = Table(box=None, pad_edge=False, header_style='bold')
+    table.add_column('row', no_wrap=True)
+    for heading in ('ours', 'reference', 'tolerance'):
+        table.add_column(heading, justify='right', no_wrap=True)
+    table.add_column('paper')
+    table.add_column('ok', no_wrap=True)
+    for row in rows:
+        reference = row.reference
+        paper = reference.paper
+        table.add_row(Text(reference.id), number(row.value), number(reference.value),
+                      reference.tolerance_text,
+                      '' if paper is None else paper if isinstance(paper, str) else number(paper),
+                      Text('yes', 'green') if row.ok else Text('NO', 'bold red'))
+    console.print(table)
+    failed = [row for row in rows if not row.ok]
+    console.print(f'{len(rows) - len(failed)} of {len(rows)} rows within their tolerance',
+                  highlight=False)
+    for row in failed:
+        console.print(f'failed: {row.reference.id} ({row.reference.what})', highlight=False,
+                      markup=False)
