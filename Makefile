@@ -11,7 +11,9 @@ STAMP := $(VENV)/.installed
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find estimator_pkg sim_pkg resource launch config -type f -not -name '*.pyc')
 
-.PHONY: demo test install check clean
+# make test-slow  the tests that take minutes
+
+.PHONY: demo test test-slow install check clean
 
 demo: install
 	@$(BIN)/velocity_estimator demo
@@ -31,6 +33,9 @@ $(STAMP): $(SOURCES)
 # Tests run on the installed package, not on the checkout beside it.
 test: install check
 	$(BIN)/pytest
+
+test-slow: install
+	$(BIN)/pytest -m slow
 
 check: install
 	$(BIN)/ruff check .
