@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,6 +42,23 @@ from rosbags.typesys import Stores, get_typestore
 with AnyReader([Path(sys.argv[1])], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
     for connection, _, raw in reader.messages():
         reader.deserialize(raw, connection.msgtype)
+"""
+# What wait4 says of memory counts what the parent had when it forked, so the child tells itself.
+WEIGHED_FILE = 'VELOCITY_ESTIMATOR_WEIGHED'
+WEIGHED = """
+def weigh():
+    import os, sys
+    try:
+        with open('/proc/self/status') as status:
+            peak = next(int(line.split()[1]) * 1024 for line in status if line.startswith('VmHWM'))
+    except OSError:
+        import resource
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        peak *= 1 if sys.platform == 'darwin' else 1024
+    with open(os.environ['VELOCITY_ESTIMATOR_WEIGHED'], 'w') as out:
+        out.write(str(peak))
+import atexit
+atexit.register(weigh)
 """
 REPLAY = 'import sys; from estimator_pkg.cli import main; sys.exit(main(sys.argv[1:]))'
 
@@ -74,16 +91,18 @@ def write_bag(path: Path, messages: int, joints: int = JOINTS) -> None:
             advance(count)
 
 
-def run_process(words: Sequence[str]) -> Cost:
-    """Runs Python with these arguments to its end.
+def run_process(code: str, *arguments: str) -> Cost:
+    """Runs this Python code, with these in `sys.argv`, in a process of its own to its end.
 
     Raises
     ------
     UserError : it failed; with the last line of what it said.
     """
     begun = time.perf_counter()
-    with tempfile.TemporaryFile() as said:
-        child = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL, stderr=said)
+    with tempfile.TemporaryFile() as said, tempfile.NamedTemporaryFile('r') as weighed:
+        child = subprocess.Popen([sys.executable, '-c', WEIGHED + code, *arguments],
+                                 stdout=subprocess.DEVNULL, stderr=said,
+                                 env={**os.environ, WEIGHED_FILE: weighed.name})
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         wall = time.perf_counter() - begun
@@ -91,8 +110,7 @@ def run_process(words: Sequence[str]) -> Cost:
             said.seek(0)
             lines = said.read().decode('utf-8', 'replace').strip().splitlines()
             raise UserError(f'a benchmarked process failed: {lines[-1] if lines else "silently"}')
-    unit = 1.0 if sys.platform == 'darwin' else 1024.0  # bytes there, kB elsewhere
-    return Cost(wall, used.ru_utime + used.ru_stime, used.ru_maxrss * unit * 1e-6)
+        return Cost(wall, used.ru_utime + used.ru_stime, float(weighed.read()) * 1e-6)
 
 
 def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, Any]]:
@@ -112,21 +130,20 @@ def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, An
                 if label == 'with':
                     out = folder / f'out{number}'
                     extra = ['--out', str(out)]
-                cost = run_process([*words, *extra])
+                cost = run_process(*words, *extra)
                 if extra:
                     _remove(out)
                 costs.setdefault(label, []).append(cost)
                 return cost.wall
             return timed
 
-        replay = ('-c', REPLAY, 'replay', str(bag), '--observer', MAIN)
+        replay = (REPLAY, 'replay', str(bag), '--observer', MAIN)
         sides = {'without': side('without', *replay), 'with': side('with', *replay),
-                 'peer': side('peer', '-c', PEER, str(bag))}
+                 'peer': side('peer', PEER, str(bag))}
         with progress('replay', (rounds + 1) * len(sides)) as advance:
             times = interleave(sides, rounds, advance)
         out = folder / 'quarter_out'
-        short = run_process(['-c', REPLAY, 'replay', str(quarter), '--observer', MAIN, '--out',
-                             str(out)])
+        short = run_process(REPLAY, 'replay', str(quarter), '--observer', MAIN, '--out', str(out))
     rows = []
     for label, title in (('without', 'replay without --out'), ('with', 'replay with --out'),
                          ('peer', 'rosbags reads and deserialises')):
