@@ -1,5 +1,6 @@
 # make demo     watch a live ROS 2 node estimate velocity beside the truth (installs everything first)
 # make test     run every test, the multi-process ones over real DDS included
+# make test-slow  the tests that take minutes
 # make install  only make .venv with the package, ROS 2 Jazzy and all extras
 # make check    ruff and mypy alone
 # make clean    remove .venv and what builds leave behind
@@ -10,8 +11,6 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find estimator_pkg sim_pkg resource launch config -type f -not -name '*.pyc')
-
-# make test-slow  the tests that take minutes
 
 .PHONY: demo test test-slow install check clean
 
