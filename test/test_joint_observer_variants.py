@@ -6,7 +6,9 @@ import math
 import signal
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
 
 import dds
 import pytest
@@ -18,12 +20,16 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.observers.circle import Circle
 
 
-def launch(name, *parameters, remap=()):
+CONFIG = Path(__file__).parent.parent / 'config/joint_observer.yaml'
+
+
+def launch(name, *parameters):
     """A node called `name` whose input is /<name>/joint_states or /<name>/angle."""
-    words = ['--ros-args', '-r', f'__node:={name}', '-r', f'__ns:=/{name}']
+    words = ['--ros-args', '-r', f'__node:={name}', '-r', f'__ns:=/{name}',
+             '--params-file', str(CONFIG)]
     for pair in parameters:
         words += ['-p', pair]
-    return dds.NodeProcess(MODULE, *words, *remap)
+    return dds.NodeProcess(MODULE, *words)
 
 
 @pytest.fixture(scope='module')
@@ -33,6 +39,7 @@ def processes():
         'counts': ['input:=angle', 'angle_type:=Int32', 'counts_per_revolution:=4096',
                    'angle_sign:=-1', 'angle_offset:=0.5', 'angle_joint:=wheel'],
         'misspelt': ['qos_overrides./misspelt/joint_states.subscription.reliability:=reliable',
+                     'qos_overrides./mispelt/joint_states.subscription.depth:=9',
                      'bandwith_hz:=20.0', 'joints.sholder.noise:=0.001', 'joints.arm.nose:=1.0'],
         'paper': ['form:=paper', 'bandwidth_hz:=5.0'],
         'wall': ['stamp_source:=publisher', 'joints:=[a]'],
@@ -96,10 +103,13 @@ def test_incompatible_qos_and_misspelt_names_are_told(processes, observe, probe)
     assert live.next_report()['/misspelt/misspelt']['qos_mismatches'] == '1'
     with dds.Observer(probe, '/misspelt/misspelt', '/misspelt/joint_states') as reliable:
         reliable.connect().feed(turning(reliable, ['shoulder'], [1.0], 3))
+    process.prints("unknown parameter 'qos_overrides./mispelt/joint_states.subscription.depth': "
+                   "did you mean 'qos_overrides./misspelt/joint_states.subscription.depth'?")
     process.prints("unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?")
     process.prints("unknown parameter 'joints.arm.nose': did you mean 'noise'?")
     process.prints("joint 'sholder' was named in the parameters and never seen: "
                    "did you mean 'shoulder'?")
+    assert process.output.count('unknown parameter') == 3  # what the YAML sets is known
 
 
 def test_gains_unstable_at_the_measured_rate(processes, observe, probe):
@@ -168,6 +178,7 @@ def test_a_simulated_clock_that_rests_and_jumps_back(processes, observe, probe):
 
 
 def test_the_class_in_an_executor_of_ones_own(probe):
+    from rclpy.executors import SingleThreadedExecutor
     from sensor_msgs.msg import JointState
 
     from estimator_pkg.nodes.joint_observer import JointObserver
@@ -178,7 +189,10 @@ def test_the_class_in_an_executor_of_ones_own(probe):
     made = []
     encode = node._encode_stddev
     node._encode_stddev = lambda *given: made.append(given) or encode(*given)
-    probe.executor.add_node(node)
+    executor = SingleThreadedExecutor()  # hands callbacks other arguments than EventsExecutor
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
     try:
         with dds.Observer(probe, '/own/mine', '/own/joint_states') as live:
             live.connect()
@@ -195,7 +209,8 @@ def test_the_class_in_an_executor_of_ones_own(probe):
             probe.node.destroy_subscription(listener)
             assert '/own/mine/acceleration' not in dict(node.get_topic_names_and_types())
     finally:
-        probe.executor.remove_node(node)
+        executor.shutdown()
+        thread.join()
         node.destroy_node()
 
 

@@ -23,6 +23,7 @@ from estimator_pkg.parameters import Parameter, build, declared
 T = TypeVar('T')
 Values = dict[str, Any]
 PREFIX = 'joints.'
+QOS = 'qos_overrides.'
 
 _TYPES = {float: ParameterType.PARAMETER_DOUBLE, int: ParameterType.PARAMETER_INTEGER,
           bool: ParameterType.PARAMETER_BOOL, str: ParameterType.PARAMETER_STRING,
@@ -124,6 +125,9 @@ class RosParameters:
         override = split_override(name)
         if override and self._overridable:
             return suggestion(override[1], self._overridable)
+        if name.startswith(QOS):
+            declared_here = self._node.list_parameters([QOS.rstrip('.')], 0).names
+            return suggestion(name, declared_here)
         return suggestion(name, self._known)
 
     def _declare(self, name: str, parameter: Parameter, value: Any) -> None:
