@@ -72,13 +72,13 @@ def judge(last_ns: int, before_ns: int, late: int, mean_dt: float, stamp_ns: int
     mean_dt : mean sample time [s].
     """
     ahead = stamp_ns - last_ns
+    slow_ns = SLOW_STREAM * 1e9 * mean_dt
     if ahead > 0:
-        if ahead > gap_ns and ahead > SLOW_STREAM * 1e9 * mean_dt:
-            return AFTER_GAP
-        return USED
+        return AFTER_GAP if ahead > gap_ns and ahead > slow_ns else USED
     if ahead == 0:
         return DUPLICATE
-    if before_ns != 0 and 0 < stamp_ns - before_ns <= gap_ns:
+    since = stamp_ns - before_ns
+    if before_ns != 0 and since > 0 and (since <= gap_ns or since <= slow_ns):
         return AFTER_STRAY_STAMP
     if ahead < -reorder_ns or late + 1 >= LATE_IN_A_ROW:
         return AFTER_CLOCK_JUMP

@@ -71,30 +71,30 @@ def make_track(functions: Functions) -> TrackFunctions:
             passed_ns = stamp_ns - (last_ns if verdict == USED else before_ns)
             if passed_ns != dt_ns:
                 coefficients = prepare(design, passed_ns * 1e-9)
-            if mean_dt == 0.0:
-                mean_dt = passed_ns * 1e-9
-            else:
-                mean_dt += RATE_WEIGHT * (passed_ns * 1e-9 - mean_dt)
+            if verdict == USED:
+                passed = passed_ns * 1e-9
+                mean_dt += (1.0 if mean_dt == 0.0 else RATE_WEIGHT) * (passed - mean_dt)
             if mean_dt > longest_dt:
                 return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients,
                          init(measurement, design), True), MISCONFIGURED)
-            if verdict == USED:
+            if verdict == USED and passed_ns * 1e-9 <= longest_dt:
                 state = step(state, coefficients, design, measurement, given)
-            else:
-                state = resume(state, coefficients, design, measurement)
-            return (stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True), verdict
+                return (stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True), USED
+            # a sample time that would be unstable if it were the rule is passed over as a gap is
+            state = resume(state, coefficients, design, measurement)
+            return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True),
+                    AFTER_GAP if verdict == USED else verdict)
         if verdict == DUPLICATE:
             return track, DUPLICATE
         if verdict == LATE:
             return ((last_ns, before_ns, late + 1, dt_ns, mean_dt, coefficients, state, True),
                     LATE)
         if verdict == AFTER_GAP:
-            passed = (stamp_ns - last_ns) * 1e-9
-            if mean_dt == 0.0:
-                mean_dt = passed
-            else:
-                # a stream that became slow is learnt in a few samples, one hole hardly counts
-                mean_dt += RATE_WEIGHT * (min(passed, 50.0 * mean_dt) - mean_dt)
+            if before_ns != 0:
+                # One hole, or one stamp from the far future, says nothing of the rate; two in a row
+                # mean that it fell: double the mean until they are holes no more.
+                shorter = min(stamp_ns - last_ns, last_ns - before_ns) * 1e-9
+                mean_dt = shorter if mean_dt == 0.0 else min(2.0 * mean_dt, shorter)
             return ((stamp_ns, last_ns, 0, dt_ns, mean_dt, coefficients,
                      resume(state, coefficients, design, measurement), True), AFTER_GAP)
         return ((stamp_ns, 0, 0, dt_ns, mean_dt, coefficients, init(measurement, design), True),
