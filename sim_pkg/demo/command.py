@@ -60,7 +60,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     with ended_on_any_signal():
         count = _watch(parsed, bag, environment)
         print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
-        code = velocity_estimator(['evaluate', str(bag), '--observer', 'finite_difference',
+        code = velocity_estimator(['evaluate', str(bag), '--estimate', ESTIMATE,
+                                   '--observer', 'finite_difference',
                                    '--skip', '1', '--plot', str(plot)])
     print(f'\nbag   {bag}\nplot  {plot}')
     return {'ok': code == 0 and count > 0, 'bag': str(bag), 'plot': str(plot), 'estimates': count}
