@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from estimator_pkg.observers.circle import wrap
 
+SLACK = 1e-6  # part of a turn: atan2 gives +pi too, and float32 numbers lie beside their edges
+
 # (last measurement, lowest, highest, wraps seen, turns counted from the first sample)
 Convention = tuple[float, float, float, float, float]
 
@@ -56,15 +58,16 @@ def present(convention: Convention, position: float, period: float, unwrap: floa
         shown = last + wrap(position - last, period)
     if unwrap > 0.0:
         return shown + turns * period
-    if low < -half or high >= period or (low < 0.0 and high >= half):
+    slack = SLACK * period
+    if low < -half - slack or high >= period + slack or (low < -slack and high >= half + slack):
         return shown  # beyond any single interval: multi-turn
     if wraps > 0.0:
-        if low < 0.0:
+        if low < -slack:
             return wrap(shown, period)
         return wrap(shown - half, period) + half
     # Not known yet which edge is the wrap: do not show an estimate past one the shaft has not left.
     for edge in (-half, 0.0, half, period):
-        if low >= 0.0 or edge != 0.0:
+        if low >= -slack or edge != 0.0:
             if last < edge <= shown:
                 return edge - 1e-9 * period
             if shown < edge <= last:

@@ -1,0 +1,158 @@
+"""The published position is written as the measurement is: wrapped, multi-turn or prismatic."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from observer_cases import make, stamps
+
+from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.convention import begin, follow, present
+
+TURN = 2.0 * math.pi
+OBSERVERS = ('finite_difference', 'pll', 'kalman', 'hybrid_angle')
+DT = 1e-3
+
+CONVENTIONS = {
+    'from -pi': lambda angle: wrap(angle, TURN),
+    'from 0': lambda angle: wrap(angle - math.pi, TURN) + math.pi,
+    'multi-turn': lambda angle: angle,
+}
+INTERVALS = {'from -pi': (-math.pi, math.pi), 'from 0': (0.0, TURN),
+             'multi-turn': (-math.inf, math.inf)}
+
+
+@st.composite
+def motions(draw):
+    """Angles [rad, any turn] of a shaft that changes its speed (at most 60 rad/s) at times."""
+    start = draw(st.one_of(st.floats(-4.0, 10.0), st.sampled_from([0.0, math.pi, -math.pi, TURN])))
+    parts = draw(st.lists(st.tuples(st.floats(-60.0, 60.0), st.integers(1, 150)),
+                          min_size=1, max_size=6))
+    speed = np.concatenate([np.full(count, value) for value, count in parts])
+    return start + np.concatenate(([0.0], np.cumsum(speed) * DT))
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from([TURN, math.pi, 1.0, 360.0]))
+def test_wrap_stays_in_its_interval_and_takes_whole_turns(angle, period):
+    wrapped = wrap(angle, period)
+    slack = 1e-9 * period
+    assert -0.5 * period - slack <= wrapped <= 0.5 * period + slack
+    turns = (angle - wrapped) / period
+    assert abs(turns - round(turns)) < 1e-9
+    assert wrap(angle, 0.0) == angle
+
+
+@pytest.mark.parametrize('convention', CONVENTIONS)
+@pytest.mark.parametrize('name', OBSERVERS)
+@settings(max_examples=40, deadline=None)
+@given(motion=motions())
+@example(motion=np.arange(400) * 0.05)
+@example(motion=math.pi - np.arange(400) * 0.05)
+def test_position_comes_out_as_it_goes_in(name, convention, motion):
+    joint = make(name)
+    low, high = INTERVALS[convention]
+    at = stamps(len(motion), DT).tolist()
+    for stamp, angle in zip(at, motion.tolist()):
+        measured = CONVENTIONS[convention](angle)
+        joint.update(stamp, measured)
+        position = joint.estimate()[0]
+        assert low <= position < high
+        # the largest innovation: a start without a speed, or a change of 120 rad/s
+        error = position - measured
+        if convention != 'multi-turn':
+            error = wrap(error, TURN)
+        assert abs(error) < 1.0
+
+
+@pytest.mark.parametrize('name', OBSERVERS)
+def test_position_is_right_where_the_motion_is_smooth(name):
+    t = np.arange(3000) * DT
+    motion = 2.0 + 12.0 * np.sin(2.0 * t)  # several turns forth and back
+    for convention, written in CONVENTIONS.items():
+        joint = make(name)
+        measured = np.array([written(angle) for angle in motion])
+        out = joint.run(stamps(3000, DT), measured, fast=False)
+        error = (out.position - measured)[500:]
+        if convention != 'multi-turn':
+            error = np.array([wrap(x, TURN) for x in error])
+        assert np.max(np.abs(error)) < 0.01
+
+
+@pytest.mark.parametrize('convention', CONVENTIONS)
+@settings(max_examples=40, deadline=None)
+@given(motion=motions())
+def test_unwrap_counts_turns_from_the_first_sample(convention, motion):
+    joint = make('kalman', unwrap=True)
+    first = CONVENTIONS[convention](float(motion[0]))
+    at = stamps(len(motion), DT).tolist()
+    for stamp, angle in zip(at, motion.tolist()):
+        joint.update(stamp, CONVENTIONS[convention](angle))
+        position = joint.estimate()[0]
+        assert abs(position - first - (angle - motion[0])) < 1.0
+
+
+def test_unwrap_counts_on_over_a_gap_the_short_way():
+    joint = make('kalman', unwrap=True)
+    at = stamps(600, DT)
+    for i in range(500):
+        joint.update(int(at[i]), wrap(20.0 * i * DT, TURN))
+    turns = joint.estimate()[0]
+    assert turns == pytest.approx(20.0 * 0.499, abs=1e-6)
+    after = 20.0 * 0.5 + 1.0  # a gap in which it moved on by one radian
+    joint.update(int(at[500]) + 10 ** 9, wrap(after, TURN))
+    assert joint.estimate()[0] == pytest.approx(after, abs=1e-6)
+
+
+@pytest.mark.parametrize('name', OBSERVERS)
+@settings(max_examples=25, deadline=None)
+@given(motion=motions(), step=st.floats(-50.0, 50.0))
+def test_prismatic_joints_never_wrap(name, motion, step):
+    """A step is a step, however long: the estimate passes through all between."""
+    joint = make(name, wrap_period=0.0)
+    motion = np.concatenate((motion, np.full(400, motion[-1]), np.full(1500, motion[-1] + step)))
+    out = joint.run(stamps(len(motion), DT), motion, fast=False)
+    assert out.position[-1] == pytest.approx(motion[-1], abs=1e-3 + 1e-3 * abs(step))
+    if abs(step) > 1.0:
+        at = len(motion) - 1500
+        peak = np.max(np.abs(out.velocity[at:at + 200]))
+        assert peak > abs(step)  # rad/s or m/s: it was seen as motion, not as turns
+        assert np.sign(out.velocity[at + 1]) == np.sign(step)
+
+
+def test_end_points_that_atan2_gives_do_not_look_multi_turn():
+    """atan2 gives +pi and -pi both, in float32 even a little more."""
+    for edge in (math.pi, float(np.float32(math.pi))):
+        convention = begin(-3.0)
+        for measured in (-edge, edge, 3.0, edge, -edge, -3.0):
+            convention = follow(convention, measured, TURN)
+        assert -math.pi <= present(convention, -math.pi - 0.01, TURN, 0.0) < math.pi
+    convention = begin(0.0)
+    for measured in (0.1, 0.0, float(np.float32(TURN)), 6.2, 0.0):
+        convention = follow(convention, measured, TURN)
+    assert present(convention, -0.01, TURN, 0.0) == pytest.approx(TURN - 0.01)
+    convention = begin(6.0)  # and sums of counts and offsets a little less than 0
+    for measured in (6.2, -1e-16, 0.1, 3.0, 4.0):
+        convention = follow(convention, measured, TURN)
+    assert present(convention, -0.01, TURN, 0.0) == pytest.approx(TURN - 0.01)
+
+
+def test_edge_that_was_not_passed_yet_is_not_shown_passed():
+    """Nothing tells yet whether 0 or -pi is where the reading wraps: both must stay right."""
+    convention = begin(0.05)
+    convention = follow(convention, 0.01, TURN)
+    shown = present(convention, -0.02, TURN, 0.0)
+    assert 0.0 <= shown < 0.01
+    convention = begin(3.1)
+    assert 3.1 < present(convention, 3.2, TURN, 0.0) < math.pi
+
+
+@pytest.mark.parametrize('period', [1.0, math.pi, 360.0])
+def test_other_periods(period):
+    joint = make('kalman', {'jerk_psd': 1e12}, wrap_period=period)
+    at = stamps(2000, DT)
+    truth = 0.3 * period + 5.0 * period * (at - at[0]) * 1e-9
+    out = joint.run(at, truth % period, fast=False)
+    assert np.all((out.position >= 0.0) & (out.position < period))
+    assert out.velocity[-1] == pytest.approx(5.0 * period, rel=1e-6)
