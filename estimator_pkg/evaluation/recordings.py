@@ -94,6 +94,15 @@ def bounds(measured: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[float
     return fresh
 
 
+def judge(value: float, bound: float) -> str:
+    """'' if `value` is at most `bound` and not better than half of it; else what is wrong."""
+    if not value <= bound:
+        return f'{value:.4g} is worse than its bound {bound:.4g}'
+    if value < 0.5 * bound:
+        return f'{value:.4g} is better than half of its bound {bound:.4g}: print fresh bounds'
+    return ''
+
+
 def describe(measured: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
     """The table: rms error of each observer on each recording, and `MAIN`'s over its rivals'."""
     observers = list(dict.fromkeys(row['observer'] for row in measured))

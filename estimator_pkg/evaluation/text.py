@@ -10,6 +10,8 @@ def number(value: float | None, digits: int = 4) -> str:
     """A number in few characters; '-' for none."""
     if value is None or not math.isfinite(value):
         return '-'
+    if abs(value) >= 10.0 ** digits:
+        return f'{value:.0f}'
     return f'{value:.{digits}g}'
 
 
