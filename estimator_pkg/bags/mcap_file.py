@@ -19,6 +19,7 @@ import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, ChunkIndex, Schema
@@ -32,6 +33,8 @@ _RECORD = struct.Struct('<BQ')            # opcode, length of what follows
 _CHUNK = struct.Struct('<QQQII')          # start, end, size, checksum, length of the next text
 MESSAGE = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
                      ('log_ns', '<u8'), ('publish_ns', '<u8')])  # packed: 31 bytes
+LARGEST = 1 << 32                          # bytes that a chunk may have
+CHANNELS = 1 << 16                         # how many there may be
 _FIXED = MESSAGE.itemsize - _RECORD.size  # of a message record's length, what is not payload
 
 
@@ -128,28 +131,35 @@ class McapFile:
                 end = at
                 break
             at = body + length
-        if not whole:
-            self._warn(f'{self.path} is cut off (its recorder did not end cleanly?): '
-                       'reading what is there')
         if loose:
-            self._parts = [_Part(-1, 0, end)]
+            self._parts = [_Part(-1, 0, end)]  # of the "index" only the end of the data is used
         found = []
         for part in self._parts:
-            block = self._load(part, quiet=True)
+            block = self._load(part)
             if len(block):
                 found.append(part._replace(start_ns=int(block.log_ns.min())))
-                for channel, count in zip(*np.unique(block.topic, return_counts=True)):
-                    self.counts[int(channel)] = self.counts.get(int(channel), 0) + int(count)
+                for channel, count in zip(*(array.tolist() for array in
+                                            np.unique(block.topic, return_counts=True))):
+                    if channel in self.channels:
+                        self.counts[channel] = self.counts.get(channel, 0) + count
         self._parts = found
+        if not whole and not self.channels:
+            raise UserError(f'{self.path} is cut off before its first message')
+        if not whole:
+            self._warn(f'{self.path} is cut off (its recorder did not end cleanly?): '
+                       f'reading the {sum(self.counts.values())} messages that are there')
 
     def _learn(self, opcode: int, body: memoryview) -> None:
         stream = ReadDataStream(io.BytesIO(body))
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            self.schemas[schema.id] = schema
-        else:
-            channel = Channel.read(stream)
-            self.channels[channel.id] = channel
+        try:
+            if opcode == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                self.schemas[schema.id] = schema
+            else:
+                channel = Channel.read(stream)
+                self.channels[channel.id] = channel
+        except (struct.error, UnicodeDecodeError, EndOfFile):
+            self._warn(f'{self.path}: the description of a topic is damaged')
 
     def parts(self) -> Iterator[tuple[int, Callable[[], Block]]]:
         """(time of its first message, a function that reads it) of every chunk.
@@ -159,22 +169,27 @@ class McapFile:
         for part in self._parts:
             yield part.start_ns, lambda part=part: self._load(part)  # type: ignore[misc]
 
-    def _load(self, part: _Part, *, quiet: bool = False) -> Block:
+    def _load(self, part: _Part) -> Block:
         if part.at < 0:
             whole = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
             data = np.frombuffer(whole, np.uint8)[:part.index_size]
-            return self._block(data, self._walk(data, len(MAGIC)))
+            return self._block(data, self._walk(data, len(MAGIC))[0])
         try:
-            data = self._chunk(part)
+            data, cut = self._chunk(part)
         except UserError as error:
-            if not quiet:
-                self._warn(str(error))
-            data = np.zeros(0, np.uint8)
-        offsets = self._offsets(part, data)
-        return self._block(data, self._walk(data, 0) if offsets is None else offsets)
+            self._warn(str(error))
+            data, cut = np.zeros(0, np.uint8), False
+        indexed = self._indexed_offsets(part) if len(data) else None
+        if indexed is not None and self._complete(indexed, data):
+            return self._block(data, indexed)
+        walked, end = self._walk(data, 0)
+        if not cut and (end < len(data) or (indexed is not None and len(walked) != len(indexed))):
+            self._warn(f'{self.path}: the chunk at byte {part.at} is damaged: only {len(walked)} '
+                       'messages can be found in it')
+        return self._block(data, walked)
 
-    def _chunk(self, part: _Part) -> NDArray[np.uint8]:
-        """The chunk's records, unpacked; of a chunk that is cut off, what can be unpacked."""
+    def _chunk(self, part: _Part) -> tuple[NDArray[np.uint8], bool]:
+        """The chunk's records, unpacked, and whether it is cut off: then what can be unpacked."""
         def damaged(why: str) -> UserError:
             return UserError(f'{self.path}: the chunk at byte {part.at} is damaged ({why}), '
                              'its messages are left out')
@@ -184,28 +199,33 @@ class McapFile:
         if len(head) < _RECORD.size + _CHUNK.size or head[0] != Opcode.CHUNK:
             raise damaged('no chunk starts there')
         _, _, size, checksum, text = _CHUNK.unpack_from(head, _RECORD.size)
+        if size > LARGEST or text > 64:
+            raise damaged('wrong size')
         rest = self._file.read(text + 8)
         compression = rest[:text].decode('utf-8', 'replace')
         packed_size = int.from_bytes(rest[text:], 'little')
+        if packed_size > LARGEST:
+            raise damaged('wrong size')
         packed = self._file.read(packed_size) if len(rest) == text + 8 else b''
         try:
             if len(packed) == packed_size:
                 data = _unpack(packed, compression, size)
             else:
-                return np.frombuffer(_unpack_partly(packed, compression), np.uint8)
-        except (zstandard.ZstdError, RuntimeError, ValueError) as error:
-            raise damaged(str(error)) from error
+                return np.frombuffer(_unpack_partly(packed, compression), np.uint8), True
+        except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError) as error:
+            raise damaged(str(error).splitlines()[0]) from error
         if len(data) != size:
             raise damaged('wrong size')
         if checksum and zlib.crc32(data) != checksum:
             raise damaged('wrong checksum')
-        return np.frombuffer(data, np.uint8)
+        return np.frombuffer(data, np.uint8), False
 
-    def _offsets(self, part: _Part, data: NDArray[np.uint8]) -> NDArray[np.int64] | None:
-        """Where the message records stand, from the chunk's index; None if that is of no use."""
-        if not part.index_size or not len(data):
-            return None
-        raw = self._file.read(part.index_size)  # the index stands right behind the chunk
+    def _indexed_offsets(self, part: _Part) -> NDArray[np.int64] | None:
+        """Where the message records stand by the chunk's index, ascending; None if there is none.
+
+        The file must have just been read up to the end of the chunk: the index stands behind it.
+        """
+        raw = self._file.read(part.index_size)
         at, found = 0, []
         while at + _RECORD.size + 6 <= len(raw):
             opcode, length = _RECORD.unpack_from(raw, at)
@@ -215,32 +235,30 @@ class McapFile:
                     return None
                 found.append(np.frombuffer(raw, '<u8', 2 * count, at + 15)[1::2])
             at += _RECORD.size + length
-        if not found:
-            return None
-        offsets = np.sort(np.concatenate(found)).astype(np.int64)
-        if not len(offsets) or offsets[0] < 0 or offsets[-1] + MESSAGE.itemsize > len(data):
-            return None
-        # Everything between the messages must be other records, or the index is not complete.
-        heads = rows(data, offsets, _RECORD.size)
-        if np.any(heads[:, 0] != Opcode.MESSAGE):
-            return None
-        ends = offsets + _RECORD.size + heads[:, 1:].copy().view('<u8')[:, 0].astype(np.int64)
-        edges = np.concatenate([[0], ends]), np.concatenate([offsets, [len(data)]])
-        if np.any(edges[0] > edges[1]):
-            return None
-        for gap in np.flatnonzero(edges[0] != edges[1]):
-            if len(self._walk(data[:edges[1][gap]], int(edges[0][gap]))):
-                return None
-        return offsets
+        return np.sort(np.concatenate(found).astype(np.int64)) if found else None
 
-    def _walk(self, data: NDArray[np.uint8], at: int) -> NDArray[np.int64]:
-        """Where the message records stand in `data` from `at` on, record by record."""
+    def _complete(self, offsets: NDArray[np.int64], data: NDArray[np.uint8]) -> bool:
+        """True if there are message records at the offsets, and none elsewhere in `data`."""
+        if not len(offsets) or offsets[0] < 0 or offsets[-1] + MESSAGE.itemsize > len(data):
+            return False
+        heads = rows(data, offsets, _RECORD.size)
+        lengths = heads[:, 1:].copy().view('<u8')[:, 0].astype(np.int64)
+        if np.any(heads[:, 0] != Opcode.MESSAGE) or lengths.min() < _FIXED:
+            return False
+        before = np.concatenate([[0], offsets + _RECORD.size + lengths])
+        after = np.concatenate([offsets, [len(data)]])
+        return not np.any(before > after) and not any(
+            len(self._walk(data[:after[gap]], int(before[gap]))[0])
+            for gap in np.flatnonzero(before != after))
+
+    def _walk(self, data: NDArray[np.uint8], at: int) -> tuple[NDArray[np.int64], int]:
+        """Where the message records stand in `data` from `at` on, and up to where that goes."""
         view = data.data
         size, found = len(view), []
         while at + _RECORD.size <= size:
             opcode, length = _RECORD.unpack_from(view, at)
             after = at + _RECORD.size + length
-            if after > size:
+            if after > size or opcode == 0:
                 break
             if opcode == Opcode.MESSAGE:
                 if length >= _FIXED:
@@ -248,13 +266,19 @@ class McapFile:
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._learn(opcode, view[at + _RECORD.size:after])
             at = after
-        return np.array(found, np.int64)
+        return np.array(found, np.int64), at
 
     def _block(self, data: NDArray[np.uint8], offsets: NDArray[np.int64]) -> Block:
         heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
         log_ns = heads['log_ns'].astype(np.int64)
         publish_ns = heads['publish_ns'].astype(np.int64)
         start = offsets + MESSAGE.itemsize
+        known = np.zeros(CHANNELS, bool)
+        known[list(self.channels)] = True
+        strangers = int(np.count_nonzero(~known[heads['channel']]))
+        if strangers:
+            self._warn(f'{self.path} is damaged: {strangers} messages belong to no topic and are '
+                       'left out')
         return Block(heads['channel'].astype(np.int64), log_ns,
                      np.where(publish_ns > 0, publish_ns, log_ns), data, start,
                      start + heads['length'].astype(np.int64) - _FIXED).in_log_order()

@@ -269,7 +269,7 @@ class Bag:
             raise UserError(f"{file} is a bag of ROS 1; 'rosbags-convert --src {file.name} --dst "
                             f"{file.stem}' makes one of ROS 2 of it")
         if start[:6] == b'SQLite':
-            self._add_sqlite(SqliteFile(file))
+            self._add_sqlite(SqliteFile(file, self.warn))
         elif start[:5] == b'\x89MCAP':
             self._add_mcap(McapFile(file, self.warn))
         elif not start:

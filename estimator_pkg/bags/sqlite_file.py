@@ -7,7 +7,6 @@ from pathlib import Path
 
 import apsw
 from rosbags.interfaces import Connection
-from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.bags.block import Block, from_messages
@@ -30,8 +29,12 @@ class SqliteFile:
     UserError : it is empty, damaged, or no bag.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
         self.path = path
+        log = path.with_name(f'{path.name}-wal')
+        if log.exists() and log.stat().st_size:
+            warn(f'{path} was not closed: what is in {log.name} is left out (opening it once with '
+                 'sqlite3 brings it in)')
         with open(path, 'rb') as file:
             start = file.read(len(MAGIC))
         if not start:
@@ -41,7 +44,7 @@ class SqliteFile:
         self._reader = Sqlite3Reader(path)
         try:
             self._reader.open()
-        except (ReaderError, apsw.Error) as error:
+        except Exception as error:  # whatever a damaged file does to the library
             raise UserError(f'{path} cannot be read as a bag: {_line(error)}') from error
         self.connections: list[Connection] = list(self._reader.connections)
         self.counts = {item.id: item.msgcount for item in self.connections}
@@ -74,11 +77,11 @@ class SqliteFile:
                 if len(raws) == ROWS:
                     yield full()
                     topic, times, raws = [], [], []
-        except apsw.Error as error:
+        except (apsw.Error, UnicodeDecodeError) as error:
             raise UserError(f'{self.path} is damaged: {_line(error)}') from error
         if raws:
             yield full()
 
 
 def _line(error: Exception) -> str:
-    return str(error).splitlines()[0]
+    return (str(error) or type(error).__name__).splitlines()[0]
