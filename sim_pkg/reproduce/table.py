@@ -32,7 +32,7 @@ def show(rows: Sequence[Row], console: Console | None = None) -> None:
     table.add_column('row', no_wrap=True)
     for heading in ('ours', 'reference', 'tolerance'):
         table.add_column(heading, justify='right', no_wrap=True)
-    table.add_column('paper')
+    table.add_column('paper', overflow='fold', min_width=7)
     table.add_column('ok', no_wrap=True)
     for row in rows:
         reference = row.reference
