@@ -13,6 +13,7 @@ from typing import NamedTuple
 from estimator_pkg.messages.cdr import MalformedMessageError, Reader, Writer
 
 TYPE = 'sensor_msgs/msg/JointState'
+EARLIEST, LATEST = -2 ** 31 * 10 ** 9, 2 ** 31 * 10 ** 9 - 1  # stamps that a header can carry [ns]
 
 
 class Layout:
@@ -21,6 +22,7 @@ class Layout:
     def __init__(self, raw: bytes) -> None:
         reader = Reader(raw)
         self.order = reader.order
+        self._head = raw[:2]
         reader.numbers('I', 2)
         self.fixed_from = reader.at
         self.frame_id = reader.text()
@@ -48,7 +50,7 @@ class Layout:
 
     def fits(self, raw: bytes) -> bool:
         """True if `raw` has these names and array lengths."""
-        if (len(raw) < self.length or (raw[1] == 1) != (self.order == '<')
+        if (len(raw) < self.length or raw[:2] != self._head
                 or self._significant(raw) != self._fixed):
             return False
         unpack = self._count.unpack_from
@@ -123,10 +125,15 @@ class Encoder:
     def encode(self, stamp_ns: int, frame_id: str, names: Sequence[str],
                positions: Sequence[float] = (), velocities: Sequence[float] = (),
                efforts: Sequence[float] = ()) -> bytes:
-        """CDR bytes of this JointState (SI units, stamp in ns)."""
+        """CDR bytes of this JointState (SI units, stamp in ns).
+
+        A stamp that no message can carry (int32 seconds) becomes the nearest one.
+        """
         key = (frame_id, tuple(names), len(positions), len(velocities), len(efforts))
         if key != self._key:
             self._learn(key)
+        if not EARLIEST <= stamp_ns <= LATEST:
+            stamp_ns = min(max(stamp_ns, EARLIEST), LATEST)
         sec, nanosec = divmod(stamp_ns, 1_000_000_000)
         return (_STAMP.pack(0, 1, 0, 0, sec, nanosec) + self._prefix
                 + self._body.pack(*positions, *velocities, *efforts))
