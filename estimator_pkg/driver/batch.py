@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.driver.compiled import cannot_compile, compiled
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.track import TrackFunctions
 
@@ -73,7 +73,8 @@ def run(batch: Callable[..., tuple], state: tuple, design: tuple, limits: tuple,
     stamps : shape (n,), int64 nanoseconds.
     measurements : shape (n,) [rad or m].
     given : shape (n,), the known input; None: zero.
-    fast : compile or not; None: where it pays.
+    fast : compile or not; None: where it pays. What Numba does not take (a user's own function)
+        runs as ordinary Python.
     """
     count = len(stamps)
     out = empty(count)
@@ -82,9 +83,13 @@ def run(batch: Callable[..., tuple], state: tuple, design: tuple, limits: tuple,
     if fast is None:
         fast = count >= COMPILE_FROM
     if fast:
-        state = compiled(batch)(state, design, limits, stamps, measurements, given, *out)
-    else:  # lists hold Python's own numbers, which are several times faster than numpy's
-        rows = (np.asarray(stamps).tolist(), np.asarray(measurements).tolist(),
-                np.asarray(given).tolist())
-        state = batch(state, design, limits, *rows, *out)
-    return state, out
+        try:
+            return (compiled(batch)(state, design, limits, stamps, measurements, given, *out),
+                    out)
+        except Exception as error:
+            if not cannot_compile(error):
+                raise
+    # lists hold Python's own numbers, which are several times faster than numpy's
+    rows = (np.asarray(stamps).tolist(), np.asarray(measurements).tolist(),
+            np.asarray(given).tolist())
+    return batch(state, design, limits, *rows, *out), out

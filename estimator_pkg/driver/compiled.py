@@ -34,6 +34,11 @@ def compiled(function: Callable) -> Callable:
     return _twin(function)
 
 
+def cannot_compile(error: Exception) -> bool:
+    """True if `error` is Numba's refusal of a function outside its subset of Python."""
+    return type(error).__module__.startswith('numba.')
+
+
 def _key(value: Any) -> Any:
     """What makes two functions the same for the compiler: code and what it closes over."""
     if isinstance(value, types.FunctionType):

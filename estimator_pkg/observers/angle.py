@@ -16,11 +16,14 @@ from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
 MEMORY = 400.0      # samples over which the innovation's power is averaged
-CALM = 16.0         # unchanged readings over which the innovation's power is averaged for the bound
+CALM = 32.0         # unchanged readings over which the innovation's power is averaged for the bound
+STILL = 8.0         # after so many equal readings the noise is surely less than a quantum
 FRESH = 4.0         # samples that the power weighs when a start has settled
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
 LARGEST = 1e9       # beyond it [rad] a double does not tell 1e-7 rad apart: no reading, but garbage
-LOST_AFTER = 0.5    # in doubt, and off for this long [s] in all: the observer starts again
+CONFIRMED = 3.5     # a lock takes more samples than these
+LOST_AFTER = 0.5    # in doubt, and off for this long [s] in all (never less than it takes to
+                    # settle): the observer starts again
 
 
 @dataclass(frozen=True)
@@ -90,32 +93,31 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
     Parameters
     ----------
     change : size of the last change of the reading [rad].
-    quantum : smallest step of the reading [rad]; 0: not known, the last change stands for it.
-    variance : of the measurement noise [rad^2].
+    quantum : smallest step of the reading [rad]; 0: none is known, and there is no bound.
+    variance : of the measurement noise, quantisation apart [rad^2].
     """
-    step = change if change > quantum else quantum
-    if since <= 0.0 or step <= 0.0 or variance > step * step:
+    if since <= 0.0 or quantum <= 0.0 or variance > quantum * quantum:
         return math.inf
-    return step / since
+    return (change if change > quantum else quantum) / since
 
 
 def _watch(lock: tuple[int, float, float, float], size: float, outside: float, dt: float,
-           settle: float) -> tuple[int, float, float, float]:
+           settle: float, lost: float) -> tuple[int, float, float, float]:
     """The lock after one sample; what `around` says of its four fields holds.
 
     An innovation of this `size` [rad] beyond `outside` [rad] throws doubt on the lock; `settle` [s]
-    without another one restores it.
+    and four samples without another one restore it. Off for longer than `lost` [s], it is lost.
     """
     status, clear, astray, trusted = lock
     if size == math.inf:
         return (INITIALISING, 0.0, 0.0, 0.0)
     if size > outside:
         astray += dt
-        if astray > LOST_AFTER:
+        if astray > lost:
             return (INITIALISING, 0.0, astray, 0.0)
         return (COASTING if status != INITIALISING else INITIALISING, 0.0, astray, trusted)
     clear += dt
-    if clear >= settle:
+    if clear >= settle and clear > CONFIRMED * dt:
         return (TRACKING, clear, 0.0, trusted)
     return (status, clear, astray, trusted)
 
@@ -123,10 +125,10 @@ def _watch(lock: tuple[int, float, float, float], size: float, outside: float, d
 def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     """The contract's functions for an angle-only observer made of `core`.
 
-    State: core's state; convention; (last change [rad], time since it [s], power of the innovation
-    while the reading stood still [rad^2]); (power of the innovation [rad^2], samples it stands
-    for); lock: (status, time since the last doubt [s], time in doubt [s], speed before the doubt
-    [rad/s]; 0 while there is none).
+    State: core's state; convention; reading: (size of its last change [rad], time since it [s],
+    smallest change seen [rad], power of the innovation while it stood still [rad^2]); (power of the
+    innovation [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
+    it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start).
 
     A core that was astray for too long starts again. So does one whose lock returned at another
     speed: every speed + n 2 pi/dt fits the samples as well, and a shaft does not change by half of
@@ -142,13 +144,14 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         known = gains.noise * gains.noise + floor if gains.noise is not None else 0.0
         outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
         return (core.design(), float(circle.period), float(circle.unwrap), float(gains.quantum),
-                known, floor, float(core.settle), outside, float(gains.low_speed_bound))
+                known, floor, float(core.settle), outside, float(gains.low_speed_bound),
+                max(LOST_AFTER, float(core.settle)))
 
     def prepare(design: tuple, dt: float) -> tuple:
         return (prepare_core(design[0], dt), dt)
 
     def init(measurement: float, design: tuple) -> tuple:
-        return (init_core(measurement, design[0]), begin(measurement), (0.0, 0.0, design[5]),
+        return (init_core(measurement, design[0]), begin(measurement), (0.0, 0.0, 0.0, design[5]),
                 (design[5], 1.0), (INITIALISING, 0.0, 0.0, 0.0))
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
@@ -159,13 +162,16 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         size = abs(innovation)
         outside = design[7]
         if measurement == convention[0]:
-            change, since, calm = reading
+            change, since, smallest, calm = reading
             if size <= outside:
                 calm += (square - calm) / CALM
-            reading = (change, since + coefficients[1], calm)
+            reading = (change, since + coefficients[1], smallest, calm)
         else:
-            change = measurement - convention[0]
-            reading = (abs(wrap(change, design[1])), 0.0, reading[2])
+            change = abs(wrap(measurement - convention[0], design[1]))
+            smallest = reading[2]
+            if 0.0 < change < smallest or smallest == 0.0:
+                smallest = change
+            reading = (change, 0.0, smallest, reading[3])
             convention = follow(convention, measurement, design[1])
         if lock[0] == TRACKING and size <= outside:
             if count < MEMORY:
@@ -177,9 +183,9 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             count = FRESH
         elif lock[0] == TRACKING:
             lock = (TRACKING, 0.0, 0.0, estimate(state[0])[1])
-        lock = _watch(lock, size, outside, coefficients[1], design[6])
+        lock = _watch(lock, size, outside, coefficients[1], design[6], design[9])
         if restarts:
-            lost = lock[2] > LOST_AFTER
+            lost = lock[2] > design[9]
             if lock[0] == TRACKING:
                 lost = abs(estimate(inner)[1] - lock[3]) * coefficients[1] > half
             if lost:
@@ -187,20 +193,19 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 lock = (INITIALISING, 0.0, 0.0, 0.0)
         return (inner, convention, reading, (power, count), lock)
 
-    def noise_variance(state: tuple, coefficients: tuple, design: tuple, power: float) -> float:
-        """Variance of the measurement noise, quantisation included: given, or from `power`."""
-        if design[4] > 0.0:
-            return design[4]
-        return max(power / noise_gains(state[0], coefficients[0])[2], design[5])
-
     def bounded(state: tuple, coefficients: tuple, design: tuple, value: float) -> float:
         """`value` [rad/s] held within the low-speed bound."""
-        change, since, calm = state[2]
-        step = change if change > design[3] else design[3]
-        if abs(value) * since <= step:
+        change, since, smallest, calm = state[2]
+        if abs(value) * since <= change:
             return value
-        bound = low_speed_bound(change, since, design[3],
-                                noise_variance(state, coefficients, design, calm))
+        quantum = design[3] if design[3] > 0.0 else smallest
+        if design[4] > 0.0:
+            variance = design[4] - design[5]
+        elif since > STILL * coefficients[1]:
+            variance = 0.0
+        else:
+            variance = calm / noise_gains(state[0], coefficients[0])[2]
+        bound = low_speed_bound(change, since, quantum, variance)
         return bound if value > bound else -bound if value < -bound else value
 
     def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
@@ -230,7 +235,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         else:
             lock = (lock[0], 0.0, lock[2], lock[3])
         return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
-                (0.0, 0.0, reading[2]), power, lock)
+                (0.0, 0.0, reading[2], reading[3]), power, lock)
 
     return Functions(design, prepare, init, step, output, stddev, resume, core.limits,
                      core.group_delay, is_angle)

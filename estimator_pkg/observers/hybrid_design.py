@@ -82,7 +82,7 @@ def unit_bandwidth(k: tuple[float, ...]) -> float:
     """
     if len(k) == 2:
         k1, k2 = k
-        power = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2)  # |D|^2 - 2 |N|^2 in u = w^2
+        power: tuple[float, ...] = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2)  # |D|^2 - 2 |N|^2, u = w^2
     else:
         k1, k2, k3 = k
         power = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2 - 2.0 * k1 * k3, -k3 * k3)

@@ -74,9 +74,14 @@ def make_resume(period: float) -> Callable[[tuple, float], tuple]:
 
 
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """As `hybrid_robust.noise_gains_2` with alpha = T l1 and beta = T^2 l2."""
+    """As `hybrid_robust.noise_gains_2` with alpha = T l1 and beta = T^2 l2.
+
+    Infinite where this one sample time is beyond the stability limit.
+    """
     dt, l1, l2 = coefficients[0], coefficients[1], coefficients[2]
     alpha, beta = dt * l1, dt * dt * l2
+    if 2.0 * alpha + beta >= 4.0:
+        return math.inf, math.inf, 1.0
     scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
     return ((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) * scale,
             2.0 * (dt * l2) * (dt * l2) * scale, (4.0 * alpha + 2.0 * beta) * scale)

@@ -16,6 +16,8 @@ from estimator_pkg.observers.circle import wrap
 Injection = Callable[[float, float, float], float]
 
 NAMES = ('sin', 'tan', 'saw', 'sat')
+CHECKS = 2000  # points on each side of zero where a user's injection is looked at
+BEYOND = 50    # and within the margin before +-pi
 
 
 def sin(error: float, period: float, limit: float) -> float:
@@ -53,7 +55,7 @@ def find(name: str, *, margin: float) -> Injection:
 
     Parameters
     ----------
-    margin : delta_pi [rad]; Assumption 1 is checked outside this distance from +-pi.
+    margin : delta_pi [rad]; within this distance from +-pi the injection may jump.
 
     Raises
     ------
@@ -66,7 +68,7 @@ def find(name: str, *, margin: float) -> Injection:
 
     def injection(error: float, period: float, limit: float) -> float:
         scale = 2.0 * math.pi / period
-        return own(error * scale) / scale
+        return float(own(error * scale)) / scale
 
     return injection
 
@@ -86,41 +88,50 @@ def check_assumption_1(function: Callable[[float], float], margin: float, name: 
     def fail(item: int, what: str) -> None:
         raise UsageError(f"injection '{name}' violates Assumption 1, item {item}: {what}")
 
-    reach = math.pi - margin
-    count = 2000
-    previous = None
-    for i in range(-count, count + 1):
-        error = reach * i / count
+    def value_at(error: float) -> float:
         try:
-            value = float(function(error))
+            return float(function(error))
         except Exception as problem:  # a user's function may fail in any way
             raise UsageError(f"injection '{name}' fails at {error:.3f} rad: {problem}") from problem
+
+    if not callable(function):
+        raise UsageError(f"injection '{name}' is no function of one angle")
+    reach = math.pi - margin
+    previous = None
+    for i in range(-CHECKS, CHECKS + 1):
+        error = reach * i / CHECKS
+        value = value_at(error)
         if not math.isfinite(value):
             fail(1, f'not finite at {error:.3f} rad')
-        if i != 0 and error * value <= 0.0:
+        if i != 0 and not error * value > 0.0:
             fail(2, f'error times injection is not positive at {error:.3f} rad')
         for turn in (-1, 1):
-            if abs(float(function(error + turn * 2.0 * math.pi)) - value) > 1e-6 * (1 + abs(value)):
+            if abs(value_at(error + turn * 2.0 * math.pi) - value) > 1e-6 * (1.0 + abs(value)):
                 fail(3, f'not 2 pi periodic at {error:.3f} rad')
-        if previous is not None and _jumps(function, previous[0], error):
+        if previous is not None and _jumps(value_at, previous, error):
             fail(1, f'jumps near {error:.3f} rad')
-        previous = (error, value)
+        previous = error
+    for i in range(1, BEYOND):  # the rest of (-pi, pi), where it need not be continuous
+        for error in (reach + margin * i / BEYOND, -reach - margin * i / BEYOND):
+            if not error * value_at(error) > 0.0:
+                fail(2, f'error times injection is not positive at {error:.3f} rad')
     step = 1e-5
-    slope = (float(function(step)) - float(function(-step))) / (2.0 * step)
-    if abs(slope - 1.0) > 1e-3:
+    slope = (value_at(step) - value_at(-step)) / (2.0 * step)
+    if not abs(slope - 1.0) <= 1e-3:
         fail(4, f'slope at zero is {slope:.4g}, not 1')
 
 
 def _jumps(function: Callable[[float], float], low: float, high: float) -> bool:
     """True if the function keeps a finite step while the interval is halved away."""
-    whole = abs(float(function(high)) - float(function(low)))
+    at_low, at_high = function(low), function(high)
+    whole = abs(at_high - at_low)
     if whole < 1e-3:
         return False
     for _ in range(40):
         middle = 0.5 * (low + high)
-        at_low, at_middle, at_high = (float(function(x)) for x in (low, middle, high))
+        at_middle = function(middle)
         if abs(at_middle - at_low) > abs(at_high - at_middle):
-            high = middle
+            high, at_high = middle, at_middle
         else:
-            low = middle
-    return abs(float(function(high)) - float(function(low))) > 0.5 * whole
+            low, at_low = middle, at_middle
+    return abs(at_high - at_low) > 0.5 * whole
