@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +143,7 @@ class Drive:
     """
 
     def __init__(self, parameters: PmsmParameters, seed: int = 0, *,
-                 feedback: Callable[..., tuple] = sensored, held: object = 0.0,
+                 feedback: Callable[..., tuple] = sensored, held: Any = 0.0,
                  profile: Profile | None = None, start_speed: float | None = None,
                  theta: float = 0.0, fast: bool | None = None) -> None:
         self.parameters = parameters
@@ -171,6 +171,11 @@ class Drive:
                        parameters.dead_time * parameters.sample_rate, parameters.sampling_offset,
                        parameters.voltage_delay)
 
+    @property
+    def held(self) -> Any:
+        """The state of the feedback."""
+        return self._state[8]
+
     def run(self, count: int) -> Record:
         """The next `count` samples."""
         parameters = self.parameters
@@ -178,7 +183,7 @@ class Drive:
         chunk = max(1, round(CHUNK * parameters.sample_rate))
         while count > 0:
             size = min(count, chunk - self.count % chunk)
-            times = (self.count + np.arange(size)) * parameters.period
+            times = (self.count + np.arange(size, dtype=np.float64)) * parameters.period
             motion = self.profile.at(times)
             noise = parameters.current_noise * self._random.standard_normal((size, 2))
             load = np.where(times >= parameters.load_step_time, parameters.load_step, 0.0)
@@ -198,5 +203,3 @@ class Drive:
         while True:
             yield self.run(size)
 
-
-__all__ = ['CHUNK', 'Drive', 'Record', 'make_loop', 'quantised', 'sensored']

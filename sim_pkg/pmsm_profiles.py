@@ -49,7 +49,7 @@ class Profile:
         self.duration = float(table[:, 0].sum())
         self._length = np.append(table[:, 0], 1.0)
         self._start = np.concatenate(([0.0], np.cumsum(table[:, 0])))
-        self._start[-1] = np.nextafter(self._start[-1], np.inf)  # the end is the last segment's
+        self._start[-1] += 1e-12  # the end itself is the last segment's
         self._from = np.append(table[:, 1], table[-1, 2]) * RPM
         self._to = np.append(table[:, 2], table[-1, 2]) * RPM
         # both shapes travel the mean speed times the duration

@@ -19,7 +19,7 @@ WAITING, FORCED, RUNNING = 0.0, 1.0, 2.0
 
 def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
     """A feedback for `pmsm_drive.make_loop`; its state is from `begin`."""
-    init, step, output = functions.init, functions.step, functions.output
+    step, output = functions.step, functions.output
 
     def feedback(held: tuple, current: complex, voltage: complex, theta: float, speed: float,
                  poles: float, wanted: float) -> tuple:

@@ -47,6 +47,7 @@ REST = 0.25
 FAST = 1e-3         # s, averages of the back-EMF
 SLOW = 5e-3         # s, averages of speeds; also how long the turning is watched before locking on
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
+LARGEST = 1e6       # A or V: beyond it a sample is garbage
 SPEED_CLIP = 2e4    # rad/s, electrical: a back-EMF that turns faster is noise
 
 TURN = 2.0 * math.pi
@@ -77,9 +78,10 @@ class DriveFunctions(Functions):
 
 
 def finite(measurement: Sample) -> bool:
-    """False where one of the four numbers is NaN or infinite."""
-    total = measurement[0] + measurement[1] + measurement[2] + measurement[3]
-    return total - total == 0.0
+    """False where one of the four numbers is NaN, infinite or beyond any drive."""
+    i_alpha, i_beta, u_alpha, u_beta = measurement
+    return (-LARGEST < i_alpha < LARGEST and -LARGEST < i_beta < LARGEST
+            and -LARGEST < u_alpha < LARGEST and -LARGEST < u_beta < LARGEST)
 
 
 def build(gains: Gains, circle: Circle) -> DriveFunctions:
@@ -165,7 +167,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             event = RESET
         return i, h, z, x, registers, ticks, event
 
-    def lock_on(core: tuple, watch: tuple, turned: float) -> tuple:
+    def lock_on(core: tuple, watch: tuple, turned: float, design: tuple) -> tuple:
         """(i, h, z, x, watch): the frame on the back-EMF as averaged, xi signed as it turned."""
         i, h, z, x = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
@@ -174,7 +176,10 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             turn = complex(-mean_h.imag, mean_h.real) * (1.0 / size)
             back = turn.conjugate()
             i, h, z = i * back, h * back, z * turn
-            x = abs(x) if turned > 0.0 else -abs(x)
+            most = abs(x)
+            if most > design[10]:  # run away: from the start again
+                most = design[15] if design[15] > 0.0 else design[10]
+            x = most if turned > 0.0 else -most
             mean_h = complex(0.0, -size)
         return i, h, z, x, (level, mean_h, rate, 0.0, power, idle, calm, reasons)
 
@@ -232,7 +237,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             else:
                 clear = (clear[0] + dt, clear[1] + turned if clear[0] >= 0.0 else 0.0)
                 if clear[0] >= window:
-                    i, h, z, x, watch = lock_on((i, h, z, x), watch, clear[1])
+                    i, h, z, x, watch = lock_on((i, h, z, x), watch, clear[1], design)
                     velocity = abs(h) * x
                     travel += wrap(rotor_angle(z, x) - travel, TURN)
                     clear = (dead, 0.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+FASTEST = 1e6        # rad/s: a frame that would turn faster has run away, and stays finite
 SMALLEST_SINC = 0.2  # the mean of a voltage that turns further than this within a sample is lost
 
 
@@ -92,6 +93,8 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     base_i = e11 * i + e12 * h + ia * start
     base_h = e21 * i + e22 * h + ha * start
     first = abs(h) * x + k_eta * h.real + turning
+    if not -FASTEST < first < FASTEST:
+        first = FASTEST if first > 0.0 else -FASTEST
     lean = x + 0.5 * gamma * dt * h.real
     half_dt = 0.5 * dt
     speed = first
@@ -111,6 +114,8 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     new_h = base_h + hu * u + hdd * change + back_turn * (hw * start + hdw * change)
     new_x = lean + 0.5 * gamma * dt * new_h.real
     speed = 0.5 * (first + abs(new_h) * new_x + k_eta * new_h.real + turning)
+    if not -FASTEST < speed < FASTEST:
+        speed = FASTEST if speed > 0.0 else -FASTEST
     # second pass
     angle = speed * half_dt
     sine = math.sin(angle)

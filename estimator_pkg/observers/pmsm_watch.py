@@ -39,6 +39,7 @@ TINY = 1e-300           # keeps a quotient finite
 LEAST_EMF = 5.0         # standard deviations of h that the back-EMF must exceed
 LEAVES = 2.0            # it must be so many times larger to count again
 HALF_TURN = 0.9         # of half a turn per sample: too near to aliasing
+RUN_AWAY = 4.0          # xi_hat so many times out of range begins again
 UNCONNECTED = 0.010     # s of exactly zero voltage
 CLIP = 16.0             # an innovation counts in the noise at most as so many variances
 
@@ -84,7 +85,7 @@ def look(watch: Watch, event: int, h: complex, speed: float, turning: float, inn
     noise : from `prepare_noise`.
     window : time constant of the average of speeds [s].
     known_power : the innovation's variance where the noise is given, else 0.
-    when_blind : a reason to add where the rotor cannot be seen.
+    when_blind : a reason to add where the rotor cannot be seen, or xi_hat has run away.
     """
     level, mean_h, rate, slip, power, idle, calm, before = watch
     fast, slow, memory = weights
@@ -117,6 +118,8 @@ def look(watch: Watch, event: int, h: complex, speed: float, turning: float, inn
     size = abs(x)
     if not xi_low <= size <= xi_high:
         reasons |= FLUX_RANGE
+        if size > RUN_AWAY * xi_high:
+            reasons |= when_blind
     allowed = (CONSISTENT * abs(speed) + LEAST_DISAGREEMENT * emf_min * size
                + SIGMAS * least / (level * window + TINY))
     if not -allowed < slip < allowed:

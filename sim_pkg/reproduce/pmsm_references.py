@@ -1,13 +1,13 @@
 """Reference numbers for the reproduction of Bosso et al. (2020).
 
-They come from an independent implementation written from the paper alone; the paper prints no table
-of results. Times are in ms.
+They come from an independent implementation written from the paper alone; the paper prints no
+results as numbers. Times are in ms.
 """
 
 from __future__ import annotations
 
-# start, observer; settling of speed (2 %), angle (5 deg, 1 deg), xi (2 %), back-EMF (2 %); resets of
-# the frame, replacements of xi; xi_hat after 5, 10, 20, 50 ms
+# start, observer; settling of speed (2 %), angle (5 deg, 1 deg), xi (2 %), back-EMF (2 %); resets
+# of the frame, replacements of xi; xi_hat after 5, 10, 20, 50 ms
 REFERENCE_RUNS = """
 A cont 140.00 141.45 144.15 140.10 137.05 0 0 24.5895 27.5226 53.8571 107.8726
 A hyb 85.00 81.55 94.40 85.00 70.35 9 0 24.5895 50.6356 109.2037 225.8274
@@ -46,8 +46,9 @@ G id_post 29.20 31.95 37.55 29.20 20.45 4 1 2495.3814 2490.4556 543.6649 526.386
 G id_early 28.00 31.35 34.25 28.00 20.05 3 1 2495.3814 2490.4556 476.7420 526.2238
 """
 
-# sample rate [Hz], scheme; for the hybrid observer and the identifier each: settling of speed and of
-# angle (5 deg), largest angle error [deg] and speed error [%] in the last 0.3 s. At 1 kHz none holds
+# sample rate [Hz], scheme; for the hybrid observer and the identifier each: settling of speed and
+# of angle (5 deg), largest errors of angle [deg] and speed [%] in the last 0.3 s. At 1 kHz (fewer
+# than two samples per turn at the top) none holds
 SCHEMES = """
 2000 Euler_inst-held never never nan nan never never nan nan
 2000 Euler_avg-u never never nan nan never never nan nan

@@ -115,8 +115,9 @@ def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, i,
     out_h[0], out_z[0], out_x[0] = h, z, x
     for k in range(1, len(current)):
         if way >= X_HELD:
+            passes = 1 if way == X_ONE_PASS else 2
             i, h, z, x = exponential_step(i, h, z, x, current[k - 1], current[k], mean[k], scheme,
-                                          K_ETA, GAMMA, way == X_HELD, 1 if way == X_ONE_PASS else 2)
+                                          K_ETA, GAMMA, way == X_HELD, passes)
         else:
             c0 = c1 = c2 = current[k - 1]
             u0 = u1 = u2 = mean[k]
