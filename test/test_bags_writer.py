@@ -1,0 +1,235 @@
+"""Bags that are written: whole or not at all, and as other tools want them."""
+
+from __future__ import annotations
+
+import bag_making as make
+import numpy as np
+import pytest
+import yaml
+from bag_making import OTHER, START, STATES, STORE, TEXT
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import NonSeekingReader, make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_types_from_msg
+
+from estimator_pkg.bags import qos
+from estimator_pkg.bags.block import from_messages
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.errors import UserError
+from estimator_pkg.messages.joint_state import TYPE
+
+HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'  # as Jazzy has it
+
+
+def messages_of(path):
+    with open_bag(path) as bag:
+        return [(message.topic, message.log_ns, message.publish_ns, message.raw)
+                for message in bag.messages()]
+
+
+def test_rosbags_reads_every_message(tmp_path):
+    messages = make.content(300)
+    path = make.ours(tmp_path / 'bag', messages)
+    with AnyReader([path]) as reader:
+        found = [(connection.topic, time, bytes(raw)) for connection, time, raw
+                 in reader.messages()]
+        state = reader.deserialize(next(iter(reader.messages()))[2], TYPE)
+    assert found == messages
+    assert list(state.name) == ['a', 'b']
+    assert state.header.frame_id == 'base'
+
+
+def test_the_mcap_library_finds_no_fault(tmp_path):
+    messages = make.content(300)
+    path = make.ours(tmp_path / 'bag', messages) / 'bag_0.mcap'
+    with open(path, 'rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        found = [(channel.topic, message.log_time, message.data)
+                 for _, channel, message in reader.iter_messages()]
+        assert found == messages
+        assert reader.get_header().profile == 'ros2'
+        inside = yaml.safe_load(next(reader.iter_metadata()).metadata['serialized_metadata'])
+    assert summary.statistics.message_count == len(messages)
+    assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (
+        messages[0][1], messages[-1][1])
+    assert inside['message_count'] == len(messages)
+    assert all(index.compression == 'zstd' for index in summary.chunk_indexes)
+    with open(path, 'rb') as stream:  # in the order of the file, without any index
+        assert len(list(NonSeekingReader(stream, validate_crcs=True).iter_messages())) == 400
+
+
+def test_message_indices_point_at_their_messages(tmp_path):
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import MessageIndex
+    path = make.ours(tmp_path / 'bag', make.content(30)) / 'bag_0.mcap'
+    with open(path, 'rb') as stream:
+        chunk, = make_reader(stream).get_summary().chunk_indexes
+        times = []
+        for offset in chunk.message_index_offsets.values():
+            stream.seek(offset + 9)
+            times += [time for time, _ in MessageIndex.read(ReadDataStream(stream)).records]
+    assert sorted(times) == sorted(time for _, time, _ in make.content(30))
+
+
+def test_metadata_are_those_of_jazzy(tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE, qos.profile(reliable=False, depth=50))
+        bag.add_topic('/latched', TEXT, qos.profile(transient_local=True, depth=1))
+        bag.write(STATES, START, make.content(1)[0][2], START - 5)
+        bag.write(STATES, START + 7, make.content(1)[0][2])
+    information = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())[
+        'rosbag2_bagfile_information']
+    assert information['version'] == 9
+    assert information['storage_identifier'] == 'mcap'
+    assert information['relative_file_paths'] == ['bag_0.mcap']
+    assert information['starting_time'] == {'nanoseconds_since_epoch': START}
+    assert information['duration'] == {'nanoseconds': 7}
+    assert information['files'] == [{'path': 'bag_0.mcap', 'message_count': 2,
+                                     'starting_time': {'nanoseconds_since_epoch': START},
+                                     'duration': {'nanoseconds': 7}}]
+    state, latched = (item['topic_metadata'] for item in
+                      information['topics_with_message_count'])
+    assert state['type_description_hash'] == HASH
+    assert state['offered_qos_profiles'][0]['reliability'] == 'best_effort'
+    assert state['offered_qos_profiles'][0]['depth'] == 50
+    assert latched['offered_qos_profiles'][0]['durability'] == 'transient_local'
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.topics[STATES].qos == (qos.profile(reliable=False, depth=50),)
+        assert bag.topics[STATES].type_hash == HASH
+        assert [(message.log_ns, message.publish_ns) for message in bag.messages()] == [
+            (START, START - 5), (START + 7, START + 7)]
+
+
+def test_a_file_alone_carries_hash_qos_and_definition(tmp_path):
+    path = make.ours(tmp_path / 'alone.mcap', make.content(3))
+    assert path.is_file()
+    assert list(tmp_path.iterdir()) == [path]
+    with open_bag(path) as bag:
+        topic = bag.topics[STATES]
+    assert topic.type_hash == HASH
+    assert topic.qos == (qos.profile(),)
+    known = get_types_from_msg(topic.definition, TYPE)
+    assert known[TYPE] == STORE.fielddefs[TYPE]
+    assert {'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'} < set(known)
+
+
+def test_the_same_calls_make_the_same_bytes(tmp_path):
+    messages = make.content(500)
+    one, two = (make.ours(tmp_path / name / 'bag', messages) for name in ('a', 'b')
+                if not (tmp_path / name).mkdir())
+    for name in ('bag_0.mcap', 'metadata.yaml'):
+        assert (one / name).read_bytes() == (two / name).read_bytes()
+
+
+@settings(max_examples=40, deadline=None,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rows=st.lists(st.tuples(st.booleans(), st.integers(0, 50), st.integers(0, 400)),
+                     max_size=120))
+def test_messages_of_any_length_and_time_come_back(rows, tmp_path_factory):
+    path = tmp_path_factory.mktemp('any') / 'bag'
+    written = [(STATES if first else OTHER, START + time, START - time, bytes([size % 251]) * size)
+               for first, time, size in rows]
+    with BagWriter(path) as bag:
+        bag.add_topic(STATES, TYPE)
+        bag.add_topic(OTHER, TEXT)
+        for topic, log_ns, publish_ns, raw in written:
+            bag.write(topic, log_ns, raw, publish_ns)
+    assert messages_of(path) == sorted(written, key=lambda item: item[1])
+
+
+def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
+    monkeypatch.setattr('estimator_pkg.bags.mcap_output.CHUNK_SIZE', 5000)
+    monkeypatch.setattr('estimator_pkg.bags.writer.CHUNK_SIZE', 7000)
+    messages = make.content(400)
+    path = make.ours(tmp_path / 'bag', messages)
+    with open(path / 'bag_0.mcap', 'rb') as stream:
+        assert len(make_reader(stream).get_summary().chunk_indexes) > 10
+    assert [(topic, log_ns, raw) for topic, log_ns, _, raw in messages_of(path)] == messages
+
+
+def test_a_block_is_written_as_its_messages_are(tmp_path):
+    messages = make.content(50)
+    with BagWriter(tmp_path / 'bag') as bag:
+        number = {STATES: bag.add_topic(STATES, TYPE), OTHER: bag.add_topic(OTHER, TEXT)}
+        times = [log_ns for _, log_ns, _ in messages]
+        bag.write(STATES, START - 1, b'before')
+        bag.write_block(from_messages([number[topic] for topic, _, _ in messages], times, times,
+                                      [raw for _, _, raw in messages]))
+        assert bag.counts() == {STATES: 51, OTHER: 17}
+        bag.write(OTHER, START + 10**9, b'after')
+        assert bag.counts() == {STATES: 51, OTHER: 18}
+    assert [raw for _, _, _, raw in messages_of(tmp_path / 'bag')] == [
+        b'before', *(raw for _, _, raw in messages), b'after']
+
+
+def test_a_bag_without_messages_is_a_bag(tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+    with Reader(tmp_path / 'bag') as reader:
+        assert [item.topic for item in reader.connections] == [STATES]
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.count == 0
+
+
+@pytest.mark.parametrize('error', [ValueError, KeyboardInterrupt, SystemExit])
+def test_an_error_or_interrupt_half_way_leaves_nothing(error, tmp_path):
+    with pytest.raises(error), BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        bag.write(STATES, START, b'x')
+        bag.flush()
+        raise error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_nothing_and_says_so(tmp_path, monkeypatch):
+    def full(self, block):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('estimator_pkg.bags.mcap_output.McapOutput.write', full)
+    with pytest.raises(UserError, match='bag cannot be written: No space left on device'), \
+            BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        bag.write(STATES, START, b'x')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_there_is_never_overwritten(tmp_path):
+    path = tmp_path / 'bag'
+    path.write_text('mine')
+    with pytest.raises(UserError, match='exists already'):
+        BagWriter(path)
+    assert path.read_text() == 'mine'
+    dangling = tmp_path / 'link'
+    dangling.symlink_to(tmp_path / 'nowhere')
+    with pytest.raises(UserError, match='exists already'):
+        BagWriter(dangling)
+    # what appears while the bag is being written is kept, too
+    for name in ('late', 'late.mcap'):
+        late = tmp_path / name
+        with pytest.raises(UserError, match='cannot be written'), BagWriter(late) as bag:
+            bag.add_topic(STATES, TYPE)
+            late.write_text('mine')
+        assert late.read_text() == 'mine'
+    assert not [item for item in tmp_path.iterdir() if item.name.startswith('.')]
+
+
+def test_places_that_cannot_be_written_are_refused_at_once(tmp_path):
+    with pytest.raises(UserError, match='there is no folder'):
+        BagWriter(tmp_path / 'nowhere' / 'bag')
+    with pytest.raises(UserError, match='cannot be written'):
+        BagWriter('/proc/bag')
+
+
+def test_frames_of_many_lengths_are_those_of_few(monkeypatch):
+    from estimator_pkg.bags import mcap_output
+    raws = [bytes([i]) * (i % 5) for i in range(40)]
+    block = from_messages([1] * 40, list(range(40)), list(range(40)), raws)
+    few, starts = mcap_output.frame(block)
+    monkeypatch.setattr(mcap_output, 'FEW_LENGTHS', 0)
+    many, others = mcap_output.frame(block)
+    assert np.array_equal(few, many)
+    assert np.array_equal(starts, others)

@@ -1,0 +1,151 @@
+"""Joint states decoded and encoded many at a time: the same as one by one."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator_pkg.bags.block import from_messages
+from estimator_pkg.messages import alike
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.messages.joint_state_block import decode_block, encode_block
+
+NAMES = [['a', 'b'], ['b', 'a'], ['a'], [], ['a', 'longer_name', 'b'], ['a', 'a']]
+
+
+def block_of(raws):
+    return from_messages([0] * len(raws), range(len(raws)), range(len(raws)), raws)
+
+
+def big_endian(stamp_ns, frame_id, names, positions):
+    """The same message as a big-endian machine sends it."""
+    raw = bytearray(b'\0\0\0\0')
+
+    def align(size):
+        raw.extend(b'\0' * (-(len(raw) - 4) % size))
+
+    def text(value):
+        align(4)
+        raw.extend(struct.pack('>I', len(value) + 1) + value.encode() + b'\0')
+
+    raw += struct.pack('>iI', *divmod(stamp_ns, 10**9))
+    text(frame_id)
+    align(4)
+    raw += struct.pack('>I', len(names))
+    for name in names:
+        text(name)
+    align(4)
+    raw += struct.pack('>I', len(positions))
+    if positions:
+        align(8)
+        raw += struct.pack(f'>{len(positions)}d', *positions)
+    raw += struct.pack('>II', 0, 0)
+    return bytes(raw)
+
+
+@st.composite
+def messages(draw):
+    """One message, or bytes that are none."""
+    kind = draw(st.sampled_from(['good'] * 8 + ['big', 'short', 'garbage']))
+    names = draw(st.sampled_from(NAMES))
+    width = draw(st.sampled_from([len(names)] * 5 + [0, 3]))
+    stamp = draw(st.integers(-10**9, 2**31 * 10**9 - 1))
+    positions = [draw(st.sampled_from([0.0, 1.5, -3.0, float('inf')])) for _ in range(width)]
+    frame = draw(st.sampled_from(['', 'base', 'tool0']))
+    if kind == 'big':
+        return big_endian(stamp, frame, names, positions)
+    raw = bytearray(Encoder().encode(stamp, frame, names, positions,
+                                     [2.0] * draw(st.sampled_from([0, 2])),
+                                     [3.0] * draw(st.sampled_from([0, 1]))))
+    if kind == 'short':
+        return bytes(raw[:draw(st.integers(0, len(raw) - 1))])
+    if kind == 'garbage':
+        return draw(st.binary(max_size=60))
+    return bytes(raw) + b'\0' * draw(st.sampled_from([0, 0, 4]))
+
+
+@settings(max_examples=150, deadline=None)
+@given(raws=st.lists(messages(), max_size=40), many=st.integers(0, 20))
+def test_blocks_decode_as_single_messages_do(raws, many):
+    before, alike.MANY_LAYOUTS = alike.MANY_LAYOUTS, many
+    try:
+        groups, malformed = decode_block(block_of(raws))
+    finally:
+        alike.MANY_LAYOUTS = before
+    found = {}
+    for group in groups:
+        assert list(group.rows) == sorted(group.rows)
+        for i, row in enumerate(group.rows.tolist()):
+            found[row] = (int(group.stamps_ns[i]), group.frame_id, group.names,
+                          *(tuple(array[i].tolist()) for array in group.arrays))
+    decode = Decoder().decode
+    for row, raw in enumerate(raws):
+        try:
+            wanted = tuple(decode(raw))
+        except MalformedMessageError:
+            assert row in malformed
+        else:
+            assert found.pop(row) == wanted
+    assert not found
+
+
+def test_padding_that_differs_makes_no_other_group():
+    # three characters and the terminator fill four bytes; 'base' leaves three bytes of padding
+    raws = []
+    for i in range(20):
+        raw = bytearray(Encoder().encode(10**9 + i, 'base', ['a', 'bb'], [1.0 * i, 2.0]))
+        at = raw.index(b'base') + 5
+        raw[at:at + 3] = bytes([i, 255 - i, 7 * i])
+        raws.append(bytes(raw))
+    groups, malformed = decode_block(block_of(raws))
+    assert len(groups) == 1
+    assert not malformed
+    assert groups[0].arrays[0][:, 0].tolist() == [1.0 * i for i in range(20)]
+
+
+def test_regular_and_irregular_places_give_the_same_numbers():
+    raws = [Encoder().encode(10**9 + i, '', ['a'], [0.5 * i]) for i in range(30)]
+    regular = block_of(raws)
+    spaced = from_messages([0] * 60, range(60), range(60),
+                           [raw for i, raw in enumerate(raws) for raw in (raw, b'x' * (i % 4))])
+    spaced = spaced.take(slice(0, None, 2))
+    for block in (regular, spaced):
+        group, = decode_block(block)[0]
+        assert group.arrays[0][:, 0].tolist() == [0.5 * i for i in range(30)]
+        assert group.stamps_ns.tolist() == [10**9 + i for i in range(30)]
+
+
+@settings(max_examples=60, deadline=None)
+@given(stamps=st.lists(st.integers(-10**9, 2**31 * 10**9 - 1), min_size=1, max_size=10),
+       names=st.sampled_from(NAMES), frame=st.sampled_from(['', 'base']))
+def test_blocks_encode_as_single_messages_do(stamps, names, frame):
+    shape = (len(stamps), len(names))
+    positions = np.random.default_rng(1).normal(size=shape)
+    velocities = np.random.default_rng(2).normal(size=shape)
+    rows = encode_block(Encoder(), np.array(stamps), frame, names, positions, velocities)
+    single = Encoder().encode
+    for row, stamp, position, velocity in zip(rows, stamps, positions, velocities):
+        assert row.tobytes() == single(stamp, frame, names, position.tolist(), velocity.tolist())
+
+
+def test_an_empty_block_has_no_groups():
+    assert decode_block(block_of([])) == ([], [])
+
+
+def test_ten_thousand_alike_are_one_group():
+    raws = [Encoder().encode(10**18 + i, 'base', ['a', 'b'], [1.0, 2.0]) for i in range(100)] * 100
+    groups, _ = decode_block(block_of(raws))
+    assert len(groups) == 1
+
+
+@pytest.mark.parametrize('count', [0, 1, 3])
+def test_numbers_of_any_kind(count):
+    data = np.frombuffer(struct.pack('<4xIHh', 7, 8, -9) * 3, np.uint8).reshape(3, -1)
+    assert alike.numbers(data, 4, 1, '<u4')[:, 0].tolist() == [7] * 3
+    assert alike.numbers(data, 10, 1, '<i2')[:, 0].tolist() == [-9] * 3
+    assert alike.numbers(data, 0, count, '<i4').shape == (3, count)
