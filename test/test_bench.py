@@ -136,7 +136,7 @@ def test_updates_name_every_observer_beside_filterpy():
 def test_filterpy_filters_what_the_observers_get():
     """The peer does the work it is timed for: it follows the angle across its wraps."""
     pytest.importorskip('filterpy')
-    signal = Signal('turning', '', constant(20.0)).samples(duration=2.0)
+    signal = Signal('turning', '', constant(20.0)).samples(duration=0.145)  # just past a wrap
     stamps, angles = signal.stamps.tolist(), signal.angle.tolist()
     seen = []
 

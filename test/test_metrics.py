@@ -99,6 +99,24 @@ def test_delay_is_not_drawn_to_where_interpolation_smooths_the_noise():
     assert abs(np.mean(found)) < 3.5 * 0.16e-3 / np.sqrt(12)
 
 
+def test_delay_is_as_sharp_as_the_noise_lets_it_be():
+    time = np.arange(0.0, 5.0, 1e-3)
+    random = np.random.default_rng(13)
+    found = [delay(time, sine(time - 0.003, 0.5) + 0.05 * random.standard_normal(len(time)),
+                   sine(time, 0.5) + 0.1 * random.standard_normal(len(time)))
+             for _ in range(20)]
+    # the least that is possible: 0.112 / (sqrt(5000) rms slope of 11.1 rad/s^2) = 0.143 ms
+    assert np.std(found) < 1.5 * 0.143e-3
+    assert np.mean(found) == pytest.approx(0.003, abs=3.0 * 0.143e-3 / np.sqrt(20))
+
+
+def test_delay_of_an_estimate_that_has_nothing_to_do_with_the_truth_is_not_told():
+    random = np.random.default_rng(12)
+    time = np.arange(0.0, 2.0, 1e-3)
+    assert all(np.isnan(delay(time, 30.0 * random.standard_normal(len(time)), sine(time)))
+               for _ in range(10))
+
+
 def test_delay_of_many_periods_is_the_one_nearest_to_zero():
     time = jittered()
     assert delay(time, sine(time - 0.03, 10.0), sine(time, 10.0)) == pytest.approx(0.03, abs=1e-5)
@@ -221,13 +239,18 @@ def test_reference_lag_bias_and_noise(speed, late):
 
 
 def test_reference_noise_does_not_draw_its_lag_to_zero():
-    """Slow motion under much noise: a plain fit would give less than half of the lag."""
-    random = np.random.default_rng(9)
-    time = np.arange(0.0, 60.0, 1e-3)
-    velocity = 0.3 * np.cos(5.0 * (time - 0.001)) + 0.1 * random.standard_normal(len(time))
-    position = 0.06 * np.sin(5.0 * time)
-    found = reference.fit(time, velocity, position, TURN)
-    assert found.lag_s == pytest.approx(0.001, abs=3.0 * found.lag_stddev + 0.1e-3)
+    """Slow motion under much noise: a plain least-squares fit would give 1.2 ms."""
+    time = np.arange(0.0, 60.0, 2e-3)
+    position = 0.1 * np.sin(5.0 * time)
+    found = []
+    for seed in range(10):
+        noise = 0.1 * np.random.default_rng(seed).standard_normal(len(time))
+        found.append(reference.fit(time, 0.5 * np.cos(5.0 * (time - 0.002)) + noise, position,
+                                   TURN))
+    spread = np.mean([one.lag_stddev for one in found])
+    assert np.mean([one.lag_s for one in found]) == pytest.approx(0.002, abs=spread)
+    assert np.std([one.lag_s for one in found]) < 2.0 * spread
+    assert spread < 0.5e-3
 
 
 def test_reference_at_rest_has_a_bias_and_no_lag():
@@ -237,6 +260,15 @@ def test_reference_at_rest_has_a_bias_and_no_lag():
     found = reference.fit(time, velocity, np.full(len(time), 0.3), TURN)
     assert np.isnan(found.lag_s) and np.isnan(found.slope)
     assert found.bias == pytest.approx(0.05, abs=4.0 * found.bias_stddev)
+
+
+def test_outliers_of_the_position_do_not_reach_the_reference():
+    time = np.arange(0.0, 20.0, 2e-3)
+    position = 1.5 * np.sin(5.0 * time)
+    position[::701] += 2.0
+    found = reference.fit(time, 7.5 * np.cos(5.0 * (time - 0.001)) + 0.02, position, TURN)
+    assert found.lag_s == pytest.approx(0.001, abs=2e-5)
+    assert found.bias == pytest.approx(0.02, abs=1e-3)
 
 
 def test_a_reference_cannot_tell_below_its_noise():

@@ -1,6 +1,6 @@
 """The delay of an estimate: the shift that minimises its error, finer than a sample.
 
-A coarse search over whole samples (by FFT, gaps masked out) finds the minimum that lies nearest to
+A coarse search over whole samples (by FFT) finds the minimum that lies nearest to
 zero; around it the mean square error is symmetric, and its middle is solved for. The two sides are
 compared a whole number of samples apart, because interpolation smooths noise by an amount that
 depends on where between two samples it looks: in the difference this cancels. What asymmetry the
@@ -46,7 +46,7 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
     level = float(np.mean(truth))
     estimate, truth = estimate - level, truth - level
     hole = steps > GAP * step
-    errors = _coarse(time, estimate, truth, hole, step, int(longest / step))
+    errors = _coarse(time, estimate, truth, step, int(longest / step))
     best, rise = _nearest_minimum(errors, max(CLEAR, SURE / len(time) ** 0.5),
                                   float(np.mean(truth * truth)) + level * level)
     if rise == 0:
@@ -59,12 +59,9 @@ def noise_power(values: Array) -> float:
     return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
 
 
-def _coarse(time: Array, estimate: Array, truth: Array, hole: NDArray[np.bool_], step: float,
-            reach: int) -> Array:
+def _coarse(time: Array, estimate: Array, truth: Array, step: float, reach: int) -> Array:
     """Mean square error at shifts of -reach to reach steps; inf where too little overlaps."""
     grid = np.arange(0.0, time[-1] + 0.5 * step, step)
-    inside = np.clip(np.searchsorted(time, grid, side='right') - 1, 0, len(hole) - 1)
-    weight = np.where(hole[inside], 0.0, 1.0)
     e = np.interp(grid, time, estimate)
     r = np.interp(grid, time, truth)
     size = 1 << (len(grid) + reach).bit_length()
@@ -72,15 +69,12 @@ def _coarse(time: Array, estimate: Array, truth: Array, hole: NDArray[np.bool_],
     def spectrum(values: Array) -> NDArray[np.complex128]:
         return np.fft.rfft(values, size)
 
-    ones, first, second = spectrum(weight), spectrum(weight * r), spectrum(weight * r * r)
-    power = (spectrum(weight * e * e) * ones.conj() - 2.0 * spectrum(weight * e) * first.conj()
-             + ones * second.conj())
-    both = np.fft.irfft(ones * ones.conj(), size)
-    squares = np.fft.irfft(power, size)
+    ones = spectrum(np.ones(len(grid)))
+    squares = np.fft.irfft(spectrum(e * e) * ones.conj() - 2.0 * spectrum(e) * spectrum(r).conj()
+                           + ones * spectrum(r * r).conj(), size)
     shifts = np.arange(-reach, reach + 1)
-    count = both[shifts]
-    with np.errstate(divide='ignore', invalid='ignore'):
-        return np.where(count > 0.5 * count[reach], squares[shifts] / count, np.inf)
+    count = len(grid) - np.abs(shifts)
+    return np.where(count > 0.5 * len(grid), squares[shifts] / np.maximum(count, 1), np.inf)
 
 
 def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, int]:

@@ -6,6 +6,7 @@ and that stays in its error; the delay tells how much of it comes from being lat
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +19,7 @@ from estimator_pkg.evaluation.interpolation import cubic, slopes
 Array = NDArray[np.float64]
 
 BLOCK = 0.25          # the truth counts as constant if it is for two blocks of this length [s]
+BLOCK_SAMPLES = 16    # or this many samples, where that is longer
 STEADY = 1e-4         # largest change of a constant truth within a block, part of its largest value
 
 
@@ -75,35 +77,48 @@ def noise_at_constant_speed(time: Array, estimate: Array, truth: Array,
     time, estimate, truth = time[good], estimate[good], truth[good]
     if len(time) < 8:
         return np.nan
-    steady = STEADY * float(np.max(np.abs(truth))) + 1e-12
-    edges = np.searchsorted(time, np.arange(time[0], time[-1] + 0.5 * BLOCK, BLOCK))
+    length = max(BLOCK, BLOCK_SAMPLES * float(np.median(np.diff(time))))
+    edges = np.searchsorted(time, np.arange(time[0], time[-1] + 0.5 * length, length))
     power, count = 0.0, 0
-    stretch: list[tuple[int, int]] = []
-    for first, last in [*pairwise(edges), (0, 0)]:
-        start = stretch[0] if stretch else (first, last)
-        if last - first >= 8 and _same_speed(truth[slice(*start)], truth[first:last], steady,
-                                             truth_noise):
-            stretch.append((first, last))
-            continue
-        if len(stretch) >= 2:
-            part = estimate[stretch[1][0]:stretch[-1][1]]
+    for blocks in _stretches(truth, list(pairwise(edges)), truth_noise):
+        if len(blocks) >= 2:
+            part = estimate[blocks[1][0]:blocks[-1][1]]
             power += float(np.sum((part - np.mean(part)) ** 2))
             count += len(part)
-        stretch = []
     return float(np.sqrt(power / count)) if count else np.nan
 
 
+def _stretches(truth: Array, blocks: list[tuple[int, int]], noise: float
+               ) -> Iterator[list[tuple[int, int]]]:
+    """The blocks (first, behind the last) in a row over which the truth is constant."""
+    steady = STEADY * float(np.max(np.abs(truth))) + 1e-12
+
+    def alike(one: tuple[int, int], other: tuple[int, int]) -> bool:
+        return _same_speed(truth[slice(*one)], truth[slice(*other)], steady, noise)
+
+    stretch: list[tuple[int, int]] = []
+    for block in blocks:
+        if stretch and not alike(stretch[0], block):
+            yield stretch
+            stretch = []
+        if stretch or alike(block, block):
+            stretch.append(block)
+    yield stretch
+
+
 def _same_speed(first: Array, block: Array, steady: float, noise: float) -> bool:
-    """True if the truth of `block` is constant and that of the stretch's `first` block.
+    """True if the truth of `block` is constant, and that of `first` too.
 
     What noise lets through in single samples, the means of half blocks do not.
     """
+    if len(block) < BLOCK_SAMPLES // 2:
+        return False
     if max(np.max(block), np.max(first)) - min(np.min(block), np.min(first)) > steady + 8 * noise:
         return False
     half = len(block) // 2
     allowed = steady + 4.0 * noise / np.sqrt(half)
-    return (abs(np.mean(block[:half]) - np.mean(block[half:])) <= allowed
-            and abs(np.mean(block) - np.mean(first)) <= allowed)
+    return bool(abs(np.mean(block[:half]) - np.mean(block[half:])) <= allowed
+                and abs(np.mean(block) - np.mean(first)) <= allowed)
 
 
 def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -> float:

@@ -100,10 +100,7 @@ def fit(time: Array, velocity: Array, position: Array, period: float) -> Referen
     if len(time) < FEWEST * across:
         return unknown
     travelled = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * steps)])
-    # position minus integral changes slowly, so the turns can be counted at any speed
-    behind = position - travelled
-    if period > 0.0:
-        behind = np.unwrap(behind, period=period)
+    ahead = travelled - position  # changes slowly but for whole turns, at any speed
     holes = np.concatenate([[0], np.cumsum(steps > GAP * step)])
     whole = holes[across:] == holes[:-across]
 
@@ -116,7 +113,7 @@ def fit(time: Array, velocity: Array, position: Array, period: float) -> Referen
     length = across_window(time)
     if len(length) < FEWEST * across:
         return unknown
-    missed = wrapped(-across_window(behind), period)
+    missed = wrapped(across_window(ahead), period)
     moved = across_window(travelled) - missed
     columns = np.stack([length, -across_window(velocity), moved], axis=1)
     instruments = np.stack([length, -across_window(around), moved], axis=1)
