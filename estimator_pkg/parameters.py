@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -74,7 +74,7 @@ class Parameter:
             return tuple(value)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise UsageError(f"parameter '{self.name}' must be a number, not {value!r}")
-        if not math.isfinite(value):
+        if not abs(value) <= sys.float_info.max:  # NaN, infinite, or an int beyond any float
             raise UsageError(f"parameter '{self.name}' must be finite, not {value!r}")
         if self.kind is int:
             if value != int(value):

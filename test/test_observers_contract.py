@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import label, make, stamps, variants, wrapped
+from observer_cases import label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
 from estimator_pkg.driver.compiled import available, compiled
@@ -24,24 +24,6 @@ def functions(variant, period=2.0 * math.pi):
     name, gains = variant
     observer = observers.find(name)
     return observer.build(build(observer.gains, gains), Circle(period))
-
-
-def stream(seed, count=400, noise=3e-3):
-    """(stamps, angles): jitter, gaps, duplicates, late and bad stamps, repeats, wraps, outliers."""
-    random = np.random.default_rng(seed)
-    at = stamps(count, 1e-3, 2e-4, seed)
-    t = (at - at[0]) * 1e-9
-    angle = 2.0 + 40.0 * t + 3.0 * np.sin(20.0 * t) + random.normal(0.0, noise, count)
-    angle = np.rint(wrapped(angle) / 1e-3) * 1e-3
-    at[150:] += 300_000_000                     # a gap
-    at[250] = at[249]                           # a duplicate
-    at[270] = at[268]                           # late
-    at[300] += 10 ** 15                         # the far future
-    angle[200] = angle[199]                     # a repeat
-    angle[320] += 3.0                           # outliers
-    angle[321] = math.nan
-    angle[340:352] = angle[340]                 # a stuck sensor
-    return at, angle
 
 
 def flat(value):

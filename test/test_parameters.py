@@ -1,0 +1,143 @@
+"""Parameters: declared once, checked wherever they come from."""
+
+import math
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimator_pkg import observers
+from estimator_pkg.driver.guard import GuardSettings
+from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.parameters import build, declared, parameter, parse_assignments
+
+
+@dataclass(frozen=True)
+class Sample:
+    rate: float = parameter(10.0, unit='Hz', range=(0.1, 100.0), description='a number',
+                            search=(1.0, 50.0))
+    count: int = parameter(3, unit='', range=(1, 9), description='a whole number')
+    on: bool = parameter(True, unit='', description='a flag')
+    form: str = parameter('one', unit='', choices=('one', 'two', 'package.module:name'),
+                          description='a choice', structural=True)
+    scale: float | None = parameter(None, unit='s', range=(1e-6, 1.0), description='follows')
+    names: tuple = parameter((), unit='', description='texts')
+
+
+def test_declaration_is_all_there_is():
+    known = declared(Sample)
+    assert list(known) == ['rate', 'count', 'on', 'form', 'scale', 'names']
+    assert [known[name].kind for name in known] == [float, int, bool, str, float, tuple]
+    rate = known['rate']
+    assert (rate.default, rate.unit, rate.minimum, rate.maximum) == (10.0, 'Hz', 0.1, 100.0)
+    assert rate.search == (1.0, 50.0) and not rate.structural
+    assert known['form'].structural and known['scale'].default is None
+    assert build(Sample, {}) == Sample()
+
+
+@pytest.mark.parametrize('name, given_value, value', [
+    ('rate', 20, 20.0), ('rate', 20.0, 20.0), ('rate', 0.1, 0.1), ('rate', 100, 100.0),
+    ('count', 4, 4), ('count', 4.0, 4), ('on', False, False), ('form', 'two', 'two'),
+    ('form', 'my.module:thing', 'my.module:thing'), ('scale', None, None), ('scale', 1, 1.0),
+    ('names', ['a', 'b'], ('a', 'b')), ('names', (), ()),
+])
+def test_good_values_come_out_in_their_type(name, given_value, value):
+    got = getattr(build(Sample, {name: given_value}), name)
+    assert got == value and type(got) is type(value)
+
+
+@pytest.mark.parametrize('name, value, words', [
+    ('rate', 'fast', 'a number'), ('rate', True, 'a number'), ('rate', None, 'needs a value'),
+    ('rate', math.nan, 'finite'), ('rate', math.inf, 'finite'), ('rate', -math.inf, 'finite'),
+    ('rate', 10 ** 400, 'finite'), ('count', -10 ** 400, 'finite'),
+    ('rate', 0.0999, 'outside [0.1, 100]'), ('rate', 101, 'outside'), ('rate', [1.0], 'a number'),
+    ('count', 3.5, 'whole'), ('count', 10, 'outside [1, 9]'), ('count', True, 'a number'),
+    ('on', 1, 'true or false'), ('on', 'yes', 'true or false'), ('form', 'three', 'one, two'),
+    ('form', 3, 'text'), ('form', 'a:b:c', 'not one of'), ('scale', 2.0, 'outside'),
+    ('names', 'a', 'list of texts'), ('names', [1], 'list of texts'),
+])
+def test_bad_values_are_refused_in_one_line_that_says_why(name, value, words):
+    with pytest.raises(UsageError) as caught:
+        build(Sample, {name: value})
+    text = str(caught.value)
+    assert f"'{name}'" in text and words in text and '\n' not in text
+    assert caught.value.exit_code == 2
+
+
+@given(st.one_of(st.floats(), st.integers(), st.text(max_size=3), st.none(), st.booleans(),
+                 st.lists(st.integers(), max_size=2)))
+def test_whatever_comes_is_taken_as_declared_or_refused(value):
+    for known in declared(Sample).values():
+        try:
+            checked = known.check(value)
+        except UsageError:
+            continue
+        if checked is None:
+            assert known.default is None
+            continue
+        assert type(checked) is known.kind
+        if known.kind in (float, int):
+            assert known.minimum <= checked <= known.maximum
+        assert known.check(checked) == checked
+
+
+@pytest.mark.parametrize('written, near', [('rte', 'rate'), ('Scale', 'scale'), ('form_', 'form')])
+def test_misspelt_names_suggest_the_nearest(written, near):
+    with pytest.raises(UsageError) as caught:
+        build(Sample, {written: 1.0}, owner='sample')
+    assert str(caught.value) == (
+        f"unknown parameter '{written}' of sample: did you mean '{near}'?")
+
+
+def test_names_that_are_like_none_list_all():
+    assert suggestion('xyz', ['one', 'two']) == 'known: one, two'
+    assert suggestion('xyz', []) == 'none is known'
+
+
+@pytest.mark.parametrize('text, value', [
+    ('rate=20', 20), ('rate=2.5', 2.5), ('rate=1e-3', 1e-3), ('rate=1E3', 1000.0),
+    ('rate=-1', -1), ('form=one', 'one'), ('on=true', True), ('on=false', False),
+    ('scale=', None), ('scale=null', None), ('names=[a, b]', ['a', 'b']), ('form=a=b', 'a=b'),
+    ('form=a: b: c', 'a: b: c'), ('rate=.inf', math.inf), (' rate =3', 3),
+])
+def test_assignments_are_read_as_yaml(text, value):
+    (got,) = parse_assignments([text]).values()
+    assert got == value and type(got) is type(value)
+
+
+@pytest.mark.parametrize('text', ['rate', '=3', ''])
+def test_assignments_without_a_name_or_value_are_refused(text):
+    with pytest.raises(UsageError) as caught:
+        parse_assignments([text])
+    assert 'key=value' in str(caught.value)
+
+
+def test_the_last_of_two_assignments_counts():
+    assert parse_assignments(['rate=1', 'rate=2']) == {'rate': 2}
+
+
+def test_admitted_values_are_said_for_people():
+    texts = {name: known.range_text() for name, known in declared(Sample).items()}
+    assert texts == {'rate': '[0.1, 100]', 'count': '[1, 9]', 'on': 'true | false',
+                     'form': 'one | two | package.module:name', 'scale': '[1e-06, 1]',
+                     'names': 'a list of texts'}
+
+
+@pytest.mark.parametrize('cls', [JointSettings, GuardSettings,
+                                 *(observers.find(name).gains for name in observers.names())])
+def test_every_declaring_class_declares_every_field(cls):
+    known = declared(cls)
+    assert set(known) == set(cls.__dataclass_fields__)
+    for name, one in known.items():
+        assert one.description.strip(), name
+        assert one.default is None or one.check(one.default) == one.default, name
+        assert one.kind in (float, int, bool, str, tuple), name
+
+
+def test_bandwidth_is_within_reach_of_every_observer_that_is_linear():
+    for name in observers.names():
+        if observers.find(name).kind == 'angle' and name != 'super_twisting':
+            known = declared(observers.find(name).gains)['bandwidth_hz']
+            assert known.unit == 'Hz' and known.search and not known.structural
