@@ -20,6 +20,7 @@ from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.parameters import Parameter, declared
 
+SETTINGS = 'velocity_estimator.settings'
 TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text'}
 
 
@@ -52,7 +53,7 @@ def catalogue() -> dict[str, list[Item]]:
             'joint', 'what is set per joint beside the gains, of whichever observer',
             parameters=tuple(declared(JointSettings).values()))],
         'nodes': [Item('joint_observer', 'estimates velocity live, for any number of joints',
-                       parameters=tuple(declared(NodeSettings).values()))],
+                       parameters=tuple(declared(NodeSettings).values())), *_further_settings()],
         'models': _entries(registry.MODELS, 'parameters'),
         'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
         'reproductions': _entries(registry.REPRODUCTIONS, ''),
@@ -72,6 +73,17 @@ def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
         cls = getattr(record, declaring, None) if declaring else None
         items.append(Item(name, getattr(record, 'summary', ''), getattr(record, 'reference', ''),
                           tuple(declared(cls).values()) if cls is not None else (), live))
+    return items
+
+
+def _further_settings() -> list[Item]:
+    """Settings that other packages declare for their nodes: entry points to the dataclasses."""
+    items = []
+    for name in registry.names(SETTINGS):
+        cls = registry.find(SETTINGS, name)
+        summary = (cls.__doc__ or '').strip().partition('\n')[0].rstrip('.')
+        items.append(Item(name, summary[:1].lower() + summary[1:],
+                          parameters=tuple(declared(cls).values()), live=False))
     return items
 
 

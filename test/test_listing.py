@@ -91,6 +91,18 @@ def test_what_cannot_be_imported_is_said_and_nothing_else_suffers(capsys, monkey
     assert 'bandwidth_hz = 30 Hz' in out
 
 
+def test_settings_that_others_declare_for_their_nodes_are_listed(capsys, monkeypatch):
+    from sim_pkg.nodes.settings import RunSettings
+    names, find = registry.names, registry.find
+    monkeypatch.setattr(registry, 'names', lambda group: (
+        ['all_simulators'] if group == listing.SETTINGS else names(group)))
+    monkeypatch.setattr(registry, 'find', lambda group, name: (
+        RunSettings if group == listing.SETTINGS else find(group, name)))
+    out = listed(capsys, 'all_simulators')
+    assert 'all_simulators: what is set of every simulator node' in out
+    assert '  seed = 1, [0, ' in out
+
+
 def test_docs_are_as_the_code_declares(capsys):
     assert DOCS.read_text(encoding='utf-8') == listed(capsys, '--markdown'), (
         'docs/parameters.md is stale: velocity_estimator list --markdown > docs/parameters.md')
