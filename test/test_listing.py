@@ -99,7 +99,7 @@ def test_settings_that_others_declare_for_their_nodes_are_listed(capsys, monkeyp
     monkeypatch.setattr(registry, 'find', lambda group, name: (
         RunSettings if group == listing.SETTINGS else find(group, name)))
     out = listed(capsys, 'all_simulators')
-    assert 'all_simulators: what is set of every simulator node' in out
+    assert 'all_simulators: how long a simulator runs' in out
     assert '  seed = 1, [0, ' in out
 
 

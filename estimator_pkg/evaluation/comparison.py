@@ -20,6 +20,7 @@ from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.contract import COASTING, TRACKING
+from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
@@ -179,9 +180,13 @@ def _sources(bag: Bag, path: str, measurement: dict[str, Series], options: Optio
     if options.observers:
         if not measurement:
             raise UserError(f'{path}: {options.measurement or MEASUREMENT} carries no position')
-        for entry in options.observers:
-            yield entry.label, {joint: _run(entry, series, options.wrap_period)
-                                for joint, series in measurement.items()}
+        with progress(path, len(options.observers) * len(measurement)) as advance:
+            for entry in options.observers:
+                found = {}
+                for joint, series in measurement.items():
+                    found[joint] = _run(entry, series, options.wrap_period)
+                    advance(1)
+                yield entry.label, found
         if not options.estimates:
             return
     topics = list(options.estimates) or sorted(
