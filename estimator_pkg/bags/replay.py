@@ -125,6 +125,10 @@ def make_plan(bag: Bag, parsed: argparse.Namespace) -> Plan:
         of_node['angle_type'] = 'Float64'  # whatever it is, the bag says
     if parsed.joint:
         of_node['joints'] = parsed.joint
+        if of_node.get('input') == ANGLE:
+            if len(parsed.joint) > 1:
+                raise UsageError('an angle belongs to one joint: give --joint once')
+            of_node['angle_joint'] = parsed.joint[0]
     settings = build(NodeSettings, of_node)
     observer = observers.find(settings.observer)
     if observer.kind != 'angle':
@@ -139,8 +143,7 @@ def make_plan(bag: Bag, parsed: argparse.Namespace) -> Plan:
         return Plan(settings, configuration, name,
                     JointStates(settings.stamp_source == 'publisher'))
     found = bag.require(topic or parsed.measurement or '/angle')
-    joint = parsed.joint[0] if parsed.joint else settings.angle_joint
-    source = AngleField(found, path or 'data', joint, settings.raw_angle)
+    source = AngleField(found, path or 'data', settings.angle_joint, settings.raw_angle)
     if source.is_integer and settings.counts_per_revolution <= 0.0:
         raise UsageError(f"'{path or 'data'}' of {found.name} is a whole number, so it carries "
                          "counts: set 'counts_per_revolution'")
