@@ -16,7 +16,7 @@ from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
 MEMORY = 400.0      # samples over which the innovation's power is averaged
-CALM = 32.0         # unchanged readings over which the innovation's power is averaged for the bound
+RECENT = 32.0       # the same for the low-speed bound, which must soon know of a change
 STILL = 8.0         # after so many equal readings the noise is surely less than a quantum
 FRESH = 4.0         # samples that the power weighs when a start has settled
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
@@ -126,8 +126,8 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     """The contract's functions for an angle-only observer made of `core`.
 
     State: core's state; convention; reading: (size of its last change [rad], time since it [s],
-    smallest change seen [rad], power of the innovation while it stood still [rad^2]); (power of the
-    innovation [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
+    smallest change seen [rad], recent power of the innovation [rad^2]); (power of the innovation
+    [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
     it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start).
 
     A core that was astray for too long starts again. So does one whose lock returned at another
@@ -161,17 +161,17 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         square = innovation * innovation
         size = abs(innovation)
         outside = design[7]
+        recent = reading[3]
+        if size <= outside:
+            recent += (square - recent) / RECENT
         if measurement == convention[0]:
-            change, since, smallest, calm = reading
-            if size <= outside:
-                calm += (square - calm) / CALM
-            reading = (change, since + coefficients[1], smallest, calm)
+            reading = (reading[0], reading[1] + coefficients[1], reading[2], recent)
         else:
             change = abs(wrap(measurement - convention[0], design[1]))
             smallest = reading[2]
             if 0.0 < change < smallest or smallest == 0.0:
                 smallest = change
-            reading = (change, 0.0, smallest, reading[3])
+            reading = (change, 0.0, smallest, recent)
             convention = follow(convention, measurement, design[1])
         if lock[0] == TRACKING and size <= outside:
             if count < MEMORY:
@@ -195,7 +195,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
 
     def bounded(state: tuple, coefficients: tuple, design: tuple, value: float) -> float:
         """`value` [rad/s] held within the low-speed bound."""
-        change, since, smallest, calm = state[2]
+        change, since, smallest, recent = state[2]
         if abs(value) * since <= change:
             return value
         quantum = design[3] if design[3] > 0.0 else smallest
@@ -204,7 +204,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         elif since > STILL * coefficients[1]:
             variance = 0.0
         else:
-            variance = calm / noise_gains(state[0], coefficients[0])[2]
+            variance = recent / noise_gains(state[0], coefficients[0])[2]
         bound = low_speed_bound(change, since, quantum, variance)
         return bound if value > bound else -bound if value < -bound else value
 
