@@ -234,7 +234,11 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             event = SEARCHING
             if last & BLIND:
                 clear = (dead, 0.0)
+                velocity = 0.0
             else:
+                if clear[0] < 0.0:
+                    turned = velocity * dt  # as it went on before a gap; 0 after a standstill
+                travel += turned
                 clear = (clear[0] + dt, clear[1] + turned if clear[0] >= 0.0 else 0.0)
                 if clear[0] >= window:
                     i, h, z, x, watch = lock_on((i, h, z, x), watch, clear[1], design)
@@ -332,9 +336,9 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     def group_delay(dt: float) -> float:
         pole = 2.0 * math.pi * gains.speed_filter_hz
         if pole <= 0.0:
-            return tuned.epsilon
-        kept_part = math.exp(-pole * dt)
-        return tuned.epsilon + dt * kept_part / (1.0 - kept_part)
+            return 0.0  # the flux estimate makes up for the lag of the back-EMF (epsilon)
+        left = math.exp(-pole * dt)
+        return dt * left / (1.0 - left)
 
     return DriveFunctions(
         design, prepare, init, step, output, stddev, resume, limits, group_delay, finite=finite,

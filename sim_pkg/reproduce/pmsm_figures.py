@@ -73,8 +73,9 @@ def unstable_manifold() -> list[tuple[Array, Array]]:
     for sign in (1.0, -1.0):
         start = np.array([math.pi, 0.0]) + 1e-4 * sign * direction
         angle, xi = reduced(start[:1], start[1:], -2e-3, 20000)
-        kept = np.abs(xi[:, 0]) < 4.2
-        branches.append((angle[kept, 0], xi[kept, 0]))
+        angle, xi = angle[:, 0], xi[:, 0]
+        xi[np.abs(xi) > 4.2] = np.nan  # out of the picture
+        branches.append((angle, xi))
     return branches
 
 

@@ -1,0 +1,436 @@
+"""The observer `pmsm`: tuning, honesty, gaps, delays, rates; plain equals compiled."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from estimator_pkg.driver import drive, guard
+from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.track import make_track
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import INITIALISING, MISCONFIGURED, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.pmsm import OBSERVER, build
+from estimator_pkg.observers.pmsm_gains import Gains, tuning
+from estimator_pkg.observers.pmsm_watch import (
+    FLUX_RANGE,
+    LOW_EMF,
+    NO_VOLTAGE,
+    SEARCHING,
+    TOO_FAST,
+    describe,
+)
+from estimator_pkg.parameters import build as build_parameters
+from sim_pkg.pmsm_drive import Drive
+from sim_pkg.pmsm_parameters import PmsmParameters
+from sim_pkg.pmsm_profiles import P1, Profile
+from sim_pkg.reproduce.pmsm_observer import run_log, start_state
+from sim_pkg.reproduce.pmsm_reference import signals
+
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
+RATE, DT = 20000.0, 5e-5
+RPM = math.pi / 30.0
+TURN = 2.0 * math.pi
+
+
+def made(**gains):
+    return build(build_parameters(Gains, {**MOTOR, **gains}), Circle(0.0))
+
+
+@lru_cache
+def record(segments, seed=1, **plant):
+    profile = Profile(segments)
+    return Drive(PmsmParameters(**plant), seed, profile=profile, fast=False).run(
+        round(profile.duration * RATE))
+
+
+def noisy(segments, **plant):
+    return record(segments, current_noise=0.1, **plant)
+
+
+STEADY = ((0.06, 3000.0, 3000.0),)
+RESTING = ((0.05, 0.0, 0.0),)
+
+
+def estimates(functions, samples, dt=DT, rows=None):
+    """(status, reasons, electrical rows) after each sample."""
+    design = functions.design()
+    coefficients = functions.prepare(design, dt)
+    state = functions.init(tuple(samples[0]), design)
+    status, reasons, electrical = [], [], []
+    for row in samples[1:].tolist():
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+        status.append(functions.output(state, coefficients, design, tuple(row), 0.0)[3])
+        reasons.append(functions.reasons(state))
+        electrical.append(functions.electrical(state, coefficients, design))
+    return np.array(status), np.array(reasons), np.array(electrical), state, coefficients
+
+
+def angle_error(found, truth):
+    return np.degrees(np.angle(np.exp(1j * (found - truth))))
+
+
+# ---- tuning ----------------------------------------------------------------------------------
+
+def test_default_gains_are_those_of_the_paper():
+    found = tuning(build_parameters(Gains, MOTOR))
+    assert found.k_p == pytest.approx(2.18e4, rel=5e-3)
+    assert found.k_i == pytest.approx(9.34e3, rel=1e-3)
+    assert found.k_eta == pytest.approx(95.7, rel=1e-3)
+    assert found.gamma == pytest.approx(4582.0, rel=1e-3)
+
+
+def test_the_papers_symbols_win_over_what_follows():
+    found = tuning(build_parameters(Gains, {**MOTOR, 'k_p': 1e4, 'k_i': 5e3, 'k_eta': 50.0,
+                                            'gamma': 1000.0}))
+    assert (found.k_p, found.k_i, found.k_eta, found.gamma) == (1e4, 5e3, 50.0, 1000.0)
+
+
+def test_the_same_motor_in_other_units_behaves_the_same():
+    """Voltage and flux times ten, current times two: R, L times five. Nothing else to tune."""
+    samples = noisy(STEADY).samples
+    other = samples * np.array([2.0, 2.0, 10.0, 10.0])
+    first = estimates(made(), samples)
+    second = estimates(made(resistance=0.3, inductance=5 * 33.75e-6, flux=1.9e-2), other)
+    assert np.array_equal(first[0], second[0])
+    tracked = first[0] == TRACKING
+    assert np.allclose(first[2][tracked, :2], second[2][tracked, :2], rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize('missing', ['resistance', 'inductance', 'flux', 'pole_pairs'])
+def test_incomplete_motor_data_is_refused_by_name(missing):
+    with pytest.raises(UsageError, match=missing):
+        made(**{missing: None})
+    with pytest.raises(UsageError, match=missing):
+        made(**{missing: 0})
+    with pytest.raises(UsageError, match=missing):
+        made(**{missing: -1})
+    with pytest.raises(UsageError, match=missing):
+        build(dataclasses.replace(Gains(**MOTOR), **{missing: -1}), Circle(0.0))
+
+
+@pytest.mark.parametrize('gains, said', [
+    ({'epsilon': 0.05}, 'epsilon'), ({'clock_rate': 4000.0}, 'clock_rate'),
+    ({'flux_min': 1.0, 'flux_max': 0.5}, 'flux_min')])
+def test_gains_that_cannot_work_are_refused(gains, said):
+    with pytest.raises(UsageError, match=said):
+        made(**gains)
+
+
+def test_a_rate_below_two_samples_per_turn_is_refused_with_the_limit():
+    limits = made(speed_max=6000.0 * RPM).limits
+    assert limits(1.0 / 2000.0) is None
+    assert '1400 Hz is needed' in limits(1.0 / 1000.0)
+    joint = Joint(OBSERVER, build_parameters(Gains, {**MOTOR, 'speed_max': 6000.0 * RPM}),
+                  JointSettings())
+    for k in range(100):
+        joint.update(10 ** 9 + k * 10 ** 6, (0.0, 0.0, 0.0, 0.0))
+    assert joint.estimate()[3] == MISCONFIGURED and '1400 Hz' in joint.why()
+
+
+# ---- convergence -----------------------------------------------------------------------------
+
+@pytest.mark.parametrize('variant', ['identifier', 'hybrid', 'continuous'])
+@pytest.mark.parametrize('rpm', [3000.0, -3000.0])
+def test_a_spinning_motor_is_found_within_20_ms(variant, rpm):
+    seen = noisy(((0.06, rpm, rpm),))
+    status, _, rows, *_ = estimates(made(variant=variant), seen.samples)
+    assert np.argmax(status == TRACKING) < 400
+    assert np.all(status[400:] == TRACKING)
+    assert np.abs(angle_error(rows[400:, 0], seen.truth[401:, 1])).max() < 1.5
+    assert np.abs(rows[400:, 1] / (7.0 * seen.truth[401:, 0]) - 1.0).max() < 0.02
+    assert rows[-1, 2] == pytest.approx(1.9e-3, rel=0.01)
+
+
+@pytest.mark.parametrize('flux', [0.9e-3, 4.0e-3])
+def test_a_wrong_nominal_flux_is_corrected(flux):
+    seen = noisy(((0.15, 3000.0, 3000.0),))
+    status, _, rows, *_ = estimates(made(flux=flux), seen.samples)
+    assert status[-1] == TRACKING
+    assert rows[-1, 2] == pytest.approx(1.9e-3, rel=0.03)
+    tracked = status == TRACKING
+    assert np.abs(angle_error(rows[tracked, 0], seen.truth[1:][tracked, 1])).max() < 10.0
+
+
+def test_an_unknown_flux_is_identified():
+    seen = noisy(((0.08, 3000.0, 3000.0),))
+    status, _, rows, *_ = estimates(made(initial_flux=0.0), seen.samples)
+    assert status[-1] == TRACKING and np.argmax(status == TRACKING) < 1200
+    assert rows[-1, 2] == pytest.approx(1.9e-3, rel=0.01)
+
+
+def test_power_invariant_vectors_give_the_same_estimates():
+    samples = noisy(STEADY).samples
+    first = estimates(made(), samples)
+    second = estimates(made(scaling='power'), samples * math.sqrt(1.5))
+    tracked = first[0] == TRACKING
+    assert np.array_equal(first[0], second[0])
+    assert np.allclose(first[2][tracked], second[2][tracked], rtol=1e-9)
+
+
+@pytest.mark.parametrize('delay', [1, 2])
+def test_a_voltage_reported_early_is_delayed(delay):
+    seen = record(((0.06, 6000.0, 6000.0),), voltage_delay=delay)
+    status, _, right, *_ = estimates(made(voltage_delay=float(delay)), seen.samples)
+    assert status[-1] == TRACKING
+    assert abs(np.mean(angle_error(right[-200:, 0], seen.truth[-200:, 1]))) < 0.3
+    wrong = estimates(made(), seen.samples)[2]
+    late = np.mean(angle_error(wrong[-200:, 0], seen.truth[-200:, 1]))
+    assert late == pytest.approx(delay * 12.6, abs=1.5)  # omega Ts
+
+
+def test_half_a_sample_of_voltage_delay_lies_between():
+    samples = record(((0.06, 6000.0, 6000.0),)).samples.copy()
+    ahead = np.vstack((samples[1:], samples[-1:]))
+    samples[:, 2:] = 0.5 * (samples[:, 2:] + ahead[:, 2:])  # as if reported half a sample early
+    truth = record(((0.06, 6000.0, 6000.0),)).truth
+    status, _, rows, *_ = estimates(made(voltage_delay=0.5), samples)
+    assert status[-1] == TRACKING
+    assert abs(np.mean(angle_error(rows[-200:, 0], truth[-200:, 1]))) < 0.5
+
+
+@pytest.mark.parametrize('every', [1, 4, 10])
+def test_it_works_from_2_to_20_khz(every):
+    """Decimated as a drive would: current at the edges, mean voltage between them."""
+    seen = noisy(P1)
+    count = len(seen.samples) // every
+    mean = seen.samples[1:(count - 1) * every + 1, 2:].reshape(count - 1, every, 2).mean(axis=1)
+    samples = np.column_stack((seen.samples[every:count * every:every, :2], mean))
+    truth = seen.truth[every:count * every:every]
+    status, _, rows, *_ = estimates(made(), samples, every * DT)
+    tracked = status == TRACKING
+    assert tracked.sum() * every * DT > 0.63
+    error = np.abs(angle_error(rows[tracked, 0], truth[1:][tracked, 1]))
+    assert error.max() < 3.0
+
+
+def test_aliasing_is_said_and_never_taken_for_tracking():
+    """P1 at 1 kHz: 1.4 half turns per sample at the top."""
+    seen = noisy(P1)
+    mean = seen.samples[1:13981, 2:].reshape(699, 20, 2).mean(axis=1)
+    samples = np.column_stack((seen.samples[20:14000:20, :2][:699], mean))
+    truth = seen.truth[20:14000:20][:699]
+    status, reasons, rows, *_ = estimates(made(), samples, 20 * DT)
+    assert (reasons & TOO_FAST).astype(bool).sum() > 100
+    tracked = status == TRACKING
+    assert not np.any(np.abs(angle_error(rows[tracked, 0], truth[1:][tracked, 1])) > 10.0)
+    assert 'sample rate' in describe(TOO_FAST)
+
+
+# ---- honesty ---------------------------------------------------------------------------------
+
+def test_at_rest_nothing_but_a_bound_is_given():
+    seen = noisy(RESTING)
+    functions = made()
+    status, reasons, rows, state, coefficients = estimates(functions, seen.samples)
+    assert np.all(status == NOT_OBSERVABLE)
+    assert np.all(np.isnan(rows[:, :2])) and np.all(rows[:, 3] == 0.0)
+    assert np.all(reasons[10:] & (LOW_EMF | SEARCHING) == LOW_EMF | SEARCHING)
+    bound = functions.speed_bound(state, coefficients, functions.design())
+    assert 100.0 * RPM < bound < 500.0 * RPM
+    assert functions.stddev(state, coefficients, functions.design())[1] == pytest.approx(
+        bound / math.sqrt(3.0))
+
+
+def test_while_not_observable_the_flux_is_frozen_and_the_registers_are_cleared():
+    stop = noisy(((0.05, 3000.0, 3000.0), (0.05, 3000.0, 0.0), (0.1, 0.0, 0.0)))
+    functions = made()
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = functions.init(tuple(stop.samples[0]), design)
+    blind = []
+    for row in stop.samples[1:].tolist():
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+        if functions.reasons(state) & LOW_EMF:
+            blind.append((state[0][3], state[1][3]))
+    xs, ticks = np.array(blind[40:]).T
+    assert len(xs) > 2000
+    assert np.all(xs == xs[0])
+    assert xs[0] == pytest.approx(526.3, rel=0.05)
+    assert np.all(ticks[200:] == 0)
+
+
+def test_the_speed_bound_holds():
+    seen = noisy(((0.05, 0.0, 0.0), (0.4, 0.0, 400.0)))
+    functions = made()
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = functions.init(tuple(seen.samples[0]), design)
+    checked = 0
+    for k, row in enumerate(seen.samples[1:].tolist(), 1):
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+        bound = functions.speed_bound(state, coefficients, design)
+        if bound < math.inf:
+            assert abs(seen.truth[k, 0]) <= bound
+            checked += 1
+    assert checked > 3000
+
+
+def test_zero_voltage_is_said():
+    samples = noisy(STEADY).samples.copy()
+    samples[600:, 2:] = 0.0
+    status, reasons, *_ = estimates(made(), samples)
+    assert status[598] == TRACKING
+    assert np.all(status[800:] == NOT_OBSERVABLE)
+    assert np.all(reasons[800:] & NO_VOLTAGE)
+    assert 'voltage connected' in describe(int(reasons[-1]))
+
+
+def test_a_wrong_resistance_out_of_all_proportion_is_seen():
+    """At 20 A and ten times R the flux leaves its range: never flagged as tracking."""
+    seen = record(((0.2, 1500.0, 1500.0),), load_constant=0.3)
+    status, reasons, *_ = estimates(made(resistance=0.6, inductance=33.75e-6, epsilon=5e-5),
+                                    seen.samples)
+    assert not np.any(status == TRACKING)
+    assert np.any(reasons & FLUX_RANGE) or np.any(reasons & LOW_EMF)
+
+
+def test_the_standard_deviations_are_those_of_the_errors():
+    """White noise at constant speed, 1 s: 95 % intervals of angle and speed."""
+    functions = made()
+    times = np.arange(20001) / RATE
+    omega = 4000.0 * RPM * 7
+    exact = signals(times, profile=Profile([(1.0, 4000.0, 4000.0)]))
+    half = 0.5 * omega * DT
+    mean = exact.voltage * np.exp(-1j * half) * math.sin(half) / half
+    noise = 0.1 * np.random.default_rng(5).standard_normal((len(times), 2))
+    samples = np.column_stack((exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1],
+                               mean.real, mean.imag))
+    start = start_state(functions, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3,
+                        settled=True)
+    log = run_log(functions, samples, DT, start, fast=False)
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = start
+    for row in samples[1:4001].tolist():
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+    of_angle, of_speed, _ = functions.electrical_stddev(state, coefficients, design)
+    late = slice(4000, None)
+    angle = np.angle(np.exp(1j * (log.angle - exact.theta[1:])))[late]
+    speed = (log.speed - omega)[late]
+    assert 0.9 < np.mean(np.abs(angle) < 1.96 * of_angle) < 0.99
+    assert 0.93 < np.mean(np.abs(speed) < 1.96 * of_speed) < 0.97
+    assert functions.stddev(state, coefficients, design) == (of_angle / 7.0, of_speed / 7.0)
+
+
+def test_the_declared_delay_is_that_of_the_speed_on_a_ramp():
+    """(true speed - estimate) / acceleration in the middle of a straight ramp, without noise."""
+    functions = made(speed_filter_hz=100.0)
+    profile = Profile([(0.2, 2000.0, 6000.0)], smooth=False)
+    seen = Drive(PmsmParameters(adc_bits=0), profile=profile, fast=False).run(4000)
+    rows = estimates(functions, seen.samples)[2]
+    lag = (seen.truth[1:, 0] - rows[:, 1] / 7.0)[2000:3500]
+    rise = np.gradient(seen.truth[1:, 0], DT)[2000:3500]
+    measured = float(np.mean(lag) / np.mean(rise))
+    assert measured == pytest.approx(functions.group_delay(DT), rel=0.05)
+
+
+# ---- driver ----------------------------------------------------------------------------------
+
+def test_lost_batches_are_coasted_over_and_counted():
+    seen = noisy(((0.2, 3000.0, 3000.0),))
+    joint = Joint(OBSERVER, build_parameters(Gains, MOTOR), JointSettings(gap_max=0.001))
+    kept = [k for k in range(4000) if not 1400 <= k < 1600]   # 10 ms lost
+    status, angles = {}, {}
+    for k in kept:
+        assert joint.update(10 ** 9 + k * 50_000, tuple(seen.samples[k].tolist()))
+        status[k] = joint.estimate()[3]
+        angles[k] = joint.functions.electrical(joint._track[6], joint._track[5], joint._design)[0]
+    assert not joint.update(10 ** 9 + 3999 * 50_000, tuple(seen.samples[3999].tolist()))
+    assert joint.dropped() == {'duplicate': 1} and joint.events() == {'gap': 1}
+    assert status[1399] == TRACKING and status[1600] == INITIALISING
+    assert all(status[k] == TRACKING for k in range(2000, 4000))
+    tracked = [k for k in kept if status[k] == TRACKING]
+    error = angle_error(np.array([angles[k] for k in tracked]), seen.truth[tracked, 1])
+    assert np.abs(error).max() < 1.5
+
+
+def test_coasting_over_a_known_gap_keeps_the_relative_position():
+    seen = noisy(((0.2, 3000.0, 3000.0),))
+    functions = made()
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = functions.init(tuple(seen.samples[0]), design)
+    for k in range(1, 1400):
+        state = functions.step(state, coefficients, design, tuple(seen.samples[k].tolist()), 0.0)
+    before = functions.output(state, coefficients, design, (), 0.0)[0] - seen.truth[1399, 1] / 7.0
+    state = functions.coast(state, coefficients, design, tuple(seen.samples[1600].tolist()),
+                            201 * DT)
+    for k in range(1601, 2200):
+        state = functions.step(state, coefficients, design, tuple(seen.samples[k].tolist()), 0.0)
+    after = functions.output(state, coefficients, design, (), 0.0)[0] - seen.truth[2199, 1] / 7.0
+    assert after == pytest.approx(before, abs=0.01)
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf, 1e9])
+@pytest.mark.parametrize('place', range(4))
+def test_a_sample_that_is_no_number_is_dropped(bad, place):
+    sample = [1.0, 2.0, 3.0, 4.0]
+    sample[place] = bad
+    assert not made().finite(tuple(sample))
+    assert made().finite((1.0, 2.0, 3.0, 4.0))
+
+
+def disturbed():
+    """(stamps, samples): start-up, stop, start backwards; a gap, a duplicate, a bad sample."""
+    samples = noisy(((0.03, 3000.0, 3000.0), (0.03, 3000.0, 0.0), (0.02, 0.0, 0.0),
+                     (0.04, 0.0, -3000.0))).samples.copy()
+    samples[300, 1] = math.nan
+    stamps = 10 ** 9 + np.arange(len(samples)) * 50_000
+    stamps[1000:] += 5_000_000
+    stamps[1200] = stamps[1199]
+    return stamps, samples
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+def test_plain_equals_compiled_through_the_guard():
+    stamps, samples = disturbed()
+    functions = made()
+    batch = drive.make_drive_batch(functions)
+    track = make_track(functions).blank(functions.design())
+    limits = guard.limits(guard.GuardSettings(gap_max=0.001), math.inf)
+    given = (batch, track, functions.design(), limits, stamps, samples)
+    _, plain = drive.run(*given, fast=False)
+    _, twin = drive.run(*given, fast=True)
+    assert np.array_equal(plain.status, twin.status)
+    assert np.array_equal(plain.reasons, twin.reasons)
+    assert np.array_equal(plain.verdict, twin.verdict)
+    assert np.allclose(plain.rows, twin.rows, rtol=1e-9, atol=1e-9, equal_nan=True)
+    assert (plain.verdict == guard.NON_FINITE).sum() == 1
+    assert (plain.verdict == guard.DUPLICATE).sum() == 1
+    assert np.all(np.isnan(plain.rows[300]))
+    assert {TRACKING, NOT_OBSERVABLE, INITIALISING} <= set(plain.status.tolist())
+
+
+def flat(value):
+    return [number for item in value for number in flat(item)] if isinstance(value, tuple) else [
+        value]
+
+
+def kinds(value):
+    return tuple(kinds(item) for item in value) if isinstance(value, tuple) else type(value)
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+def test_plain_equals_compiled_per_step_in_another_structure():
+    functions = made(form='paper', periods=3, scaling='power', voltage_delay=1.5, initial_flux=0.0)
+    twin = compiled(functions.step)
+    _, samples = disturbed()
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = functions.init(tuple(samples[0].tolist()), design)
+    for k, row in enumerate(samples[1:].tolist()):
+        if not functions.finite(tuple(row)):
+            continue
+        after = functions.step(state, coefficients, design, tuple(row), 0.0)
+        if k % 7 == 0:
+            other = twin(state, coefficients, design, tuple(row), 0.0)
+            assert kinds(after) == kinds(other) == kinds(state)
+            assert np.allclose(flat(after), flat(other), rtol=1e-12, atol=1e-300)
+        state = after
