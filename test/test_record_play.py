@@ -1,0 +1,313 @@
+"""Record and play as processes of their own, over real DDS."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+
+import bag_making as make
+import dds
+import pytest
+from bag_making import OTHER, START, STATES, TEXT
+
+from estimator_pkg import cli
+from estimator_pkg.bags import qos
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.messages.joint_state import TYPE, Encoder
+
+CLI = 'estimator_pkg.cli'
+
+
+def command(*words):
+    return dds.NodeProcess(CLI, *map(str, words))
+
+
+def raws(count, step_ns=2_000_000):
+    encode = Encoder().encode
+    return [encode(START + i * step_ns, 'base', ['a'], [0.01 * i]) for i in range(count)]
+
+
+def listen(probe, kind, topic, profile=100):
+    """What comes on a topic from now on: (when, bytes)."""
+    found = []
+    subscription = probe.node.create_subscription(
+        kind, topic, lambda raw: found.append((time.monotonic(), raw)), profile, raw=True)
+    return found, subscription
+
+
+def best_effort(depth=100):
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def latched():
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def test_record_keeps_bytes_qos_and_times(probe, tmp_path):
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import String
+    out = tmp_path / 'bag'
+    text = make.text('said before anyone came')  # 32 bytes: DDS fills up to a multiple of 4
+    early = probe.node.create_publisher(String, '/rp1/latched', latched())
+    early.publish(text)
+    with command('record', 'rp1/states', '/rp1/latched', '/rp1/late', '--out', out,
+                 '--json', tmp_path / 'json') as process:
+        process.prints('recording /rp1/latched')
+        process.prints('waiting for /rp1/states')
+        publisher = probe.node.create_publisher(JointState, '/rp1/states', best_effort())
+        late = probe.node.create_publisher(String, '/rp1/late', 10)
+        process.prints('recording /rp1/states')
+        process.prints('recording /rp1/late')
+        probe.until(lambda: publisher.get_subscription_count() and late.get_subscription_count())
+        probe.spin(0.3)
+        before = time.time_ns()
+        for raw in raws(200):
+            publisher.publish(raw)
+            probe.spin(0.001)
+        late.publish(make.text('too-late-..'))
+        probe.spin(0.5)
+        after = time.time_ns()
+        process.signal(signal.SIGINT)
+        assert process.ends() == 0, process.output
+        assert 'Traceback' not in process.output
+    for one in (early, publisher, late):
+        probe.node.destroy_publisher(one)
+    with open_bag(out) as bag:
+        assert not bag.warnings
+        found = list(bag.messages(['/rp1/states']))
+        assert [message.raw for message in found] == raws(200)
+        assert all(before < message.publish_ns <= message.log_ns < after for message in found)
+        assert [message.raw for message in bag.messages(['/rp1/latched'])] == [text]
+        assert [message.raw for message in bag.messages(['/rp1/late'])] == [make.text('too-late-..')]
+        assert bag.topics['/rp1/states'].qos[0].reliability.name == 'BEST_EFFORT'
+        assert bag.topics['/rp1/latched'].qos[0].durability.name == 'TRANSIENT_LOCAL'
+        assert bag.topics['/rp1/states'].type_hash.startswith('RIHS01_a13ee3a330')
+    result = json.loads((tmp_path / 'json').read_text())
+    assert result['messages'] == {'/rp1/latched': 1, '/rp1/states': 200, '/rp1/late': 1}
+    assert set(result['lost'].values()) == {0}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'json']
+
+
+def test_record_for_a_time_without_names_takes_all(probe, tmp_path):
+    from std_msgs.msg import String
+    publisher = probe.node.create_publisher(String, '/rp2/said', 10)
+    with command('record', '--out', tmp_path / 'bag', '--duration', '0.5') as process:
+        process.prints('recording /rp2/said')
+        probe.until(lambda: publisher.get_subscription_count())
+        while process.alive:
+            publisher.publish(make.text('x'))
+            probe.spin(0.01)
+        assert process.ends() == 0, process.output
+    probe.node.destroy_publisher(publisher)
+    with open_bag(tmp_path / 'bag') as bag:
+        times = [message.log_ns for message in bag.messages(['/rp2/said'])]
+    assert len(times) > 10
+    assert 0.3e9 < times[-1] - times[0] < 2e9
+
+
+def test_record_follows_a_publisher_that_offers_less(probe, tmp_path):
+    from std_msgs.msg import String
+    reliable = probe.node.create_publisher(String, '/rp3/said', 10)
+    with command('record', '/rp3/said', '--out', tmp_path / 'bag') as process:
+        process.prints('recording /rp3/said')
+        probe.until(lambda: reliable.get_subscription_count())
+        reliable.publish(make.text('one'))
+        probe.spin(0.3)
+        other = probe.node.create_publisher(String, '/rp3/said', best_effort())
+        process.prints('subscribing anew')
+        probe.until(lambda: other.get_subscription_count())
+        probe.spin(0.3)
+        other.publish(make.text('two'))
+        probe.spin(0.3)
+        process.signal(signal.SIGINT)
+        assert process.ends() == 0, process.output
+    for one in (reliable, other):
+        probe.node.destroy_publisher(one)
+    with open_bag(tmp_path / 'bag') as bag:
+        assert [message.raw for message in bag.messages()] == [make.text('one'), make.text('two')]
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_record_without_messages_leaves_nothing(number, tmp_path):
+    with command('record', '/rp4/nobody', '--out', tmp_path / 'bag') as process:
+        process.prints('waiting for /rp4/nobody')
+        process.signal(number)
+        assert process.ends() == 1
+    assert 'nothing was recorded: no messages came on /rp4/nobody' in process.output
+    assert 'Traceback' not in process.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_record_refuses_what_it_cannot_do(tmp_path, capsys):
+    (tmp_path / 'there').mkdir()
+    for words, said, code in (
+            (['--out', tmp_path / 'there'], 'exists already', 1),
+            (['--out', tmp_path / 'no' / 'bag'], 'there is no folder', 1),
+            (['--out', tmp_path / 'bag', '--duration', '-1'], 'must be above 0 s', 2)):
+        assert cli.main(['record', '/x', *map(str, words)]) == code
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count('\n') == 1
+    assert [path.name for path in tmp_path.iterdir()] == ['there']
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    """150 joint states in 0.3 s, best effort, and a latched text."""
+    path = tmp_path_factory.mktemp('play') / 'bag'
+    with BagWriter(path) as bag:
+        bag.add_topic(OTHER, TEXT, qos.profile(transient_local=True, depth=1))
+        bag.add_topic(STATES, TYPE, qos.profile(reliable=False, depth=50))
+        bag.add_topic('/own', 'own_msgs/msg/Unknown')
+        bag.write(OTHER, START, make.text('hello--'))
+        bag.write('/own', START, b'\0\1\0\0')
+        for i, raw in enumerate(raws(150)):
+            bag.write(STATES, START + i * 2_000_000, raw)
+    return path
+
+
+def test_play_gives_bytes_timing_and_qos(probe, recording, tmp_path):
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import String
+    states, one = listen(probe, JointState, '/rp5/states', best_effort())
+    texts, two = listen(probe, String, '/rp5/text', latched())
+    with command('play', recording, '--rate', '0.5', '--remap', f'{STATES}:=/rp5/states',
+                 f'{OTHER}:=rp5/text', '--json', tmp_path / 'json') as process:
+        probe.until(lambda: len(states) >= 150 and texts)
+        offered = {}
+        for info in probe.node.get_publishers_info_by_topic('/rp5/states'):
+            offered[info.topic_type] = info.qos_profile.reliability.name
+        assert process.ends() == 0, process.output
+    for subscription in (one, two):
+        probe.node.destroy_subscription(subscription)
+    assert [raw for _, raw in states] == raws(150)
+    assert [raw for _, raw in texts] == [make.text('hello--')]
+    assert 0.9 * 0.596 < states[-1][0] - states[0][0] < 3.0  # twice as long as in the bag
+    assert offered in ({}, {TYPE: 'BEST_EFFORT'})  # it may have ended by now
+    assert "/own is not played: its type own_msgs/msg/Unknown is not installed" in process.output
+    assert json.loads((tmp_path / 'json').read_text())['sent'] == {
+        '/rp5/states': 150, '/rp5/text': 1}
+
+
+def test_play_tells_the_time_and_loops(probe, recording):
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+    clocks, states = [], []
+    one = probe.node.create_subscription(
+        Clock, '/clock', lambda message: clocks.append(
+            message.clock.sec * 10**9 + message.clock.nanosec), 1000)
+    two = probe.node.create_subscription(JointState, '/rp6/states', states.append,
+                                         best_effort(1000), raw=True)
+    with command('play', recording, '--loop', '--clock', '--topics', STATES,
+                 '--remap', f'{STATES}:=/rp6/states') as process:
+        probe.until(lambda: len(states) >= 350)
+        process.signal(signal.SIGINT)
+        assert process.ends() == 0, process.output
+    assert 'Traceback' not in process.output
+    for subscription in (one, two):
+        probe.node.destroy_subscription(subscription)
+    assert states[:310] == (raws(150) * 3)[:310]
+    assert min(clocks) >= START
+    assert max(clocks) < START + 350_000_000
+    backwards = sum(later < earlier for earlier, later in zip(clocks, clocks[1:]))  # noqa: RUF007
+    assert backwards == (len(states) - 1) // 150
+    assert len(clocks) > 60  # 0.7 s at 200 Hz
+
+
+def test_play_starts_paused_and_resumes_by_service(probe, recording):
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+    states, subscription = listen(probe, JointState, '/rp7/states', best_effort())
+    with command('play', recording, '--start-paused', '--rate', '0.2', '--topics', STATES,
+                 '--remap', f'{STATES}:=/rp7/states') as process:
+        process.prints('paused')
+        probe.spin(0.5)
+        assert not states
+        assert probe.call(Trigger, '/bag_player/resume', Trigger.Request()).success
+        probe.until(lambda: len(states) > 20)
+        probe.call(Trigger, '/bag_player/pause', Trigger.Request())
+        probe.spin(0.3)
+        held = len(states)
+        probe.spin(0.5)
+        assert len(states) == held < 150
+        probe.call(Trigger, '/bag_player/resume', Trigger.Request())
+        probe.until(lambda: len(states) == 150)
+        assert process.ends() == 0, process.output
+    probe.node.destroy_subscription(subscription)
+    assert [raw for _, raw in states] == raws(150)
+
+
+def test_play_is_paused_by_the_space_bar(recording, probe):
+    import os
+    import pty
+    import subprocess
+    import sys
+
+    from sensor_msgs.msg import JointState
+    states, subscription = listen(probe, JointState, '/rp8/states', best_effort())
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, '-m', CLI, 'play', str(recording), '--start-paused', '--topics', STATES,
+         '--remap', f'{STATES}:=/rp8/states'],
+        stdin=slave, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        preexec_fn=lambda: (os.setsid(), os.tcsetpgrp(_own_terminal(slave), os.getpgrp())))
+    try:
+        assert process.stdout is not None
+        assert 'paused' in _line_with(process.stdout, 'paused')
+        os.write(master, b' ')
+        probe.until(lambda: len(states) == 150)
+        assert process.wait(dds.PATIENCE) == 0
+        assert 'playing' in process.stdout.read()
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+        os.close(master)
+        os.close(slave)
+        probe.node.destroy_subscription(subscription)
+
+
+def _own_terminal(slave):
+    """Make the terminal that of this new session."""
+    import fcntl
+    import termios
+    fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+    return slave
+
+
+def _line_with(stream, text):
+    for line in stream:
+        if text in line:
+            return line
+    return ''
+
+
+def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
+    for words, said, code in (
+            ([tmp_path / 'nowhere'], 'does not exist', 1),
+            ([recording, '--rate', '0'], '--rate 0: it must be above 0', 2),
+            ([recording, '--clock', '-1'], '--clock -1', 2),
+            ([recording, '--wait', 'nan'], '--wait nan', 2),
+            ([recording, '--remap', 'x'], "'x' is not FROM:=TO", 2),
+            ([recording, '--remap', '/x:=/y'], "no topic '/x'", 1),
+            ([recording, '--topics', '/x'], "no topic '/x'", 1)):
+        assert cli.main(['play', *map(str, words)]) == code
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count('\n') == 1
+
+
+def test_a_played_bag_is_recorded_again(recording, tmp_path):
+    with command('record', '/rp9/states', '--out', tmp_path / 'bag') as recorder:
+        recorder.prints('waiting for')
+        with command('play', recording, '--topics', STATES, '--remap',
+                     f'{STATES}:=/rp9/states') as player:
+            assert player.ends() == 0, player.output
+        recorder.signal(signal.SIGINT)
+        assert recorder.ends() == 0, recorder.output
+    with open_bag(tmp_path / 'bag') as bag:
+        assert [message.raw for message in bag.messages()] == raws(150)
