@@ -2,9 +2,9 @@
 
 A third difference removes position, speed and acceleration, so that the estimate does not feed on
 a filter's own errors, as one from the innovation would. It is divided by the true sample times.
-Differences of exactly zero are left out: a coarse encoder at creep shows 1, -2, 1 quanta around
-each edge and nothing between, and the mean square of these over 20 is 0.1 quantum^2, near the
-1/12 that is right.
+Differences of zero are left out: a coarse encoder at creep shows 1, -2, 1 quanta around each edge
+and nothing between, and the mean square of these over 20 is 0.1 quantum^2, near the 1/12 that is
+right.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ MEMORY = 400.0     # differences that the mean square stands for at most
 SURPRISE = 25.0    # a square counts at most so many times the mean: an outlier is no noise
 UNEVEN = 2.0       # sample times that differ by more than this factor are left out
 FINEST = 1e-14     # the least variance [rad^2], finer than any encoder
+ZERO = 1e-9        # a third difference below it [rad] is rounding
 FIRST = 1e-6       # before anything was seen: (1 mrad)^2
 
 # (variance [rad^2], differences it stands for, last measurement [rad], last rate [rad/s], last
@@ -44,7 +45,7 @@ def follow_scatter(scatter: Scatter, measurement: float, dt: float, period: floa
     curve = 2.0 * (newest - rate) / (dt + before)
     if earlier > 0.0 and dt < UNEVEN * before and before < UNEVEN * dt:
         third = (curve - bend) * dt * before * 3.0 * earlier / (dt + before + earlier)
-        if third != 0.0:
+        if not -ZERO < third < ZERO:
             square = 0.05 * third * third  # 1 + 9 + 9 + 1 = 20 variances
             if square > SURPRISE * variance:
                 square = SURPRISE * variance
