@@ -82,7 +82,8 @@ def test_record_keeps_bytes_qos_and_times(probe, tmp_path):
         assert [message.raw for message in found] == raws(200)
         assert all(before < message.publish_ns <= message.log_ns < after for message in found)
         assert [message.raw for message in bag.messages(['/rp1/latched'])] == [text]
-        assert [message.raw for message in bag.messages(['/rp1/late'])] == [make.text('too-late-..')]
+        assert [message.raw for message in bag.messages(['/rp1/late'])] == [
+            make.text('too-late-..')]
         assert bag.topics['/rp1/states'].qos[0].reliability.name == 'BEST_EFFORT'
         assert bag.topics['/rp1/latched'].qos[0].durability.name == 'TRANSIENT_LOCAL'
         assert bag.topics['/rp1/states'].type_hash.startswith('RIHS01_a13ee3a330')
