@@ -108,6 +108,7 @@ class Probe:
         self.node = rclpy.create_node('probe')
         self.executor = runtime.make_executor()
         self.executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
 
     def close(self) -> None:
         import rclpy
@@ -126,15 +127,19 @@ class Probe:
             self.executor.spin_once(timeout_sec=0.01)
 
     def call(self, kind: type, name: str, request: Any) -> Any:
-        """The answer of a service."""
-        client = self.node.create_client(kind, name)
-        try:
+        """The answer of a service.
+
+        A client is kept, and in the executor before it is used: an answer that comes while
+        EventsExecutor takes a client in may go unnoticed.
+        """
+        client = self._clients.get(name)
+        if client is None:
+            client = self._clients[name] = self.node.create_client(kind, name)
             self.until(client.service_is_ready)
-            future = client.call_async(request)
-            self.until(future.done)
-            return future.result()
-        finally:
-            self.node.destroy_client(client)
+            self.spin(0.1)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
 
 
 class Observer:

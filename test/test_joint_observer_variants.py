@@ -19,7 +19,6 @@ from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.observers.circle import Circle
 
-
 CONFIG = Path(__file__).parent.parent / 'config/joint_observer.yaml'
 
 
@@ -211,6 +210,25 @@ def test_the_class_in_an_executor_of_ones_own(probe):
     finally:
         executor.shutdown()
         thread.join()
+        node.destroy_node()
+
+
+def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
+    from estimator_pkg.nodes.joint_observer import JointObserver
+
+    node = JointObserver('missed', namespace='/missed')  # in no executor: nothing is dispatched
+    try:
+        with dds.Observer(probe, '/missed/missed', '/missed/joint_states') as live:
+            live.connect()
+            for raw in turning(live, ['a'], [1.0], 3):
+                live.publisher.publish(raw)
+            probe.spin(0.2)
+            assert not live.answers
+            node._look_around()
+            probe.until(lambda: len(live.answers) == 3)
+            assert [answer.stamp_ns for answer in live.answers] == [BEGIN + i * MS
+                                                                    for i in range(3)]
+    finally:
         node.destroy_node()
 
 

@@ -62,6 +62,7 @@ class Endpoints:
         self._node = node
         self.qos_mismatches = 0
         self._losses: list[Loss] = []
+        self._inputs: list[tuple[Subscription, Callable[..., None]]] = []
         self._reported = 0  # by the middleware's own event
 
     @property
@@ -109,7 +110,22 @@ class Endpoints:
                 event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch, **events))
 
         holder.append(self._made(topic, make, {'matched': matched, 'message_lost': reported}))
+        self._inputs.append((holder[0], callback))
         return holder[0]
+
+    def drain(self) -> None:
+        """Receive what still waits on the subscriptions; to be called now and then.
+
+        EventsExecutor takes one message for each event. An event that comes while it takes the
+        node in may go unnoticed, and every message after it would be one message late.
+        """
+        for subscription, callback in self._inputs:
+            for _ in range(subscription.qos_profile.depth or 1):
+                with subscription.handle:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    break
+                callback(*taken)
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
         """A publisher; raises UsageError for a wrong ``qos_overrides`` parameter."""

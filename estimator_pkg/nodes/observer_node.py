@@ -189,6 +189,7 @@ class JointObserver(Node):
 
     def _look_around(self) -> None:
         """Ten times a second, by the steady clock: who listens, and how the joints are."""
+        self._endpoints.drain()
         self._stddev_wanted = self._stddev.get_subscription_count() > 0
         if self._acceleration is not None:
             self._acceleration_wanted = self._acceleration.get_subscription_count() > 0

@@ -27,7 +27,8 @@ QOS = 'qos_overrides.'
 
 _TYPES = {float: ParameterType.PARAMETER_DOUBLE, int: ParameterType.PARAMETER_INTEGER,
           bool: ParameterType.PARAMETER_BOOL, str: ParameterType.PARAMETER_STRING,
-          tuple: ParameterType.PARAMETER_STRING_ARRAY}
+          tuple: ParameterType.PARAMETER_STRING_ARRAY,
+          list: ParameterType.PARAMETER_DOUBLE_ARRAY}
 
 
 def split_override(name: str) -> tuple[str, str] | None:
