@@ -7,7 +7,8 @@ A layout says how long a message is at least and which of its bytes decide where
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,8 @@ class LayoutLike(Protocol):
 L = TypeVar('L', bound=LayoutLike)
 
 
-class Alike(NamedTuple, Generic[L]):
+@dataclass(frozen=True)
+class Alike(Generic[L]):
     """Messages of one layout: which rows of the block, ascending, and their bytes (n, length)."""
 
     rows: NDArray[np.int64]

@@ -120,7 +120,8 @@ class Field:
         """The field of many messages by layout, and the rows that are no such messages."""
         malformed: list[int] = []
         found = []
-        for rows, data, layout in groups(block, self._layout, malformed):
+        for group in groups(block, self._layout, malformed):
+            rows, data, layout = group.rows, group.data, group.layout
             header = None
             if layout.stamp_at is not None:
                 header = stamps(data, layout.stamp_at, layout.order)

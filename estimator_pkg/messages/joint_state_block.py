@@ -38,7 +38,8 @@ def decode_block(block: Messages) -> tuple[list[Decoded], list[int]]:
     """
     malformed: list[int] = []
     decoded = []
-    for rows, data, layout in groups(block, Layout, malformed):
+    for group in groups(block, Layout, malformed):
+        rows, data, layout = group.rows, group.data, group.layout
         arrays = tuple(numbers(data, at, count, f'{layout.order}f8').astype(np.float64, copy=False)
                        for at, count in layout.arrays)
         decoded.append(Decoded(rows, layout.frame_id, layout.names,
