@@ -185,12 +185,13 @@ class Drive:
             size = min(count, chunk - self.count % chunk)
             times = (self.count + np.arange(size, dtype=np.float64)) * parameters.period
             motion = self.profile.at(times)
+            warmed = (self.count - self.count % chunk) * parameters.period
             noise = parameters.current_noise * self._random.standard_normal((size, 2))
             load = np.where(times >= parameters.load_step_time, parameters.load_step, 0.0)
             record = Record(np.empty((size, 4)), np.empty((size, 5)))
             columns = (noise, motion.speed, motion.acceleration, load)
             given = columns if self.fast else [column.tolist() for column in columns]
-            self._state = self._loop(self._state, parameters.plant(float(times[0])), self._control,
+            self._state = self._loop(self._state, parameters.plant(warmed), self._control,
                                      self._drive, *given, *record)
             records.append(record)
             self.count += size

@@ -303,7 +303,7 @@ def test_the_standard_deviations_are_those_of_the_errors():
     samples = np.column_stack((exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1],
                                mean.real, mean.imag))
     start = start_state(functions, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3,
-                        settled=True)
+                        seen=omega)
     log = run_log(functions, samples, DT, start, fast=False)
     design = functions.design()
     coefficients = functions.prepare(design, DT)

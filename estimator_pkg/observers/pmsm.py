@@ -21,6 +21,7 @@ from estimator_pkg.observers.contract import (
     Observer,
 )
 from estimator_pkg.observers.pmsm_equations import (
+    aligned,
     emf,
     flux_linkage,
     reflect,
@@ -162,6 +163,8 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                         design[10], least)):
                     x = found
                     event = RESET
+                    if robust:  # a sound flux and a sound direction: begin aligned
+                        i, h, z = aligned(i, h, z, h)
         if resets and wants_reflection(h):
             i, h, z = reflect(i, h, z)
             event = RESET
@@ -173,9 +176,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         size = abs(mean_h)
         if x != 0.0 and size > 0.0:
-            turn = complex(-mean_h.imag, mean_h.real) * (1.0 / size)
-            back = turn.conjugate()
-            i, h, z = i * back, h * back, z * turn
+            i, h, z = aligned(i, h, z, mean_h)
             most = abs(x)
             if most > design[10]:  # run away: from the start again
                 most = design[15] if design[15] > 0.0 else design[10]

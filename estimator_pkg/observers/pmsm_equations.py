@@ -59,6 +59,16 @@ def reflect(i: complex, h: complex, z: complex) -> tuple[complex, complex, compl
     return turn * i, h.conjugate(), turn.conjugate() * z
 
 
+def aligned(i: complex, h: complex, z: complex, seen: complex) -> tuple[complex, complex, complex]:
+    """(i, h, z) in the frame in which the back-EMF `seen` [V] is that of a converged observer."""
+    size = abs(seen)
+    if size == 0.0:
+        return i, h, z
+    turn = complex(-seen.imag, seen.real) * (1.0 / size)
+    back = turn.conjugate()
+    return i * back, h * back, z * turn
+
+
 def wants_reflection(h: complex) -> bool:
     """True where a clock tick resets the frame: eta1 <= 0."""
     return h.imag >= 0.0

@@ -83,15 +83,21 @@ class Log(NamedTuple):
 
 
 def start_state(functions: DriveFunctions, first: NDArray[np.float64], z: complex, x: float,
-                h: complex = 0j, settled: bool = False) -> tuple:
-    """The observer's state at a chosen start; `settled`: it has tracked for long."""
+                h: complex = 0j, seen: float = 0.0) -> tuple:
+    """The observer's state at a chosen start.
+
+    Parameters
+    ----------
+    seen : electrical speed [rad/s] that its watch has seen for long; 0: it has seen nothing, and
+        the robust form will search for the rotor first.
+    """
     state = functions.init(tuple(float(value) for value in first), functions.design())
     current = complex(first[0], first[1])
     y = z * complex(-h.imag, h.real)
     watch = state[3]
-    if settled:
-        speed = abs(h) * x
-        watch = (abs(h), h, speed, 0.0, watch[4], 0.0, 1.0, 0)
+    if seen:
+        chi = abs(seen) * FLUX
+        watch = (chi, complex(0.0, -chi), seen, 0.0, watch[4], 0.0, 1.0, 0)
     return ((z.conjugate() * current, h, z, float(x), current, y), *state[1:3], watch, *state[4:])
 
 

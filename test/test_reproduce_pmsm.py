@@ -1,0 +1,73 @@
+"""The reproduction of the sensorless-motor paper: rows, claims, figures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim_pkg.reproduce import pmsm_alias_rows, pmsm_continuous_rows, pmsm_drive_rows
+from sim_pkg.reproduce.pmsm import REPRODUCTION
+from sim_pkg.reproduce.pmsm_alias_rows import ROBUST, outcome
+from sim_pkg.reproduce.pmsm_continuous_rows import drawn_times, later
+from sim_pkg.reproduce.pmsm_figures import draw
+from sim_pkg.reproduce.pmsm_references import REFERENCE_RUNS, SCHEMES, rows
+
+# the 120 starts, ten seeds per speed and 25 runs take a minute: here a part of each
+LONG = ('order', 'T6', 'status', 'loop')
+
+
+@pytest.mark.parametrize('part', [part for part in REPRODUCTION.parts if part.name not in LONG],
+                         ids=lambda part: part.name)
+def test_every_row_is_within_its_tolerance(part):
+    failed = [f'{row.reference.id}: {row.value} for {row.reference.value} '
+              f'+- {row.reference.tolerance_text}' for row in part.rows() if not row.ok]
+    assert not failed
+
+
+def test_the_tables_are_whole():
+    ids = [reference.id for reference in REPRODUCTION.references()]
+    assert len(set(ids)) == len(ids)
+    assert {name.split()[0] for name in ids} == {'T0', 'T1', 'T2', 'T3', 'T4', 'T5', 'T6', 'T7',
+                                                 'order', 'status', 'loop'}
+    assert len(rows(REFERENCE_RUNS)) == 7 * 5
+    assert len(rows(SCHEMES)) == 6 * 7
+    assert sum(name.startswith('status') for name in ids) == 2 * 25
+
+
+def test_the_order_of_the_observers_holds_for_random_starts():
+    cont, hyb, post, _ = drawn_times(12, seed=99).T
+    assert later(post, hyb) == 0 and later(hyb, cont) == 0
+    assert np.isfinite(post).all()
+    assert np.median(post) < np.median(hyb) < np.median(cont)
+
+
+def test_no_speed_loses_the_default_observer_and_the_printed_one_is_lost():
+    for speed in pmsm_alias_rows.BAD_SPEEDS:
+        times, fires = outcome(ROBUST, speed, 1)
+        assert np.isfinite(times).all() and times[0] < 40.0 and sum(fires) == 0
+    times, fires = outcome(pmsm_alias_rows.FORMS['paper'], pmsm_alias_rows.BAD_SPEEDS[0], 1,
+                           cold=False)
+    assert np.isnan(times).all() and fires[0] > 30
+
+
+@pytest.mark.parametrize('scenario, plant', [
+    ('reversal', 'noise 0.3 A'), ('reversal', 'R -20 % L +20 %'), ('from rest', 'R +30 %'),
+    ('to rest', 'L -30 % flux +15 %'), ('backward', 'noise 0.1 A')])
+def test_the_status_is_honest(scenario, plant):
+    found = pmsm_drive_rows.verdict(scenario, plant, seed=11)
+    assert found.wrong <= 3.0
+    assert found.withheld <= 80.0
+    assert found.tracking > 300.0  # and it is not honest by silence
+
+
+def test_the_loop_closes_over_the_observer():
+    part = next(part for part in REPRODUCTION.parts if part.name == 'loop')
+    assert not [f'{row.reference.id}: {row.value}' for row in part.rows() if not row.ok]
+
+
+def test_the_figures_are_drawn(tmp_path):
+    paths = draw(tmp_path)
+    assert [path.name for path in paths] == ['pmsm_figure_1.png', 'pmsm_figure_2.png',
+                                             'pmsm_closed_loop.png']
+    assert all(path.read_bytes()[:8] == b'\x89PNG\r\n\x1a\n' for path in paths)
+    assert pmsm_continuous_rows.NEVER < 0.0
