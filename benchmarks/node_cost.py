@@ -55,7 +55,7 @@ def measure(rate: float = 1000.0, joints: int = 7, seconds: float = 10.0,
         for name, listener in listeners.items():
             listener.send_signal(2)
             answered[name] = result(listener)['received']
-    cost = {name: 1e6 * seconds_used / messages for name, seconds_used in used.items()}
+    cost = {name: 1e6 * used[name] / (messages * answered[name] / published) for name in nodes}
     ratio = cost['node'] / cost['null']
     return {'rate_hz': rate, 'joints': joints, 'observer': observer, 'published': published,
             'answered': answered['node'], 'null_answered': answered['null'],
