@@ -57,8 +57,20 @@ setup(
             'pll = estimator_pkg.observers.pll:OBSERVER',
             'kalman = estimator_pkg.observers.kalman:OBSERVER',
             'super_twisting = estimator_pkg.observers.super_twisting:OBSERVER',
+            'geso = estimator_pkg.observers.geso:OBSERVER',
+            'hgo = estimator_pkg.observers.hgo:OBSERVER',
+            'ehgo = estimator_pkg.observers.ehgo:OBSERVER',
+            'smo = estimator_pkg.observers.smo:OBSERVER',
+            'adaptive = estimator_pkg.observers.adaptive:OBSERVER',
         ],
-        'velocity_estimator.models': [],
+        'velocity_estimator.settings': [
+            'simulator_nodes = sim_pkg.nodes.settings:RunSettings',
+        ],
+        'velocity_estimator.models': [
+            'single_joint = estimator_pkg.models.single_joint:MODEL',
+            'cart_pendulum = estimator_pkg.models.cart_pendulum:MODEL',
+            'robotic_leg = estimator_pkg.models.robotic_leg:MODEL',
+        ],
         'velocity_estimator.commands': [
             'demo = sim_pkg.demo.command:COMMAND',
             'list = estimator_pkg.listing:COMMAND',
