@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 
 import numpy as np
 
 from estimator_pkg import observers
 from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import build
 
 STRUCTURES = {
@@ -17,9 +19,23 @@ STRUCTURES = {
 }
 
 
+def found():
+    """The observers that can be loaded here, by name; a test holds all of them to it."""
+    known = {}
+    for name in observers.names():
+        with contextlib.suppress(UserError):
+            known[name] = observers.find(name)
+    return known
+
+
+def angle_observers():
+    """The names of those that work from an angle alone."""
+    return [name for name, observer in found().items() if observer.kind == 'angle']
+
+
 def variants():
     """(observer's name, gains) of each angle observer found here: its defaults, and variants."""
-    return [(name, gains) for name in observers.names() if observers.find(name).kind == 'angle'
+    return [(name, gains) for name in angle_observers()
             for gains in ({}, *STRUCTURES.get(name, ()))]
 
 

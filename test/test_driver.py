@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import label, make, stamps, stream, variants, wrapped
+from observer_cases import angle_observers, label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
@@ -132,9 +132,8 @@ def test_longest_dt_is_where_the_limits_begin():
     assert longest_dt(lambda dt: 'never') == 0.0
     assert longest_dt(lambda dt: 'too long' if dt > 0.0123 else None) == (
         pytest.approx(0.0123, rel=1e-6))
-    for name in observers.names():
-        observer = observers.find(name)
-        if observer.kind == 'angle' and name != 'hybrid_angle':
+    for name in angle_observers():
+        if name != 'hybrid_angle':
             assert make(name).longest_dt == math.inf
     assert make('hybrid_angle').longest_dt == math.inf
     assert make('hybrid_angle', PAPER).longest_dt == pytest.approx(0.029666, rel=1e-4)
@@ -281,9 +280,8 @@ def test_dropped_samples_leave_the_estimate_alone():
 
 
 def test_a_joint_of_any_observer_takes_its_own_gains():
-    for name in observers.names():
+    for name in angle_observers():
         observer = observers.find(name)
-        if observer.kind == 'angle':
-            gains, settings = Configuration(observer).for_joint('any')
-            assert gains == build(observer.gains, {})
-            assert Joint(observer, gains, settings).gains is gains
+        gains, settings = Configuration(observer).for_joint('any')
+        assert gains == build(observer.gains, {})
+        assert Joint(observer, gains, settings).gains is gains

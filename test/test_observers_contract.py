@@ -20,6 +20,11 @@ each_variant = pytest.mark.parametrize('variant', variants(), ids=label)
 each_observer = pytest.mark.parametrize('name', NAMES)
 
 
+def test_every_observer_can_be_loaded():
+    for name in observers.names():
+        assert observers.find(name).name == name
+
+
 def functions(variant, period=2.0 * math.pi):
     name, gains = variant
     observer = observers.find(name)
