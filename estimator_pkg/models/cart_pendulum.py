@@ -1,0 +1,121 @@
+"""A pendulum on a cart; q = (angle [rad], 0 upright; cart [m]), the input acts on the cart.
+
+    M = [[J, B cos q1], [B cos q1, m]],  V = Gv cos q1,  G = [0, 1],  C v = [0, -B sin(q1) v1^2]
+
+Section 5.1 of the paper uses it normalised (J = m = 1), section 6 with the numbers of a laboratory
+(equation (24), whose potential lacks g as printed). Psi = calM is the lower Cholesky factor of
+M^-1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models.friction import asymmetric
+from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector, everywhere
+from estimator_pkg.parameters import parameter
+
+GRAVITY = 9.81  # m/s^2
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The numbers of a cart-pendulum; the defaults are the laboratory's of section 6."""
+
+    pendulum_inertia: float = parameter(
+        0.0484, unit='kg m^2', range=(1e-9, 1e6), structural=True, equation='J = J_f',
+        description='of the pendulum about its pivot')
+    pendulum_moment: float = parameter(
+        0.105, unit='kg m', range=(0.0, 1e6), structural=True, equation='B = l_m m_p',
+        description='mass of the pendulum times the distance of its centre from the pivot')
+    moving_mass: float = parameter(
+        1.15, unit='kg', range=(1e-9, 1e6), structural=True, equation='m = M_c + m_p',
+        description='cart and pendulum together')
+    gravity: float | None = parameter(
+        None, unit='N m', range=(0.0, 1e7), structural=True, equation='Gv = g l_m m_p',
+        description='largest torque of gravity on the pendulum; unset: 9.81 m/s^2 times the moment')
+    force_constant: float = parameter(
+        1.0, unit='N/A', range=(-1e6, 1e6), structural=True,
+        description='force on the cart per unit of the input (9.27 N/A in section 6); 1 where the '
+                    'input is the force')
+    friction_forward: float = parameter(
+        0.0, unit='N', range=(0.0, 1e6), structural=True,
+        description='Coulomb friction of the cart moving forward (3.98 N in section 6)')
+    friction_backward: float = parameter(
+        0.0, unit='N', range=(0.0, 1e6), structural=True,
+        description='Coulomb friction of the cart moving backward (2.87 N in section 6)')
+    friction_speed: float = parameter(
+        0.0, unit='m/s', range=(0.0, 100.0), structural=True, advanced=True,
+        description='width of the change of sign of the friction, tanh(v / width); 0: a plain sign')
+    pendulum_damping: float = parameter(
+        0.0, unit='N m s/rad', range=(0.0, 1e6), structural=True,
+        description='viscous friction in the pivot')
+    cart_damping: float = parameter(
+        0.0, unit='N s/m', range=(0.0, 1e6), structural=True,
+        description='viscous friction of the cart')
+
+    def __post_init__(self) -> None:
+        """M must be positive at every angle; raises UsageError."""
+        if self.pendulum_inertia * self.moving_mass <= self.pendulum_moment ** 2:
+            raise UsageError(
+                "model 'cart_pendulum': pendulum_inertia * moving_mass must be above "
+                f'pendulum_moment^2, but {self.pendulum_inertia * self.moving_mass:g} <= '
+                f'{self.pendulum_moment ** 2:g}: the mass matrix is not positive')
+
+
+# values: J, B, m, Gv, force constant, friction forward and backward, its width, damping of both
+
+def inertia(values: Vector, q: Vector) -> Matrix:
+    """M."""
+    coupling = values[1] * math.cos(q[0])
+    return ((values[0], coupling), (coupling, values[2]))
+
+
+def factors(values: Vector, q: Vector) -> tuple[Matrix, Matrix]:
+    """calM and Psi, which are the same here."""
+    mass = values[2]
+    coupling = values[1] * math.cos(q[0])
+    rest = math.sqrt(mass / (values[0] * mass - coupling * coupling))
+    calm = ((rest, 0.0), (-coupling * rest / mass, math.sqrt(1.0 / mass)))
+    return calm, calm
+
+
+def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
+    """Gravity on the pendulum [N m]; motor and Coulomb friction on the cart [N]."""
+    on_cart = values[4] * u[0]
+    if values[5] != 0.0 or values[6] != 0.0:
+        on_cart -= asymmetric(v[1], values[5], values[6], values[7])
+    return (values[3] * math.sin(q[0]), on_cart)
+
+
+def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
+    """C v."""
+    return (0.0, -values[1] * math.sin(q[0]) * v[0] * v[0])
+
+
+def damping(values: Vector, q: Vector) -> Matrix:
+    """D."""
+    return ((values[8], 0.0), (0.0, values[9]))
+
+
+def build(parameters: Parameters) -> Mechanics:
+    """The cart-pendulum with these numbers."""
+    p = parameters
+    gravity = GRAVITY * p.pendulum_moment if p.gravity is None else p.gravity
+    return Mechanics(
+        name='cart_pendulum', joints=('pendulum', 'cart'), periods=(TURN, 0.0),
+        values=(p.pendulum_inertia, p.pendulum_moment, p.moving_mass, gravity, p.force_constant,
+                p.friction_forward, p.friction_backward, p.friction_speed, p.pendulum_damping,
+                p.cart_damping),
+        actuated=(1,), inertia=inertia, factors=factors, force=force, coriolis=coriolis,
+        damping=damping if p.pendulum_damping > 0.0 or p.cart_damping > 0.0 else None,
+        admits=everywhere, centre=(0.0, 0.0), reach=(math.pi, 1.0),
+        speed_matters=p.friction_forward > 0.0 or p.friction_backward > 0.0)
+
+
+MODEL = Model(
+    name='cart_pendulum', parameters=Parameters, build=build,
+    summary='a pendulum on a driven cart, with asymmetric friction',
+    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), sections 5.1 and 6, equation (24)')

@@ -1,0 +1,186 @@
+"""A model is checked by numbers when it is loaded: a wrong one must not estimate quietly.
+
+At random configurations and velocities: M is symmetric and positive; calM is M^-1 Psi^-T; the
+momenta Psi^T M v are partially linear (PLvCC); the Coriolis forces belong to M. Derivatives are
+central differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UserError
+from estimator_pkg.models.mechanics import Mechanics
+
+Array = NDArray[np.float64]
+
+STATES = 24             # random states that are tried
+STEP = 1e-5             # of the central differences, of the reach of a position
+CALM_EXACT = 1e-9       # relative residual of calM Psi^T M = I
+DERIVED = 1e-6          # relative residual of what central differences enter
+SEED = 20170915
+
+
+def check(mechanics: Mechanics) -> None:
+    """Refuse a model that is not what it says.
+
+    Raises
+    ------
+    UserError : one line with the model, the property, the residual and where it was found.
+    """
+    tests = [positive_inertia, coriolis_of_inertia]
+    if mechanics.factors is not None:
+        tests += [inverse_factors, partially_linear]
+    states = random_states(mechanics)
+    for q, v in states:
+        _dimensions(mechanics, q, v)
+    for test in tests:
+        for q, v in states:
+            test(mechanics, q, v)
+
+
+def random_states(mechanics: Mechanics, count: int = STATES) -> list[tuple[Array, Array]]:
+    """(q, v) within the model's region and domain.
+
+    Raises
+    ------
+    UserError : hardly any configuration of the region is in the domain.
+    """
+    random = np.random.default_rng(SEED)
+    centre, reach = np.array(mechanics.centre), np.array(mechanics.reach)
+    states = []
+    for _ in range(100 * count):
+        q = centre + reach * random.uniform(-1.0, 1.0, mechanics.degrees)
+        if _call(mechanics, 'admits', mechanics.admits, q):
+            states.append((q, random.uniform(-1.0, 1.0, mechanics.degrees)))
+            if len(states) == count:
+                return states
+    raise UserError(f"model '{mechanics.name}' admits hardly any configuration within "
+                    f'{_text(centre)} +- {_text(reach)}')
+
+
+def matrix(function: Callable[..., Any], mechanics: Mechanics, q: Array) -> Array:
+    """A matrix of the model at q."""
+    return np.array(function(mechanics.values, tuple(q.tolist())), float)
+
+
+def factors(mechanics: Mechanics, q: Array) -> tuple[Array, Array]:
+    """(calM, Psi) at q."""
+    assert mechanics.factors is not None
+    calm, psi = mechanics.factors(mechanics.values, tuple(q.tolist()))
+    return np.array(calm, float), np.array(psi, float)
+
+
+def _call(mechanics: Mechanics, name: str, function: Callable[..., Any], q: Array,
+          *rest: Array) -> Any:
+    try:
+        return function(mechanics.values, tuple(q.tolist()), *(tuple(r.tolist()) for r in rest))
+    except Exception as error:  # a user's model may fail in any way
+        raise UserError(f"model '{mechanics.name}': {name} fails at q = {_text(q)}: "
+                        f'{type(error).__name__}: {error}') from error
+
+
+def _dimensions(mechanics: Mechanics, q: Array, v: Array) -> None:
+    n, m = mechanics.degrees, mechanics.inputs
+    u = np.zeros(m)
+    wanted: list[tuple[str, Any, tuple[int, ...]]] = [
+        ('inertia', _call(mechanics, 'inertia', mechanics.inertia, q), (n, n)),
+        ('force', _call(mechanics, 'force', mechanics.force, q, v, u), (n,)),
+        ('coriolis', _call(mechanics, 'coriolis', mechanics.coriolis, q, v), (n,))]
+    if mechanics.factors is not None:
+        calm, psi = _call(mechanics, 'factors', mechanics.factors, q)
+        wanted += [('calM', calm, (n, n)), ('Psi', psi, (n, n))]
+    if mechanics.damping is not None:
+        wanted.append(('damping', _call(mechanics, 'damping', mechanics.damping, q), (n, n)))
+    for name, value, shape in wanted:
+        try:
+            found: Any = np.array(value, float).shape
+        except ValueError:
+            found = 'ragged'
+        if found != shape:
+            raise UserError(f"model '{mechanics.name}' of {n} joints and {m} inputs: {name} has "
+                            f'dimensions {found}, not {shape}')
+        if not np.all(np.isfinite(np.array(value, float))):
+            raise UserError(f"model '{mechanics.name}': {name} is not finite at q = {_text(q)}")
+
+
+def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
+    """M is symmetric and positive; raises UserError."""
+    inertia = matrix(mechanics.inertia, mechanics, q)
+    size = float(np.max(np.abs(inertia)))
+    if float(np.max(np.abs(inertia - inertia.T))) > 1e-9 * size:
+        raise UserError(f"model '{mechanics.name}': the mass matrix is not symmetric at "
+                        f'q = {_text(q)} (residual {_rest(inertia - inertia.T)})')
+    lowest = float(np.linalg.eigvalsh(inertia)[0])
+    if lowest <= 1e-12 * size:
+        raise UserError(f"model '{mechanics.name}': the mass matrix is not positive at "
+                        f'q = {_text(q)} (lowest eigenvalue {lowest:.3g})')
+
+
+def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
+    """calM = M^-1 Psi^-T; raises UserError."""
+    calm, psi = factors(mechanics, q)
+    rest = calm @ psi.T @ matrix(mechanics.inertia, mechanics, q) - np.eye(mechanics.degrees)
+    if float(np.max(np.abs(rest))) > CALM_EXACT * max(1.0, float(np.linalg.cond(psi))):
+        raise UserError(f"model '{mechanics.name}': calM is not M^-1 Psi^-T at q = {_text(q)} "
+                        f'(residual {_rest(rest)})')
+
+
+def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -> list[Array]:
+    """The derivative of `function` by each position: central differences."""
+    found = []
+    for index, reach in enumerate(mechanics.reach):
+        step = np.zeros(mechanics.degrees)
+        step[index] = STEP * max(reach, 1e-6)
+        found.append((function(q + step) - function(q - step)) / (2.0 * step[index]))
+    return found
+
+
+def linear_residual(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
+    """(|Psi^T d/dq (P^T M^-1 P / 2) - (dPsi/dt)^T P|, the size of its terms): PLvCC where 0."""
+    inertia = matrix(mechanics.inertia, mechanics, q)
+    psi = factors(mechanics, q)[1]
+    momentum = inertia @ v
+    of_inertia = slopes(mechanics, lambda x: matrix(mechanics.inertia, mechanics, x), q)
+    of_psi = slopes(mechanics, lambda x: factors(mechanics, x)[1], q)
+    # d(M^-1) = -M^-1 dM M^-1
+    energy = np.array([-0.5 * v @ slope @ v for slope in of_inertia])
+    turning = sum(rate * slope for rate, slope in zip(v, of_psi))
+    first, second = psi.T @ energy, np.asarray(turning).T @ momentum
+    size = float(np.max(np.abs(psi)) * np.max(np.abs(momentum)))
+    return float(np.max(np.abs(first - second))), size
+
+
+def partially_linear(mechanics: Mechanics, q: Array, v: Array) -> None:
+    """The PLvCC identity holds; raises UserError, which offers an observer that needs none."""
+    rest, size = linear_residual(mechanics, q, v)
+    if rest > DERIVED * max(size, 1e-12):
+        raise UserError(f"model '{mechanics.name}' is not partially linearisable with its Psi "
+                        f'(PLvCC residual {rest:.3g} at q = {_text(q)}): mend Psi, or leave it out '
+                        "and use the observer 'hgo'")
+
+
+def coriolis_of_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
+    """C v = (dM/dt) v - d/dq (v^T M v / 2); raises UserError."""
+    of_inertia = slopes(mechanics, lambda x: matrix(mechanics.inertia, mechanics, x), q)
+    turning = sum(rate * slope for rate, slope in zip(v, of_inertia))
+    wanted = np.asarray(turning) @ v - np.array([0.5 * v @ slope @ v for slope in of_inertia])
+    given = np.array(mechanics.coriolis(mechanics.values, tuple(q.tolist()), tuple(v.tolist())))
+    size = max(float(np.max(np.abs(wanted))),
+               float(np.max(np.abs(matrix(mechanics.inertia, mechanics, q)))))
+    if float(np.max(np.abs(given - wanted))) > DERIVED * size:
+        raise UserError(f"model '{mechanics.name}': the Coriolis forces do not belong to the mass "
+                        f'matrix at q = {_text(q)}, v = {_text(v)} '
+                        f'(residual {_rest(given - wanted)})')
+
+
+def _text(values: Array) -> str:
+    return '(' + ', '.join(f'{value:.4g}' for value in values) + ')'
+
+
+def _rest(values: Array) -> str:
+    return f'{float(np.max(np.abs(values))):.3g}'

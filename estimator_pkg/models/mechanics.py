@@ -1,0 +1,145 @@
+"""What a mechanical model is: the functions that model-based observers and simulators share.
+
+A mechanism with positions q (n), velocities v and inputs u (m) moves by
+
+    M(q) v' + C(q, v) v + dV/dq = G(q) u - D(q) v - F(v),    q' = v
+
+and is partially linearisable (PLvCC) if a square Psi(q) makes its momenta p = Psi(q)^T M(q) v obey
+p' = Psi^T (G u - dV/dq - ...), without terms quadratic in p; then v = calM(q) p with
+calM = M^-1 Psi^-T. Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equations (2) to (8).
+
+The functions are written in the subset of Python that Numba compiles: vectors are tuples of floats,
+matrices tuples of rows. Each takes first the tuple of the model's numbers, so that other numbers
+need no other code.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg import registry
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.parameters import build, declared, parse_assignments
+
+Vector = tuple[float, ...]
+Matrix = tuple[Vector, ...]
+
+TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """A model with its numbers settled.
+
+    Attributes
+    ----------
+    name : as users write it.
+    joints : names of the positions, in their order; how many there are is the degrees of freedom.
+    periods : of each position [rad], 0 where it does not wrap.
+    values : the model's numbers, first argument of every function below.
+    actuated : for each input, which position's effort it is (index into `joints`).
+    inertia : (values, q) -> M, symmetric and positive.
+    factors : (values, q) -> (calM, Psi); None where the mechanism is not partially linearisable.
+    force : (values, q, v, u) -> G u - dV/dq - F(v): all forces but damping and Coriolis ones.
+    coriolis : (values, q, v) -> C(q, v) v.
+    damping : (values, q) -> D, linear friction known to the observers; None: there is none.
+    admits : (values, q) -> False where the model must not be used (a singular Psi).
+    centre, reach : the configurations in which the model is checked and judged: each position
+        within centre +- reach; the centre is the operating point unless another is given.
+    speed_matters : `force` depends on v.
+    compiles : every function is in the subset that Numba compiles.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    periods: Vector
+    values: Vector
+    actuated: tuple[int, ...]
+    inertia: Callable[..., Matrix]
+    factors: Callable[..., tuple[Matrix, Matrix]] | None
+    force: Callable[..., Vector]
+    coriolis: Callable[..., Vector]
+    damping: Callable[..., Matrix] | None
+    admits: Callable[..., bool]
+    centre: Vector
+    reach: Vector
+    speed_matters: bool = False
+    compiles: bool = True
+
+    @property
+    def degrees(self) -> int:
+        """How many positions there are."""
+        return len(self.joints)
+
+    @property
+    def inputs(self) -> int:
+        """How many inputs there are."""
+        return len(self.actuated)
+
+
+@dataclass(frozen=True)
+class Model:
+    """What an entry point of the group ``velocity_estimator.models`` names.
+
+    Attributes
+    ----------
+    name : as users write it.
+    summary : one line for ``velocity_estimator list``.
+    parameters : the frozen dataclass that declares its numbers (see `estimator_pkg.parameters`).
+    build : (parameters) -> Mechanics.
+    reference : where the equations come from.
+    """
+
+    name: str
+    summary: str
+    parameters: type
+    build: Callable[[Any], Mechanics]
+    reference: str = ''
+
+
+def everywhere(values: Vector, q: Vector) -> bool:
+    """The domain of a model that has no bad configuration."""
+    return True
+
+
+def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
+    """The model called `name`, checked (see `estimator_pkg.models.check`).
+
+    Parameters
+    ----------
+    name : a built-in model, or a user's own as ``package.module:Name``.
+    assignments : 'parameter=value' of a built-in model.
+
+    Raises
+    ------
+    UsageError : no such model, or a wrong parameter.
+    UserError : a user's model cannot be imported, or fails the check; the residual is named.
+    """
+    from estimator_pkg.models import check
+    if ':' in name:
+        from estimator_pkg.models.own import from_user
+        if assignments:
+            raise UsageError(f"model '{name}' takes no 'model_parameters': its numbers stand in "
+                             'its own module')
+        mechanics = from_user(name)
+    else:
+        model: Model = registry.find(registry.MODELS, name)
+        if not isinstance(model, Model):
+            raise UsageError(f"model '{name}' is not a mechanical one")
+        values = parse_assignments(list(assignments))
+        mechanics = model.build(build(model.parameters, values, owner=f"model '{name}'"))
+    check.check(mechanics)
+    return mechanics
+
+
+def assignments_of(model: Model, parameters: Any) -> tuple[str, ...]:
+    """The 'parameter=value' texts that `load` takes for these parameters."""
+    return tuple(f'{name}={getattr(parameters, name)!r}'.replace("'", '')
+                 for name in declared(model.parameters) if getattr(parameters, name) is not None)
+
+
+__all__ = ['TURN', 'Matrix', 'Mechanics', 'Model', 'UserError', 'Vector', 'assignments_of',
+           'everywhere', 'load']

@@ -1,0 +1,352 @@
+"""What every observer of a mechanism shares: gains, guard of the domain, status, convention.
+
+A measurement is the tuple of all positions, the input the tuple of what drives the mechanism; it
+acted from the sample before to this one. An observer is a small core (see `MechanicalCore`);
+`around` puts the shared part around it and gives the `Functions` of the contract, in which
+position, velocity and acceleration are tuples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models.mechanics import Mechanics, load
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import (
+    COASTING,
+    INITIALISING,
+    NOT_OBSERVABLE,
+    TRACKING,
+    Functions,
+)
+from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.observers.mechanical_noise import noise_gains
+from estimator_pkg.parameters import parameter
+
+Array = NDArray[np.float64]
+
+EXACT, PAPER = 'exact', 'paper'
+LINEAR, PREVIOUS = 'linear', 'previous'
+MEASUREMENT, ESTIMATE = 'measurement', 'estimate'
+
+OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
+LOST_AFTER = 0.5    # s, in doubt for so long and the observer starts again
+COAST = 0.2         # s, without input or outside the domain for so long: not observable
+MEMORY = 400.0      # samples over which the innovation's power is averaged
+SETTLED = 4.0       # time constants of the slowest pole until a start has settled
+USELESS = 1e12      # rad/s or m/s: beyond it an estimate has run away
+
+
+@dataclass(frozen=True)
+class MechanicalGains:
+    """The parameters that all observers of mechanisms share."""
+
+    model: str = parameter(
+        'single_joint', unit='', structural=True,
+        choices=('single_joint', 'cart_pendulum', 'robotic_leg', 'package.module:name'),
+        description="the mechanism; 'velocity_estimator list' shows what each takes, "
+                    'docs/own_model.md how to write one')
+    model_parameters: tuple[str, ...] = parameter(
+        (), unit='', structural=True,
+        description="the model's numbers as 'name=value', such as ['inertia=0.05', "
+                    "'damping=0.01']; 'velocity_estimator identify' finds them")
+    bandwidth_hz: float = parameter(
+        10.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
+        description='-3 dB frequency from true to estimated velocity for motion that the model '
+                    'does not foresee; lower trusts the model more. Not used where L is set',
+        equation='K/(s^2 + L s + K) at the operating point')
+    damping: float = parameter(
+        1.0, unit='', range=(0.1, 10.0), search=(0.5, 2.0),
+        description='damping ratio of the error at the operating point',
+        equation='L = 2 damping sqrt(K)')
+    operating_point: tuple[float, ...] | None = parameter(
+        None, unit='rad or m', kind=list, range=(-1e6, 1e6),
+        description='positions at which bandwidth and damping hold; unset: the middle of the '
+                    "model's range")
+    L: tuple[float, ...] | None = parameter(
+        None, unit='1/s', kind=list, range=(-1e9, 1e9), advanced=True,
+        description='gain of the position: one number, one per position, or a matrix row by row',
+        equation="qh' = vh + L (y - qh)")
+    disturbance_hz: float = parameter(
+        0.0, unit='Hz', range=(0.0, 1e4), search=(0.0, 50.0),
+        description='how fast a constant or slow force that the model does not know is found and '
+                    'taken into account; 0: not at all')
+    form: str = parameter(
+        EXACT, unit='', choices=(EXACT, PAPER), structural=True,
+        description='exact: the step is exact for the time between samples; paper: forward Euler, '
+                    'which is unstable where dt K is not well below L')
+    hold: str = parameter(
+        LINEAR, unit='', choices=(LINEAR, PREVIOUS), structural=True, advanced=True,
+        description='the measurement between samples in the exact form: linear, or held at the '
+                    'sample before (half a sample more delay)')
+    schedule: str = parameter(
+        MEASUREMENT, unit='', choices=(MEASUREMENT, ESTIMATE), structural=True,
+        description='where the model is evaluated: at the measurement, as the proof wants it, or '
+                    'at the estimated position, which is quieter with a noisy encoder')
+    noise: tuple[float, ...] | None = parameter(
+        None, unit='rad or m', kind=list, range=(1e-12, 10.0),
+        description='standard deviation of the measurement noise of each position; unset: '
+                    'estimated from the innovation')
+    quantum: tuple[float, ...] | None = parameter(
+        None, unit='rad or m', kind=list, range=(0.0, 10.0),
+        description='smallest step of each measurement; unset: not known')
+
+
+@dataclass(frozen=True)
+class MechanicalCore:
+    """The part that differs. All but `design`, `linear` and `limits` compile.
+
+    Its state is (e, x, d, v): estimate minus measurement of the positions; momenta or velocities;
+    disturbances, or (); velocities as published.
+
+    design : () -> design of the core.
+    prepare : (design, dt) -> coefficients of the core.
+    begin : () -> core state at rest at the measurement.
+    advance : (core, coefficients, design, before, moved, measurement, given) -> (core, good). One
+        sample further: `before` is the sample before, `moved` the wrapped way since. Not `good`
+        where the model cannot be used.
+    rejoin : (core, design, at) -> core. On from the velocities v, at the positions `at`.
+    linear : (at) -> (A, V): the error system about a configuration, (e, x, d)' = A (e, x, d), and
+        velocities = V x. For standard deviations, status and limits.
+    slowest : slowest pole at the operating point [1/s], positive.
+    lag : delay at low frequency of motion that the model does not foresee [s].
+    """
+
+    design: Callable[[], tuple]
+    prepare: Callable[[tuple, float], tuple]
+    begin: Callable[[], tuple]
+    advance: Callable[..., tuple]
+    rejoin: Callable[..., tuple]
+    linear: Callable[[Array, Array], tuple[Array, Array]]
+    limits: Callable[[float], str | None]
+    slowest: float
+    lag: float
+
+
+@dataclass(frozen=True)
+class MechanicalFunctions(Functions):
+    """The functions of an observer of kind 'mechanical'.
+
+    Attributes
+    ----------
+    mechanics : the model.
+    describe : (dt) -> what a person wants to know of the gains: poles, limits, noise.
+    why : (state, design) -> why the estimate is not published, in words, or ''.
+    """
+
+    mechanics: Mechanics = None  # type: ignore[assignment]
+    describe: Callable[[float], dict[str, Any]] = None  # type: ignore[assignment]
+    why: Callable[[tuple, tuple], str] = None  # type: ignore[assignment]
+
+
+def model_of(gains: MechanicalGains) -> Mechanics:
+    """The checked model that the gains name; raises UserError, UsageError."""
+    return load(gains.model, gains.model_parameters)
+
+
+def circles_of(mechanics: Mechanics, circle: Any) -> tuple[Circle, ...]:
+    """One circle per position: as given, or by the model where a single one is given.
+
+    A single circle says only whether turns are counted.
+    """
+    if isinstance(circle, Circle):
+        return tuple(Circle(period, circle.unwrap) for period in mechanics.periods)
+    circles = tuple(Circle(*each) for each in circle)
+    if len(circles) != mechanics.degrees:
+        raise UsageError(f"model '{mechanics.name}' has {mechanics.degrees} positions, not "
+                         f'{len(circles)}')
+    return circles
+
+
+def spread(name: str, values: tuple[float, ...], count: int) -> Array:
+    """A gain as a matrix: one number for all, one each, or a matrix row by row.
+
+    Raises
+    ------
+    UsageError : neither 1, n nor n^2 numbers.
+    """
+    given = np.array(values, float)
+    if len(given) == 1:
+        return np.eye(count) * given[0]
+    if len(given) == count:
+        return np.diag(given)
+    if len(given) == count * count:
+        return given.reshape(count, count)
+    raise UsageError(f"parameter '{name}' has {len(given)} numbers; a mechanism of {count} "
+                     f'positions takes 1, {count} or {count * count}')
+
+
+def per_joint(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...]:
+    """One number per joint; 0 where none is given; raises UsageError."""
+    if values is None:
+        return (0.0,) * count
+    if len(values) == 1:
+        return tuple(values) * count
+    if len(values) != count:
+        raise UsageError(f"parameter '{name}' has {len(values)} numbers for {count} positions")
+    return tuple(values)
+
+
+def operating_point(gains: MechanicalGains, mechanics: Mechanics) -> Array:
+    """Where bandwidth and damping hold; raises UsageError."""
+    if gains.operating_point is None:
+        return np.array(mechanics.centre, float)
+    if len(gains.operating_point) != mechanics.degrees:
+        raise UsageError(f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
+                         f'for {mechanics.degrees} positions')
+    if not mechanics.admits(mechanics.values, gains.operating_point):
+        raise UsageError(f"model '{mechanics.name}' cannot be used at the operating point")
+    return np.array(gains.operating_point, float)
+
+
+def natural_frequency(bandwidth_hz: float, damping: float) -> float:
+    """sqrt(K) [rad/s] at which K/(s^2 + 2 damping sqrt(K) s + K) has this -3 dB frequency."""
+    shape = 1.0 - 2.0 * damping * damping
+    return 2.0 * math.pi * bandwidth_hz / math.sqrt(shape + math.sqrt(shape * shape + 1.0))
+
+
+def tuple_of(matrix: Array) -> tuple:
+    """A numpy matrix or vector as tuples of floats."""
+    return tuple(tuple(row) if isinstance(row, list) else row for row in matrix.tolist())
+
+
+def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, circle: Any,
+           describe: Callable[[float], dict[str, Any]]) -> MechanicalFunctions:
+    """The contract's functions for an observer of a mechanism made of `core`.
+
+    State: core; last measurement; conventions; power of e; lock: (status, time since the last
+    trouble [s], time in trouble [s], what the trouble was). Trouble: 0 none, 1 outside the domain,
+    2 no input, 3 astray.
+    """
+    n = mechanics.degrees
+    circles = circles_of(mechanics, circle)
+    algebra = mechanical_algebra(n)
+    between, begin_all, follow_all = algebra.between, algebra.begin, algebra.follow
+    finite, beyond, present_all, squares = (algebra.finite, algebra.beyond, algebra.present,
+                                            algebra.squares)
+    towards, nought = algebra.towards, algebra.nought
+    given_finite = mechanical_algebra(max(1, mechanics.inputs)).finite
+    needs_input = mechanics.inputs > 0
+    prepare_core, advance, rejoin, begin_core = (core.prepare, core.advance, core.rejoin,
+                                                 core.begin)
+    unknown = (math.nan,) * n
+    noise = per_joint('noise', gains.noise, n)
+    quantum = per_joint('quantum', gains.quantum, n)
+    floor = np.array(quantum) ** 2 / 12.0
+    variance = np.array(noise) ** 2 + floor
+    linear_hold = gains.form == EXACT and gains.hold == LINEAR
+    settle = SETTLED / core.slowest if core.slowest > 0.0 else math.inf
+
+    def design() -> tuple:
+        periods = tuple(float(each.period) for each in circles)
+        outside = tuple(OUTSIDE * period if period > 0.0 else math.inf for period in periods)
+        return (core.design(), periods, tuple(float(each.unwrap) for each in circles), outside,
+                float(settle), max(LOST_AFTER, min(float(settle), 10.0 * LOST_AFTER)))
+
+    def prepare(design: tuple, dt: float) -> tuple:
+        return (prepare_core(design[0], dt), dt)
+
+    def init(measurement: tuple, design: tuple) -> tuple:
+        return (begin_core(), measurement, begin_all(measurement), nought(measurement),
+                (INITIALISING, 0.0, 0.0, 0))
+
+    def step(state: tuple, coefficients: tuple, design: tuple, measurement: tuple,
+             given: tuple) -> tuple:
+        inner, before, conventions, power, lock = state
+        status, clear, astray, trouble = lock
+        dt = coefficients[1]
+        moved = between(measurement, before, design[1])
+        conventions = follow_all(conventions, measurement, design[1])
+        found = 0
+        if trouble == 1 or trouble == 2:
+            inner = rejoin(inner, design[0], before)
+        if needs_input and not given_finite(given):
+            found = 2
+        else:
+            after, good = advance(inner, coefficients[0], design[0], before, moved, measurement,
+                                  given)
+            if not good:
+                found = 1
+            elif not finite(after[0]) or not finite(after[3]):
+                return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 0))
+            else:
+                inner = after
+                if beyond(after[0], design[3]):
+                    found = 3
+        if found == 0:
+            clear += dt
+            if clear >= design[4]:
+                status = TRACKING
+                astray = 0.0
+            weight = dt / clear if clear < MEMORY * dt else 1.0 / MEMORY
+            power = squares(power, weight, inner[0])
+            return (inner, measurement, conventions, power, (status, clear, astray, 0))
+        astray += dt
+        if found != 3:  # carried by the last velocity, from the measurement
+            inner = (nought(measurement), inner[1], inner[2], inner[3])
+        if found == 3:
+            clear = 0.0
+            if astray > design[5]:
+                return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 3))
+            status = COASTING if status == TRACKING or status == COASTING else INITIALISING
+        elif astray > COAST:
+            clear = 0.0
+            status = NOT_OBSERVABLE
+        elif status == TRACKING:
+            status = COASTING
+        return (inner, measurement, conventions, power, (status, clear, astray, found))
+
+    def output(state: tuple, coefficients: tuple, design: tuple, measurement: tuple,
+               given: tuple) -> tuple:
+        inner = state[0]
+        position = present_all(state[2], towards(measurement, 1.0, inner[0]), design[1], design[2])
+        return position, inner[3], unknown, state[4][0]
+
+    def resume(state: tuple, coefficients: tuple, design: tuple, measurement: tuple) -> tuple:
+        inner, before, conventions, power, lock = state
+        inner = rejoin((nought(measurement), inner[1], inner[2], inner[3]), design[0], measurement)
+        status = COASTING if lock[0] == TRACKING else lock[0]
+        return (inner, measurement, follow_all(conventions, measurement, design[1]), power,
+                (status, 0.0, 0.0, 0))
+
+    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple:
+        at = np.array(state[1], float)
+        mean_square = np.array(state[3], float)
+        if not mechanics.admits(mechanics.values, tuple(at.tolist())):
+            return (math.inf,) * n, (math.inf,) * n
+        matrix, shown = core.linear(at, mean_square)
+        of_position, of_velocity, of_offset = noise_gains(
+            matrix, shown, n, coefficients[1], euler=gains.form == PAPER, linear_hold=linear_hold)
+        known = variance
+        if gains.noise is None:
+            known = np.maximum(np.linalg.lstsq(of_offset, mean_square, rcond=None)[0], floor)
+        return (tuple(np.sqrt(of_position @ known).tolist()),
+                tuple(np.sqrt(of_velocity @ known).tolist()))
+
+    def why(state: tuple, design: tuple) -> str:
+        status, clear, astray, trouble = state[4]
+        if trouble == 1:
+            return (f"outside the domain of model '{mechanics.name}': the velocity is held")
+        if trouble == 2:
+            needed = ', '.join(mechanics.joints[index] for index in mechanics.actuated)
+            return f"no effort for {needed}, which model '{mechanics.name}' needs"
+        if trouble == 3:
+            return 'the positions are far from what the model and the inputs explain'
+        if status == INITIALISING:
+            return (f'settling: {clear:.2g} s of {design[4]:.3g} s, four times the slowest time '
+                    'constant')
+        return ''
+
+    return MechanicalFunctions(
+        design=design, prepare=prepare, init=init, step=step, output=output, stddev=stddev,
+        resume=resume, limits=core.limits, group_delay=lambda dt: core.lag + (0.0 if linear_hold else 0.5 * dt),
+        finite=finite, blank=tuple(mechanics.centre),
+        no_input=(math.nan,) * max(1, mechanics.inputs),
+        mechanics=mechanics, describe=describe, why=why)

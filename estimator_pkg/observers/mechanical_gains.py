@@ -1,0 +1,193 @@
+"""From what a person asks of an observer of a mechanism to its gain matrices, and back to words."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models import check
+from estimator_pkg.models.mechanics import Mechanics
+
+Array = NDArray[np.float64]
+
+
+class Tuning(NamedTuple):
+    """Gains of GESO: qh' = calM ph + L e, ph' = ... + Gamma calM^T P0 e, d' = E e."""
+
+    L: Array
+    Gamma: Array
+    P0: Array
+    E: Array
+
+
+def require_hurwitz(L: Array) -> None:
+    """-L must be Hurwitz; raises UsageError."""
+    slowest = float(np.min(np.linalg.eigvals(L).real))
+    if not slowest > 0.0:
+        raise UsageError(f"parameter 'L': -L is not Hurwitz (its slowest eigenvalue is "
+                         f'{-slowest:+.3g} 1/s): every eigenvalue of L needs a positive real part')
+
+
+def require_positive(name: str, gain: Array) -> Array:
+    """The symmetric positive definite gain; raises UsageError."""
+    if float(np.max(np.abs(gain - gain.T))) > 1e-9 * float(np.max(np.abs(gain))):
+        raise UsageError(f"parameter '{name}' is not symmetric")
+    lowest = float(np.linalg.eigvalsh(0.5 * (gain + gain.T))[0])
+    if not lowest > 0.0:
+        raise UsageError(f"parameter '{name}' is not positive definite (lowest eigenvalue "
+                         f'{lowest:.3g})')
+    return 0.5 * (gain + gain.T)
+
+
+def lyapunov_weight(L: Array) -> Array:
+    """P0 of Remark 5 in its corrected form: P0 L + L^T P0 > 0.
+
+    The identity where L + L^T > 0 (the paper's own case), else the solution with right-hand side
+    I, scaled to a mean eigenvalue of one so that Gamma keeps its meaning.
+    """
+    n = len(L)
+    if float(np.linalg.eigvalsh(L + L.T)[0]) > 0.0:
+        return np.eye(n)
+    system = np.kron(np.eye(n), L.T) + np.kron(L.T, np.eye(n))
+    weight = np.linalg.solve(system, np.eye(n).ravel()).reshape(n, n)
+    weight = 0.5 * (weight + weight.T)
+    return weight * (n / float(np.trace(weight)))
+
+
+def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool) -> Array:
+    """A of (e, p, d)' = A (e, p, d), with the configuration frozen at q."""
+    calm, psi = check.factors(mechanics, q)
+    n = mechanics.degrees
+    size = 3 * n if disturbed else 2 * n
+    matrix = np.zeros((size, size))
+    matrix[:n, :n] = -tuning.L
+    matrix[:n, n:2 * n] = calm
+    matrix[n:2 * n, :n] = -tuning.Gamma @ calm.T @ tuning.P0
+    if mechanics.damping is not None:
+        damping = check.matrix(mechanics.damping, mechanics, q)
+        matrix[n:2 * n, n:2 * n] = -psi.T @ damping @ calm
+    if disturbed:
+        matrix[n:2 * n, 2 * n:] = psi.T
+        matrix[2 * n:, :n] = -tuning.E
+    return matrix
+
+
+def slowest_pole(matrix: Array) -> float:
+    """-(largest real part) [1/s]."""
+    return -float(np.max(np.linalg.eigvals(matrix).real))
+
+
+def longest_euler(matrices: list[Array]) -> float:
+    """The sample time [s] up to which forward Euler is stable at all of these."""
+    longest = math.inf
+    for matrix in matrices:
+        for pole in np.linalg.eigvals(matrix):
+            if pole.real >= 0.0:
+                return 0.0
+            longest = min(longest, -2.0 * pole.real / abs(pole) ** 2)
+    return longest
+
+
+def euler_limit(matrices: list[Array]):
+    """`limits` of a forward Euler observer whose error obeys one of these matrices."""
+    longest = longest_euler(matrices)
+
+    def limits(dt: float) -> str | None:
+        if dt < longest:
+            return None
+        return (f'forward Euler (form: paper) is unstable at a sample time of {dt:.4g} s: these '
+                f'gains need less than {longest:.4g} s; use form: exact or lower gains')
+
+    return limits
+
+
+def never(dt: float) -> str | None:
+    """`limits` of an observer that works at every sample time."""
+    return None
+
+
+class Guarantee(NamedTuple):
+    """The constants of Proposition 4.1; `rate` [1/s] bounds the decay of |(q~, p~)|."""
+
+    d2: float
+    c1: float
+    c3: float
+    c4: float
+    rate: float
+
+
+def guaranteed_rate(L: Array, Gamma: Array, k0: float, k1: float, k2: float) -> Guarantee:
+    """Proposition 4.1 in its corrected form.
+
+    The printed proof bounds -|calM p~|^2 from above by -k1^2 |p~|^2 with k1 the largest norm of
+    calM; it takes the smallest singular value, k0.
+
+    Parameters
+    ----------
+    k0, k1 : smallest singular value and largest norm of calM over the motion.
+    k2 : largest norm of d calM/dt.
+    """
+    k3 = float(np.linalg.norm(L, 2))
+    k4 = float(np.linalg.eigvalsh(0.5 * (L + L.T))[0])
+    of_gamma = np.linalg.eigvalsh(Gamma)
+    k5, k6, k7 = float(of_gamma[-1]), min(1.0, float(of_gamma[0])), max(1.0, float(of_gamma[-1]))
+    d2 = (k1 * k3 + k2) ** 2 / (2.0 * k0 ** 2) + k1 ** 2 * k5 + 0.5 * k4
+    c1 = 2.0 / k4 * d2 + k1 * k7
+    c3 = (2.0 / k4 * d2 + 2.0 * k1 * k7) / k6
+    c4 = min(0.5 * k0 ** 2, d2 + k1 * k4 * k7)
+    return Guarantee(d2, c1, c3, c4, c4 / c3)
+
+
+def describe(mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, disturbed: bool,
+             speed: float = 1.0) -> dict[str, Any]:
+    """What a person wants to know of GESO's gains.
+
+    Parameters
+    ----------
+    speed : velocity for which the guaranteed rate is worked out [rad/s or m/s each].
+    """
+    calm = check.factors(mechanics, point)[0]
+    K = calm @ tuning.Gamma @ calm.T @ tuning.P0
+    configurations = [q for q, _ in check.random_states(mechanics)]
+    matrices = [error_matrix(mechanics, tuning, q, disturbed) for q in (point, *configurations)]
+    found = {
+        'operating_point': point.tolist(), 'L': tuning.L.tolist(), 'Gamma': tuning.Gamma.tolist(),
+        'K': K.tolist(),
+        'poles': sorted((complex(pole) for pole in np.linalg.eigvals(matrices[0])),
+                        key=lambda pole: (pole.real, pole.imag)),
+        'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(tuning.L))).tolist(),
+        'slowest_pole_over_range': min(slowest_pole(matrix) for matrix in matrices),
+        'dt_K': (dt * np.diag(K)).tolist(), 'dt_K_below_L':
+            bool(np.all(dt * np.diag(K) < np.diag(tuning.L))),
+        'longest_euler_dt': longest_euler(matrices)}
+    if np.allclose(tuning.P0, np.eye(len(tuning.P0))):
+        sizes = [np.linalg.svd(check.factors(mechanics, q)[0], compute_uv=False)
+                 for q in configurations]
+        turning = max(sum(float(np.linalg.norm(slope, 2)) * speed for slope in check.slopes(
+            mechanics, lambda x: check.factors(mechanics, x)[0], q)) for q in configurations)
+        found['guaranteed_rate'] = guaranteed_rate(
+            tuning.L, tuning.Gamma, min(size[-1] for size in sizes),
+            max(size[0] for size in sizes), turning).rate
+        found['guaranteed_for_speed'] = speed
+    return found
+
+
+def in_words(found: dict[str, Any]) -> dict[str, str]:
+    """`describe` as texts, for a status or a terminal."""
+    def row(values: Any) -> str:
+        return ', '.join(f'{value:.4g}' for value in np.asarray(values, float).ravel())
+
+    words = {}
+    for name, value in found.items():
+        if name == 'poles':
+            words[name] = ', '.join(f'{pole.real:.4g}{pole.imag:+.4g}i' if pole.imag else
+                                    f'{pole.real:.4g}' for pole in value)
+        elif isinstance(value, bool):
+            words[name] = 'yes' if value else 'no'
+        else:
+            words[name] = row(value)
+    return words

@@ -1,0 +1,162 @@
+"""What the observers whose state is the velocity share: the model's acceleration, the bandwidth.
+
+`hgo`, `ehgo` and `smo` need M, C and the forces, no Psi: they work for every mechanism. Their error
+contains C(q, vh) vh - C(q, v) v, which grows with the speed; that of GESO does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.models import check
+from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.observers import mechanical_gains
+from estimator_pkg.observers.mechanical import (
+    LINEAR,
+    MEASUREMENT,
+    PAPER,
+    MechanicalCore,
+    MechanicalGains,
+    tuple_of,
+)
+from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.observers.mechanical_flow import make_flow
+
+Array = NDArray[np.float64]
+
+
+def make_acceleration(mechanics: Mechanics) -> Callable[..., tuple]:
+    """acceleration(values, q, v, u): M^-1 [force - C v - D v]."""
+    algebra = mechanical_algebra(mechanics.degrees)
+    solve, minus, apply = algebra.solve, algebra.minus, algebra.apply
+    inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
+    damped = mechanics.damping is not None
+    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+
+    def acceleration(values: tuple, q: tuple, v: tuple, u: tuple) -> tuple:
+        total = minus(force(values, q, v, u), coriolis(values, q, v))
+        if damped:
+            total = minus(total, apply(damping(values, q), v))
+        return solve(inertia(values, q), total)
+
+    return acceleration
+
+
+def make_place(n: int, gains: MechanicalGains) -> Callable[..., tuple]:
+    """place(before, moved, e): the positions at which the model is evaluated over a step."""
+    towards = mechanical_algebra(n).towards
+    at_measurement = gains.schedule == MEASUREMENT
+    linear_hold = gains.hold == LINEAR and gains.form != PAPER
+
+    def place(before: tuple, moved: tuple, e: tuple) -> tuple:
+        if not at_measurement:
+            return towards(before, 1.0, e)
+        if linear_hold:
+            return towards(before, 0.5, moved)
+        return before
+
+    return place
+
+
+def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at: Array) -> Array:
+    """A of (e, x, d)' = A (e, x, d), the Coriolis forces left out."""
+    n = mechanics.degrees
+    matrix = np.zeros((2 * n, 2 * n) if E is None else (3 * n, 3 * n))
+    matrix[:n, :n] = -L
+    matrix[:n, n:2 * n] = np.eye(n)
+    matrix[n:2 * n, :n] = -K
+    if mechanics.damping is not None:
+        matrix[n:2 * n, n:2 * n] = -np.linalg.solve(
+            check.matrix(mechanics.inertia, mechanics, at),
+            check.matrix(mechanics.damping, mechanics, at))
+    if E is not None:
+        matrix[n:2 * n, 2 * n:] = np.eye(n)
+        matrix[2 * n:, :n] = -E
+    return matrix
+
+
+def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array,
+                E: Array | None, point: Array) -> MechanicalCore:
+    """HGO (E None) and EHGO: qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)."""
+    n = mechanics.degrees
+    extended = E is not None
+    diagonal = bool(np.all(np.diag(np.diag(L)) == L))
+    paper = gains.form == PAPER
+    linear_hold = gains.hold == LINEAR and not paper
+    algebra = mechanical_algebra(n)
+    towards, minus, scale, nought = (algebra.towards, algebra.minus, algebra.scale,
+                                     algebra.nought)
+    apply, times = algebra.apply, algebra.times
+    flow = make_flow(n, diagonal=diagonal, damped=False, disturbed=extended)
+    acceleration, place = make_acceleration(mechanics), make_place(n, gains)
+    admits = mechanics.admits
+    zeros = (0.0,) * n
+    empty = zeros if extended else ()
+    gain_e = np.zeros((n, n)) if E is None else E
+
+    def design() -> tuple:
+        return (mechanics.values, tuple_of(np.diag(L)) if diagonal else tuple_of(L), tuple_of(K),
+                tuple_of(gain_e), tuple_of(np.eye(n)))
+
+    def prepare(design: tuple, dt: float) -> tuple:
+        return (dt, 1.0 / dt)
+
+    def begin() -> tuple:
+        return (zeros, zeros, empty, zeros)
+
+    def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
+                measurement: tuple, given: tuple) -> tuple:
+        e, x, d, v = core
+        values, gain_l, gain_k, gain_d, one = design
+        dt = coefficients[0]
+        at = place(before, moved, e)
+        if not admits(values, at):
+            return core, False
+        f = acceleration(values, at, x, given)
+        good = True
+        if paper:
+            rate = minus(x, times(gain_l, e)) if diagonal else minus(x, apply(gain_l, e))
+            f = minus(f, apply(gain_k, e))
+            if extended:
+                f = towards(f, 1.0, d)
+                d = towards(d, -dt, apply(gain_d, e))
+            e = minus(towards(e, dt, rate), moved)
+            x = towards(x, dt, f)
+        elif linear_hold:
+            e, x, d, good = flow(e, x, d, one, one, gain_k, gain_l, one, gain_d, f,
+                                 scale(coefficients[1], moved), dt)
+        else:
+            e, x, d, good = flow(e, x, d, one, one, gain_k, gain_l, one, gain_d, f, nought(moved),
+                                 dt)
+            e = minus(e, moved)
+        return (e, x, d, x), good
+
+    def rejoin(core: tuple, design: tuple, at: tuple) -> tuple:
+        return (core[0], core[3], core[2], core[3])
+
+    def linear(at: Array, power: Array) -> tuple[Array, Array]:
+        return linear_matrix(mechanics, L, K, E, at), np.eye(n)
+
+    matrix = linear_matrix(mechanics, L, K, E, point)
+    return MechanicalCore(
+        design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin, linear=linear,
+        limits=mechanical_gains.euler_limit([matrix]) if paper else mechanical_gains.never,
+        slowest=mechanical_gains.slowest_pole(matrix),
+        lag=0.0 if extended else float(np.max(np.diag(L) / np.diag(K))))
+
+
+def describe_linear(L: Array, K: Array, matrix: Array, dt: float) -> dict[str, Any]:
+    """What a person wants to know of these gains (compare `mechanical_gains.describe`)."""
+    return {
+        'L': L.tolist(), 'K': K.tolist(),
+        'poles': sorted((complex(pole) for pole in np.linalg.eigvals(matrix)),
+                        key=lambda pole: (pole.real, pole.imag)),
+        'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(L))).tolist(),
+        'slowest_pole_over_range': mechanical_gains.slowest_pole(matrix),
+        'dt_K': (dt * np.diag(K)).tolist(),
+        'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(L))),
+        'longest_euler_dt': mechanical_gains.longest_euler([matrix])}
