@@ -7,12 +7,14 @@ except where the C library's exp, sin and so on differ (fast-math stays off).
 
 from __future__ import annotations
 
-import dis
+import contextlib
 import math
 import types
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
+
+from estimator_pkg.driver.fingerprint import fingerprint, global_names
 
 _twins: dict[Any, Callable] = {}
 
@@ -58,7 +60,7 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
     if key not in _twins:
         code = function.__code__
         names = dict(function.__globals__)
-        for name in _names(code):
+        for name in global_names(code):
             if isinstance(names.get(name), types.FunctionType):
                 names[name] = _twin(names[name], inner=True)
         cells = tuple(types.CellType(_twin(value, inner=True)
@@ -68,17 +70,27 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
         copy.__qualname__ = function.__qualname__
         options: dict[str, Any] = {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': inner}
         _twins[key] = numba.njit(copy, error_model='numpy', forceinline=True, **options)
+        if not inner:
+            _keep_on_disk(_twins[key], copy, function)
     return _twins[key]
 
 
-def _names(code: types.CodeType) -> set[str]:
-    """The globals that the code reads. Attributes do not count: `math.sin` is no global `sin`."""
-    names = {instruction.argval for instruction in dis.get_instructions(code)
-             if instruction.opname == 'LOAD_GLOBAL'}
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            names |= _names(constant)
-    return names
+def _keep_on_disk(twin: Any, copy: Any, function: Any) -> None:
+    """Lets Numba keep what it compiles beside the source, as its own ``cache=True`` does.
+
+    That would know one source file and what the function closes over; ours is stale as soon as
+    anything changes that the function calls. Compiling takes seconds, loading does not.
+    """
+    from numba.core.caching import FunctionCache
+
+    class Cache(FunctionCache):
+        def _index_key(self, sig: Any, codegen: Any) -> tuple:
+            return (sig, codegen.magic_tuple(), content)
+
+    content = fingerprint(function)
+    # RuntimeError: the function has no source file, or nothing can be written anywhere
+    with contextlib.suppress(RuntimeError):
+        twin._cache = Cache(copy)
 
 
 def longest_dt(limits: Callable[[float], str | None]) -> float:
