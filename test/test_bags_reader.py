@@ -12,6 +12,7 @@ import yaml
 from bag_making import OTHER, STATES, TEXT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
 from estimator_pkg.bags.reader import open_bag
@@ -77,6 +78,29 @@ def test_overlapping_chunks_come_in_log_order(offsets, chunk_size, tmp_path):
     found = read(path)
     assert [item[1] for item in found] == sorted(item[1] for item in messages)
     assert sorted(found) == sorted(messages)
+
+
+def test_chunks_that_overlap_a_little_are_not_gathered(tmp_path):
+    # each chunk reaches a little into the next, as with a recorder of several threads
+    messages = [(OTHER, make.START + i + 25 * (i % 2), make.text(f'{i:100}')) for i in range(1000)]
+    path = make.mcap(tmp_path / 'bag.mcap', messages, chunk_size=1400)
+    with open_bag(path) as bag:
+        sizes = [len(block) for _, block in bag.blocks()]
+    assert sum(sizes) == 1000
+    assert max(sizes) < 80
+
+
+def test_an_index_that_lacks_messages_loses_none(tmp_path):
+    messages = make.content()
+    path = make.mcap(tmp_path / 'bag.mcap', messages)
+    with open(path, 'rb') as stream:
+        chunk, = make_reader(stream).get_summary().chunk_indexes
+    raw = bytearray(path.read_bytes())
+    length_at = min(chunk.message_index_offsets.values()) + 11
+    length = int.from_bytes(raw[length_at:length_at + 4], 'little')
+    raw[length_at:length_at + 4] = (length - 16).to_bytes(4, 'little')
+    path.write_bytes(raw)
+    assert read(path) == messages
 
 
 def test_files_of_a_split_bag_that_overlap_come_in_log_order(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import bag_making as make
 import numpy as np
 import pytest
@@ -64,15 +66,25 @@ def test_the_mcap_library_finds_no_fault(tmp_path):
 
 def test_message_indices_point_at_their_messages(tmp_path):
     from mcap.data_stream import ReadDataStream
-    from mcap.records import MessageIndex
-    path = make.ours(tmp_path / 'bag', make.content(30)) / 'bag_0.mcap'
+    from mcap.records import Chunk, Message, MessageIndex
+    from mcap.stream_reader import get_chunk_data_stream
+    messages = make.content(30)
+    path = make.ours(tmp_path / 'bag', messages) / 'bag_0.mcap'
     with open(path, 'rb') as stream:
-        chunk, = make_reader(stream).get_summary().chunk_indexes
-        times = []
-        for offset in chunk.message_index_offsets.values():
+        index, = make_reader(stream).get_summary().chunk_indexes
+        stream.seek(index.chunk_start_offset + 9)
+        unpacked, size = get_chunk_data_stream(Chunk.read(ReadDataStream(stream)))
+        data = unpacked.read(size)
+        found = []
+        for channel, offset in index.message_index_offsets.items():
             stream.seek(offset + 9)
-            times += [time for time, _ in MessageIndex.read(ReadDataStream(stream)).records]
-    assert sorted(times) == sorted(time for _, time, _ in make.content(30))
+            for time, at in MessageIndex.read(ReadDataStream(stream)).records:
+                assert data[at] == 5  # the opcode of a message
+                length = int.from_bytes(data[at + 1:at + 9], 'little')
+                message = Message.read(ReadDataStream(io.BytesIO(data[at + 9:])), length)
+                assert (message.channel_id, message.log_time) == (channel, time)
+                found.append((time, message.data))
+    assert sorted(found) == sorted((time, raw) for _, time, raw in messages)
 
 
 def test_metadata_are_those_of_jazzy(tmp_path):
@@ -149,6 +161,11 @@ def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
     with open(path / 'bag_0.mcap', 'rb') as stream:
         assert len(make_reader(stream).get_summary().chunk_indexes) > 10
     assert [(topic, log_ns, raw) for topic, log_ns, _, raw in messages_of(path)] == messages
+    backwards = make.ours(tmp_path / 'backwards', messages[::-1])
+    information = yaml.safe_load((backwards / 'metadata.yaml').read_text())[
+        'rosbag2_bagfile_information']
+    assert information['starting_time'] == {'nanoseconds_since_epoch': messages[0][1]}
+    assert information['duration'] == {'nanoseconds': messages[-1][1] - messages[0][1]}
 
 
 def test_a_block_is_written_as_its_messages_are(tmp_path):

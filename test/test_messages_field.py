@@ -69,7 +69,7 @@ def odometry(i, frame='base', child='foot'):
     ('header.stamp.sec', lambda i: 5.0 + i),
 ])
 def test_fields_of_odometry(path, wanted, little):
-    frames = ['base', 'b', '', 'some_longer_frame']
+    frames = ['base', 'tool', '', 'some_longer_frame']
     children = ['', 'foot', 'ab']
     raws = [bytes(STORE.serialize_cdr(odometry(i, frames[i % 4], children[i % 3]), ODOMETRY,
                                       little_endian=little)) for i in range(24)]

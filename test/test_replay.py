@@ -307,6 +307,10 @@ def test_stamps_of_the_publisher(tmp_path):
         series = joint_series(bag, ESTIMATE)['a']
     assert series.velocity[-1] == pytest.approx(10.0)
     assert series.stamps_ns[-1] == START + 99 * 1_000_000
+    # estimates were never published: their times are those at which they would have been recorded
+    assert [(message.log_ns, message.publish_ns) for message in
+            messages_of(tmp_path / 'out', ESTIMATE)] == [(START + 5 * i, START + 5 * i)
+                                                         for i in range(100)]
 
 
 @pytest.mark.parametrize('name', ['yawbag', 'flybag', 'yx2bag'])
