@@ -149,17 +149,19 @@ class Observer:
     ----------
     name : fully qualified, as '/joint_observer'.
     topic : where its JointStates come from.
+    reliable : what its publisher offers.
+    sim_time : the node's clock is a simulated one.
     """
 
     def __init__(self, probe: Probe, name: str = '/joint_observer', topic: str = '/joint_states',
-                 *, reliable: bool = True) -> None:
+                 *, reliable: bool = True, sim_time: bool = False) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import JointState
 
         from estimator_pkg.messages.joint_state import Decoder, Encoder
 
-        self.probe, self.name = probe, name
+        self.probe, self.name, self._sim_time = probe, name, sim_time
         self.answers: list[Any] = []           # decoded JointStates of ~/estimate
         self.raw_answers: list[bytes] = []     # and as they came
         self.statuses: dict[str, Any] = {}     # newest ~/status, by joint
@@ -233,8 +235,9 @@ class Observer:
 
     def next_report(self) -> dict[str, dict[str, str]]:
         """The values of the next /diagnostics that counts all up to now, by entry."""
-        reports = self.reports
-        self.probe.until(lambda: self.reports > reports)
+        reports, now = self.reports, time.time_ns()
+        self.probe.until(lambda: self.reports > reports
+                         and (self._sim_time or self.stamp_of_diagnostics >= now))
         return {name: {item.key: item.value for item in status.values}
                 for name, status in self.diagnostics.items()}
 

@@ -149,7 +149,7 @@ def test_drivers_without_stamps_use_the_publishers_time(processes, observe, prob
 def test_a_simulated_clock_that_rests_and_jumps_back(processes, observe, probe):
     from rosgraph_msgs.msg import Clock
 
-    live = observe('sim').connect()
+    live = observe('sim', sim_time=True).connect()
     clock = probe.node.create_publisher(Clock, '/clock', 10)
     try:
         probe.until(clock.get_subscription_count)
@@ -167,6 +167,7 @@ def test_a_simulated_clock_that_rests_and_jumps_back(processes, observe, probe):
         probe.until(lambda: live.status('s') == 'lost')  # the clock rests, the timeout does not
         run(50, 60)
         assert live.answers[-1].velocities == pytest.approx((2.0,), rel=1e-3)
+        live.next_report()
         report = live.next_report()
         assert report['/sim/sim: s']['events.clock_jump'] == '1'
         assert int(report['/sim/sim']['received']) == 120 == int(report['/sim/sim']['used'])
@@ -174,6 +175,30 @@ def test_a_simulated_clock_that_rests_and_jumps_back(processes, observe, probe):
         assert 50 * 1000 * MS <= header <= 51 * 1000 * MS  # in simulated time
     finally:
         probe.node.destroy_publisher(clock)
+
+
+def test_what_is_lost_is_known(processes, observe):
+    live = observe('sim', sim_time=True).connect()
+    names = [f'joint_{i}' for i in range(100)]
+    burst = [live.encode(BEGIN + i * MS, names, [0.001 * i] * 100) for i in range(2001)]
+    first, last = burst[:1], burst[-1:]
+    live.feed(first)
+    live.next_report()
+    before = live.next_report()['/sim/sim']
+    for raw in burst[1:-1]:  # far faster than any node takes them, and more than the queue holds
+        live.publisher.publish(raw)
+
+    def counted(key):
+        return int(dds.value(live.diagnostics['/sim/sim'], key)) - int(before[key])
+
+    live.probe.spin(0.5)
+    live.feed(last)  # what was lost at the end shows with the next message
+    live.next_report()
+    live.next_report()
+    assert counted('messages_received') + counted('lost_by_dds') == 2000
+    assert counted('lost_by_dds') > 0
+    assert before['lost_by_dds'] == '0'
+    processes['sim'].prints('were lost: more come than this node or the network can take')
 
 
 def test_the_class_in_an_executor_of_ones_own(probe):
