@@ -56,7 +56,7 @@ def test_live_equals_batch(variant):
 
 
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
-@pytest.mark.parametrize('name', ['finite_difference', 'pll', 'kalman', 'hybrid_angle'])
+@pytest.mark.parametrize('name', ['kalman', 'hybrid_angle'])
 def test_batch_equals_compiled_batch(name):
     at, angles = stream(5, 5000)
     one, other = make(name), make(name)
