@@ -21,7 +21,8 @@ from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.parameters import Parameter, declared
 
 SETTINGS = 'velocity_estimator.settings'
-TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text'}
+TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text',
+              list: 'list of float'}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -28,8 +28,8 @@ T = TypeVar('T')
 class Parameter:
     """What is declared of one parameter.
 
-    ``kind`` is float, int, bool, str or tuple (a list of texts). ``default`` None means: follows
-    from the others.
+    ``kind`` is float, int, bool, str, tuple (a list of texts) or list (of numbers, checked into a
+    tuple of floats). ``default`` None means: follows from the others.
     ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner varies.
     """
 
@@ -72,6 +72,10 @@ class Parameter:
             if not isinstance(value, (list, tuple)) or not all(isinstance(v, str) for v in value):
                 raise UsageError(f"parameter '{self.name}' must be a list of texts, not {value!r}")
             return tuple(value)
+        if self.kind is list:
+            one = dataclasses.replace(self, kind=float, default=0.0)
+            many = isinstance(value, Iterable) and not isinstance(value, str)
+            return tuple(one.check(number) for number in (value if many else (value,)))
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise UsageError(f"parameter '{self.name}' must be a number, not {value!r}")
         if not abs(value) <= sys.float_info.max:  # NaN, infinite, or an int beyond any float
@@ -99,11 +103,12 @@ class Parameter:
             return 'true | false'
         if self.kind is tuple:
             return 'a list of texts'
+        each = 'each ' if self.kind is list else ''
         if self.minimum is None and self.maximum is None:
-            return 'any'
+            return 'numbers' if each else 'any'
         low = '-inf' if self.minimum is None else f'{self.minimum:g}'
         high = 'inf' if self.maximum is None else f'{self.maximum:g}'
-        return f'[{low}, {high}]'
+        return f'{each}[{low}, {high}]'
 
 
 def parameter(default: Any, *, unit: str, description: str,

@@ -1,0 +1,267 @@
+"""Parameters of the observer `adaptive`, and what they imply for its structure."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.parameters import parameter
+
+SAMPLED, PAPER = 'sampled', 'paper'
+GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
+SETTLED = 5.0  # time constants of the slowest pole until start values are forgotten
+_CONSTRAINT = re.compile(r'\s*([\w/]+)\s*(=|>=|<=)\s*(\S+)\s*')
+
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Parameters of `adaptive`."""
+
+    order: int = parameter(
+        2, unit='', range=(1, 6), structural=True,
+        description='order of the plant from input to angle; 2: inertia, damping and spring',
+        equation='(1), observable canonical form')
+    form: str = parameter(
+        SAMPLED, unit='', choices=(SAMPLED, PAPER), structural=True,
+        description='sampled: filters exact for the sample time and a step that no gain makes '
+                    'unstable; paper: (11) to (13) by forward Euler, whose damping is off by '
+                    'dt k/J')
+    law: str = parameter(
+        LEAST_SQUARES, unit='', choices=(LEAST_SQUARES, GRADIENT), structural=True,
+        description='how the parameters follow: least squares needs no scaling and is some hundred '
+                    "times faster than the paper's gradient (12)")
+    observer_poles: tuple[float, ...] | None = parameter(
+        None, unit='1/s', kind=list, range=(-1e6, -1e-6), structural=True,
+        description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; unset: '
+                    'from bandwidth_hz')
+    bandwidth_hz: float = parameter(
+        5.0, unit='Hz', range=(1e-3, 1e4), structural=True,
+        description='magnitude of the observer poles where observer_poles is unset; well above the '
+                    'frequencies of the motion, and as low as the noise asks')
+    model_poles: tuple[float, ...] | None = parameter(
+        None, unit='1/s', kind=list, range=(-1e6, -1e-6), structural=True,
+        description='eigenvalues of A_c, one per order: the plant as it is taken to be before '
+                    'anything is learnt; unset: half the observer poles', equation='(2), (40)')
+    gamma: tuple[float, ...] = parameter(
+        (1000.0,), unit='', kind=list, structural=True,
+        description='gain of the gradient: one number, one for each free parameter (about '
+                    '1/mean square of its signal), or a positive definite matrix row by row. It '
+                    'also weighs the parameters in the excitation gate', equation='Gamma in (12)')
+    memory: float = parameter(
+        0.0, unit='s', range=(0.0, 1e9),
+        description='least squares forgets with this time constant, of time spent adapting; '
+                    '0: never')
+    start_variance: tuple[float, ...] | None = parameter(
+        None, unit='', kind=list, range=(1e-12, 1e18), structural=True, advanced=True,
+        description='diagonal of P of least squares at the start, where the reading has unit '
+                    'variance: one number, or one for each free parameter; unset: 1e4 times the '
+                    'square of what the observer poles make natural')
+    load: bool = parameter(
+        False, unit='', structural=True,
+        description='learn a constant load (or an offset of the spring) too, as one more parameter '
+                    'd<order>; without it a constant load spoils the others')
+    known: tuple[str, ...] = parameter(
+        (), unit='', structural=True,
+        description="parameters that are known, such as 'b1=0', 'k/J=0': l1.., b1.., d<order>, and "
+                    'for order 2 b/J, k/J, Kv/J, load/J')
+    bounds: tuple[str, ...] = parameter(
+        (), unit='', structural=True,
+        description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'")
+    theta: tuple[float, ...] | None = parameter(
+        None, unit='', kind=list, structural=True,
+        description='parameters to start with, l1.. then b1.. (then d<order>); unset: zero')
+    adapt: bool = parameter(
+        True, unit='', description='false holds the parameters; the filters go on, so that '
+                                   'adaptation resumes without a bump')
+    velocity: str = parameter(
+        'full', unit='', choices=('full', 'paper'), structural=True,
+        description='full: C (A x + B u), right as soon as the innovation vanishes; paper: (38), '
+                    'which needs b1 = 0 and right parameters')
+    gate: str = parameter(
+        'noise', unit='', choices=('noise', 'gamma', 'off'), structural=True,
+        description='adapt only while the signals tell the parameters apart. noise: the '
+                    'information matrix exceeds signal_to_noise times what noise of the reading '
+                    'alone would gather; gamma: its smallest eigenvalue, weighed by gamma, exceeds '
+                    'excitation')
+    signal_to_noise: float = parameter(
+        100.0, unit='', range=(1.0, 1e12),
+        description="of the gate 'noise': the noise in the filtered reading biases the parameters "
+                    'by at most about one part in so many')
+    excitation: float = parameter(
+        0.02, unit='', range=(1e-12, 1e12), description="of the gate 'gamma'")
+    excitation_memory: float = parameter(
+        20.0, unit='s', range=(1e-3, 1e6), description='time constant of that matrix')
+    settle: float | None = parameter(
+        None, unit='s', kind=float, range=(0.0, 1e6), advanced=True,
+        description='no adaptation for so long after a start or a gap; unset: five time constants '
+                    'of the slowest observer pole')
+    torque_constant: float | None = parameter(
+        None, unit='N m per unit of input', kind=float, range=(1e-9, 1e9),
+        description='Kv, where it is known: then J, b and k are reported too (1 where the input is '
+                    'a torque)')
+    quantum: float = parameter(
+        0.0, unit='rad', range=(0.0, 10.0),
+        description='smallest step of the measurement (2 pi / counts); 0: not known')
+    noise: float | None = parameter(
+        None, unit='rad', range=(1e-12, 10.0),
+        description='standard deviation of the measurement noise, quantisation apart; unset: '
+                    'estimated from third differences')
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What the gains imply, in plain numbers.
+
+    names : of all parameters, in the order of theta; m of them are free.
+    observer, model : first columns of A_c - K C and of A_c, shape (n,).
+    injection : K, shape (n,).
+    free : places of the free parameters in theta.
+    fixed : theta with zeros at the free places.
+    start, low, high : of the free parameters, shape (m,).
+    gamma : shape (m, m).
+    variance : P of least squares at the start, shape (m,).
+    slowest, fastest : magnitudes of the observer poles [1/s].
+    """
+
+    names: tuple[str, ...]
+    observer: tuple[float, ...]
+    model: tuple[float, ...]
+    injection: tuple[float, ...]
+    free: tuple[int, ...]
+    fixed: tuple[float, ...]
+    start: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    gamma: Matrix
+    variance: tuple[float, ...]
+    slowest: float
+    fastest: float
+
+
+def structure(gains: Gains) -> Structure:
+    """The structure of an observer with these gains.
+
+    Raises
+    ------
+    UsageError : poles, gamma, theta or constraints that do not fit.
+    """
+    n = gains.order
+    observer = gains.observer_poles or _spread(-2.0 * math.pi * gains.bandwidth_hz, n)
+    model = gains.model_poles or tuple(0.5 * pole for pole in observer)
+    for name, poles in (('observer_poles', observer), ('model_poles', model)):
+        if len(poles) != n:
+            raise UsageError(f"parameter '{name}' needs {n} poles for order {n}, not {len(poles)}")
+    column = tuple(-float(c) for c in np.poly(observer)[1:])
+    model_column = tuple(-float(c) for c in np.poly(model)[1:])
+    names = (*(f'l{i + 1}' for i in range(n)), *(f'b{i + 1}' for i in range(n)),
+             *((f'd{n}',) if gains.load else ()))
+    low, high = [-math.inf] * len(names), [math.inf] * len(names)
+    fixed: dict[int, float] = {}
+    for text in gains.known:
+        place, sign, value = _constraint(text, '=', 'known', names, model_column)
+        fixed[place] = value
+    for text in gains.bounds:
+        place, sign, value = _constraint(text, '<>', 'bounds', names, model_column)
+        if sign > 0:
+            low[place] = max(low[place], value)
+        else:
+            high[place] = min(high[place], value)
+    free = tuple(i for i in range(len(names)) if i not in fixed)
+    if not free:
+        raise UsageError("parameter 'known' names every parameter: nothing is left to identify")
+    for i in free:
+        if low[i] > high[i]:
+            raise UsageError(f"parameter 'bounds' leaves no value for {names[i]}")
+    theta = gains.theta if gains.theta is not None else (0.0,) * len(names)
+    if len(theta) != len(names):
+        raise UsageError(f"parameter 'theta' needs {len(names)} numbers ({', '.join(names)}), "
+                         f'not {len(theta)}')
+    return Structure(
+        names, column, model_column, tuple(m - o for m, o in zip(model_column, column)), free,
+        tuple(fixed.get(i, 0.0) for i in range(len(names))),
+        tuple(min(max(theta[i], low[i]), high[i]) for i in free),
+        tuple(low[i] for i in free), tuple(high[i] for i in free),
+        _gamma(gains.gamma, [names[i] for i in free]),
+        _variance(gains.start_variance, [names[i] for i in free], (-column[-1]) ** (1.0 / n)),
+        min(-pole for pole in observer), max(-pole for pole in observer))
+
+
+def _spread(pole: float, count: int) -> tuple[float, ...]:
+    """Real poles around `pole`, a tenth apart: equal ones would make ill-conditioned tables."""
+    return tuple(pole * 1.1 ** (i - 0.5 * (count - 1)) for i in range(count))
+
+
+def _gamma(values: tuple[float, ...], names: list[str]) -> Matrix:
+    """The matrix Gamma of the free parameters."""
+    m = len(names)
+    if len(values) == 1:
+        matrix = values[0] * np.eye(m)
+    elif len(values) == m:
+        matrix = np.diag(values)
+    elif len(values) == m * m:
+        matrix = np.array(values).reshape(m, m)
+        if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+            raise UsageError("parameter 'gamma' is not symmetric")
+    else:
+        raise UsageError(f"parameter 'gamma' needs 1, {m} or {m * m} numbers for the {m} free "
+                         f'parameters ({", ".join(names)}), not {len(values)}')
+    if np.min(np.linalg.eigvalsh(matrix)) <= 0.0:
+        raise UsageError("parameter 'gamma' is not positive definite")
+    return matrix
+
+
+def _variance(values: tuple[float, ...] | None, names: list[str], pace: float
+              ) -> tuple[float, ...]:
+    """P at the start; `pace` is the geometric mean of the observer poles [1/s]."""
+    if values is None:
+        return tuple(1e4 * pace ** (2 * int(name[1:])) for name in names)
+    if len(values) not in (1, len(names)):
+        raise UsageError(f"parameter 'start_variance' needs 1 or {len(names)} numbers, "
+                         f'not {len(values)}')
+    return tuple(values) if len(values) == len(names) else tuple(values) * len(names)
+
+
+def physical(names: tuple[str, ...], model: tuple[float, ...]
+             ) -> dict[str, tuple[int, float, float, str]]:
+    """Physical ratios by name: (place in theta, offset, sign, unit); ratio = offset + sign theta.
+
+    For order 2 only, J q'' + b q' + k q = Kv u + load.
+    """
+    if len(model) != 2:
+        return {}
+    ratios = {'b/J': (0, -model[0], -1.0, '1/s'), 'k/J': (1, -model[1], -1.0, '1/s^2'),
+              'Kv/J': (3, 0.0, 1.0, 'rad/s^2 per unit of input')}
+    if 'd2' in names:
+        ratios['load/J'] = (4, 0.0, 1.0, 'rad/s^2')
+    return ratios
+
+
+def _constraint(text: str, signs: str, owner: str, names: tuple[str, ...],
+                model: tuple[float, ...]) -> tuple[int, int, float]:
+    """(place in theta, 1 for at least, -1 for at most, 0 for equal, value) of 'name>=value'."""
+    ratios = physical(names, model)
+    match = _CONSTRAINT.fullmatch(text)
+    value = math.nan
+    if match:
+        try:
+            value = float(match[3])
+        except ValueError:
+            match = None
+    if not match or not math.isfinite(value) or match[2][0] not in signs:
+        example = 'b1=0' if signs == '=' else 'b/J>=0'
+        raise UsageError(f"parameter '{owner}': '{text}' is not of the form {example}")
+    name, sign = match[1], {'=': 0, '>=': 1, '<=': -1}[match[2]]
+    if name in names:
+        return names.index(name), sign, value
+    if name in ratios:
+        place, offset, factor, unit = ratios[name]
+        return place, int(sign * factor), (value - offset) * factor
+    raise UsageError(f"parameter '{owner}': no parameter is called '{name}': "
+                     f'{suggestion(name, (*names, *ratios))}')

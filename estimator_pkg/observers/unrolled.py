@@ -1,0 +1,67 @@
+"""Small linear algebra on tuples, unrolled for one size.
+
+Loops over a handful of numbers cost more than the numbers in plain Python, and Numba cannot build
+tuples in a loop. So for each size the few functions needed are written out once, as straight lines
+of text, and executed. A vector is a tuple of floats, a matrix a tuple of rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+
+class Algebra(NamedTuple):
+    """Functions for vectors of one size n and for n x n matrices."""
+
+    dot: Callable[..., float]        # (x, y)
+    add: Callable[..., tuple]        # (x, a, y) -> x + a y
+    scale: Callable[..., tuple]      # (a, x) -> a x
+    times: Callable[..., tuple]      # (x, y) -> elementwise product
+    clip: Callable[..., tuple]       # (x, low, high), elementwise
+    apply: Callable[..., tuple]      # (matrix, x) -> matrix x
+    rank_one: Callable[..., tuple]   # (matrix, keep, a, x) -> keep matrix + a x x^T
+    exceeds: Callable[..., bool]     # (matrix, keep, a, floor): is matrix - a floor positive
+                                     # definite, where the matrix' diagonal counts keep times?
+
+
+@lru_cache
+def algebra(size: int) -> Algebra:
+    """The functions for vectors of `size` entries (at least one)."""
+    index = range(size)
+
+    def vector(entry: str) -> str:
+        return '(' + ''.join(entry.format(i=i) + ', ' for i in index) + ')'
+
+    def matrix(entry: str) -> str:
+        return '(' + ''.join(
+            '(' + ''.join(entry.format(i=i, j=j) + ', ' for j in index) + '), '
+            for i in index) + ')'
+
+    def product(row: str, x: str) -> str:
+        return ' + '.join(f'{row}[{k}] * {x}[{k}]' for k in index)
+
+    lines = [
+        f'def dot(x, y): return {product("x", "y")}',
+        f'def add(x, a, y): return {vector("x[{i}] + a * y[{i}]")}',
+        f'def scale(a, x): return {vector("a * x[{i}]")}',
+        f'def times(x, y): return {vector("x[{i}] * y[{i}]")}',
+        f'def clip(x, low, high): return {vector("min(max(x[{i}], low[{i}]), high[{i}])")}',
+        'def apply(m, x): return (' + ''.join(product(f'm[{i}]', 'x') + ', ' for i in index) + ')',
+        f'def rank_one(m, keep, a, x): return {matrix("keep * m[{i}][{j}] + a * x[{i}] * x[{j}]")}',
+        'def exceeds(m, keep, a, floor):',  # true where Cholesky's factors exist
+    ]
+    for j in index:
+        for i in range(j, size):
+            taken = ''.join(f' - l{i}{k} * l{j}{k}' for k in range(j))
+            if i == j:
+                lines += [f'    d{j} = keep * m[{j}][{j}] - a * floor[{j}][{j}]{taken}',
+                          f'    if not d{j} > 0.0: return False', f'    l{j}{j} = d{j} ** 0.5']
+            else:
+                lines.append(
+                    f'    l{i}{j} = (m[{i}][{j}] - a * floor[{i}][{j}]{taken}) / l{j}{j}')
+    lines.append('    return True')
+    names: dict[str, Any] = {}
+    exec(compile('\n'.join(lines), f'<unrolled for {size}>', 'exec'), names)
+    return Algebra(*(names[name] for name in Algebra._fields))
