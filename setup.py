@@ -26,7 +26,7 @@ setup(
     version='0.1.0',
     packages=['estimator_pkg', 'estimator_pkg.observers', 'estimator_pkg.models',
               'estimator_pkg.driver', 'estimator_pkg.messages', 'estimator_pkg.nodes',
-              'estimator_pkg.bags', 'estimator_pkg.evaluation',
+              'estimator_pkg.nodes.bench', 'estimator_pkg.bags', 'estimator_pkg.evaluation',
               'sim_pkg', 'sim_pkg.nodes', 'sim_pkg.reproduce', 'sim_pkg.demo'],
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),

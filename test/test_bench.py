@@ -202,15 +202,15 @@ def test_reports_of_the_live_node_become_lines():
     assert [(row['value'], row['ok']) for row in loss] == [(1, False), (40, None), (1, False)]
 
 
-def test_without_its_programs_the_live_node_is_not_run(monkeypatch, tmp_path):
-    monkeypatch.setattr(bench_live, 'PROGRAMS', tmp_path)
+def test_without_ros_the_live_node_is_not_run(monkeypatch):
+    monkeypatch.setattr(bench_live.importlib.util, 'find_spec', lambda name: None)
     assert all(row['value'] is None and row['why'] for row in bench_live.live())
 
 
-def test_a_program_that_fails_says_why(tmp_path):
-    program = tmp_path / 'program.py'
-    program.write_text('raise SystemExit("no network")')
-    assert bench_live._run(program) == (None, 'no network')
+def test_a_program_that_fails_says_why(tmp_path, monkeypatch):
+    (tmp_path / 'failing_program.py').write_text('raise SystemExit("no network")')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    assert bench_live._run('failing_program') == (None, 'no network')
 
 
 # ---------------------------------------------------------------- the command

@@ -36,7 +36,7 @@ def run(*command, **options):
 def assert_share_is_found(prefix):
     share = prefix / 'share' / 'velocity_estimator'
     assert (share / 'package.xml').is_file()
-    launch = {path.name for path in (share / 'launch').iterdir()}
+    launch = {path.name for path in (share / 'launch').iterdir() if path.is_file()}
     assert launch == {path.name for path in (ROOT / 'launch').iterdir() if path.is_file()}
     config = {path.name for path in (share / 'config').iterdir()}
     assert config == {path.name for path in (ROOT / 'config').iterdir() if path.is_file()}

@@ -1,6 +1,6 @@
-"""``bench speed``, part 4: the live node, over real DDS, by the programs in benchmarks/.
+"""``bench speed``, part 4: the live node, over real DDS, by `estimator_pkg.nodes.bench`.
 
-They need ROS and the source tree, and run as processes of their own.
+Its programs need ROS and psutil, and run as processes of their own.
 """
 
 from __future__ import annotations
@@ -9,14 +9,11 @@ import importlib.util
 import json
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
-import estimator_pkg
 from estimator_pkg.evaluation.timing import not_run, row
 
-PROGRAMS = Path(estimator_pkg.__file__).resolve().parent.parent / 'benchmarks'
-COST, LOSS = 'node_cost.py', 'node_loss.py'
+COST, LOSS = 'estimator_pkg.nodes.bench.cost', 'estimator_pkg.nodes.bench.loss'
 LONGEST = 300.0  # [s]
 
 
@@ -24,23 +21,21 @@ def live() -> list[dict[str, Any]]:
     """CPU per message beside a node that only republishes, and losses beside those reported."""
     rows: list[dict[str, Any]] = []
     for program, reader in ((COST, _cost), (LOSS, _loss)):
-        name = f'live node, {program}'
-        if not (PROGRAMS / program).exists():
-            rows.append(not_run(name, 'benchmarks/ of the source tree is not here'))
-        elif importlib.util.find_spec('rclpy') is None:
+        name = f'live node, {program.rpartition(".")[2]}'
+        if importlib.util.find_spec('rclpy') is None:
             rows.append(not_run(name, 'rclpy is not installed'))
         elif importlib.util.find_spec('psutil') is None:
             rows.append(not_run(name, 'psutil is not installed'))
         else:
-            found, why = _run(PROGRAMS / program)
+            found, why = _run(program)
             rows += reader(found) if found is not None else [not_run(name, why)]
     return rows
 
 
-def _run(program: Path) -> tuple[dict[str, Any] | None, str]:
+def _run(program: str) -> tuple[dict[str, Any] | None, str]:
     """(what the program found, why it did not)."""
     try:
-        done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True,
+        done = subprocess.run([sys.executable, '-m', program], capture_output=True, text=True,
                               timeout=LONGEST)
         return json.loads(done.stdout), ''
     except subprocess.TimeoutExpired:

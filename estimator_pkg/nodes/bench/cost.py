@@ -2,7 +2,7 @@
 
 Both run at the same time, as processes of their own, on the same stream and the same executor.
 
-    python benchmarks/node_cost.py
+    python -m estimator_pkg.nodes.bench.cost
 """
 
 from __future__ import annotations
@@ -11,13 +11,10 @@ import json
 import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
 import psutil
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from node_processes import own_domain, process, result
+from estimator_pkg.nodes.bench.processes import own_domain, process, result
 
 ALLOWED = 1.5  # times the null node
 

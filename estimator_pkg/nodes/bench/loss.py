@@ -1,6 +1,6 @@
 """What the live node loses of a fast stream, and whether it knows.
 
-    python benchmarks/node_loss.py
+    python -m estimator_pkg.nodes.bench.loss
 """
 
 from __future__ import annotations
@@ -9,11 +9,8 @@ import json
 import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from node_processes import own_domain, process, result
+from estimator_pkg.nodes.bench.processes import own_domain, process, result
 
 OVERLOAD = 150  # joints with which no Python node keeps up at 5 kHz
 

@@ -1,9 +1,9 @@
 """Processes that the node benchmarks put around a node: a publisher, a listener, a null node.
 
-    python benchmarks/node_processes.py publish RATE SECONDS JOINTS [SUBSCRIPTIONS]
-    python benchmarks/node_processes.py listen TOPIC
-    python benchmarks/node_processes.py diagnose
-    python benchmarks/node_processes.py null
+    python -m estimator_pkg.nodes.bench.processes publish RATE SECONDS JOINTS [SUBSCRIPTIONS]
+    python -m estimator_pkg.nodes.bench.processes listen TOPIC
+    python -m estimator_pkg.nodes.bench.processes diagnose
+    python -m estimator_pkg.nodes.bench.processes null
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from estimator_pkg.nodes.runtime import run as run_node
 from estimator_pkg.nodes.runtime import settle_environment
@@ -32,7 +31,7 @@ def process(*words: str, domain: int, extra: tuple[str, ...] = ()) -> Iterator[s
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain),
                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     program = (['-m', 'estimator_pkg.nodes.joint_observer'] if words == ('node',)
-               else [str(Path(__file__).resolve()), *words])
+               else ['-m', 'estimator_pkg.nodes.bench.processes', *words])
     child = subprocess.Popen([sys.executable, *program, *extra], env=environment, text=True,
                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     try:
