@@ -137,11 +137,13 @@ class MechanicalFunctions(Functions):
     Attributes
     ----------
     mechanics : the model.
+    core : what is inside, for those who start it elsewhere than at rest at the measurement.
     describe : (dt) -> what a person wants to know of the gains: poles, limits, noise.
     why : (state, design) -> why the estimate is not published, in words, or ''.
     """
 
     mechanics: Mechanics = None  # type: ignore[assignment]
+    core: MechanicalCore = None  # type: ignore[assignment]
     describe: Callable[[float], dict[str, Any]] = None  # type: ignore[assignment]
     why: Callable[[tuple, tuple], str] = None  # type: ignore[assignment]
 
@@ -349,4 +351,4 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
         resume=resume, limits=core.limits, group_delay=lambda dt: core.lag + (0.0 if linear_hold else 0.5 * dt),
         finite=finite, blank=tuple(mechanics.centre),
         no_input=(math.nan,) * max(1, mechanics.inputs),
-        mechanics=mechanics, describe=describe, why=why)
+        mechanics=mechanics, core=core, describe=describe, why=why)

@@ -47,15 +47,14 @@ def lyapunov_weight(L: Array) -> Array:
     """P0 of Remark 5 in its corrected form: P0 L + L^T P0 > 0.
 
     The identity where L + L^T > 0 (the paper's own case), else the solution with right-hand side
-    I, scaled to a mean eigenvalue of one so that Gamma keeps its meaning.
+    I.
     """
     n = len(L)
     if float(np.linalg.eigvalsh(L + L.T)[0]) > 0.0:
         return np.eye(n)
     system = np.kron(np.eye(n), L.T) + np.kron(L.T, np.eye(n))
     weight = np.linalg.solve(system, np.eye(n).ravel()).reshape(n, n)
-    weight = 0.5 * (weight + weight.T)
-    return weight * (n / float(np.trace(weight)))
+    return 0.5 * (weight + weight.T)
 
 
 def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool) -> Array:

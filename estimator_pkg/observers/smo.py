@@ -139,10 +139,10 @@ def implicit_uniform(free: float, h: float, first: float, second: float, m1: flo
 def make_inject(n: int, one: Any) -> Any:
     """inject(e, first, second, m1, m2) -> two vectors, of one channel's injections `one`."""
     body = '\n'.join(['def inject(e, first, second, m1, m2):']
-                     + [f'    a{i}, b{i} = one(e[{i}], first[{i}], second[{i}], m1, m2)'
+                     + [f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
                         for i in range(n)]
                      + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
-    names: dict[str, Any] = {'one': one}
+    names: dict[str, Any] = {one.__name__: one}
     exec(compile(body, f'<injections of {n}, {one.__name__}>', 'exec'), names)
     return names['inject']
 
@@ -150,10 +150,10 @@ def make_inject(n: int, one: Any) -> Any:
 def make_settle(n: int, one: Any) -> Any:
     """settle(free, h, first, second, m1, m2) -> (e, second injections): `one` for each channel."""
     body = '\n'.join(['def settle(free, h, first, second, m1, m2):']
-                     + [f'    a{i}, b{i} = one(free[{i}], h, first[{i}], second[{i}], m1, m2)'
+                     + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], m1, m2)'
                         for i in range(n)]
                      + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
-    names: dict[str, Any] = {'one': one}
+    names: dict[str, Any] = {one.__name__: one}
     exec(compile(body, f'<implicit steps of {n}, {one.__name__}>', 'exec'), names)
     return names['settle']
 

@@ -1,0 +1,151 @@
+"""Runs of observers of mechanisms over simulated motions, as the rows of the table want them.
+
+Every run steps the product's own observers (`MechanicalCore.advance`); what is the paper's alone,
+such as a start elsewhere than at the measurement, is put around them here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import observers
+from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.models import cart_pendulum, robotic_leg
+from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.mechanical import MechanicalFunctions
+from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.parameters import build
+from sim_pkg.mechanism import make_motion, put_row, row_of
+
+Array = NDArray[np.float64]
+
+ONE_SIZE = Circle(0.0, False)  # no wrapping: the runs stay on one turn, or count turns
+
+
+def quantise(values: Array, quantum: Any) -> Array:
+    """Q(x) = d floor(x/d + 1/2), for each column its d."""
+    d = np.asarray(quantum, float)
+    return d * np.floor(values / d + 0.5)
+
+
+def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any
+         ) -> MechanicalFunctions:
+    """An observer of a built-in model, on positions that do not wrap; forward Euler if not said."""
+    record = observers.find(observer)
+    values = {'form': 'paper', 'model': model, **gains,
+              'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()]}
+    checked = build(record.gains, values, owner=observer)
+    count = {'single_joint': 1, 'cart_pendulum': 2, 'robotic_leg': 3}[model]
+    return record.build(checked, (ONE_SIZE,) * count)  # type: ignore[return-value, arg-type]
+
+
+def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
+    """run(core, coefficients, design, measured, inputs, parts, velocities, single) -> core.
+
+    Row k of `velocities` is the estimate that (p_k, y_k) gives, before y_k is injected; the input
+    of row k acts from sample k to k + 1. `parts` Euler steps are made per sample with the
+    measurement held; the coefficients are those of dt / parts. `single`: the state is kept in
+    single precision.
+    """
+    mechanics = functions.mechanics
+    n = mechanics.degrees
+    advance = functions.core.advance
+    row, given, put = row_of(n), row_of(max(1, mechanics.inputs)), put_row(n)
+    algebra = mechanical_algebra(n)
+    minus, nought = algebra.minus, algebra.nought
+    disturbed = len(functions.core.begin()[2]) > 0
+    rounded = make_rounded(n)
+
+    def run(core: tuple, coefficients: tuple, design: tuple, measured: Any, inputs: Any,
+            parts: int, velocities: Any, single: bool) -> tuple:
+        put(velocities, 0, core[3])
+        for k in range(1, len(measured)):
+            before, now, u = row(measured, k - 1), row(measured, k), given(inputs, k - 1)
+            moved = minus(now, before)
+            for _ in range(parts - 1):
+                core, good = advance(core, coefficients, design, before, nought(moved), before, u)
+            core, good = advance(core, coefficients, design, before, moved, now, u)
+            if single:
+                d = core[2]
+                if disturbed:
+                    d = rounded(d)
+                core = (rounded(core[0]), rounded(core[1]), d, core[3])
+            put(velocities, k, core[3])
+        return core
+
+    return run
+
+
+def make_rounded(n: int) -> Callable[[tuple], tuple]:
+    """rounded(x): to single precision."""
+    names: dict[str, Any] = {'single': np.float32}
+    exec('def rounded(x): return (' + ''.join(f'float(single(x[{i}])), ' for i in range(n)) + ')',
+         names)
+    return names['rounded']
+
+
+def observe(functions: MechanicalFunctions, measured: Array, inputs: Array, dt: float, *,
+            start: Any = None, parts: int = 1, single: bool = False) -> Array:
+    """Estimated velocities, shape (N, n).
+
+    Parameters
+    ----------
+    start : qh(0); None: y(0). Velocity and momenta start at 0.
+    """
+    design = functions.core.design()
+    coefficients = functions.core.prepare(design, dt / parts)
+    core = functions.core.begin()
+    if start is not None:
+        offset = tuple((np.asarray(start, float) - measured[0]).tolist())
+        core = (offset, *core[1:])
+    velocities = np.zeros_like(measured)
+    compiled(make_run(functions))(core, coefficients, design, np.ascontiguousarray(measured),
+                                  np.ascontiguousarray(inputs, float), parts, velocities, single)
+    return velocities
+
+
+def move(mechanics: Mechanics, q: Any, v: Any, inputs: Array, dt: float, parts: int
+         ) -> tuple[Array, Array]:
+    """(positions, velocities), each of shape (N, n): row k at sample k, inputs held from it on."""
+    shape = (len(inputs), mechanics.degrees)
+    positions, velocities = np.zeros(shape), np.zeros(shape)
+    compiled(make_motion(mechanics))(
+        mechanics.values, tuple(map(float, q)), tuple(map(float, v)),
+        np.ascontiguousarray(inputs, float), dt, parts, positions, velocities)
+    return positions, velocities
+
+
+def metrics(errors: Array) -> list[float]:
+    """ME x 1e2 and MSE x 1e4 of each column, in turn: (23)."""
+    values = []
+    for column in errors.T:
+        values += [float(np.mean(np.abs(column))) * 1e2, float(np.mean(column ** 2)) * 1e4]
+    return values
+
+
+METRICS = tuple(f'{name}{joint}{unit}' for joint in (1, 2, 3)
+                for name, unit in (('ME', 'e2'), ('MSE', 'e4')))
+OF_FIRST = ('ME1e2', 'MSE1e4', 'ME2e2', 'MSE2e4')
+
+
+@lru_cache
+def normalised(b: float = 0.1) -> Mechanics:
+    """The cart-pendulum of section 5.1: a = m = 1."""
+    return cart_pendulum.build(cart_pendulum.Parameters(**cart_of(b)))
+
+
+def cart_of(b: float = 0.1) -> dict[str, float]:
+    """Its numbers."""
+    return {'pendulum_inertia': 1.0, 'pendulum_moment': b, 'moving_mass': 1.0, 'gravity': 1.0}
+
+
+@lru_cache
+def leg() -> Mechanics:
+    """The leg of section 5.2, without the guard of its domain."""
+    return robotic_leg.build(robotic_leg.Parameters(margin=1e-9))
