@@ -3,7 +3,7 @@
 The upper triangle of the symmetric P/R is kept, row by row: 3 numbers for (x, v), 6 for (x, v, a).
 With R = 1 the first row of P after a measurement *is* the Kalman gain, and the update multiplies
 that row by 1/(1 + p00) instead of subtracting from it: nothing cancels there, and the rest loses
-digits only where a measurement takes most of an uncertainty away, which `start` does in closed
+digits only where a measurement takes nearly all of an uncertainty away, which is done in closed
 form. White process noise keeps P regular, so the recursion runs for hours without a Joseph form.
 """
 
@@ -14,6 +14,10 @@ import math
 # Variance of the unknown acceleration at a start, in noise variances / dt^4. Three samples know it
 # to 6 of these, so that this prior is gone from the fourth sample on.
 VAGUE = 1e4
+
+# Where a measurement leaves less than this of the position's variance, the difference of the other
+# variances would have few digits left: nothing was known, and the start's closed form takes over.
+BLIND = 1e-9
 
 
 def of_noise_2(density: float, dt: float) -> tuple[float, float, float]:
@@ -56,6 +60,8 @@ def step_2(p: tuple[float, float, float], dt: float, scale: float,
     n00 = p00 + dt * (p01 + n01) + scale * q00
     n01 += scale * q01
     left = 1.0 / (1.0 + n00)
+    if left < BLIND:
+        return start_2(dt), left
     p01 = n01 * left
     return (n00 * left, p01, p11 + scale * q11 - p01 * n01), left
 
@@ -74,6 +80,8 @@ def step_3(p: tuple[float, float, float, float, float, float], dt: float, scale:
     n01 = r01 + dt * r02 + scale * q01
     n02 = r02 + scale * q02
     left = 1.0 / (1.0 + n00)
+    if left < BLIND:
+        return start_3(dt), left
     p01 = n01 * left
     p02 = n02 * left
     return (n00 * left, p01, p02,
