@@ -1,0 +1,157 @@
+"""The sample-by-sample part of the off-line smoother: what Numba compiles.
+
+State (q, v, a) driven by white jerk of intensity `qc`, measured position with variance `r`:
+
+    F = [[1, h, h^2/2], [0, 1, h], [0, 0, 1]]
+    Q = qc [[h^5/20, h^4/8, h^3/6], [h^4/8, h^3/3, h^2/2], [h^3/6, h^2/2, h]]
+
+Forward a Kalman filter whose innovation is wrapped; backward the adjoint form of the fixed-interval
+smoother (Bierman 1973), which gives the same numbers as Rauch, Tung and Striebel and inverts no
+covariance. A state is (q, v, a, p00, p01, p02, p11, p12, p22).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+UNSETTLED = 5       # innovations at the start of a piece say more of its start than of the noise
+
+
+def _predict(x: tuple, h: float, qc: float) -> tuple:
+    """The state `h` seconds later."""
+    q, v, a, p00, p01, p02, p11, p12, p22 = x
+    k = 0.5 * h * h
+    a0 = p00 + h * p01 + k * p02
+    a1 = p01 + h * p11 + k * p12
+    a2 = p02 + h * p12 + k * p22
+    b1 = p11 + h * p12
+    b2 = p12 + h * p22
+    return (q + h * v + k * a, v + h * a, a,
+            a0 + h * a1 + k * a2 + qc * h * h * h * h * h / 20.0,
+            a1 + h * a2 + qc * h * h * h * h / 8.0,
+            a2 + qc * h * h * h / 6.0,
+            b1 + h * b2 + qc * h * h * h / 3.0,
+            b2 + qc * k,
+            p22 + qc * h)
+
+
+def _correct(x: tuple, e: float, r: float) -> tuple:
+    """The state after a measurement with innovation `e`."""
+    q, v, a, p00, p01, p02, p11, p12, p22 = x
+    s = p00 + r
+    k0, k1, k2 = p00 / s, p01 / s, p02 / s
+    return (q + k0 * e, v + k1 * e, a + k2 * e,
+            k0 * r, k1 * r, k2 * r,
+            p11 - k1 * p01, p12 - k1 * p02, p22 - k2 * p02)
+
+
+def _wrap(e: float, period: float) -> float:
+    """`e` in [-period/2, period/2); unchanged where there is no period."""
+    if period > 0.0:
+        return e - period * math.floor(e / period + 0.5)
+    return e
+
+
+def likelihood(start: tuple, steps: Array, readings: Array, r: float, qc: float,
+               period: float) -> tuple[float, float, int]:
+    """(sum of log S, sum of e^2 / S, how many) over the innovations of one piece.
+
+    Parameters
+    ----------
+    start : the state at the first reading, which it has already taken in.
+    steps : shape (n,), time since the reading before [s]; the first is not used.
+    readings : shape (n,); nan: no reading.
+    """
+    x = start
+    logs, squares, count = 0.0, 0.0, 0
+    for i in range(1, len(readings)):
+        x = _predict(x, steps[i], qc)
+        y = readings[i]
+        if y == y:
+            e = _wrap(y - x[0], period)
+            s = x[3] + r
+            if i > UNSETTLED:
+                logs += math.log(s)
+                squares += e * e / s
+                count += 1
+            x = _correct(x, e, r)
+    return logs, squares, count
+
+
+def forward(x: tuple, steps: Array, readings: Array, r: float, qc: float, period: float,
+            states: Array, innovations: Array) -> tuple:
+    """The filter from the state `x` over a stretch; the state after its last reading.
+
+    Parameters
+    ----------
+    states : shape (n, 9), filled with the state after each reading.
+    innovations : shape (n, 2), filled with (e, S); S = 0 where there is no reading.
+    """
+    for i in range(len(readings)):
+        x = _predict(x, steps[i], qc)
+        y = readings[i]
+        if y == y:
+            e = _wrap(y - x[0], period)
+            innovations[i, 0] = e
+            innovations[i, 1] = x[3] + r
+            x = _correct(x, e, r)
+        else:
+            innovations[i, 0] = 0.0
+            innovations[i, 1] = 0.0
+        for j in range(9):
+            states[i, j] = x[j]
+    return x
+
+
+def backward(adjoint: tuple, steps: Array, r: float, states: Array, innovations: Array,
+             smoothed: Array) -> tuple:
+    """Backward over the same stretch; the adjoint before its first reading.
+
+    Parameters
+    ----------
+    adjoint : (l0, l1, l2, m00, m01, m02, m11, m12, m22), what the readings behind the stretch say.
+    smoothed : shape (n, 4), filled with position, velocity and one standard deviation of each.
+    """
+    l0, l1, l2, m00, m01, m02, m11, m12, m22 = adjoint
+    for i in range(len(steps) - 1, -1, -1):
+        q, v = states[i, 0], states[i, 1]
+        p00, p01, p02 = states[i, 3], states[i, 4], states[i, 5]
+        p11, p12 = states[i, 6], states[i, 7]
+        smoothed[i, 0] = q - (p00 * l0 + p01 * l1 + p02 * l2)
+        smoothed[i, 1] = v - (p01 * l0 + p11 * l1 + p12 * l2)
+        w0 = m00 * p00 + m01 * p01 + m02 * p02
+        w1 = m01 * p00 + m11 * p01 + m12 * p02
+        w2 = m02 * p00 + m12 * p01 + m22 * p02
+        smoothed[i, 2] = math.sqrt(max(p00 - (p00 * w0 + p01 * w1 + p02 * w2), 0.0))
+        w0 = m00 * p01 + m01 * p11 + m02 * p12
+        w1 = m01 * p01 + m11 * p11 + m12 * p12
+        w2 = m02 * p01 + m12 * p11 + m22 * p12
+        smoothed[i, 3] = math.sqrt(max(p11 - (p01 * w0 + p11 * w1 + p12 * w2), 0.0))
+        s = innovations[i, 1]
+        if s > 0.0:  # through the measurement: (I - K H)' l - H' e / S, with K = P H' / r
+            kept, k1, k2 = r / s, p01 / r, p02 / r  # r / s = 1 - k0 without cancellation
+            l0 = kept * l0 - k1 * l1 - k2 * l2 - innovations[i, 0] / s
+            u0 = kept * m00 - k1 * m01 - k2 * m02
+            u1 = kept * m01 - k1 * m11 - k2 * m12
+            u2 = kept * m02 - k1 * m12 - k2 * m22
+            m00 = kept * u0 - k1 * u1 - k2 * u2 + 1.0 / s
+            m01, m02 = u1, u2
+        h = steps[i]  # through the prediction: F' l and F' M F
+        k = 0.5 * h * h
+        l2 = l2 + h * l1 + k * l0
+        l1 = l1 + h * l0
+        a1 = m01 + h * m00
+        a2 = m02 + h * m01 + k * m00
+        b1 = m11 + h * m01
+        b2 = m12 + h * m11 + k * m01
+        c2 = m22 + h * m12 + k * m02
+        m22 = c2 + h * b2 + k * a2
+        m12 = b2 + h * a2
+        m11 = b1 + h * a1
+        m01, m02 = a1, a2
+    return l0, l1, l2, m00, m01, m02, m11, m12, m22
