@@ -59,11 +59,11 @@ def test_position_comes_out_as_it_goes_in(name, convention, motion):
         joint.update(stamp, measured)
         position = joint.estimate()[0]
         assert low <= position < high
-        # the largest innovation: a start without a speed, or a change of 120 rad/s
+        # far less than a turn; an observer lags so much behind a jump of 120 rad/s
         error = position - measured
         if convention != 'multi-turn':
             error = wrap(error, TURN)
-        assert abs(error) < 1.0
+        assert abs(error) < 2.0
 
 
 @pytest.mark.parametrize('name', OBSERVERS)
@@ -81,16 +81,17 @@ def test_position_is_right_where_the_motion_is_smooth(name):
 
 
 @pytest.mark.parametrize('convention', CONVENTIONS)
+@pytest.mark.parametrize('name, lag', [('finite_difference', 1e-9), ('hybrid_angle', 2.0)])
 @settings(max_examples=40, deadline=None)
 @given(motion=motions())
-def test_unwrap_counts_turns_from_the_first_sample(convention, motion):
-    joint = make('kalman', unwrap=True)
+def test_unwrap_counts_turns_from_the_first_sample(name, lag, convention, motion):
+    joint = make(name, unwrap=True)
     first = CONVENTIONS[convention](float(motion[0]))
     at = stamps(len(motion), DT).tolist()
     for stamp, angle in zip(at, motion.tolist()):
         joint.update(stamp, CONVENTIONS[convention](angle))
         position = joint.estimate()[0]
-        assert abs(position - first - (angle - motion[0])) < 1.0
+        assert abs(position - first - (angle - motion[0])) < lag
 
 
 def test_unwrap_counts_on_over_a_gap_the_short_way():
