@@ -228,12 +228,56 @@ def test_the_row_says_where_the_reference_cannot_tell(tmp_path, capsys):
     assert 'the reference cannot tell' in printed
 
 
+# ---------------------------------------------------------------- without a truth
+
+def coarse(stamps, count):
+    """Readings in steps of `count` [rad]."""
+    return [(s, ('a',), (wrapped(math.floor(motion(s)[0] / count) * count),), ()) for s in stamps]
+
+
+def test_without_truth_the_smoother_is_the_reference(tmp_path, capsys):
+    stamps = stamps_of()
+    bag = write_bag(tmp_path / 'bag', {
+        MEASUREMENT: coarse(stamps, TURN / 4096), ESTIMATE: estimated(stamps, bias=0.3)})
+    found = evaluate(tmp_path, bag)['bags'][bag]
+    velocity = found['estimates'][ESTIMATE]['joints']['a']['velocity']
+    assert velocity['bias'] == pytest.approx(0.3, abs=0.005)
+    assert found['truth'] == 'the off-line smoother' and not found['refused']
+    known = found['reference']['a']
+    assert known['origin'] == 'smoother' and 0.001 < known['noise'] < 0.05
+    assert known['smoother']['quantum'] == pytest.approx(TURN / 4096, rel=0.01)
+    assert 'the off-line smoother may be wrong by' in capsys.readouterr().out
+
+
+def test_the_smoother_beside_a_truth(good, tmp_path):
+    found = evaluate(tmp_path, good, '--reference', 'smoother')['bags'][good]
+    assert found['truth'] == 'the off-line smoother'
+    velocity = found['estimates'][ESTIMATE]['joints']['a']['velocity']
+    assert velocity['delay_s'] == pytest.approx(0.006, abs=2e-4)
+
+
+def test_a_bag_too_coarse_to_judge_is_not_ranked(tmp_path, capsys):
+    stamps = stamps_of(4.0, 100.0)
+    bag = write_bag(tmp_path / 'bag', {
+        MEASUREMENT: coarse(stamps, TURN / 64), ESTIMATE: estimated(stamps, bias=0.02)})
+    found = evaluate(tmp_path, bag)['bags'][bag]
+    assert 'no ranking of a' in found['refused']['a']
+    assert found['estimates'][ESTIMATE]['joints']['a']['reference_cannot_tell'] is True
+    assert 'no ranking of a' in capsys.readouterr().out
+
+
+def test_too_few_readings_for_a_reference(tmp_path, capsys):
+    stamps = stamps_of(0.01)
+    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: measured(stamps), ESTIMATE: estimated(stamps)})
+    assert 'too few readings' in fails(capsys, bag)
+
+
 # ---------------------------------------------------------------- errors, one line each
 
 def test_no_truth_says_what_could_be_one(tmp_path, capsys):
-    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: measured(stamps_of(0.1))})
+    bag = write_bag(tmp_path / 'bag', {'/other': measured(stamps_of(0.1))})
     line = fails(capsys, bag)
-    assert 'no truth' in line and '--truth' in line and MEASUREMENT in line
+    assert 'no truth' in line and '--truth' in line and '/other' in line
 
 
 @pytest.mark.parametrize('option', ['--truth', '--estimate', '--measurement'])

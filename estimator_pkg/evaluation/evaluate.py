@@ -1,4 +1,6 @@
-"""``velocity_estimator evaluate``: estimates against the truth that a bag carries."""
+"""``velocity_estimator evaluate``: estimates against the truth that a bag carries, or against
+an off-line reference where there is none.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +12,13 @@ from estimator_pkg import registry
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import plot
-from estimator_pkg.evaluation.comparison import MEASUREMENT, TRUTH, Comparison, Options, compare
+from estimator_pkg.evaluation.comparison import Comparison, compare
 from estimator_pkg.evaluation.entries import Entry, angle_observers
+from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
+from estimator_pkg.evaluation.smoother import Smoothed
 from estimator_pkg.evaluation.text import fixed, number, table
+from estimator_pkg.evaluation.truth import SMOOTHED
 
 ALL = 'all'
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
@@ -39,6 +44,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--correct-reference', action='store_true',
                         help="take the truth's own lag and bias, as fitted to the measured "
                              'position, off it first')
+    parser.add_argument('--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO,
+                        help='what velocities are compared with: the truth in the bag, or an '
+                             'off-line smoother of the measured positions (default: the smoother '
+                             'where there is no truth)')
     parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
 
 
@@ -59,7 +68,7 @@ def options(parsed: argparse.Namespace) -> Options:
             observers.append(Entry(name, name))
     return Options(parsed.measurement, parsed.truth, tuple(parsed.estimate),
                    tuple(dict.fromkeys(observers)), parsed.skip, parsed.wrap_period,
-                   parsed.correct_reference)
+                   parsed.correct_reference, parsed.reference)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -101,13 +110,30 @@ def describe(comparison: Comparison) -> str:
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the reference cannot tell: the error is no larger than the reference's own "
                      'noise')
+    lines += comparison.refused.values()
     for joint, known in comparison.references.items():
+        if joint in comparison.smoothed:
+            lines.append(f'{joint}: {describe_smoother(comparison.smoothed[joint])}')
+            continue
         lines.append(f'truth of {joint} against the measured position: {_reference(known)}')
         if joint in comparison.corrected:
             off = comparison.corrected[joint]
             lines.append(f'  taken off: lag {_ms(off["lag_s"]):.2f} ms, bias {off["bias"]:.4f} '
                          'rad/s')
     return '\n'.join(lines + remarks + list(comparison.notes))
+
+
+def describe_smoother(smoothed: Smoothed) -> str:
+    """What the reference rests on, in words."""
+    noise = smoothed.noise
+    text = (f'{SMOOTHED} may be wrong by {number(smoothed.uncertainty, 2)} rad/s rms; readings '
+            f'{number(noise.reading, 2)} rad')
+    if noise.quantum:
+        text += f', counts of {number(noise.quantum, 3)} rad' + (
+            ' (which explain it)' if noise.at_floor else '')
+    if smoothed.outliers:
+        text += f', {smoothed.outliers} outliers left out'
+    return text
 
 
 def _reference(known: Reference) -> str:

@@ -11,15 +11,18 @@ the integral out and the quantisation of the position small.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.delay import GAP, noise_power
 from estimator_pkg.evaluation.metrics import wrapped
+from estimator_pkg.evaluation.options import SMOOTHER
 
 Array = NDArray[np.float64]
 
+SENSOR = 'sensor'
 WINDOW = 0.1        # [s], but at least so many samples:
 WINDOW_SAMPLES = 10
 FEWEST = 20         # windows end to end, below which nothing is fitted
@@ -33,6 +36,7 @@ CHANCE = 1.38       # white noise is lower by this over root n (1.28 standard de
                     # of third differences, which are correlated)
 SHORTEST_BLOCK = 20
 ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
+CLEARLY = 2.0       # the smoother reads the same sensor as the observers: so many times its own
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,8 @@ class Reference:
 
     lag_s, lag_stddev [s]: it shows what the position did so long ago. bias, bias_stddev [rad/s]: it
     reads so much too high. slope, slope_stddev: times the true speed. noise [rad/s]: rms of its
-    white noise. window_s: length of the windows of the fit.
+    white noise; of the off-line smoother, what it may be wrong by. window_s: length of the windows
+    of the fit. origin: 'sensor' or 'smoother'.
     """
 
     lag_s: float
@@ -52,14 +57,20 @@ class Reference:
     slope_stddev: float
     noise: float
     window_s: float
+    origin: str = SENSOR
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
         return asdict(self)
 
     def cannot_tell(self, rms: float) -> bool:
         """True if an rms error [rad/s] is no larger than the reference's own noise."""
-        return bool(rms <= ALIKE * self.noise)
+        return bool(rms <= (ALIKE if self.origin == SENSOR else CLEARLY) * self.noise)
+
+
+def from_smoother(uncertainty: float) -> Reference:
+    """A reference that has no lag or bias of its own, and may be wrong by `uncertainty` [rad/s]."""
+    return Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, uncertainty, np.nan, SMOOTHER)
 
 
 def noise(time: Array, velocity: Array) -> float:

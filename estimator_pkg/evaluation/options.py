@@ -1,0 +1,38 @@
+"""What is compared, and how."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator_pkg.evaluation.entries import Entry
+
+MEASUREMENT = '/joint_states'
+TRUTH = '/ground_truth/joint_states'
+ESTIMATE = 'estimate'       # last part of an estimate topic's name
+AUTO, SMOOTHER = 'auto', 'smoother'
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is compared, and how.
+
+    measurement, truth : topics; None: the usual ones.
+    estimates : topics; empty: every JointState whose name ends in '/estimate'.
+    observers : run these on the measurement, in place of recorded estimates.
+    skip : seconds left out at the beginning.
+    wrap_period : of the positions [rad]; 0: none.
+    correct_reference : take the reference's own lag and bias off before it is compared with.
+    reference : 'auto': the truth, and where there is none the off-line smoother; 'truth' or
+        'smoother': that one alone.
+    """
+
+    measurement: str | None = None
+    truth: str | None = None
+    estimates: tuple[str, ...] = ()
+    observers: tuple[Entry, ...] = ()
+    skip: float = 0.0
+    wrap_period: float = 2.0 * np.pi
+    correct_reference: bool = False
+    reference: str = AUTO

@@ -1,0 +1,152 @@
+"""Where estimates come from: recorded topics, or observers run on the recorded measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.estimation import History
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.options import ESTIMATE, MEASUREMENT, Options
+from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.observers.contract import COASTING, TRACKING
+from estimator_pkg.progress import progress
+
+Array = NDArray[np.float64]
+
+COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
+PUBLISHED, WITHHELD = 'published', 'withheld'
+HELD = 5.0          # an estimate stands for the time since the one before, up to so many steps
+
+
+class Estimate(NamedTuple):
+    """One joint's estimates, those that were published, and what became of its samples.
+
+    velocity_stddev : shape (n,); nan where it is not known.
+    validity : seconds by status, or published and withheld.
+    status_stamps, status : shape (k,), of every sample that was used; empty where it is not known.
+    """
+
+    stamps: NDArray[np.int64]
+    position: Array
+    velocity: Array
+    velocity_stddev: Array
+    samples: dict[str, Any]
+    validity: dict[str, float]
+    status_stamps: NDArray[np.int64]
+    status: NDArray[np.int8]
+
+
+def measured(bag: Bag, options: Options) -> dict[str, Series]:
+    """The measured positions by joint; none where nobody asked and there is no usual topic."""
+    topic = options.measurement or MEASUREMENT
+    if options.measurement or options.observers:
+        bag.require(topic, (TYPE,))
+    elif topic not in bag.topics or bag.topics[topic].type != TYPE:
+        return {}
+    return {joint: series for joint, series in joint_series(bag, topic).items()
+            if np.isfinite(series.position).any()}
+
+
+def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Options
+            ) -> Iterator[tuple[str, dict[str, Estimate]]]:
+    """(name, estimates by joint) of everything that is to be compared.
+
+    Raises
+    ------
+    UserError : there is nothing.
+    """
+    if options.observers:
+        if not measurement:
+            raise UserError(f'{path}: {options.measurement or MEASUREMENT} carries no position')
+        with progress(path, len(options.observers) * len(measurement)) as advance:
+            for entry in options.observers:
+                found = {}
+                for joint, series in measurement.items():
+                    found[joint] = run(entry, series, options.wrap_period)
+                    advance(1)
+                yield entry.label, found
+        if not options.estimates:
+            return
+    topics = list(options.estimates) or sorted(
+        name for name, topic in bag.topics.items()
+        if topic.type == TYPE and name.rpartition('/')[2] == ESTIMATE)
+    if not topics:
+        raise UserError(f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
+                        "with 'velocity_estimator replay', or compare observers on the measurement "
+                        "with '--observer all'")
+    for topic in topics:
+        bag.require(topic, (TYPE,))
+        deviations: dict[str, Series] = {}
+        beside = bag.topics.get(f'{topic}_stddev')
+        if beside is not None and beside.type == TYPE and beside.count:
+            deviations = joint_series(bag, beside.name)
+        yield topic, {joint: _recorded(series, deviations.get(joint), measurement.get(joint))
+                      for joint, series in joint_series(bag, topic).items()}
+
+
+def run(entry: Entry, measurement: Series, wrap_period: float) -> Estimate:
+    """What this observer publishes for this measurement."""
+    joint = entry.joint(wrap_period=wrap_period)
+    out = joint.run(measurement.stamps_ns, measurement.position)
+    used = out.verdict < DUPLICATE
+    valid = used & ((out.status == TRACKING) | (out.status == COASTING))
+    history = History()
+    history.add(measurement.stamps_ns, out)
+    return Estimate(measurement.stamps_ns[valid], out.position[valid], out.velocity[valid],
+                    out.velocity_stddev[valid], _counts(joint), history.seconds,
+                    measurement.stamps_ns[used], out.status[used])
+
+
+def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None
+              ) -> Estimate:
+    """What a topic of estimates says of one joint."""
+    stddev = np.full(len(estimates.stamps_ns), np.nan)
+    if deviations is not None and len(deviations.stamps_ns):
+        order = np.argsort(deviations.stamps_ns, kind='stable')
+        known = deviations.stamps_ns[order]
+        at = np.minimum(np.searchsorted(known, estimates.stamps_ns), len(known) - 1)
+        same = known[at] == estimates.stamps_ns
+        stddev[same] = deviations.velocity[order][at[same]]
+    return Estimate(estimates.stamps_ns, estimates.position, estimates.velocity, stddev,
+                    _samples(estimates, measurement), _published(estimates, measurement),
+                    np.zeros(0, np.int64), np.zeros(0, np.int8))
+
+
+def _published(estimates: Series, measurement: Series | None) -> dict[str, float]:
+    """Seconds with estimates, and seconds with samples alone."""
+    if measurement is None or not len(measurement.stamps_ns):
+        return {}
+    good = measurement.stamps_ns[np.isfinite(measurement.position) & (measurement.stamps_ns > 0)]
+    steps = np.diff(good) * 1e-9
+    steps = np.where(steps > 0.0, steps, 0.0)
+    if not len(steps):
+        return {}
+    steps = np.minimum(steps, HELD * float(np.median(steps)))
+    shown = np.isin(good[1:], estimates.stamps_ns[np.isfinite(estimates.velocity)])
+    return {PUBLISHED: float(steps[shown].sum()), WITHHELD: float(steps[~shown].sum())}
+
+
+def _samples(estimates: Series, measurement: Series | None) -> dict[str, Any]:
+    """What the guard says of the samples in the bag; of the estimates alone where there are none.
+
+    Which samples are dropped does not depend on the observer, unless it was misconfigured.
+    """
+    if measurement is None:
+        count = len(estimates.stamps_ns)
+        return {'received': count, 'used': count, 'dropped': {}}
+    joint = COUNTER.joint()
+    joint.run(measurement.stamps_ns, measurement.position)
+    return _counts(joint)
+
+
+def _counts(joint: Joint) -> dict[str, Any]:
+    return {'received': joint.received, 'used': joint.used, 'dropped': joint.dropped()}
