@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm import DriveFunctions
+from estimator_pkg.observers.drive import DriveFunctions
 from estimator_pkg.observers.pmsm_equations import rotor_angle
 from sim_pkg.pmsm_parameters import PmsmParameters
 
@@ -23,8 +24,9 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
 
     def feedback(held: tuple, current: complex, voltage: complex, theta: float, speed: float,
                  poles: float, wanted: float) -> tuple:
+        state: Any
         state, design, coefficients, mode, angle, omega, rise, pull, enough = held
-        dt = coefficients[0][0]
+        dt = coefficients.scheme[0]
         sample = (current.real, current.imag, voltage.real, voltage.imag)
         state = step(state, coefficients, design, sample, 0.0)
         position, velocity, spare, status = output(state, coefficients, design, sample, 0.0)
@@ -34,7 +36,7 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
         if mode == RUNNING:
             if status != NOT_OBSERVABLE:
                 omega = velocity * poles
-                angle = rotor_angle(state[0][2], state[0][3])
+                angle = rotor_angle(state.core[2], state.core[3])
             else:  # carried on at the last speed until it can be seen again
                 angle += omega * dt
         elif mode == FORCED:

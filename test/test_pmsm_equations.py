@@ -152,16 +152,28 @@ def test_least_squares_finds_the_flux_and_the_sign(omega):
     assert solve(registers)[0] == pytest.approx(math.copysign(1.0 / FLUX, omega), rel=1e-9)
 
 
-def test_the_gates_refuse_what_aliases_and_accept_what_does_not():
-    bounds = (0.3, 0.25, 200.0, 1500.0, 0.2)
-    good, _ = ticks(1000.0, 5e-3, noise=0.01)
-    assert credible(good, *solve(good), *bounds)
-    # two pi turns per tick: the printed identifier divides noise by nothing
-    bad, _ = ticks(2.0 * math.pi / 5e-3, 5e-3, noise=0.01)
-    assert not credible(bad, *solve(bad), *bounds)
-    slow, _ = ticks(90.0, 5e-3)
-    assert not credible(slow, *solve(slow), *bounds)
-    assert solve(empty_registers(2))[0] == 0.0
+GATES = {'least_chord': 0.3, 'largest_rest': 0.25, 'lowest': 200.0, 'highest': 1500.0,
+         'least_emf': 0.2}
+
+
+@pytest.mark.parametrize('gate', [None, *GATES])
+def test_each_gate_refuses_what_it_is_for(gate):
+    """Sound data passes all gates; then one of them is drawn tight."""
+    tight = {'least_chord': 1.3, 'largest_rest': 1e-4, 'lowest': 600.0, 'highest': 500.0,
+             'least_emf': 2.0}
+    found, _ = ticks(1000.0, 5e-3, noise=0.05)
+    gates = dict(GATES)
+    if gate:
+        gates[gate] = tight[gate]
+    assert credible(found, *solve(found), **gates) == (gate is None)
+
+
+def test_the_gates_refuse_whole_turns_per_tick():
+    """The printed identifier divides noise by nothing there."""
+    for seed in range(50):
+        found, _ = ticks(2.0 * math.pi / 5e-3, 5e-3, noise=0.01, seed=seed)
+        assert not credible(found, *solve(found), **GATES)
+    assert abs(solve(found)[0] - 1.0 / FLUX) > 270.0
 
 
 def test_noise_gains_solve_the_lyapunov_equation():

@@ -20,11 +20,15 @@ from estimator_pkg.observers.pmsm import OBSERVER, build
 from estimator_pkg.observers.pmsm_gains import Gains, tuning
 from estimator_pkg.observers.pmsm_watch import (
     FLUX_RANGE,
+    INCONSISTENT,
     LOW_EMF,
+    MISALIGNED,
     NO_VOLTAGE,
     SEARCHING,
     TOO_FAST,
+    begin_watch,
     describe,
+    look,
 )
 from estimator_pkg.parameters import build as build_parameters
 from sim_pkg.pmsm_drive import Drive
@@ -248,12 +252,13 @@ def test_while_not_observable_the_flux_is_frozen_and_the_registers_are_cleared()
     for row in stop.samples[1:].tolist():
         state = functions.step(state, coefficients, design, tuple(row), 0.0)
         if functions.reasons(state) & LOW_EMF:
-            blind.append((state[0][3], state[1][3]))
-    xs, ticks = np.array(blind[40:]).T
+            blind.append((state[0][3], state[1][3], state[4][0]))
+    xs, ticks, speeds = np.array(blind[40:]).T
     assert len(xs) > 2000
     assert np.all(xs == xs[0])
     assert xs[0] == pytest.approx(526.3, rel=0.05)
     assert np.all(ticks[200:] == 0)
+    assert np.all(speeds == 0.0)
 
 
 def test_the_speed_bound_holds():
@@ -329,6 +334,42 @@ def test_the_declared_delay_is_that_of_the_speed_on_a_ramp():
     rise = np.gradient(seen.truth[1:, 0], DT)[2000:3500]
     measured = float(np.mean(lag) / np.mean(rise))
     assert measured == pytest.approx(functions.group_delay(DT), rel=0.05)
+
+
+def looked(**changes):
+    """Reasons after 20 ms of one and the same signal: converged at 2000 rad/s but for `changes`."""
+    omega = 2000.0
+    signal = {'event': 0, 'h': -1j * omega * 1.9e-3, 'speed': omega, 'turning': omega,
+              'innovation': 0j, 'current': 1j, 'voltage': 4j, 'x': 1.0 / 1.9e-3,
+              'weights': (0.05, 0.01, 0.002), 'noise': (0.1, 1.0, 0.0), 'window': 5e-3, 'dt': DT,
+              'known_power': 1e-4, 'emf_min': 0.14, 'drop': 0.024, 'xi_low': 200.0,
+              'xi_high': 1300.0, 'when_blind': SEARCHING, **changes}
+    watch = begin_watch(1e-4)
+    for _ in range(1500):
+        watch = look(watch, **signal)
+    return watch[7]
+
+
+@pytest.mark.parametrize('changes, reasons', [
+    ({}, 0), ({'x': -1.0 / 1.9e-3, 'speed': -2000.0, 'turning': -2000.0}, 0),
+    ({'h': 0.1j}, LOW_EMF | SEARCHING | MISALIGNED), ({'h': 3.8j}, MISALIGNED),
+    ({'h': -3.8j * np.exp(1j * math.radians(9.0))}, MISALIGNED),
+    ({'h': -3.8j * np.exp(1j * math.radians(7.0))}, 0),
+    ({'speed': 2300.0}, INCONSISTENT), ({'speed': -2000.0}, INCONSISTENT), ({'speed': 2050.0}, 0),
+    ({'x': 1400.0}, FLUX_RANGE), ({'x': 100.0}, FLUX_RANGE),
+    ({'x': 6000.0}, FLUX_RANGE | SEARCHING),
+    ({'voltage': 0j}, NO_VOLTAGE | SEARCHING),
+    ({'current': 200.0 + 0j}, LOW_EMF | SEARCHING),   # the resistance may falsify all of it
+    ({'known_power': 10.0}, LOW_EMF | SEARCHING),     # noise
+    ({'turning': 60000.0, 'speed': 60000.0}, TOO_FAST), ({'event': 16}, 16)])
+def test_each_residual_gives_its_reason(changes, reasons):
+    assert looked(**changes) == reasons
+    assert (describe(reasons) == '') == (reasons == 0)
+
+
+def test_once_lost_twice_the_back_emf_is_needed():
+    assert looked(h=-0.2j, speed=105.0, turning=105.0, current=0j) == LOW_EMF | SEARCHING
+    assert looked(h=-0.3j, speed=158.0, turning=158.0, current=0j) == 0
 
 
 # ---- driver ----------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.pmsm import build as build_observer
 from estimator_pkg.observers.pmsm_gains import Gains
 from estimator_pkg.parameters import build, declared
+from sim_pkg.pmsm_control import current_control, speed_control
 from sim_pkg.pmsm_drive import Drive, quantised
 from sim_pkg.pmsm_inverter import dead_time_error, edges, limited, switch
 from sim_pkg.pmsm_parameters import PmsmParameters
@@ -26,7 +28,7 @@ from sim_pkg.reproduce.pmsm_observer import judge, run_log
 
 RPM = math.pi / 30.0
 PLANT = PmsmParameters(viscous=1e-5).plant()
-SERVO = 'config/pmsm_motor_servo_400w.yaml'
+SERVO = Path(__file__).parents[1] / 'config' / 'pmsm_motor_servo_400w.yaml'
 
 
 def fine(current, voltage, theta, speed, load, plant, time):
@@ -113,6 +115,20 @@ def test_limits_and_quantisation():
     assert quantised(1.26, 0.5, 60.0) == 1.5
     assert quantised(99.0, 0.5, 60.0) == 60.0
     assert quantised(1.26, 0.0, 60.0) == 1.26
+
+
+def test_a_command_is_turned_to_the_middle_of_its_period():
+    control = PmsmParameters().control()
+    voltage, _ = current_control(0j, 0.0, 0.4, 4000.0, 0j, control)
+    assert voltage == pytest.approx(4000.0j * 1.9e-3 * np.exp(1j * (0.4 + 1.5 * 4000.0 * 5e-5)))
+
+
+def test_speed_control_stops_integrating_at_the_limit():
+    control = PmsmParameters().control()
+    assert speed_control(1000.0, 0.0, 0.0, 0.1, control) == (30.0, 0.1)
+    assert speed_control(-1000.0, 0.0, 0.0, 0.1, control) == (-30.0, 0.1)
+    i_q, integral = speed_control(101.0, 0.0, 100.0, 0.1, control)
+    assert 0.1 / control[4] < i_q < 30.0 and integral > 0.1
 
 
 @pytest.mark.parametrize('name', NAMES)

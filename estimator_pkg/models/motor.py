@@ -37,8 +37,8 @@ class MotorData:
         description='pole pairs: electrical turns per mechanical turn', equation='p')
 
 
-def check_motor(data: MotorData, owner: str) -> None:
-    """Refuses motor data that is incomplete or not positive.
+def check_motor(data: MotorData, owner: str) -> tuple[float, float, float, float]:
+    """(resistance, inductance, flux, pole pairs), all there and positive.
 
     Raises
     ------
@@ -50,6 +50,8 @@ def check_motor(data: MotorData, owner: str) -> None:
     bad = [name for name in NEEDED if not getattr(data, name) > 0]
     if bad:
         raise UsageError(f'{owner}: {", ".join(bad)} must be positive')
+    assert data.resistance and data.inductance and data.flux and data.pole_pairs
+    return data.resistance, data.inductance, data.flux, float(data.pole_pairs)
 
 
 def clarke(a: float, b: float, c: float) -> tuple[float, float]:

@@ -8,18 +8,17 @@ the rotor is not observable, and finds it again from the direction and the turni
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from estimator_pkg.models.motor import POWER_INVARIANT
+from estimator_pkg.models.motor import POWER_INVARIANT, check_motor
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import (
     INITIALISING,
     NOT_OBSERVABLE,
     TRACKING,
-    Functions,
     Observer,
 )
+from estimator_pkg.observers.drive import DriveFunctions, Sample, finite
 from estimator_pkg.observers.pmsm_equations import (
     aligned,
     emf,
@@ -48,45 +47,77 @@ REST = 0.25
 FAST = 1e-3         # s, averages of the back-EMF
 SLOW = 5e-3         # s, averages of speeds; also how long the turning is watched before locking on
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
-LARGEST = 1e6       # A or V: beyond it a sample is garbage
 SPEED_CLIP = 2e4    # rad/s, electrical: a back-EMF that turns faster is noise
 
 TURN = 2.0 * math.pi
 
-Sample = tuple[float, float, float, float]
+
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is; SI, amplitude-invariant."""
+
+    k_p: float
+    k_i: float
+    k_eta: float
+    gamma: float
+    resistance: float
+    inductance: float
+    epsilon: float
+    clock_rate: float
+    threshold: float       # of (26) [1/Wb]
+    xi_low: float          # range of |xi| to believe [1/Wb]
+    xi_high: float
+    flux_low: float
+    flux_high: float
+    emf_min: float
+    drop: float            # resistance by which the current may falsify the back-EMF [ohm]
+    xi_start: float        # 0: unknown
+    pole_pairs: float
+    hold: float
+    pole: float            # of the low-pass on the speed [1/s]
+    noise_power: float     # of each current [A^2]; 0: to be estimated
+    noise_guess: float
+    period: float          # of the published position [rad]; 0: none
+    second_period: float
 
 
-@dataclass(frozen=True)
-class DriveFunctions(Functions):
-    """The functions of an observer of kind 'drive', which knows more than a position.
+class Coefficients(NamedTuple):
+    """What the sample time implies: scheme X, noise gains, and weights of the averages."""
 
-    Attributes
-    ----------
-    electrical : (state, coefficients, design) -> (electrical angle [rad], electrical speed [rad/s],
-        flux linkage [Wb], 1.0 where it counts or 0.0); nan where it is withheld.
-    electrical_stddev : (state, coefficients, design) -> one standard deviation of these three.
-    speed_bound : (state, coefficients, design) -> mechanical speed that is not exceeded where the
-        rotor is not observable [rad/s]; inf where nothing is known.
-    reasons : (state) -> bits of `pmsm_watch.REASONS`.
-    coast : (state, coefficients, design, measurement, gap) -> state. After a gap of known length.
+    scheme: tuple
+    noise: tuple
+    window: float          # s over which the turning is watched
+    weights: tuple         # of the newest sample: back-EMF, speeds, power of the innovation
+    smoothing: float       # the same of the speed output
+    known: float           # power of the innovation where the noise is given, else 0 [A^2]
+
+
+class State(NamedTuple):
+    """The observer between two samples.
+
+    core : i, h, z, xi_hat, the last current, y.
+    clock : integral of y since the tick, clock, length of this period, ticks counted.
+    registers : of the identifier.
+    watch : see `pmsm_watch`.
+    out : speed output [rad/s] and travelled angle [rad], electrical.
+    clear : how long [s] and how far [rad] y has turned since it is large enough.
+    voltages : reported of late, newest last.
     """
 
-    electrical: Callable[..., tuple] = None  # type: ignore[assignment]
-    electrical_stddev: Callable[..., tuple] = None  # type: ignore[assignment]
-    speed_bound: Callable[..., float] = None  # type: ignore[assignment]
-    reasons: Callable[[tuple], int] = None  # type: ignore[assignment]
-    coast: Callable[..., tuple] = None  # type: ignore[assignment]
-
-
-def finite(measurement: Sample) -> bool:
-    """False where one of the four numbers is NaN, infinite or beyond any drive."""
-    i_alpha, i_beta, u_alpha, u_beta = measurement
-    return (-LARGEST < i_alpha < LARGEST and -LARGEST < i_beta < LARGEST
-            and -LARGEST < u_alpha < LARGEST and -LARGEST < u_beta < LARGEST)
+    core: tuple
+    clock: tuple
+    registers: tuple
+    watch: tuple
+    out: tuple
+    clear: tuple
+    voltages: tuple
 
 
 def build(gains: Gains, circle: Circle) -> DriveFunctions:
-    """The functions of the sensorless observer at these gains."""
+    """The functions of the sensorless observer at these gains.
+
+    Inside, `design` is a `Design`, `coefficients` are `Coefficients` and `state` is a `State`.
+    """
+    resistance, inductance, nominal, poles = check_motor(gains, 'pmsm')
     tuned = tuning(gains)
     robust = gains.form == 'robust'
     resets = gains.variant != 'continuous'
@@ -100,33 +131,32 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     no_voltages = (complex(0.0, 0.0),) * (kept + 1)
     dead = -10.0 * tuned.epsilon  # s, until the back-EMF has forgotten where it started
 
-    def design() -> tuple:
+    def design() -> Design:
         low, high = flux_range(gains)
-        nominal = float(gains.flux or 0.0)
         start = nominal if gains.initial_flux is None else gains.initial_flux
-        least = gains.emf_min if gains.emf_min is not None else nominal * EMF_SPEED
-        noise = gains.current_noise
-        guess = NOISE_GUESS * nominal / float(gains.inductance or 1.0)
-        return (tuned.k_p, tuned.k_i, tuned.k_eta, tuned.gamma, float(gains.resistance or 0.0),
-                float(gains.inductance or 0.0), tuned.epsilon, float(gains.clock_rate),
-                4.0 * math.sqrt(tuned.gamma), 1.0 / high, 1.0 / low, low, high,
-                float(least), 2.0 * gains.resistance_error * float(gains.resistance or 0.0),
-                1.0 / start if start > 0.0 else 0.0, float(gains.pole_pairs or 1), gains.hold,
-                2.0 * math.pi * gains.speed_filter_hz,
-                noise * noise if noise is not None else 0.0, guess * guess,
-                float(circle.period) if not circle.unwrap else 0.0, gains.second_period)
+        least = nominal * EMF_SPEED if gains.emf_min is None else gains.emf_min
+        return Design(
+            k_p=tuned.k_p, k_i=tuned.k_i, k_eta=tuned.k_eta, gamma=tuned.gamma,
+            resistance=resistance, inductance=inductance, epsilon=tuned.epsilon,
+            clock_rate=gains.clock_rate, threshold=4.0 * math.sqrt(tuned.gamma),
+            xi_low=1.0 / high, xi_high=1.0 / low, flux_low=low, flux_high=high, emf_min=least,
+            drop=2.0 * gains.resistance_error * resistance,
+            xi_start=1.0 / start if start > 0.0 else 0.0, pole_pairs=poles, hold=gains.hold,
+            pole=2.0 * math.pi * gains.speed_filter_hz,
+            noise_power=(gains.current_noise or 0.0) ** 2,
+            noise_guess=(NOISE_GUESS * nominal / inductance) ** 2,
+            period=0.0 if circle.unwrap else float(circle.period),
+            second_period=gains.second_period)
 
-    def prepare(design: tuple, dt: float) -> tuple:
-        k_p, k_i, resistance, inductance, epsilon = (design[0], design[1], design[4], design[5],
-                                                     design[6])
-        scheme = prepare_scheme(resistance, inductance, k_p, k_i, dt)
-        noise = prepare_noise(resistance, inductance, k_p, k_i, scheme)
-        fast = max(FAST, 5.0 * epsilon)
+    def prepare(design: Any, dt: float) -> Coefficients:
+        scheme = prepare_scheme(design.resistance, design.inductance, design.k_p, design.k_i, dt)
+        noise = prepare_noise(design.resistance, design.inductance, design.k_p, design.k_i, scheme)
+        fast = max(FAST, 5.0 * design.epsilon)
         slow = max(SLOW, 5.0 * fast)
-        return (scheme, noise, slow, (low_pass_weight(1.0 / fast, dt),
-                                      low_pass_weight(1.0 / slow, dt),
-                                      low_pass_weight(1.0 / NOISE_MEMORY, dt)),
-                low_pass_weight(design[18], dt), design[19] * noise[1])
+        weights = (low_pass_weight(1.0 / fast, dt), low_pass_weight(1.0 / slow, dt),
+                   low_pass_weight(1.0 / NOISE_MEMORY, dt))
+        return Coefficients(scheme, noise, slow, weights, low_pass_weight(design.pole, dt),
+                            design.noise_power * noise[1])
 
     def take(measurement: Sample) -> tuple[complex, complex]:
         """Current and voltage as amplitude-invariant vectors."""
@@ -136,31 +166,26 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                     complex(u_alpha * scale, u_beta * scale))
         return complex(i_alpha, i_beta), complex(u_alpha, u_beta)
 
-    def init(measurement: Sample, design: tuple) -> tuple:
+    def init(measurement: Sample, design: Any) -> State:
         current, voltage = take(measurement)
         zero = complex(0.0, 0.0)
-        return ((current, zero, complex(1.0, 0.0), design[15], current, zero),
-                (zero, 0.0, 1.0, 0),      # integral of y, clock, length of this period, ticks
-                blank_registers, begin_watch(design[20]),
-                (0.0, 0.0),               # speed output [rad/s], travelled electrical angle [rad]
-                (dead, 0.0),              # time and angle that y turned since it is large enough
-                no_voltages)              # voltages reported of late, newest last
+        return State((current, zero, complex(1.0, 0.0), design.xi_start, current, zero),
+                     (zero, 0.0, 1.0, 0), blank_registers, begin_watch(design.noise_guess),
+                     (0.0, 0.0), (dead, 0.0), no_voltages)
 
     def tick(i: complex, h: complex, z: complex, x: float, integral: complex, ticks: int,
-             registers: tuple, least: float, design: tuple) -> tuple:
+             registers: tuple, least: float, design: Any) -> tuple:
         """A tick of the clock: the identifier, then the reset of the frame."""
         event = 0
         if identifies:
             size = abs(h)
             registers = shift(registers, emf(h, z), size, integral)
             ticks += 1
-            if robust and size < least:
-                ticks = 0
             if ticks > count + 1:
                 found, travelled, rest, total = solve(registers)
-                if abs(x - found) > design[8] and (not robust or credible(
-                        registers, found, travelled, rest, total, CHORD, REST, design[9],
-                        design[10], least)):
+                if abs(x - found) > design.threshold and (not robust or credible(
+                        registers, found, travelled, rest, total, CHORD, REST, design.xi_low,
+                        design.xi_high, least)):
                     x = found
                     event = RESET
                     if robust:  # a sound flux and a sound direction: begin aligned
@@ -170,7 +195,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             event = RESET
         return i, h, z, x, registers, ticks, event
 
-    def lock_on(core: tuple, watch: tuple, turned: float, design: tuple) -> tuple:
+    def lock_on(core: tuple, watch: tuple, turned: float, design: Any) -> tuple:
         """(i, h, z, x, watch): the frame on the back-EMF as averaged, xi signed as it turned."""
         i, h, z, x = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
@@ -178,14 +203,14 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         if x != 0.0 and size > 0.0:
             i, h, z = aligned(i, h, z, mean_h)
             most = abs(x)
-            if most > design[10]:  # run away: from the start again
-                most = design[15] if design[15] > 0.0 else design[10]
+            if most > design.xi_high:  # run away: from the start again
+                most = design.xi_start if design.xi_start > 0.0 else design.xi_high
             x = most if turned > 0.0 else -most
             mean_h = complex(0.0, -size)
         return i, h, z, x, (level, mean_h, rate, 0.0, power, idle, calm, reasons)
 
-    def step(state: tuple, coefficients: tuple, design: tuple, measurement: Sample,
-             given: float) -> tuple:
+    def step(state: Any, coefficients: Any, design: Any, measurement: Sample,
+             given: float) -> State:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, before, y = core
         integral, rho, span, ticks = clock
@@ -207,14 +232,14 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             i, h, z, held, frame = advance(i, h, z, 0.0, before, current, voltage, scheme, 0.0, 0.0,
                                            rate)
         else:
-            i, h, z, x, frame = advance(i, h, z, x, before, current, voltage, scheme, design[2],
-                                        design[3], 0.0)
+            i, h, z, x, frame = advance(i, h, z, x, before, current, voltage, scheme, design.k_eta,
+                                        design.gamma, 0.0)
             travel += frame * dt
         innovation = z.conjugate() * current - i
         new_y = emf(h, z)
         area, turned = turned_emf(y, new_y, dt)
         integral += area
-        tick_time = design[7] * dt
+        tick_time = design.clock_rate * dt
         rho += tick_time
         event = 0
         if rho + 0.5 * tick_time >= span:
@@ -223,14 +248,15 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 if identifies:
                     registers = shift(registers, new_y, abs(h), integral)
             else:
-                least = least_emf(watch[4], current, noise[0], noise[1], design[13], design[14])
+                least = least_emf(watch[4], current, noise[0], noise[1], design.emf_min,
+                                  design.drop)
                 i, h, z, x, registers, ticks, event = tick(i, h, z, x, integral, ticks, registers,
                                                            least, design)
                 travel += wrap(rotor_angle(z, x) - travel, TURN)
             integral = complex(0.0, 0.0)
             rho = 0.0
             if robust:
-                span = design[22] if span == 1.0 else 1.0
+                span = design.second_period if span == 1.0 else 1.0
         if searching:
             event = SEARCHING
             if last & BLIND:
@@ -251,83 +277,87 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         if not searching:
             velocity += smoothing * (speed - velocity)
         watch = look(watch, event, h, speed, turned / dt, innovation, current, voltage, x, weights,
-                     noise, window, dt, known, design[13], design[14], design[9], design[10],
-                     SEARCHING if robust else 0)
-        return ((i, h, z, x, current, new_y), (integral, rho, span, ticks), registers, watch,
-                (velocity, travel), clear, voltages)
+                     noise, window, dt, known, design.emf_min, design.drop, design.xi_low,
+                     design.xi_high, SEARCHING if robust else 0)
+        return State((i, h, z, x, current, new_y), (integral, rho, span, ticks), registers, watch,
+                     (velocity, travel), clear, voltages)
 
-    def status(watch: tuple, design: tuple) -> int:
+    def status(watch: tuple, design: Any) -> int:
         if watch[7] & BLIND:
             return NOT_OBSERVABLE
-        if watch[7] or watch[6] < design[17]:
+        if watch[7] or watch[6] < design.hold:
             return INITIALISING
         return TRACKING
 
-    def output(state: tuple, coefficients: tuple, design: tuple, measurement: Sample,
+    def reasons_of(state: Any) -> int:
+        return state.watch[7]
+
+    def output(state: Any, coefficients: Any, design: Any, measurement: Sample,
                given: float) -> tuple:
-        said = status(state[3], design)
+        said = status(state.watch, design)
         if said == NOT_OBSERVABLE:
             return math.nan, math.nan, math.nan, said
-        core, out = state[0], state[4]
+        core, out = state.core, state.out
         travel = out[1] + wrap(rotor_angle(core[2], core[3]) - out[1], TURN)
-        return wrap(travel / design[16], design[21]), out[0] / design[16], math.nan, said
+        position = wrap(travel / design.pole_pairs, design.period)
+        return position, out[0] / design.pole_pairs, math.nan, said
 
-    def electrical(state: tuple, coefficients: tuple, design: tuple
+    def electrical(state: Any, coefficients: Any, design: Any
                    ) -> tuple[float, float, float, float]:
-        core = state[0]
-        flux = flux_linkage(core[3], design[11], design[12])
-        said = status(state[3], design)
+        core = state.core
+        flux = flux_linkage(core[3], design.flux_low, design.flux_high)
+        said = status(state.watch, design)
         if said == NOT_OBSERVABLE:
             return math.nan, math.nan, flux, 0.0
-        return (rotor_angle(core[2], core[3]), state[4][0], flux, 1.0 if said == TRACKING else 0.0)
+        return (rotor_angle(core[2], core[3]), state.out[0], flux, 1.0 if said == TRACKING else 0.0)
 
-    def electrical_stddev(state: tuple, coefficients: tuple, design: tuple
+    def electrical_stddev(state: Any, coefficients: Any, design: Any
                           ) -> tuple[float, float, float]:
-        noise, watch = coefficients[1], state[3]
-        x = state[0][3]
+        noise, watch = coefficients.noise, state.watch
+        x = state.core[3]
         of_angle, of_speed, of_xi = deviations(
-            watch[4] / noise[1], watch[0], x, design[2], design[3], design[4], design[5],
-            design[6], design[18], coefficients[0][0], noise)
+            watch[4] / noise[1], watch[0], x, design.k_eta, design.gamma, design.resistance,
+            design.inductance, design.epsilon, design.pole, coefficients.scheme[0], noise)
         if status(watch, design) == NOT_OBSERVABLE:
             # nothing is known of the angle; the speed is evenly spread within its bound
             of_angle = math.pi / math.sqrt(3.0)
-            of_speed = speed_bound(state, coefficients, design) * design[16] / math.sqrt(3.0)
-        flux = flux_linkage(x, design[11], design[12])
+            of_speed = speed_bound(state, coefficients, design) * design.pole_pairs / math.sqrt(3.0)
+        flux = flux_linkage(x, design.flux_low, design.flux_high)
         return of_angle, of_speed, of_xi * flux * flux
 
-    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
+    def stddev(state: Any, coefficients: Any, design: Any) -> tuple[float, float]:
         of_angle, of_speed, of_flux = electrical_stddev(state, coefficients, design)
-        return of_angle / design[16], of_speed / design[16]
+        return of_angle / design.pole_pairs, of_speed / design.pole_pairs
 
-    def speed_bound(state: tuple, coefficients: tuple, design: tuple) -> float:
-        noise, watch = coefficients[1], state[3]
+    def speed_bound(state: Any, coefficients: Any, design: Any) -> float:
+        noise, watch = coefficients.noise, state.watch
         if watch[7] & BLIND != LOW_EMF:
             return math.inf
-        least = LEAVES * least_emf(watch[4], state[0][4], noise[0], noise[1], design[13],
-                                   design[14])
+        least = LEAVES * least_emf(watch[4], state.core[4], noise[0], noise[1], design.emf_min,
+                                   design.drop)
         if watch[0] > least:
             least = watch[0]
-        return least / (flux_linkage(state[0][3], design[11], design[12]) * design[16])
+        flux = flux_linkage(state.core[3], design.flux_low, design.flux_high)
+        return least / (flux * design.pole_pairs)
 
-    def coast(state: tuple, coefficients: tuple, design: tuple, measurement: Sample, gap: float
-              ) -> tuple:
+    def coast(state: Any, coefficients: Any, design: Any, measurement: Sample,
+              gap: float) -> State:
         """After `gap` [s] without samples: flux and speed are kept, the rotor is found again."""
         core, clock, registers, watch, out, clear, voltages = state
         current, voltage = take(measurement)
         turned = out[0] * gap
-        z = core[2] * complex(math.cos(turned), math.sin(turned))
-        zero = complex(0.0, 0.0)
+        z, zero = core[2], complex(0.0, 0.0)
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        return ((z.conjugate() * current, core[1], z, core[3], current, zero),
-                (zero, 0.0, 1.0, 0), registers,
-                (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
-                (out[0], out[1] + turned), (dead, 0.0), voltages)
+        return State((z.conjugate() * current, core[1], z, core[3], current, zero),
+                     (zero, 0.0, 1.0, 0), registers,
+                     (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
+                     (out[0], out[1] + turned), (dead, 0.0), voltages)
 
-    def resume(state: tuple, coefficients: tuple, design: tuple, measurement: Sample) -> tuple:
+    def resume(state: Any, coefficients: Any, design: Any, measurement: Sample) -> State:
         return coast(state, coefficients, design, measurement, 0.0)
 
     def limits(dt: float) -> str | None:
-        top = (gains.speed_max or 0.0) * float(gains.pole_pairs or 1)
+        top = (gains.speed_max or 0.0) * poles
         if top * dt <= math.pi:
             return None
         return (f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
@@ -344,7 +374,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     return DriveFunctions(
         design, prepare, init, step, output, stddev, resume, limits, group_delay, finite=finite,
         blank=(0.0, 0.0, 0.0, 0.0), electrical=electrical, electrical_stddev=electrical_stddev,
-        speed_bound=speed_bound, reasons=lambda state: state[3][7], coast=coast)
+        speed_bound=speed_bound, reasons=reasons_of, coast=coast)
 
 
 OBSERVER = Observer(

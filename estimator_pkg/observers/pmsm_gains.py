@@ -125,14 +125,12 @@ def tuning(gains: Gains) -> Tuning:
     ------
     UsageError : motor data missing, or gains that cannot work.
     """
-    check_motor(gains, 'pmsm')
-    resistance, inductance, flux = gains.resistance, gains.inductance, gains.flux
-    assert resistance and inductance and flux and gains.pole_pairs
+    resistance, inductance, flux, pole_pairs = check_motor(gains, 'pmsm')
     epsilon = gains.epsilon
     if epsilon is None:
         epsilon = EPSILON
         if gains.speed_max is not None:
-            epsilon = EPSILON_SPEED / (gains.speed_max * gains.pole_pairs)
+            epsilon = EPSILON_SPEED / (gains.speed_max * pole_pairs)
             epsilon = min(epsilon, inductance / resistance)
     k_p = gains.k_p if gains.k_p is not None else 2.0 / epsilon - resistance / inductance
     k_i = gains.k_i if gains.k_i is not None else 2.0 * inductance / epsilon ** 2

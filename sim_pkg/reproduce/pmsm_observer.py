@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import TRACKING
-from estimator_pkg.observers.pmsm import DriveFunctions, build
+from estimator_pkg.observers.drive import DriveFunctions
+from estimator_pkg.observers.pmsm import build
 from estimator_pkg.observers.pmsm_gains import Gains
 from sim_pkg.reproduce.pmsm_reference import (
     FLUX,
@@ -49,7 +50,7 @@ def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
     """A loop that logs h, z, xi_hat, the speed output, status and reasons after each sample."""
     step, output, reasons_of = functions.step, functions.output, functions.reasons
 
-    def log(state: tuple, coefficients: tuple, design: tuple, samples: NDArray[np.float64],
+    def log(state: Any, coefficients: tuple, design: tuple, samples: NDArray[np.float64],
             out_h: NDArray[np.complex128], out_z: NDArray[np.complex128],
             out_x: NDArray[np.float64], speed: NDArray[np.float64], status: NDArray[np.int8],
             reasons: NDArray[np.int16]) -> tuple:
@@ -57,9 +58,9 @@ def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
             row = samples[k]
             sample = (row[0], row[1], row[2], row[3])
             state = step(state, coefficients, design, sample, 0.0)
-            out_h[k], out_z[k], out_x[k] = state[0][1], state[0][2], state[0][3]
+            i, out_h[k], out_z[k], out_x[k], current, y = state.core
             position, velocity, spare, status[k] = output(state, coefficients, design, sample, 0.0)
-            speed[k] = state[4][0]
+            speed[k] = state.out[0]
             reasons[k] = reasons_of(state)
         return state
 
@@ -83,7 +84,7 @@ class Log(NamedTuple):
 
 
 def start_state(functions: DriveFunctions, first: NDArray[np.float64], z: complex, x: float,
-                h: complex = 0j, seen: float = 0.0) -> tuple:
+                h: complex = 0j, seen: float = 0.0) -> Any:
     """The observer's state at a chosen start.
 
     Parameters
@@ -91,17 +92,17 @@ def start_state(functions: DriveFunctions, first: NDArray[np.float64], z: comple
     seen : electrical speed [rad/s] that its watch has seen for long; 0: it has seen nothing, and
         the robust form will search for the rotor first.
     """
-    state = functions.init(tuple(float(value) for value in first), functions.design())
+    state: Any = functions.init(tuple(float(value) for value in first), functions.design())
     current = complex(first[0], first[1])
     y = z * complex(-h.imag, h.real)
-    watch = state[3]
+    watch = state.watch
     if seen:
         chi = abs(seen) * FLUX
         watch = (chi, complex(0.0, -chi), seen, 0.0, watch[4], 0.0, 1.0, 0)
-    return ((z.conjugate() * current, h, z, float(x), current, y), *state[1:3], watch, *state[4:])
+    return state._replace(core=(z.conjugate() * current, h, z, float(x), current, y), watch=watch)
 
 
-def run_log(functions: DriveFunctions, samples: NDArray[np.float64], dt: float, state: tuple, *,
+def run_log(functions: DriveFunctions, samples: NDArray[np.float64], dt: float, state: Any, *,
             fast: bool | None = None) -> Log:
     """The observer over `samples`, shape (n + 1, 4), from the state at the first of them."""
     count = len(samples) - 1

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator_pkg.observers.pmsm import DriveFunctions
+from estimator_pkg.observers.drive import DriveFunctions
 from sim_pkg.pmsm_drive import Drive
 from sim_pkg.pmsm_parameters import PmsmParameters
 from sim_pkg.pmsm_profiles import P1, Profile

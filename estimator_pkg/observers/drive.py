@@ -1,0 +1,45 @@
+"""What an observer of a drive is: the functions of an observer, and what a drive wants beside them.
+
+Observers of kind 'drive' take a sample (i_alpha, i_beta, u_alpha, u_beta): the current at the stamp
+[A] and the mean voltage [V] over the interval that ends there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from estimator_pkg.observers.contract import Functions
+
+LARGEST = 1e6  # A or V: beyond it a sample is garbage
+
+Sample = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class DriveFunctions(Functions):
+    """The functions of an observer of kind 'drive', which knows more than a position.
+
+    Attributes
+    ----------
+    electrical : (state, coefficients, design) -> (electrical angle [rad], electrical speed [rad/s],
+        flux linkage [Wb], 1.0 where it counts or 0.0); nan where it is withheld.
+    electrical_stddev : (state, coefficients, design) -> one standard deviation of these three.
+    speed_bound : (state, coefficients, design) -> mechanical speed that is not exceeded where the
+        rotor is not observable [rad/s]; inf where nothing is known.
+    reasons : (state) -> bits of `pmsm_watch.REASONS`.
+    coast : (state, coefficients, design, measurement, gap) -> state. After a gap of known length.
+    """
+
+    electrical: Callable[..., tuple] = None  # type: ignore[assignment]
+    electrical_stddev: Callable[..., tuple] = None  # type: ignore[assignment]
+    speed_bound: Callable[..., float] = None  # type: ignore[assignment]
+    reasons: Callable[[tuple], int] = None  # type: ignore[assignment]
+    coast: Callable[..., tuple] = None  # type: ignore[assignment]
+
+
+def finite(measurement: Sample) -> bool:
+    """False where one of the four numbers is NaN, infinite or beyond any drive."""
+    i_alpha, i_beta, u_alpha, u_beta = measurement
+    return (-LARGEST < i_alpha < LARGEST and -LARGEST < i_beta < LARGEST
+            and -LARGEST < u_alpha < LARGEST and -LARGEST < u_beta < LARGEST)
