@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.injections import Injection
+from estimator_pkg.observers.tracking import noise_of_two
 
 Algorithm = Callable[[float, float, float, float, float, float, float, float],
                      tuple[float, float, float]]
@@ -74,7 +75,7 @@ def make_resume(period: float) -> Callable[[tuple, float], tuple]:
 
 
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """As `hybrid_robust.noise_gains_2` with alpha = T l1 and beta = T^2 l2.
+    """Of the loop of `tracking.noise_of_two` with alpha = T l1 and beta = T^2 l2.
 
     Infinite where this one sample time is beyond the stability limit.
     """
@@ -82,6 +83,4 @@ def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]
     alpha, beta = dt * l1, dt * dt * l2
     if 2.0 * alpha + beta >= 4.0:
         return math.inf, math.inf, 1.0
-    scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
-    return ((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) * scale,
-            2.0 * (dt * l2) * (dt * l2) * scale, (4.0 * alpha + 2.0 * beta) * scale)
+    return noise_of_two(alpha, beta, dt)

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable
 
 from estimator_pkg.observers.hybrid_design import Design
+from estimator_pkg.observers.tracking import noise_of_three, noise_of_two
 
 
 def init_2(measurement: float, design: tuple) -> tuple:
@@ -126,33 +127,15 @@ def prepare_triple(design: tuple, dt: float) -> tuple:
 
 
 def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Variances of position, velocity [1/s^2] and innovation per unit variance of white noise.
-
-    From P = A P A' + K K' with A = (I - K C) F: (2 a^2 + 2 b - 3 a b), 2 b^2/dt^2 and 4 a + 2 b,
-    all over a (4 - 2 a - b), where a and b are the gains alpha and beta.
-    """
-    alpha, beta_rate, dt = coefficients[0], coefficients[1], coefficients[2]
-    beta = beta_rate * dt
-    scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
-    return ((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) * scale,
-            2.0 * beta_rate * beta_rate * scale,
-            (4.0 * alpha + 2.0 * beta) * scale)
+    """Variances of position, velocity [1/s^2] and innovation per unit variance of white noise."""
+    return noise_of_two(coefficients[0], coefficients[1] * coefficients[2], coefficients[2])
 
 
 def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """As `noise_gains_2`, third order, any poles: the same equation solved for three states."""
-    alpha, beta, gamma, dt = coefficients[0], coefficients[1], coefficients[2], coefficients[3]
-    beta *= dt
-    gamma *= dt * dt
-    scale = 1.0 / ((4.0 - 2.0 * alpha - beta)
-                   * (2.0 * alpha * beta + alpha * gamma - 2.0 * gamma))
-    position = (4.0 * alpha * alpha * beta + 2.0 * alpha * alpha * gamma
-                - 6.0 * alpha * beta * beta + alpha * beta * gamma - 4.0 * alpha * gamma
-                + 4.0 * beta * beta)
-    velocity = 2.0 * (2.0 * beta * beta * (beta - gamma) + (2.0 - alpha) * gamma * gamma)
-    innovation = 2.0 * (4.0 * alpha * beta + 2.0 * alpha * gamma + 2.0 * beta * beta
-                        + beta * gamma - 4.0 * gamma)
-    return position * scale, velocity * scale / (dt * dt), innovation * scale
+    """As `noise_gains_2`, third order, any poles."""
+    alpha, beta_rate, gamma_rate, dt = (coefficients[0], coefficients[1], coefficients[2],
+                                        coefficients[3])
+    return noise_of_three(alpha, beta_rate * dt, gamma_rate * dt * dt, dt)
 
 
 def noise_gains_triple(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
