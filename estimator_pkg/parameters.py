@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import inspect
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -129,9 +130,14 @@ def parameter(default: Any, *, unit: str, description: str,
 
 
 def declared(cls: type) -> dict[str, Parameter]:
-    """The parameters of a declaring dataclass, by name, in their order."""
+    """The parameters of a declaring dataclass by name: its own in their order, then inherited ones.
+
+    What a class adds to those it shares with others is what users set first.
+    """
+    own = inspect.get_annotations(cls)
+    fields = sorted(dataclasses.fields(cls), key=lambda field: field.name not in own)
     return {field.name: Parameter(name=field.name, **field.metadata['parameter'])
-            for field in dataclasses.fields(cls) if 'parameter' in field.metadata}
+            for field in fields if 'parameter' in field.metadata}
 
 
 def build(cls: type[T], values: Mapping[str, Any], *, owner: str = '') -> T:
