@@ -85,6 +85,8 @@ setup(
         'velocity_estimator.simulators': ['encoder = sim_pkg.encoder:SIMULATOR'],
         'velocity_estimator.reproductions': [
             'hybrid_angle = sim_pkg.reproduce.hybrid_angle:REPRODUCTION',
+            'adaptive = sim_pkg.reproduce.adaptive:REPRODUCTION',
+            'mechanical = sim_pkg.reproduce.mechanical:REPRODUCTION',
         ],
     },
 )

@@ -3,8 +3,8 @@
     qh' = calM(s) ph + L (y - qh)
     ph' = -Psi(s)^T [dV/dq - G u] - Psi^T D calM ph + Gamma calM(s)^T (y - qh),   vh = calM(s) ph
 
-Aranovskiy, Ortega, Romero, Sokolov, 'Speed observation and position feedback stabilisation of
-partially linearisable mechanical systems' (IJC 2019), equation (11). The error is linear at any
+Aranovskiy, Ortega, Romero, Sokolov, 'A globally exponentially stable speed observer for a class of
+mechanical systems' (International Journal of Control, 2019), equation (11). The error is linear at any
 speed: locally q~'' + L q~' + K q~ = 0 with K = calM Gamma calM^T, so K and not Gamma is the gain of
 the innovation.
 """

@@ -35,8 +35,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         rows = list(reproduction.rows(advance, parsed.only))
     print(reproduction.summary)
     table.show(rows)
-    for note in reproduction.notes:
-        print(note)
+    for line in (*reproduction.tables(rows), *reproduction.notes):
+        print(line)
     if parsed.plot is not None:
         parsed.plot.mkdir(parents=True, exist_ok=True)
         for path in reproduction.figures(parsed.plot):

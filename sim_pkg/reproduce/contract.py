@@ -7,7 +7,7 @@ lose a row unseen: `Part.rows` fails when a value has no reference or a referenc
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -136,6 +136,8 @@ class Reproduction:
     parts : in the order of the table.
     figures : (folder) -> the files drawn into it. Imports matplotlib when called.
     notes : lines printed below the table.
+    tables : (rows) -> the paper's own tables, ours beside the printed numbers, as lines; only what
+        the rows hold.
     """
 
     name: str
@@ -143,6 +145,7 @@ class Reproduction:
     parts: tuple[Part, ...]
     figures: Callable[[Path], list[Path]]
     notes: tuple[str, ...] = field(default=())
+    tables: Callable[[Sequence[Row]], list[str]] = field(default=lambda rows: [])
 
     def references(self, prefix: str = '') -> list[Reference]:
         """The references whose id starts with `prefix`, in the order of the table."""
