@@ -169,6 +169,13 @@ def test_an_unknown_flux_is_identified():
     assert rows[-1, 2] == pytest.approx(1.9e-3, rel=0.01)
 
 
+def test_where_the_identifier_fires_the_frame_starts_aligned():
+    """At one turn per tick, where the slow loop alone would take 20 ms more."""
+    seen = noisy(((0.06, 1714.2857, 1714.2857),))
+    status, *_ = estimates(made(initial_flux=0.0), seen.samples)
+    assert 0 < np.argmax(status == TRACKING) < 800
+
+
 def test_power_invariant_vectors_give_the_same_estimates():
     samples = noisy(STEADY).samples
     first = estimates(made(), samples)

@@ -114,8 +114,6 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     new_h = base_h + hu * u + hdd * change + back_turn * (hw * start + hdw * change)
     new_x = lean + 0.5 * gamma * dt * new_h.real
     speed = 0.5 * (first + abs(new_h) * new_x + k_eta * new_h.real + turning)
-    if not -FASTEST < speed < FASTEST:
-        speed = FASTEST if speed > 0.0 else -FASTEST
     # second pass
     angle = speed * half_dt
     sine = math.sin(angle)
