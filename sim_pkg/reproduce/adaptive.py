@@ -1,0 +1,24 @@
+"""The adaptive paper: Figures 1 and 2 and the tables A1 to A6 of its specification."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sim_pkg.reproduce import adaptive_limit_rows, adaptive_rows
+from sim_pkg.reproduce.contract import Reproduction
+
+
+def figures(folder: Path) -> list[Path]:
+    """Draw Figures 1 and 2 into `folder`; needs matplotlib."""
+    from sim_pkg.reproduce.adaptive_figures import draw
+    return draw(folder)
+
+
+REPRODUCTION = Reproduction(
+    name='adaptive',
+    summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
+    parts=(*adaptive_rows.PARTS, *adaptive_limit_rows.PARTS),
+    figures=figures,
+    notes=('The inputs, the start values and the gains of example 4.1 are not published: ours are '
+           'in sim_pkg/reproduce/adaptive_plant.py.',
+           'What each row shows, misprints and findings: docs/papers/adaptive.md'))

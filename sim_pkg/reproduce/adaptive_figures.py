@@ -1,0 +1,72 @@
+"""Figures 1 and 2 of the adaptive paper, drawn with matplotlib."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sim_pkg.reproduce.adaptive_plant import (
+    IDENTIFICATION,
+    RK4_STEP,
+    VELOCITY,
+    continuous,
+    random_input,
+    response,
+)
+from sim_pkg.reproduce.adaptive_rows import FROZEN_FROM, NAMES, example_1, parallel
+
+THIN = 20  # points drawn: one of so many
+
+
+def draw(folder: Path) -> list[Path]:
+    """Draw both figures into `folder`."""
+    return [_figure_1(folder), _figure_2(folder)]
+
+
+def _figure_1(folder: Path) -> Path:
+    from matplotlib.figure import Figure
+
+    run = continuous(VELOCITY, example_1(), freeze=FROZEN_FROM)
+    figure = Figure(figsize=(8.0, 6.0), layout='constrained')
+    for axes, begin, end, title in zip(figure.subplots(2, 1), (0.0, FROZEN_FROM),
+                                       (40.0, FROZEN_FROM + 40.0),
+                                       ('a) during estimation', 'b) estimation stopped at 100 s, '
+                                                                'another input')):
+        part = slice(run.at(begin), run.at(end), THIN)
+        axes.plot(run.time[part], run.velocity[part], label='velocity')
+        axes.plot(run.time[part], run.estimate[part], '--', label='estimate (38)')
+        axes.set(title=title, xlabel='time [s]', ylabel='[rad/s]')
+        axes.grid(True)
+        axes.legend()
+    path = folder / 'adaptive_figure_1.png'
+    figure.savefig(path, dpi=90)
+    return path
+
+
+def _figure_2(folder: Path) -> Path:
+    from matplotlib.figure import Figure
+
+    run = continuous(IDENTIFICATION, random_input(IDENTIFICATION, RK4_STEP, 600.0))
+    inputs = random_input(IDENTIFICATION, RK4_STEP, 100.0, seed=999)
+    plant = response(IDENTIFICATION, inputs, RK4_STEP)[0]
+    model = parallel(run.theta[run.at(400.0)], inputs)
+    time = np.arange(len(plant)) * RK4_STEP
+    figure = Figure(figsize=(8.0, 9.0), layout='constrained')
+    first, second, third = figure.subplots(3, 1)
+    for name, values in zip(NAMES, run.theta.T):
+        first.plot(run.time[::100], values[::100], label=name)
+    first.set(title='a) parameters during training', xlabel='time [s]', ylim=(-3.0, 6.0))
+    first.legend()
+    second.plot(time[::THIN], plant[::THIN], label='plant')
+    second.plot(time[::THIN], model[::THIN], '--', label='model of 400 s')
+    second.set(title='b) plant and identified model under another input', xlabel='time [s]',
+               ylabel='[rad]')
+    second.legend()
+    third.plot(time[::THIN], (model - plant)[::THIN])
+    third.set(title='c) their difference', xlabel='time [s]', ylabel='[rad]')
+    for axes in (first, second, third):
+        axes.grid(True)
+    path = folder / 'adaptive_figure_2.png'
+    figure.savefig(path, dpi=90)
+    return path

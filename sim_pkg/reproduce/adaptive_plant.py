@@ -1,0 +1,207 @@
+"""The servo (34) of the adaptive paper, its inputs, and the observer in continuous time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.compiled import compiled
+
+Array = NDArray[np.floating[Any]]
+
+RK4_STEP = 1e-3  # of the continuous-time reference [s]
+
+
+class Example(NamedTuple):
+    """An example of the paper: J q'' + b q' + k q = Kv u, and its observer.
+
+    observer_poles, model_poles : of A_c - K C and A_c [1/s].
+    gamma : diagonal of Gamma.
+    hold : the random input is held for so long [s].
+    theta : the right parameters l1, l2, b1, b2.
+    """
+
+    b: float
+    J: float
+    k: float
+    Kv: float
+    observer_poles: tuple[float, float]
+    model_poles: tuple[float, float]
+    gamma: tuple[float, ...]
+    hold: float
+    theta: tuple[float, float, float, float]
+
+
+# K of 4.1 and Gamma of 4.1 are not printed; Gamma of 4.2 is printed for two parameters, not four
+VELOCITY = Example(5.0, 10.0, 5.0, 100.0, (-4.0, -5.0), (-1.0, -2.0),
+                   (10.0, 10.0, 1000.0, 1000.0), 1.0, (2.5, 1.5, 0.0, 10.0))
+IDENTIFICATION = Example(0.1, 10.0, 3.0, 2.0, (-10.0, -12.0), (-1.5, -2.5),
+                         (1000.0,) * 4, 5.0, (3.99, 3.45, 0.0, 0.2))
+
+
+def lcg(seed: int, count: int) -> Array:
+    """`count` uniform numbers of unit variance, the same on every machine; shape (count,)."""
+    values = np.empty(count)
+    for i in range(count):
+        seed = (1664525 * seed + 1013904223) % 2 ** 32
+        values[i] = math.sqrt(3.0) * (2.0 * seed / 2 ** 32 - 1.0)
+    return values
+
+
+def held(values: Array, hold: float, dt: float, duration: float) -> Array:
+    """Each of `values` for `hold` [s], sampled every `dt` [s]; shape (duration / dt,)."""
+    index = np.floor(np.arange(round(duration / dt)) * dt / hold + 1e-9).astype(np.int64)
+    return values[index]
+
+
+def random_input(example: Example, dt: float, duration: float, seed: int = 12345) -> Array:
+    """The random input of the paper; shape (duration / dt,)."""
+    return held(lcg(seed, math.ceil(duration / example.hold) + 1), example.hold, dt, duration)
+
+
+def square(dt: float, duration: float) -> Array:
+    """+1 and -1, for 5 s each; shape (duration / dt,)."""
+    return held(np.where(np.arange(math.ceil(duration / 5.0) + 1) % 2 == 0, 1.0, -1.0), 5.0, dt,
+                duration)
+
+
+def exponential(matrix: Array) -> Array:
+    """exp(matrix), shape (n, n), by scaling and a Taylor series."""
+    halvings = max(0, math.ceil(math.log2(max(1e-300, float(np.abs(matrix).sum())))) + 2)
+    scaled = matrix / 2.0 ** halvings
+    whole = term = np.eye(len(matrix))
+    for j in range(1, 20):
+        term = term @ scaled / j
+        whole = whole + term
+    for _ in range(halvings):
+        whole = whole @ whole
+    return whole
+
+
+def _march(angle: Array, speed: Array, e: Array, inputs: Array) -> None:
+    q, w = angle[0], speed[0]
+    for i in range(len(inputs)):
+        q, w = (e[0, 0] * q + e[0, 1] * w + e[0, 2] * inputs[i],
+                e[1, 0] * q + e[1, 1] * w + e[1, 2] * inputs[i])
+        angle[i + 1], speed[i + 1] = q, w
+
+
+def response(example: Example, inputs: Array, dt: float, load: float = 0.0,
+             start: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array]:
+    """Angle [rad] and velocity [rad/s] under a held input, exactly; one longer than `inputs`.
+
+    Parameters
+    ----------
+    load : constant acceleration beside the input [rad/s^2].
+    """
+    ratio = example.Kv / example.J
+    matrix = np.zeros((3, 3))
+    matrix[:2] = [[0.0, 1.0, 0.0], [-example.k / example.J, -example.b / example.J, 1.0]]
+    angle, speed = np.empty(len(inputs) + 1), np.empty(len(inputs) + 1)
+    angle[0], speed[0] = start
+    compiled(_march)(angle, speed, exponential(matrix * dt), ratio * inputs + load)
+    return angle, speed
+
+
+def _flow(s: Array, u: float, p: Array, adapting: float, injecting: float, out: Array) -> None:
+    """Plant (36) and observer (11) to (13), literally: Upsilon is 2 x 4.
+
+    s : q, w; x1, x2; theta (4); Upsilon row by row (8).
+    p : k/J, b/J, Kv/J; a11, a21 of A_c; K (2); Gamma (4).
+    """
+    y = s[0]
+    out[0] = s[1]
+    out[1] = -p[0] * s[0] - p[1] * s[1] + p[2] * u
+    e = y - s[2]
+    moved1 = moved2 = 0.0
+    for i in range(4):
+        rate = p[7 + i] * s[8 + i] * e
+        out[4 + i] = adapting * rate
+        moved1 += s[8 + i] * rate
+        moved2 += s[12 + i] * rate
+    out[2] = p[3] * s[2] + s[3] + y * s[4] + u * s[6] + p[5] * e + injecting * moved1
+    out[3] = p[4] * s[2] + y * s[5] + u * s[7] + p[6] * e + injecting * moved2
+    for i in range(4):
+        out[8 + i] = (p[3] - p[5]) * s[8 + i] + s[12 + i]
+        out[12 + i] = (p[4] - p[6]) * s[8 + i]
+    out[8] += y
+    out[13] += y
+    out[10] += u
+    out[15] += u
+
+
+def _integrate(s: Array, inputs: Array, p: Array, adapting: Array, injecting: Array, h: float,
+               out: Array) -> None:
+    count = len(s)
+    k1, k2, k3, k4, t = (np.empty(count), np.empty(count), np.empty(count), np.empty(count),
+                         np.empty(count))
+    out[0] = s
+    for i in range(len(inputs)):
+        u, g, j = inputs[i], adapting[i], injecting[i]
+        _flow(s, u, p, g, j, k1)
+        for n in range(count):
+            t[n] = s[n] + 0.5 * h * k1[n]
+        _flow(t, u, p, g, j, k2)
+        for n in range(count):
+            t[n] = s[n] + 0.5 * h * k2[n]
+        _flow(t, u, p, g, j, k3)
+        for n in range(count):
+            t[n] = s[n] + h * k3[n]
+        _flow(t, u, p, g, j, k4)
+        for n in range(count):
+            s[n] += h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n])
+            out[i + 1, n] = s[n]
+
+
+class Continuous(NamedTuple):
+    """A run in continuous time; row i at i times RK4_STEP.
+
+    time [s], angle [rad], velocity, estimate by (38) [rad/s], theta of shape (n, 4).
+    """
+
+    time: Array
+    angle: Array
+    velocity: Array
+    estimate: Array
+    theta: Array
+
+    @property
+    def error(self) -> Array:
+        """Estimated minus true velocity [rad/s]."""
+        return self.estimate - self.velocity
+
+    def at(self, time: float) -> int:
+        """The row of this time [s]."""
+        return round(time / RK4_STEP)
+
+
+def continuous(example: Example, inputs: Array, *, freeze: float = math.inf,
+               injection_stays: bool = False, gamma: tuple[float, ...] | None = None
+               ) -> Continuous:
+    """Plant and observer together by Runge-Kutta 4, everything at zero first.
+
+    Parameters
+    ----------
+    inputs : held for one RK4_STEP each.
+    freeze : when the parameter law stops [s].
+    injection_stays : the last term of (13) is left on then.
+    """
+    model, observer = _column(example.model_poles), _column(example.observer_poles)
+    p = np.array([example.k / example.J, example.b / example.J, example.Kv / example.J, *model,
+                  *(m - o for m, o in zip(model, observer)), *(gamma or example.gamma)])
+    time = np.arange(len(inputs) + 1) * RK4_STEP
+    adapting = (time[:-1] < freeze - 1e-9).astype(float)
+    injecting = np.ones_like(adapting) if injection_stays else adapting
+    out = np.empty((len(inputs) + 1, 16))
+    compiled(_integrate)(np.zeros(16), inputs, p, adapting, injecting, RK4_STEP, out)
+    theta = out[:, 4:8].copy()
+    return Continuous(time, out[:, 0], out[:, 1], out[:, 3] + (model[0] + theta[:, 0]) * out[:, 2],
+                      theta)
+
+
+def _column(poles: tuple[float, float]) -> tuple[float, float]:
+    """First column of the companion matrix with these eigenvalues."""
+    return poles[0] + poles[1], -poles[0] * poles[1]
