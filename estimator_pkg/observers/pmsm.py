@@ -250,8 +250,12 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             else:
                 least = least_emf(watch[4], current, noise[0], noise[1], design.emf_min,
                                   design.drop)
+                flowed = x
                 i, h, z, x, registers, ticks, event = tick(i, h, z, x, integral, ticks, registers,
                                                            least, design)
+                if robust and x != flowed:  # the averages of before say nothing of what is now
+                    watch = (watch[0], complex(0.0, -watch[0]), watch[2], 0.0, watch[4], watch[5],
+                             watch[6], watch[7])
                 travel += wrap(rotor_angle(z, x) - travel, TURN)
             integral = complex(0.0, 0.0)
             rho = 0.0
