@@ -1,0 +1,354 @@
+"""Mechanisms of one stream: joints gathered by stamp, inputs matched to the time they acted.
+
+No ROS here: the live node and replay feed it the same messages and get the same estimates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.observers.contract import COASTING, STATUS_NAMES, TRACKING, Observer
+from estimator_pkg.parameters import Parameter, build, declared, parameter
+
+FIELD, COMMAND = 'joint_states', 'effort_command'
+WAITING = 16       # stamps of a mechanism that may be incomplete at a time
+REMEMBERED = 4096  # inputs kept
+
+
+@dataclass(frozen=True)
+class MechanismSettings(JointSettings):
+    """What is set per mechanism beside the observer's gains; `wrap_period` follows the model."""
+
+    joints: tuple[str, ...] | None = parameter(
+        None, unit='', kind=tuple, structural=True,
+        description="names of the mechanism's joints in the topics, in the order of the model's "
+                    "positions; unset: the model's own names")
+    input_scale: tuple[float, ...] = parameter(
+        (1.0,), unit='', kind=list, range=(-1e9, 1e9),
+        description='the effort of the topics times this is the input of the model, for all '
+                    'inputs or each; a negative one turns the sense round')
+    input_delay: float = parameter(
+        0.0, unit='s', range=(0.0, 1.0),
+        description='how long after its stamp an effort acts')
+    input_timeout: float = parameter(
+        0.5, unit='s', range=(0.001, 3600.0),
+        description='an effort_command older than this no longer acts: without another one the '
+                    'mechanism coasts')
+    pair_tolerance: float = parameter(
+        0.0, unit='s', range=(0.0, 1.0),
+        description='joints that come in separate messages belong together if their stamps differ '
+                    'by no more than this')
+
+
+class Estimate(NamedTuple):
+    """Of one joint of a mechanism."""
+
+    name: str
+    position: float
+    velocity: float
+
+
+class Inputs:
+    """The efforts of a mechanism over time, each held until the next."""
+
+    def __init__(self, count: int) -> None:
+        self._steps: list[deque[tuple[int, float]]] = [deque(maxlen=REMEMBERED)
+                                                       for _ in range(count)]
+
+    def add(self, index: int, stamp_ns: int, value: float) -> None:
+        """From `stamp_ns` on input `index` has this value."""
+        steps = self._steps[index]
+        while steps and steps[-1][0] >= stamp_ns:  # a clock that jumped, or a correction
+            steps.pop()
+        steps.append((stamp_ns, value))
+
+    def mean(self, begin_ns: int, end_ns: int, oldest_ns: int) -> tuple[float, ...]:
+        """The mean of each over an interval; nan where nothing was in force at its begin.
+
+        Parameters
+        ----------
+        oldest_ns : how long an input stays in force [ns].
+        """
+        return tuple(self._mean(steps, begin_ns, end_ns, oldest_ns) for steps in self._steps)
+
+    @staticmethod
+    def _mean(steps: deque[tuple[int, float]], begin_ns: int, end_ns: int, oldest_ns: int
+              ) -> float:
+        while len(steps) > 1 and steps[1][0] <= begin_ns:
+            steps.popleft()
+        if not steps or steps[0][0] > begin_ns or end_ns - steps[0][0] > oldest_ns + (
+                end_ns - begin_ns):
+            return math.nan
+        if end_ns <= begin_ns:
+            return steps[0][1]
+        total, since, value = 0.0, begin_ns, steps[0][1]
+        for stamp_ns, following in steps:
+            if stamp_ns <= begin_ns:
+                continue
+            if stamp_ns >= end_ns:
+                break
+            total += value * (stamp_ns - since)
+            since, value = stamp_ns, following
+        return (total + value * (end_ns - since)) / (end_ns - begin_ns)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        for steps in self._steps:
+            steps.clear()
+
+
+class Mechanism(Joint):
+    """A mechanism's observer, live: a `Joint` whose measurement is a tuple."""
+
+    settings: MechanismSettings
+
+    def __init__(self, name: str, observer: Observer, gains: Any, settings: MechanismSettings,
+                 source: str) -> None:
+        super().__init__(observer, gains, settings)
+        self.name = name
+        mechanics = self.functions.mechanics
+        self.names = settings.joints or mechanics.joints
+        if len(self.names) != mechanics.degrees:
+            raise UsageError(f"mechanism '{name}': model '{mechanics.name}' has "
+                             f'{mechanics.degrees} joints ({", ".join(mechanics.joints)}), but '
+                             f"'joints' names {len(self.names)}")
+        if len(set(self.names)) < len(self.names):
+            raise UsageError(f"mechanism '{name}': 'joints' names a joint twice")
+        self._index = {joint: k for k, joint in enumerate(self.names)}
+        self._input_of = {self.names[k]: place for place, k in enumerate(mechanics.actuated)}
+        self._source = source
+        self.inputs = Inputs(mechanics.inputs)
+        self._pending: deque[_Partial] = deque()
+        self.incomplete = 0  # stamps that never got all their joints
+        self._before_ns = 0
+        self._check_scale(settings)
+
+    def _check_scale(self, settings: MechanismSettings) -> None:
+        count = self.functions.mechanics.inputs
+        if len(settings.input_scale) not in (1, count):
+            raise UsageError(f"mechanism '{self.name}': 'input_scale' has "
+                             f'{len(settings.input_scale)} numbers for {count} inputs')
+
+    def _scale(self, place: int) -> float:
+        scale = self.settings.input_scale
+        return scale[place] if len(scale) > 1 else scale[0]
+
+    def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
+             efforts: Sequence[float]) -> bool:
+        """One message in; True if it completed a sample and the sample was used."""
+        found = self._partial(stamp_ns, names)
+        if found is None:
+            return False
+        has_effort = self._source == FIELD and len(efforts) == len(names)
+        for k, (joint, position) in enumerate(zip(names, positions)):
+            index = self._index.get(joint)
+            if index is None:
+                continue
+            found.positions[index] = position
+            place = self._input_of.get(joint)
+            if has_effort and place is not None:
+                found.efforts[place] = efforts[k] * self._scale(place)
+        if len(found.positions) < len(self.names):
+            return False
+        while self._pending and self._pending[0] is not found:
+            self._pending.popleft()
+            self.incomplete += 1
+        self._pending.popleft()
+        return self._complete(found)
+
+    def _partial(self, stamp_ns: int, names: Sequence[str]) -> _Partial | None:
+        mine = [joint for joint in names if joint in self._index]
+        if not mine:
+            return None
+        tolerance_ns = self.settings.pair_tolerance * 1e9
+        for waiting in self._pending:
+            if (abs(waiting.stamp_ns - stamp_ns) <= tolerance_ns
+                    and not any(self._index[joint] in waiting.positions for joint in mine)):
+                waiting.stamp_ns = max(waiting.stamp_ns, stamp_ns)
+                return waiting
+        waiting = _Partial(stamp_ns)
+        self._pending.append(waiting)
+        if len(self._pending) > WAITING:
+            self._pending.popleft()
+            self.incomplete += 1
+        return waiting
+
+    def _complete(self, found: _Partial) -> bool:
+        settings, count = self.settings, self.functions.mechanics.inputs
+        stamp_ns, begin_ns = found.stamp_ns, self._before_ns
+        delay_ns = round(settings.input_delay * 1e9)
+        if not 0 < stamp_ns - begin_ns < 10 ** 10:
+            begin_ns = stamp_ns
+        if self._source == FIELD:
+            if delay_ns == 0:
+                given = tuple(found.efforts.get(k, math.nan) for k in range(count))
+            else:  # an effort was in force since the sample before it
+                for place, value in found.efforts.items():
+                    self.inputs.add(place, begin_ns, value)
+                given = self.inputs.mean(begin_ns - delay_ns, stamp_ns - delay_ns,
+                                         round(settings.input_timeout * 1e9) + delay_ns)
+        else:
+            given = self.inputs.mean(begin_ns - delay_ns, stamp_ns - delay_ns,
+                                     round(settings.input_timeout * 1e9))
+        measurement = tuple(float(found.positions[k]) for k in range(len(self.names)))
+        used = self.update(stamp_ns, measurement, given or (0.0,))
+        if used:
+            self._before_ns = stamp_ns
+        return used
+
+    def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
+        """An effort_command: in force from its stamp on."""
+        for joint, value in zip(names, efforts):
+            place = self._input_of.get(joint)
+            if place is not None and math.isfinite(value):
+                self.inputs.add(place, stamp_ns, value * self._scale(place))
+
+    @property
+    def actuated(self) -> tuple[str, ...]:
+        """Names of the joints that have an input, in the order of the inputs."""
+        return tuple(self.names[k] for k in self.functions.mechanics.actuated)
+
+    def set_settings(self, settings: Any) -> None:
+        """Other settings from the next sample on; the state is kept."""
+        self._check_scale(settings)
+        super().set_settings(settings)
+
+    def reset(self) -> None:
+        """Start again, as if no sample had come; the counters go on."""
+        super().reset()
+        self.inputs.clear()
+        self._pending.clear()
+        self._before_ns = 0
+
+    def estimates(self) -> list[Estimate]:
+        """Of every joint, at the last used sample; empty where they may not be published."""
+        position, velocity, _, status = self.estimate()
+        if status not in (TRACKING, COASTING):
+            return []
+        return [Estimate(name, q, v) for name, q, v in zip(self.names, position, velocity)]
+
+    def why(self) -> str:
+        """What the status means, in words."""
+        status = self.estimate()[3]
+        if STATUS_NAMES[status] == 'misconfigured':
+            return self.functions.limits(self.mean_dt) or ''
+        if not self._track[7]:
+            missing = sorted(set(self.names) - set(
+                self.names[k] for waiting in self._pending for k in waiting.positions))
+            return f'waiting for {", ".join(missing)}' if self._pending and missing else ''
+        return self.functions.why(self._track[6], self._design)
+
+
+@dataclass
+class _Partial:
+    """A sample whose joints are still coming."""
+
+    stamp_ns: int
+    positions: dict[int, float]
+    efforts: dict[int, float]
+
+    def __init__(self, stamp_ns: int) -> None:
+        self.stamp_ns = stamp_ns
+        self.positions, self.efforts = {}, {}
+
+
+class MechanismConfiguration:
+    """Gains and settings: common values, and `joints.<mechanism>.<parameter>` for one mechanism.
+
+    Raises
+    ------
+    UsageError : an unknown name (the nearest one is suggested) or a value out of range.
+    """
+
+    def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
+                 overrides: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+        self.observer = observer
+        self.common = dict(common or {})
+        self.overrides = {name: dict(values) for name, values in (overrides or {}).items()}
+        known = self.parameters()
+        for values in (self.common, *self.overrides.values()):
+            for name, value in values.items():
+                if name not in known:
+                    raise UsageError(f"unknown parameter '{name}' of {observer.name}: "
+                                     f'{suggestion(name, known)}')
+                known[name].check(value)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Everything that can be set, by name."""
+        return {**declared(self.observer.gains), **declared(MechanismSettings)}
+
+    def of(self, mechanism: str) -> tuple[Any, MechanismSettings]:
+        """(gains, settings) of this mechanism."""
+        values = {**self.common, **self.overrides.get(mechanism, {})}
+        mine = declared(self.observer.gains)
+        return (build(self.observer.gains, {name: value for name, value in values.items()
+                                            if name in mine}, owner=self.observer.name),
+                build(MechanismSettings, {name: value for name, value in values.items()
+                                          if name not in mine}))
+
+
+class MechanismBank:
+    """The mechanisms of one stream.
+
+    Parameters
+    ----------
+    names : of the mechanisms.
+    source : FIELD (the effort field of the joint states) or COMMAND (a topic of its own).
+
+    Attributes
+    ----------
+    joints : the mechanisms by name, as of `estimator_pkg.driver.bank.Bank`.
+    """
+
+    def __init__(self, configuration: MechanismConfiguration, names: Iterable[str],
+                 source: str = FIELD) -> None:
+        self.configuration = configuration
+        self.joints: dict[str, Mechanism] = {}
+        for name in names:
+            gains, settings = configuration.of(name)
+            self.joints[name] = Mechanism(name, configuration.observer, gains, settings, source)
+        if not self.joints:
+            raise UsageError("parameter 'mechanisms' names no mechanism")
+        for name in configuration.overrides:
+            if name not in self.joints:
+                raise UsageError(f"parameters are given for a mechanism '{name}': "
+                                 f'{suggestion(name, self.joints)}')
+        self.only: frozenset[str] = frozenset()
+        self.mismatched = 0
+        self.empty = 0
+
+    def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
+               efforts: Sequence[float]) -> list[Estimate]:
+        """One message of joint states in; the estimates of the mechanisms that it completed."""
+        if not positions:
+            self.empty += 1
+            return []
+        if len(names) != len(positions):
+            self.mismatched += 1
+            return []
+        valid: list[Estimate] = []
+        for mechanism in self.joints.values():
+            if mechanism.take(stamp_ns, names, positions, efforts):
+                valid += mechanism.estimates()
+        return valid
+
+    def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
+        """One effort_command in."""
+        for mechanism in self.joints.values():
+            mechanism.command(stamp_ns, names, efforts)
+
+    def stddevs(self, names: Sequence[str]) -> list[tuple[float, float]]:
+        """One standard deviation of position and velocity of these joints."""
+        found: dict[str, tuple[float, float]] = {}
+        for mechanism in self.joints.values():
+            if any(name in mechanism.names for name in names):
+                of_position, of_velocity = mechanism.stddev()
+                found.update(zip(mechanism.names,
+                                 zip(of_position, of_velocity)))  # type: ignore[call-overload]
+        return [found[name] for name in names]

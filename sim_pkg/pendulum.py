@@ -1,0 +1,52 @@
+"""The simulator ``pendulum``: a single joint with gravity, driven by a torque of several sines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator_pkg.models.mechanics import load
+from sim_pkg.contract import Message, Simulator
+from sim_pkg.mechanism_simulator import MechanismParameters, Vector, merged, stream, topics
+from sim_pkg.sensor import fixed, random_stream
+
+PLANT = {'inertia': 0.05, 'damping': 0.02, 'gravity': 1.5, 'coulomb': 0.05}
+SINES = 12
+
+
+@dataclass(frozen=True)
+class Parameters(MechanismParameters):
+    """All that can be set of the simulator."""
+
+    rate: float = fixed(500.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
+    quantum: tuple[float, ...] = fixed(
+        (2.0 * math.pi / 4096.0,), unit='rad', kind=list, range=(0.0, 10.0),
+        description='smallest step of the encoder; 0: exact')
+    torque: float = fixed(
+        0.6, unit='N m', range=(0.0, 1e6), description='rms of the driving torque')
+    lowest: float = fixed(0.2, unit='Hz', range=(0.001, 1e4), description='lowest sine')
+    highest: float = fixed(3.0, unit='Hz', range=(0.001, 1e4), description='highest sine')
+
+
+def generate(parameters: Parameters, duration: float, seed: int) -> Iterator[list[Message]]:
+    """See `sim_pkg.contract`."""
+    p = parameters
+    mechanics = load('single_joint', merged(PLANT, p.model_parameters))
+    random = random_stream(seed, 'torque')
+    omega = 2.0 * math.pi * (p.lowest + (p.highest - p.lowest)
+                             * (np.arange(SINES) + random.random(SINES)) / SINES)
+    phase = 2.0 * math.pi * random.random(SINES)
+    size = p.torque * math.sqrt(2.0 / SINES)
+
+    def drive(time: float, y: Vector, v: Vector) -> Vector:
+        return (size * float(np.sum(np.sin(omega * time + phase))),)
+
+    return stream(mechanics, p, mechanics.centre, (0.0,), drive, duration, seed)
+
+
+SIMULATOR = Simulator(
+    name='pendulum', summary='one joint with gravity and friction, driven by a torque',
+    parameters=Parameters, topics=topics, generate=generate)

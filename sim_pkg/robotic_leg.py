@@ -1,0 +1,43 @@
+"""The simulator ``robotic_leg``: the leg of section 5.2 with its excitation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from estimator_pkg.models.mechanics import load
+from sim_pkg.contract import Message, Simulator
+from sim_pkg.mechanism_simulator import MechanismParameters, Vector, merged, stream, topics
+from sim_pkg.sensor import fixed
+
+START = (2.2, 1.8, 0.4)
+
+
+@dataclass(frozen=True)
+class Parameters(MechanismParameters):
+    """All that can be set of the simulator."""
+
+    rate: float = fixed(1000.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
+    quantum: tuple[float, ...] = fixed(
+        (1.0 / 500.0, 2.0 * math.pi / 256.0, 2.0 * math.pi / 256.0), unit='m, rad, rad', kind=list,
+        range=(0.0, 10.0), description='smallest step of the encoders, for all or each; 0: exact')
+    force: float = fixed(0.0535, unit='N', range=(0.0, 1e6), description='amplitude of u1')
+    torque: float = fixed(0.067, unit='N m', range=(0.0, 1e6), description='amplitude of u2')
+    omega: float = fixed(10.0, unit='rad/s', range=(0.0, 1e4), description='frequency of both')
+
+
+def generate(parameters: Parameters, duration: float, seed: int) -> Iterator[list[Message]]:
+    """See `sim_pkg.contract`."""
+    p = parameters
+    mechanics = load('robotic_leg', merged({}, p.model_parameters))
+
+    def drive(time: float, y: Vector, v: Vector) -> Vector:
+        return (p.force * math.cos(p.omega * time), p.torque * math.sin(p.omega * time))
+
+    return stream(mechanics, p, START, (0.0,) * 3, drive, duration, seed)
+
+
+SIMULATOR = Simulator(
+    name='robotic_leg', summary="the paper's robotic leg with its excitation",
+    parameters=Parameters, topics=topics, generate=generate)
