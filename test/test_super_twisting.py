@@ -32,10 +32,7 @@ def predictions(form, order, dt, measured, bound=None):
     gains = Gains(order=order, form=form, bound=bound or BOUND[order])
     functions = OBSERVER.build(gains, Circle(0.0))
     design = functions.design()[0]
-    correct = {'matching': super_twisting.correct_matching,
-               'taylor': super_twisting.correct_taylor,
-               'explicit': super_twisting.correct_explicit,
-               'implicit': super_twisting.correct_implicit}[form]
+    correct = super_twisting.correction(form, order)
     step = super_twisting.euler if form == 'explicit' else super_twisting.taylor
 
     def run(first, coefficients, dt, measured, v, a):
@@ -51,7 +48,7 @@ def predictions(form, order, dt, measured, bound=None):
     v, a = np.empty(len(measured)), np.empty(len(measured))
     # one step before the first sample, at rest on it, so that the prediction is the start itself
     first = (float(measured[0]), 0.0, 0.0, 0.0, 0.0, 1.0)
-    compiled(run)(first, (dt, design), dt, np.asarray(measured), v, a)
+    compiled(run)(first, super_twisting.prepare(design, dt), dt, np.asarray(measured), v, a)
     return v, a
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from estimator_pkg.observers.angle import AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.observers.steady_noise import steady_variances
+from estimator_pkg.observers.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter
 
 # c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
@@ -94,36 +96,49 @@ def power_terms(innovation: float, design: tuple, dt: float) -> tuple[float, flo
     return (c1 * fast, second, third, c4 * pace * pace * pace * fast)
 
 
-def matched_gains(pace: float, design: tuple, dt: float) -> tuple[float, float, float, float]:
-    """Predictor gains whose eigenvalues are exp(dt pace p_i), p_i the roots of the coefficients.
+def matched_1(s: float, design: tuple) -> tuple[float, float, float, float]:
+    """Gains (of position, velocity dt, acceleration dt^2, jerk dt^3) of order 1; see `_matching`.
 
-    pace : (L/|e|)^(1/(n+1)) [1/s]. With d_i = 1 - eigenvalue and E_j their elementary symmetric
-    sums the gains are those of a Taylor chain with these eigenvalues.
+    s : dt times the speed (L/|e|)^(1/2) of the error dynamics.
     """
-    order, real, real_part, imaginary, real_2, imaginary_2 = (
-        design[0], design[6], design[7], design[8], design[9], design[10])
-    s = dt * pace
-    radius = math.exp(real_part * s)
-    kept = radius * math.cos(imaginary * s)
-    sum_1, product_1 = 2.0 * (1.0 - kept), 1.0 - 2.0 * kept + radius * radius
-    if order == 1.0:
-        return (sum_1, product_1 / dt, 0.0, 0.0)
-    if order == 2.0:
-        d = 1.0 - math.exp(real * s)
-        e1, e2, e3 = sum_1 + d, product_1 + sum_1 * d, product_1 * d
-        return (e1, (e2 - 0.5 * e3) / dt, e3 / (dt * dt), 0.0)
-    radius = math.exp(real_2 * s)
-    kept = radius * math.cos(imaginary_2 * s)
-    sum_2, product_2 = 2.0 * (1.0 - kept), 1.0 - 2.0 * kept + radius * radius
-    e1, e2 = sum_1 + sum_2, product_1 + product_2 + sum_1 * sum_2
-    e3, e4 = sum_1 * product_2 + sum_2 * product_1, product_1 * product_2
-    return (e1, (e2 - 0.5 * (e3 - e4) - e4 / 6.0) / dt, (e3 - e4) / (dt * dt),
-            e4 / (dt * dt * dt))
+    total, product = pair(s, design[7], design[8])
+    return total - product, product, 0.0, 0.0
+
+
+def matched_2(s: float, design: tuple) -> tuple[float, float, float, float]:
+    """The same of order 2."""
+    total, product = pair(s, design[7], design[8])
+    d = 1.0 - math.exp(design[6] * s)
+    e2, e3 = product + total * d, product * d
+    return total + d - e2 + e3, e2 - 1.5 * e3, e3, 0.0
+
+
+def matched_3(s: float, design: tuple) -> tuple[float, float, float, float]:
+    """The same of order 3."""
+    total, product = pair(s, design[7], design[8])
+    total_2, product_2 = pair(s, design[9], design[10])
+    e2, e3 = product + product_2 + total * total_2, total * product_2 + total_2 * product
+    e4 = product * product_2
+    return (total + total_2 - e2 + e3 - e4, e2 - 1.5 * e3 + 11.0 / 6.0 * e4, e3 - 2.0 * e4, e4)
+
+
+def pair(s: float, real: float, imaginary: float) -> tuple[float, float]:
+    """Sum and product of 1 - z for the eigenvalues z = exp(s (real +- i imaginary))."""
+    radius = math.exp(real * s)
+    kept = 2.0 * radius * math.cos(imaginary * s)
+    return 2.0 - kept, 1.0 - kept + radius * radius
+
+
+MATCHED = {1: matched_1, 2: matched_2, 3: matched_3}
 
 
 def prepare(design: tuple, dt: float) -> tuple:
-    """(dt, design): the gains depend on the innovation, so nothing else can be made beforehand."""
-    return (dt, design)
+    """(dt, design, powers of 1/dt, dt times the speed of the error dynamics at |e| = 1 rad).
+
+    The gains depend on the innovation, so no more can be made beforehand.
+    """
+    rate = 1.0 / dt
+    return (dt, design, rate, rate * rate, rate * rate * rate, dt * design[1])
 
 
 def init(measurement: float, design: tuple) -> tuple:
@@ -133,7 +148,7 @@ def init(measurement: float, design: tuple) -> tuple:
 
 def begin(state: tuple, coefficients: tuple, measurement: float) -> tuple:
     """The second sample gives the speed: a cold start at any speed below half a turn a sample."""
-    dt, design = coefficients
+    dt, design = coefficients[0], coefficients[1]
     change = wrap(measurement - state[0], design[11])
     return (measurement, change / dt, 0.0, 0.0, 0.0, 1.0), 0.0
 
@@ -145,28 +160,48 @@ def moved(state: tuple, k: tuple, innovation: float, design: tuple) -> tuple:
             power, 1.0), innovation
 
 
-def correct_matching(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-    """One sample further, eigenvalues matched to dt."""
-    if state[5] == 0.0:
-        return begin(state, coefficients, measurement)
-    dt, design = coefficients
-    x, v, a, j = taylor(state, dt)
-    predicted = (x, v, a, j, state[4])
-    innovation = wrap(measurement - x, design[11])
-    size = abs(innovation)
-    if size < SMALLEST:
-        return moved(predicted, (0.0, 0.0, 0.0, 0.0), innovation, design)
-    pace = design[1] / size ** (1.0 / (design[0] + 1.0))
-    k0, k1, k2, k3 = matched_gains(pace, design, dt)
-    k = moved_back((k0 * innovation, k1 * innovation, k2 * innovation, k3 * innovation), dt, 0.0)
-    return moved(predicted, k, innovation, design)
+def _matching(order: int) -> Callable[..., tuple]:
+    """One sample further, with eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error.
+
+    p_i are the roots of the coefficients. With d_i = 1 - eigenvalue and E_j their elementary
+    symmetric sums, the gains are those of a Taylor chain with these eigenvalues.
+    """
+    matched, root = MATCHED[order], 1.0 / (order + 1.0)
+
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        x, v, a, j, power, started = state
+        if started == 0.0:
+            return begin(state, coefficients, measurement)
+        dt, design, rate, rate_2, rate_3, pace = coefficients
+        period = design[11]
+        x += dt * (v + dt * (0.5 * a + dt * j / 6.0))
+        v += dt * (a + 0.5 * dt * j)
+        a += dt * j
+        innovation = measurement - x
+        if not -period <= innovation + innovation < period:
+            innovation = wrap(innovation, period)
+        size = abs(innovation)
+        if size > SMALLEST:
+            k0, k1, k2, k3 = matched(pace / size ** root, design)
+            x += k0 * innovation
+            v += k1 * innovation * rate
+            a += k2 * innovation * rate_2
+            j += k3 * innovation * rate_3
+        if not -period <= x + x < period:
+            x = wrap(x, period)
+        return (x, v, a, j, power + 0.02 * (innovation * innovation - power), 1.0), innovation
+
+    return correct
+
+
+CORRECT_MATCHING = {order: _matching(order) for order in MATCHED}
 
 
 def correct_taylor(state: tuple, coefficients: tuple, measurement: float) -> tuple:
     """One sample further, explicit with Taylor terms."""
     if state[5] == 0.0:
         return begin(state, coefficients, measurement)
-    dt, design = coefficients
+    dt, design = coefficients[0], coefficients[1]
     x, v, a, j = taylor(state, dt)
     innovation = wrap(measurement - x, design[11])
     k = moved_back(power_terms(innovation, design, dt), dt, 0.0)
@@ -177,7 +212,7 @@ def correct_explicit(state: tuple, coefficients: tuple, measurement: float) -> t
     """One sample further, forward Euler as printed in textbooks."""
     if state[5] == 0.0:
         return begin(state, coefficients, measurement)
-    dt, design = coefficients
+    dt, design = coefficients[0], coefficients[1]
     x, v, a, j = euler(state, dt)
     innovation = wrap(measurement - x, design[11])
     k = moved_back(power_terms(innovation, design, dt), dt, 1.0)
@@ -192,7 +227,7 @@ def correct_implicit(state: tuple, coefficients: tuple, measurement: float) -> t
     """
     if state[5] == 0.0:
         return begin(state, coefficients, measurement)
-    dt, design = coefficients
+    dt, design = coefficients[0], coefficients[1]
     x = state[0] + dt * state[1]
     innovation = wrap(measurement - x, design[11])
     root = design[1]  # sqrt(L)
@@ -222,29 +257,43 @@ def resume(state: tuple, measurement: float) -> tuple:
     return (measurement, state[1], 0.0, 0.0, state[4], state[5])
 
 
-def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Variances of position, velocity and innovation per unit variance of white noise.
+def equivalent(state: tuple, coefficients: tuple) -> float:
+    """dt times the speed of the error dynamics at innovations of the rms size.
 
-    The observer is linear for one size of innovation; that size is taken as the innovation's rms,
-    and the gains of this equivalent linear filter are interpolated from a table.
+    For one size of innovation the observer is linear; what noise makes of it is taken from there.
     """
-    dt, design = coefficients
-    size = math.sqrt(state[4])
-    if size < SMALLEST:
-        size = SMALLEST
-    pace = dt * design[1] / size ** (1.0 / (design[0] + 1.0))
-    at = (math.log10(pace) - TABLE_FROM) / TABLE_STEP
+    power = state[4] if state[4] > SMALLEST else SMALLEST
+    return coefficients[5] / power ** (0.5 / (coefficients[1][0] + 1.0))
+
+
+def noise_gains_1(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """Variances of position, velocity and innovation per unit variance of white noise."""
+    k0, k1, k2, k3 = matched_1(equivalent(state, coefficients), coefficients[1])
+    return noise_of_two(k0, k1, coefficients[0])
+
+
+def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """The same of order 2."""
+    k0, k1, k2, k3 = matched_2(equivalent(state, coefficients), coefficients[1])
+    return noise_of_three(k0, k1, k2, coefficients[0])
+
+
+def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """The same of order 3, which has no short closed form, from a table."""
+    at = (math.log10(equivalent(state, coefficients)) - TABLE_FROM) / TABLE_STEP
     if at < 0.0:
         at = 0.0
     elif at > TABLE - 1.001:
         at = TABLE - 1.001
     i = int(at)
     part = at - i
-    table = design[12]
-    of_position = math.exp(table[3 * i] + part * (table[3 * i + 3] - table[3 * i]))
-    of_velocity = math.exp(table[3 * i + 1] + part * (table[3 * i + 4] - table[3 * i + 1]))
-    of_innovation = math.exp(table[3 * i + 2] + part * (table[3 * i + 5] - table[3 * i + 2]))
-    return of_position, of_velocity / (dt * dt), of_innovation
+    here, next_one = coefficients[1][12][i], coefficients[1][12][i + 1]
+    return (math.exp(here[0] + part * (next_one[0] - here[0])),
+            math.exp(here[1] + part * (next_one[1] - here[1])) * coefficients[3],
+            math.exp(here[2] + part * (next_one[2] - here[2])))
+
+
+NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_3}
 
 
 def _roots(order: int) -> tuple[float, float, float, float, float]:
@@ -257,18 +306,21 @@ def _roots(order: int) -> tuple[float, float, float, float, float]:
     return real, pairs[0].real, pairs[0].imag, second.real, second.imag
 
 
-def _noise_table(order: int, design: tuple) -> tuple[float, ...]:
-    """Logarithms of the noise gains at dt = 1 over the speed of the error dynamics."""
-    table: list[float] = []
-    count = order + 1
-    chain = np.array([[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(count)]
-                      for i in range(count)])
-    for point in range(TABLE):
-        predictor = matched_gains(10.0 ** (TABLE_FROM + TABLE_STEP * point), design, 1.0)
-        gain = np.linalg.solve(chain, np.array(predictor[:count]))
-        position, velocity, innovation = steady_variances(chain, gain)
-        table += [math.log(position), math.log(velocity), math.log(innovation)]
-    return tuple(table)
+def _noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
+    """Logarithms of the noise gains of order 3 at dt = 1 over the speed of the error dynamics."""
+    chain = np.array([[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(4)]
+                      for i in range(4)])
+    return tuple(tuple(math.log(gain) for gain in steady_variances(
+        chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), design))))
+        for point in range(TABLE))
+
+
+def correction(form: str, order: int) -> Callable[..., tuple]:
+    """The function of the core that takes one sample in."""
+    if form == 'matching':
+        return CORRECT_MATCHING[order]
+    return {'implicit': correct_implicit, 'taylor': correct_taylor,
+            'explicit': correct_explicit}[form]
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -282,14 +334,13 @@ def build(gains: Gains, circle: Circle) -> Functions:
     if gains.form == 'implicit' and order != 1:
         raise UsageError("form 'implicit' exists for order 1 only (of higher order it would bias "
                          "or chatter): use 'matching'")
-    correct = {'matching': correct_matching, 'implicit': correct_implicit,
-               'taylor': correct_taylor, 'explicit': correct_explicit}[gains.form]
+    correct = correction(gains.form, order)
 
     def design() -> tuple:
         coefficients = COEFFICIENTS[order] + (0.0,) * (3 - order)
         numbers = (float(order), gains.bound ** (1.0 / (order + 1)), *coefficients, *_roots(order),
                    float(circle.period))
-        return (*numbers, _noise_table(order, numbers))
+        return (*numbers, _noise_table(numbers) if order == 3 else ((0.0,),))
 
     # Convergence from an error that one sample can hide: about the time that the bound needs to
     # make a speed of its own scale.
@@ -297,7 +348,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     return around(AngleCore(
         design=design, settle=settle, prepare=prepare, init=init, correct=correct,
         estimate=estimate_velocity if order == 1 else estimate_acceleration, resume=resume,
-        noise_gains=noise_gains, limits=lambda dt: None, group_delay=lambda dt: 0.0),
+        noise_gains=NOISE_GAINS[order], limits=lambda dt: None, group_delay=lambda dt: 0.0),
         gains, circle)
 
 
