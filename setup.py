@@ -17,7 +17,7 @@ EXTRAS = {
     'report': ['matplotlib>=3.8,<4'],
     'test': ['pytest>=8,<10', 'pytest-timeout>=2.3,<3', 'hypothesis>=6.100,<7', 'scipy>=1.11,<2',
              'filterpy>=1.4,<2', 'psutil>=5.9,<8', 'ruff>=0.6,<1', 'mypy>=1.10,<3',
-             'types-PyYAML', 'colcon-common-extensions>=0.3,<1'],
+             'motulator>=0.5,<0.6', 'types-PyYAML', 'colcon-common-extensions>=0.3,<1'],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
 
@@ -50,9 +50,12 @@ setup(
             'velocity_estimator = estimator_pkg.cli:main',
             'joint_observer = estimator_pkg.nodes.joint_observer:main',
             'encoder_sim = sim_pkg.nodes.encoder_sim:main',
+            'pmsm_observer = estimator_pkg.nodes.pmsm_observer:main',
+            'pmsm_sim = sim_pkg.nodes.pmsm_sim:main',
         ],
         'velocity_estimator.observers': [
             'hybrid_angle = estimator_pkg.observers.hybrid_angle:OBSERVER',
+            'pmsm = estimator_pkg.observers.pmsm:OBSERVER',
             'finite_difference = estimator_pkg.observers.finite_difference:OBSERVER',
             'pll = estimator_pkg.observers.pll:OBSERVER',
             'kalman = estimator_pkg.observers.kalman:OBSERVER',
@@ -65,6 +68,7 @@ setup(
         ],
         'velocity_estimator.settings': [
             'simulator_nodes = sim_pkg.nodes.settings:RunSettings',
+            'pmsm_observer = estimator_pkg.nodes.pmsm_settings:PmsmSettings',
         ],
         'velocity_estimator.models': [
             'single_joint = estimator_pkg.models.single_joint:MODEL',
@@ -82,9 +86,13 @@ setup(
             'reproduce = sim_pkg.reproduce.command:COMMAND',
             'bench = estimator_pkg.evaluation.bench:COMMAND',
         ],
-        'velocity_estimator.simulators': ['encoder = sim_pkg.encoder:SIMULATOR'],
+        'velocity_estimator.simulators': [
+            'encoder = sim_pkg.encoder:SIMULATOR',
+            'pmsm = sim_pkg.pmsm_simulator:SIMULATOR',
+        ],
         'velocity_estimator.reproductions': [
             'hybrid_angle = sim_pkg.reproduce.hybrid_angle:REPRODUCTION',
+            'pmsm = sim_pkg.reproduce.pmsm:REPRODUCTION',
             'adaptive = sim_pkg.reproduce.adaptive:REPRODUCTION',
             'mechanical = sim_pkg.reproduce.mechanical:REPRODUCTION',
         ],

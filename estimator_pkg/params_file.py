@@ -12,6 +12,7 @@ from estimator_pkg.errors import UsageError, UserError
 
 KEY = 'ros__parameters'
 OVERRIDES = 'joints'
+OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 def load(path: str | Path, node_name: str = 'joint_observer') -> dict[str, Any]:
@@ -70,6 +71,13 @@ def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str
         else:
             common[name] = value
     return common, overrides
+
+
+def of_this_node(values: Mapping[str, Any]) -> dict[str, Any]:
+    """`values` without what ROS gives to every node."""
+    return {name: value for name, value in values.items()
+            if not any(name == known or (known.endswith('.') and name.startswith(known))
+                       for known in OF_EVERY_NODE)}
 
 
 class _Loader(yaml.SafeLoader):

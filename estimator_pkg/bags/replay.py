@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -13,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import observers, params_file
-from estimator_pkg.bags import qos
+from estimator_pkg.bags import drive_replay
 from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.estimates import Encoded, messages
 from estimator_pkg.bags.estimation import GAP, Estimated, Estimation
+from estimator_pkg.bags.output import Output
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.samples import AngleField, JointStates, Source
 from estimator_pkg.bags.selection import measurement_topic
@@ -30,7 +30,6 @@ from estimator_pkg.parameters import build, declared, parse_assignments
 from estimator_pkg.progress import progress
 
 NAME = 'joint_observer'
-OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='take one joint from a number in messages of any type, as in '
                              "/odom:pose.pose.orientation.yaw or /encoder:data; set wrap_period=0 "
                              'for what does not wrap')
-    parser.add_argument('--name', metavar='NODE', default=NAME,
-                        help=f'name of the node, in the topics of the estimates (default {NAME})')
+    parser.add_argument('--name', metavar='NODE',
+                        help='name of the node, in the topics of the estimates (default '
+                             f'{NAME}, of a drive {drive_replay.NAME})')
     parser.add_argument('--copy', metavar='TOPIC', nargs='*',
                         help='copy only these topics of BAG (or none); default: all')
 
@@ -75,6 +75,11 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Replays and says what happened to the samples."""
     begun = time.perf_counter()
     with open_bag(parsed.bag) as bag:
+        if drive_replay.wanted(bag, parsed.observer, parsed.params):
+            result = drive_replay.run(bag, parsed)
+            _print(result)
+            return result
+        parsed.name = parsed.name or NAME
         plan = make_plan(bag, parsed)
         estimation = Estimation(plan.configuration, plan.settings.only,
                                 messages=bag.topics[plan.topic].count)
@@ -82,7 +87,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             with progress('replay', bag.topics[plan.topic].count) as advance:
                 output = None
                 if writer is not None:
-                    output = _Output(bag, writer, f'/{parsed.name.strip("/")}', parsed.copy)
+                    node = f'/{parsed.name.strip("/")}'
+                    output = _Output(bag, writer, parsed.copy, {
+                        f'{node}/estimate': TYPE, f'{node}/estimate_stddev': TYPE})
                 done = 0
                 for names, block, groups in estimates(bag, plan, estimation,
                                                       output.copied if output else set()):
@@ -115,10 +122,7 @@ def make_plan(bag: Bag, parsed: argparse.Namespace) -> Plan:
             raise UsageError(f"--angle '{parsed.angle}' is not TOPIC:FIELD")
         if parsed.measurement:
             raise UsageError('give either --angle or --measurement')
-    common, overrides = params_file.split(
-        {name: value for name, value in values.items()
-         if not any(name == known or (known.endswith('.') and name.startswith(known))
-                    for known in OF_EVERY_NODE)})
+    common, overrides = params_file.split(params_file.of_this_node(values))
     of_node = {name: common.pop(name) for name in declared(NodeSettings) if name in common}
     if parsed.angle:
         of_node['input'] = ANGLE
@@ -174,29 +178,10 @@ def estimates(bag: Bag, plan: Plan, estimation: Estimation, copied: set[str]
         yield names, block, found
 
 
-class _Output:
+class _Output(Output):
     """Writes the copied topics with the estimates among them."""
 
-    def __init__(self, bag: Bag, writer: BagWriter, node: str, copy: list[str] | None) -> None:
-        self._writer = writer
-        self.topics = [f'{node}/estimate', f'{node}/estimate_stddev']
-        for name in copy or ():
-            bag.require(name)
-        wanted = set(bag.topics if copy is None else copy)
-        for name in sorted(wanted & set(self.topics)):
-            print(f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
-                  'another name)', file=sys.stderr)
-        self.copied = {name for name in wanted - set(self.topics)
-                       if bag.topics[name].serialization == 'cdr'}
-        self._numbers = {}
-        for name in bag.topics:
-            if name in self.copied:
-                topic = bag.topics[name]
-                self._numbers[name] = writer.add_topic(
-                    name, topic.type, topic.qos, definition=topic.definition,
-                    definition_format=topic.definition_format, type_hash=topic.type_hash)
-        self._own = [writer.add_topic(name, TYPE, qos.profile(depth=50)) for name in self.topics]
-        self._encoders = Encoder(), Encoder()
+    _encoders = Encoder(), Encoder()
 
     def write(self, names: list[str], block: Block, groups: list[Estimated]) -> None:
         """The block's messages and its estimates."""
@@ -204,9 +189,8 @@ class _Output:
         for group in groups:
             for kind in (0, 1):
                 for rows, raw in messages(group, self._encoders[kind], stddev=kind == 1):
-                    made.add(self._own[kind], kind + 1, rows, raw)
-        lookup = np.array([self._numbers.get(name, -1) for name in names])
-        self._writer.write_block(made.merged(lookup[block.topic]))
+                    made.add(self.own[kind], kind + 1, rows, raw)
+        self.write_among(names, block, made)
 
 
 def _check_joints(bag: Bag, plan: Plan, estimation: Estimation) -> None:

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.guard import AFTER_GAP, DUPLICATE
 from estimator_pkg.driver.track import make_track
 from estimator_pkg.observers.contract import INITIALISING
+
+LONGEST_COAST = 10 ** 9  # ns; after a longer gap nothing is said of the way in between
 
 COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid', 'position', 'velocity')
 
@@ -72,7 +74,7 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
     """A loop over samples through guard and observer; compile it, or call it as it is."""
     track_functions = make_track(functions)
     advance, read = track_functions.advance, track_functions.read
-    electrical, reasons_of = functions.electrical, functions.reasons
+    electrical, reasons_of, coast = functions.electrical, functions.reasons, functions.coast
 
     def batch(track: tuple, design: tuple, limits: tuple, stamps: NDArray[np.int64],
               samples: NDArray[np.float64], rows: NDArray[np.float64], status: NDArray[np.int8],
@@ -80,8 +82,14 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
         for k in range(len(stamps)):
             sample = samples[k]
             measurement = (sample[0], sample[1], sample[2], sample[3])
+            before = track
             track, said = advance(track, design, limits, stamps[k], measurement, 0.0)
             verdict[k] = said
+            if said == AFTER_GAP:
+                gap = stamps[k] - before[0]
+                if gap <= LONGEST_COAST:  # on by what was turned in it
+                    track = (track[0], track[1], track[2], track[3], track[4], track[5],
+                             coast(before[6], before[5], design, measurement, gap * 1e-9), True)
             if said < DUPLICATE:
                 row = rows[k]
                 row[4], row[5], spare, status[k] = read(track, design, limits, measurement, 0.0)

@@ -1,0 +1,39 @@
+"""geometry_msgs/Vector3Stamped from and to CDR bytes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from estimator_pkg.messages.cdr import Reader, Writer
+from estimator_pkg.messages.joint_state import EARLIEST, LATEST
+
+TYPE = 'geometry_msgs/msg/Vector3Stamped'
+
+
+class Vector3(NamedTuple):
+    """A decoded message; SI units."""
+
+    stamp_ns: int
+    frame_id: str
+    x: float
+    y: float
+    z: float
+
+
+def decode(raw: bytes) -> Vector3:
+    """The message in `raw`; raises MalformedMessageError if it is none."""
+    reader = Reader(raw)
+    sec, nanosec = reader.number('i'), reader.number('I')
+    frame_id = reader.text()
+    return Vector3(sec * 1_000_000_000 + nanosec, frame_id, *reader.numbers('d', 3))
+
+
+def encode(stamp_ns: int, frame_id: str, x: float, y: float, z: float = 0.0) -> bytes:
+    """CDR bytes; a stamp that no message can carry becomes the nearest one."""
+    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
+    writer = Writer()
+    writer.numbers('i', (sec,))
+    writer.numbers('I', (nanosec,))
+    writer.text(frame_id)
+    writer.numbers('d', (x, y, z))
+    return bytes(writer.raw)

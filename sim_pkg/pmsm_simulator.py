@@ -1,0 +1,230 @@
+"""The simulator ``pmsm``: a motor in its drive, as currents and voltages; truth beside them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.drive_stream import ELECTRICAL
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages import drive_samples, vector3
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.models.motor import POWER_INVARIANT, phases
+from sim_pkg.contract import Message, Simulator, Topic
+from sim_pkg.pmsm_drive import Drive
+from sim_pkg.pmsm_parameters import PmsmParameters
+from sim_pkg.profiles import fixed
+from sim_pkg.sensor import random_stream
+
+BATCHES, SINGLE = 'batches', 'single'
+SAMPLES = Topic('drive_samples', drive_samples.TYPE)
+CURRENT = Topic('current', vector3.TYPE)
+VOLTAGE = Topic('voltage', vector3.TYPE)
+TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
+TRUE_FLUX = Topic('ground_truth/flux_linkage', vector3.TYPE, truth=True)
+TRUE_SAMPLES = Topic('ground_truth/samples', drive_samples.TYPE, truth=True)
+
+AHEAD = 0.01     # s simulated at a time where single samples leave
+HELD = 1.5       # a batch that is overtaken leaves so many batches late
+SECOND = 1e9
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PmsmSimulatorParameters(PmsmParameters):
+    """All that can be set of the simulator: the drive, and what it publishes."""
+
+    joint: str = fixed(
+        'motor', unit='', description='name of the joint in the truth; electrical quantities are '
+        'under this and _electrical')
+    publish: str = fixed(
+        BATCHES, unit='', choices=(BATCHES, SINGLE),
+        description='batches: drive_samples; single: each sample on current and voltage')
+    batch: int = fixed(200, unit='samples', range=(1, 100000), description='rows of a batch')
+    publish_rate: float = fixed(
+        0.0, unit='Hz', range=(0.0, 200000.0),
+        description='samples published per second, a whole part of sample_rate: the current at the '
+                    'stamp, the mean voltage since the sample before; 0: every sample')
+    phase_values: bool = fixed(
+        False, unit='', description='current and voltage carry the phases a, b, c in place of '
+        'alpha and beta')
+    scaling: str = fixed(
+        'amplitude', unit='', choices=('amplitude', 'power'),
+        description='length of the alpha-beta vectors: amplitude of the phase quantity, or '
+                    'sqrt(1.5) times that')
+    true_samples: bool = fixed(
+        True, unit='', description='with batches: electrical angle, speed and flux of every row on '
+        'ground_truth/samples')
+    lost: float = fixed(
+        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that never arrive')
+    repeated: float = fixed(
+        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that arrive twice')
+    overtaken: float = fixed(
+        0.0, unit='', range=(0.0, 1.0),
+        description='fraction of batches that arrive after the one behind them')
+
+    def __post_init__(self) -> None:
+        """What a range cannot say; raises UsageError."""
+        super().__post_init__()
+        if not self.joint:
+            raise UsageError("parameter 'joint' must not be empty")
+        if self.publish_rate and abs(self.sample_rate / self.publish_rate - self.every) > 1e-6:
+            raise UsageError(f'publish_rate = {self.publish_rate:g} Hz is no whole part of '
+                             f'sample_rate = {self.sample_rate:g} Hz')
+        if self.phase_values and self.publish == BATCHES:
+            raise UsageError("phase_values needs publish 'single': batches carry alpha and beta")
+
+    @property
+    def every(self) -> int:
+        """Samples of the drive per published one."""
+        if not self.publish_rate:
+            return 1
+        return max(1, round(self.sample_rate / self.publish_rate))
+
+
+def topics(parameters: PmsmSimulatorParameters) -> tuple[Topic, ...]:
+    """Measurement and truth."""
+    if parameters.publish == SINGLE:
+        return CURRENT, VOLTAGE, TRUTH, TRUE_FLUX
+    if parameters.true_samples:
+        return SAMPLES, TRUTH, TRUE_FLUX, TRUE_SAMPLES
+    return SAMPLES, TRUTH, TRUE_FLUX
+
+
+class Rows(NamedTuple):
+    """What is published, shape (n,) each; values and true as `drive_samples` has them."""
+
+    stamps_ns: NDArray[np.int64]
+    values: Floats
+    true: Floats
+    speed: Floats
+    angle: Floats
+
+
+class Source:
+    """Published rows, for ever: the drive's own samples, or every so many of them."""
+
+    def __init__(self, parameters: PmsmSimulatorParameters, seed: int) -> None:
+        self._drive = Drive(parameters, seed)
+        self._parameters = parameters
+        self._first = True
+
+    def take(self, count: int) -> Rows:
+        """The next `count` rows."""
+        parameters, every = self._parameters, self._parameters.every
+        # the very first row has nothing before it to take the mean of: it is the drive's own
+        length = count * every - (every - 1 if self._first else 0)
+        begun = self._drive.count
+        record = self._drive.run(length)
+        picked = np.arange(0 if self._first else every - 1, length, every)
+        values = record.samples[picked]
+        if every > 1:
+            start = 1 if self._first else 0
+            means = record.samples[start:, 2:].reshape(-1, every, 2).mean(axis=1)
+            values[start:, 2:] = means
+        self._first = False
+        if parameters.scaling == 'power':
+            values = values * POWER_INVARIANT
+        speed, theta, flux = record.truth[picked, :3].T
+        true = np.stack([(theta + math.pi) % (2.0 * math.pi) - math.pi,
+                         speed * parameters.pole_pairs, flux, np.ones(count)], axis=1)
+        stamps = np.round((begun + picked) * (SECOND / parameters.sample_rate)).astype(np.int64)
+        return Rows(stamps, values, true, speed, theta / parameters.pole_pairs)
+
+
+def generate(parameters: PmsmSimulatorParameters, duration: float, seed: int
+             ) -> Iterator[list[Message]]:
+    """Measurement and truth, a batch at a time (see `sim_pkg.contract`)."""
+    source = Source(parameters, seed)
+    rate = parameters.sample_rate / parameters.every
+    left = None if math.isinf(duration) else max(1, math.ceil(duration * rate - 1e-6))
+    batches = parameters.publish == BATCHES
+    size = parameters.batch if batches else max(1, round(AHEAD * rate))
+    speak = _batch if batches else _single
+    chance = random_stream(seed, 'batches')
+    truth = Truth(parameters.joint)
+    held: list[Message] = []
+    while left is None or left > 0:
+        count = size if left is None else min(size, left)
+        left = None if left is None else left - count
+        messages = speak(parameters, source.take(count), truth, chance.random(3))
+        messages, held = _held_back(messages + held, messages[-1].due_ns)
+        yield messages
+    if held:
+        yield held
+
+
+def _held_back(messages: list[Message], horizon_ns: int) -> tuple[list[Message], list[Message]]:
+    """Messages due up to `horizon_ns` in their order, and the others."""
+    messages.sort(key=lambda message: message.due_ns)
+    ready = sum(message.due_ns <= horizon_ns for message in messages)
+    return messages[:ready], messages[ready:]
+
+
+def _batch(parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
+           ) -> list[Message]:
+    """A batch leaves with its last sample; the truth with it, whatever becomes of the batch."""
+    due = int(rows.stamps_ns[-1])
+    length = len(rows.stamps_ns) * parameters.every / parameters.sample_rate
+    leaves = due + round(HELD * length * SECOND) if chance[2] < parameters.overtaken else due
+    copies = 0 if chance[0] < parameters.lost else 2 if chance[1] < parameters.repeated else 1
+    messages = [Message(leaves, SAMPLES.name, partial(_samples, rows.stamps_ns, rows.values))
+                ] * copies
+    messages += truth.messages(rows, -1)
+    if parameters.true_samples:
+        messages.append(Message(due, TRUE_SAMPLES.name,
+                                partial(_samples, rows.stamps_ns, rows.true)))
+    return messages
+
+
+def _single(parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
+            ) -> list[Message]:
+    """Each sample on current and voltage, and its truth."""
+    messages = []
+    for row, (stamp, value) in enumerate(zip(rows.stamps_ns.tolist(), rows.values.tolist())):
+        for topic, vector in ((CURRENT, value[:2]), (VOLTAGE, value[2:])):
+            three = phases(*vector) if parameters.phase_values else (*vector, 0.0)
+            messages.append(Message(stamp, topic.name, partial(_vector, stamp, three)))
+        messages += truth.messages(rows, row)
+    return messages
+
+
+class Truth:
+    """The true state as messages."""
+
+    def __init__(self, joint: str) -> None:
+        self._names = (joint, joint + ELECTRICAL)
+        self._encode = Encoder().encode
+
+    def messages(self, rows: Rows, row: int) -> list[Message]:
+        """Speed, angle and flux of one row, due at its stamp."""
+        stamp = int(rows.stamps_ns[row])
+        angle, speed, flux, _ = rows.true[row].tolist()
+        state = partial(self._state, stamp, [float(rows.angle[row]), angle],
+                        [float(rows.speed[row]), speed])
+        return [Message(stamp, TRUTH.name, state),
+                Message(stamp, TRUE_FLUX.name, partial(_vector, stamp, (flux, 0.0, 0.0)))]
+
+    def _state(self, stamp_ns: int, position: list[float], velocity: list[float], start_ns: int
+               ) -> bytes:
+        return self._encode(start_ns + stamp_ns, '', self._names, position, velocity)
+
+
+def _samples(stamps_ns: NDArray[np.int64], values: Floats, start_ns: int) -> bytes:
+    return drive_samples.encode(stamps_ns + start_ns, values)
+
+
+def _vector(stamp_ns: int, vector: tuple[float, float, float], start_ns: int) -> bytes:
+    return vector3.encode(start_ns + stamp_ns, '', *vector)
+
+
+SIMULATOR = Simulator(
+    name='pmsm', summary='a permanent-magnet motor in its drive: currents, voltages and truth',
+    parameters=PmsmSimulatorParameters, topics=topics, generate=generate)
