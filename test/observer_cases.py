@@ -12,6 +12,7 @@ from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import build
 
+UNTUNED = {'edge_adaptive'}
 STRUCTURES = {
     'hybrid_angle': [{'order': 2}, {'form': 'paper', 'bandwidth_hz': 20.0},
                      {'injection': 'tan', 'order': 2}],
@@ -37,6 +38,11 @@ def variants():
     """(observer's name, gains) of each angle observer found here: its defaults, and variants."""
     return [(name, gains) for name in angle_observers()
             for gains in ({}, *STRUCTURES.get(name, ()))]
+
+
+def tunable_variants():
+    """Without those that find noise and bandwidth by themselves, and have no gain for either."""
+    return [(name, gains) for name, gains in variants() if name not in UNTUNED]
 
 
 def label(variant):

@@ -23,7 +23,7 @@ BANDWIDTHS = (5.0, 20.0, 60.0)                             # Hz
 FRACTIONS = (0.002, 0.01, 0.03, 0.07, 0.15, 0.25, 0.4)     # of the Nyquist frequency
 AMPLITUDE = 1e-3                                           # rad: linear at small signal
 GAIN, PHASE = 0.01, math.radians(0.5)                      # asked: 5 % and 3 degrees
-NOT_LINEAR = {'super_twisting'}                            # has no frequency response
+NOT_LINEAR = {'edge_adaptive', 'super_twisting'}           # have no frequency response
 
 
 def transition(order, dt):

@@ -164,8 +164,10 @@ class Joint:
                                                    self.counts[2:DUPLICATE]) if count}
 
     def why(self) -> str:
-        """What the status means for this joint, in words."""
+        """What the status means for this joint, or what else a person should know, in words."""
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
+        if self.functions.why is not None and self._track[7]:
+            return self.functions.why(self._track[6], self._design)
         return ''

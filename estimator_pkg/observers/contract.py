@@ -53,6 +53,7 @@ class Functions:
     blank : a measurement of the right type, for a state that no sample has reached yet.
     no_input : an input of the right type, where none is given.
     jump : (state, event) -> state, for observers of switching systems.
+    why : (state, design) -> what a person should know beside the status, or ''. Ordinary Python.
     """
 
     design: Callable[[], tuple]
@@ -68,6 +69,7 @@ class Functions:
     blank: Any = 0.0
     no_input: Any = 0.0
     jump: Callable[[tuple, tuple], tuple] | None = None
+    why: Callable[[tuple, tuple], str] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,293 @@
+"""The edge-aware adaptive observer: a Kalman filter of an angle for which nothing need be tuned.
+
+    a' = -a/FADE + w,  v' = a,  x' = v,       w white jerk of a density that is found on line
+
+What differs from a Kalman filter is what it makes of a reading (`edge_interval`: a count is an
+interval, an edge is a time), how fast it listens (`edge_bandwidth`) and that it learns its sensor
+(`edge_sensor`). The one thing a user says is the quantum, and even that is checked. The derivation
+is in docs/observers/edge_adaptive.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from estimator_pkg.observers.angle import LOST_AFTER, OUTSIDE, is_angle
+from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.contract import (
+    COASTING,
+    INITIALISING,
+    TRACKING,
+    Functions,
+    Observer,
+)
+from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.observers.edge_bandwidth import (
+    Laws,
+    begin_band,
+    follow_band,
+    manoeuvred,
+    widened,
+)
+from estimator_pkg.observers.edge_interval import HELD, NOTHING, interval, within
+from estimator_pkg.observers.edge_sensor import (
+    FIRST_STEPS,
+    TOO_LARGE,
+    TOO_SMALL,
+    agreement,
+    begin_sensor,
+    follow_noise,
+    follow_sensor,
+    follow_steps,
+    quantum_of,
+)
+from estimator_pkg.parameters import parameter
+
+# The constants, all of them; docs/observers/edge_adaptive.md says where each comes from.
+RATE = 0.3        # of the slow law: log density per unit of its product and of filter memory
+SLACK = {'smooth': 0.6, 'balanced': 0.3, 'fast': 0.0}   # of that product
+SHARE = 0.22      # memory of the slow law's low-pass, over the filter's
+SIGMAS = 3.0      # slack of the cumulative sums; prediction this far outside its cell is held
+ALARM = 9.0       # of the cumulative sums: three samples of twice the slack
+BLUR = 0.03       # quanta: no edge is known better
+GRAIN = 0.07      # part of an interval that counts as noise: its ends come again, beat by beat
+LONGEST = 2.0     # [s] longest memory; the start's too
+FADE = 0.3        # [s] memory of the acceleration
+MEMORY = 32.0     # samples: memory of the noise
+STRAY = 4.0       # quanta: beyond them one sample alone is never believed
+CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
+
+SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
+VAGUE = 100.0     # the same in quanta, where there is no turn
+UNTOLD = 0.05     # of its variance an innovation has at least, were it to count in sigmas
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Parameters of `edge_adaptive`."""
+
+    quantum: float = parameter(
+        0.0, unit='rad', range=(0.0, 10.0), structural=False,
+        description='smallest step of the measurement (2 pi / counts); 0: found from the smallest '
+                    'step seen')
+    prefer: str = parameter(
+        'balanced', unit='', choices=('smooth', 'balanced', 'fast'),
+        description='what to give way to where noise and delay are at odds',
+        equation='slack of the bandwidth law: 0.6, 0.3 or 0')
+
+
+def prepare(design: tuple, dt: float) -> tuple:
+    """(dt, dt^2/2, what white jerk of density 1 adds within dt, part of the acceleration kept)."""
+    square = dt * dt
+    kept = FADE / (FADE + dt)
+    return (dt, 0.5 * square, square * square * dt / 20.0, square * square / 8.0,
+            square * dt / 6.0 * kept, square * dt / 3.0, 0.5 * square * kept, dt * kept * kept,
+            kept)
+
+
+def predicted(p: tuple, density: float, coefficients: tuple) -> tuple:
+    """The covariance one sample later."""
+    p00, p01, p02, p11, p12, p22 = p
+    dt, half, q00, q01, q02, q11, q12, q22, kept = coefficients
+    r12 = p12 + dt * p22
+    r02 = p02 + dt * p12 + half * p22
+    r01 = p01 + dt * p11 + half * p12
+    return (p00 + dt * p01 + half * p02 + dt * r01 + half * r02 + density * q00,
+            r01 + dt * r02 + density * q01,
+            kept * r02 + density * q02,
+            p11 + dt * (p12 + r12) + density * q11,
+            kept * r12 + density * q12,
+            kept * kept * p22 + density * q22)
+
+
+def corrected(p: tuple, s: float, known: float) -> tuple:
+    """The covariance after an innovation of variance `s`, of which the part `known` was learnt."""
+    p00, p01, p02, p11, p12, p22 = p
+    part = known / s
+    k0, k1 = p00 * part, p01 * part
+    return (p00 - k0 * p00, p01 - k0 * p01, p02 - k0 * p02, p11 - k1 * p01, p12 - k1 * p02,
+            p22 - part * p02 * p02)
+
+
+def build(gains: Gains, circle: Circle) -> Functions:
+    """The functions at these gains.
+
+    State: (motion: position [rad], velocity, acceleration); covariance; band (see
+    `edge_bandwidth`); sensor, steps (see `edge_sensor`); convention; lock: (status, samples since
+    a start, a gap or a doubt, time [s] for which the readings were far off).
+    """
+    def design() -> tuple:
+        outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
+        laws = Laws(RATE, SLACK[gains.prefer], SHARE, SIGMAS, ALARM)
+        return (float(circle.period), float(circle.unwrap), float(gains.quantum), outside,
+                (laws.rate, laws.slack, laws.share, laws.sigmas, laws.alarm))
+
+    def init(measurement: float, design: tuple) -> tuple:
+        quantum = design[2]
+        floor = quantum * quantum / 12.0
+        return ((measurement, 0.0, 0.0), (floor, 0.0, 0.0, 0.0, 0.0, 0.0), begin_band(0.0),
+                begin_sensor(quantum, BLUR), FIRST_STEPS, begin(measurement),
+                (INITIALISING, 1.0, 0.0))
+
+    def again(measurement: float, design: tuple, sensor: tuple, steps: tuple, convention: tuple
+              ) -> tuple:
+        """A start after lock was lost: what is known of the sensor stays."""
+        fresh = init(measurement, design)
+        return (fresh[0], fresh[1], fresh[2], sensor, steps, convention, fresh[6])
+
+    def started(measurement: float, change: float, coefficients: tuple, quantum: float,
+                noise: float, period: float) -> tuple:
+        """(motion, covariance, band): a straight line through the first two readings."""
+        rate = 1.0 / coefficients[0]
+        floor = quantum * quantum / 12.0 + noise
+        bend = max(VAGUE * quantum, SWERVE * 0.5 * period)
+        bend *= bend / 3.0
+        return ((measurement, change * rate, 0.0),
+                (floor, floor * rate, 0.0, (2.0 * floor + 0.25 * bend) * rate * rate,
+                 0.5 * bend * rate * rate * rate, bend * rate * rate * rate * rate),
+                begin_band(quantum * quantum / LONGEST ** 5))
+
+    def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
+             given: float) -> tuple:
+        motion, p, band, sensor, steps, convention, lock = state
+        dt = coefficients[0]
+        period, laws = design[0], design[4]
+        change = measurement - convention[0]
+        if change + change >= period or change + change < -period:
+            change = wrap(change, period)
+        quantum = sensor[0]
+        if change != 0.0:
+            steps = follow_steps(steps, change, sensor[6], abs(measurement), design[2])
+            quantum = quantum_of(steps, design[2])
+            if quantum != sensor[0] and sensor[0] > 0.0:
+                scale = quantum / sensor[0]
+                band = (band[0] * scale * scale,) + band[1:]
+        sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
+        convention = follow(convention, measurement, period)
+        status, count, astray = lock
+        if p[3] == 0.0:      # no speed is known: the second reading, or the first that differs
+            if quantum > 0.0:
+                motion, p, band = started(measurement, change, coefficients, quantum, sensor[1],
+                                          period)
+            return (motion, p, band, sensor, steps, convention,
+                    (TRACKING if count + 1.0 >= CONFIRMED and quantum == 0.0 else status,
+                     count + 1.0, astray))
+        x, v, a = motion
+        moved = v * dt + a * coefficients[1]
+        off = measurement - x - moved
+        if off + off >= period or off + off < -period:
+            off = wrap(off, period)
+        v += a * dt
+        a *= coefficients[8]
+        p = predicted(p, band[0], coefficients)
+        band = (band[0], band[1], band[2], band[3], band[4], band[5] + dt, band[6] + dt)
+        if off > design[3] or off < -design[3]:
+            # an eighth of a turn off: no reading of this shaft, or not of this speed
+            astray += dt
+            if astray > LOST_AFTER:
+                return again(measurement, design, sensor, steps, convention)
+            return ((measurement - off, v, a), p, band, sensor, steps, convention,
+                    (COASTING if status != INITIALISING else status, 0.0, astray))
+        noise = sensor[1]
+        edges = math.sqrt(noise)
+        hold = SIGMAS * edges
+        kind, centre, half = interval(off, change - moved, quantum, p[0], edges, hold)
+        if kind != NOTHING:
+            s = p[0] + noise + 4.0 * GRAIN * GRAIN * half * half
+            d, left = within(centre, half, math.sqrt(s))
+            known = 1.0 - left
+            z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
+            beyond = z > ALARM or z < -ALARM
+            if beyond:
+                z = ALARM if z > 0.0 else -ALARM
+            least = (quantum * quantum + 12.0 * noise) / LONGEST ** 5
+            before = band
+            band, growth, date, product = follow_band(band, z, known * p[0] / s, least, laws)
+            if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
+                band = before[:3] + band[3:]
+                return ((measurement - off, v, a), p, band, sensor, steps, convention,
+                        (COASTING if status != INITIALISING else status, 0.0, astray))
+            score = d * d / s - known
+            if growth > 0.0 or date > 0.0:
+                if growth > 0.0:
+                    p = widened(p, growth)
+                if date > 0.0:
+                    p = manoeuvred(p, d, date + dt)
+                kind, centre, half = interval(off, change - moved, quantum, p[0], edges, hold)
+                s = p[0] + noise + 4.0 * GRAIN * GRAIN * half * half
+                d, left = within(centre, half, math.sqrt(s))
+                known = 1.0 - left
+            if kind != HELD and (score < 0.0 or product < 1.0):
+                sensor = follow_noise(sensor, score * noise / s, MEMORY, BLUR)
+            pull = d / s
+            off -= p[0] * pull
+            v += p[1] * pull
+            a += p[2] * pull
+            if kind != HELD:     # that an edge did not come moves the estimate, but is no reading
+                p = corrected(p, s, known)
+        if (v + v) * dt > period or (v + v) * dt < -period:
+            if period > 0.0:     # faster than half a turn per sample: lock was lost
+                return again(measurement, design, sensor, steps, convention)
+        if status != TRACKING:
+            count += 1.0
+            if count >= CONFIRMED and p[3] * dt * dt < quantum * quantum + 12.0 * noise:
+                status, astray = TRACKING, 0.0
+            lock = (status, count, astray)
+        return (measurement - off, v, a), p, band, sensor, steps, convention, lock
+
+    def bound(sensor: tuple) -> float:
+        """The largest speed [rad/s] that a reading unchanged for so long allows."""
+        return (sensor[6] + 2.0 * SIGMAS * math.sqrt(sensor[1])) / sensor[7]
+
+    def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
+               given: float) -> tuple:
+        x, v, a = state[0]
+        sensor = state[3]
+        if sensor[7] > 0.0:
+            most = bound(sensor)
+            v = most if v > most else -most if v < -most else v
+        return (present(state[5], x, design[0], design[1]), v, a, state[6][0])
+
+    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
+        p, sensor = state[1], state[3]
+        floor = sensor[0] * sensor[0] / 12.0   # where in its count the encoder changes is not known
+        if p[3] == 0.0:
+            return math.sqrt(floor), math.sqrt(2.0 * floor) / coefficients[0]
+        sigma = math.sqrt(p[3])
+        if sensor[7] > 0.0:
+            most = bound(sensor)
+            sigma = most if sigma > most else sigma
+        return math.sqrt(p[0] + floor), sigma
+
+    def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
+        motion, p, band, sensor, steps, convention, lock = state
+        quantum = sensor[0]
+        status = COASTING if lock[0] == TRACKING else lock[0]
+        return ((measurement, motion[1], 0.0),
+                (quantum * quantum / 12.0, 0.0, 0.0, p[3], 0.0, p[5]),
+                (band[0], 0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+                (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, quantum, 0.0), steps,
+                follow(convention, measurement, design[0]), (status, 0.0, lock[2]))
+
+    def why(state: tuple, design: tuple) -> str:
+        given, found = design[2], quantum_of(state[4], 0.0)
+        said = agreement(state[4], given)
+        if said == TOO_LARGE:
+            return (f'quantum {given:.4g} is too large: steps of {found:.4g} were seen, which is '
+                    'used instead')
+        if said == TOO_SMALL:
+            return f'quantum {given:.4g} seems too small: no step below {found:.4g} was seen'
+        return ''
+
+    return Functions(design, prepare, init, step, output, stddev, resume, lambda dt: None,
+                     lambda dt: math.nan, is_angle, why=why)
+
+
+OBSERVER = Observer(
+    name='edge_adaptive', summary='finds bandwidth and noise by itself: say how many counts the '
+                                  'encoder has, or not even that',
+    gains=Gains, build=build,
+    reference='docs/observers/edge_adaptive.md: edges as times, truncated Gaussians, innovation '
+              'correlation (Mehra 1970), cumulative sums (Page 1954)',
+    gives_acceleration=lambda gains: True)

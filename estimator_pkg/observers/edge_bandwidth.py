@@ -1,0 +1,104 @@
+"""How fast the observer listens: the density of the jerk, from the innovations alone.
+
+Slow law. The innovations of a filter that listens at the right rate are white, whatever the noise.
+So each is multiplied by a low-passed version of those before it, as long a memory as the filter
+itself has: positive says it lags, negative that it follows noise. The logarithm of the density
+moves with that product less a slack. A rise widens the covariance at once, as its steady state
+goes with the density (P_ij ~ density^((1 + i + j)/6)); after a fall the covariance narrows by
+itself.
+
+Fast law. Two cumulative sums, one for each sign, of the innovation less a slack (Page, 1954). Their
+run time dates a manoeuvre, and the covariance gets what white jerk over that time makes of the
+innovation at hand. Neither can be set off by one sample: a sample counts no more than the alarm.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+# (density of the jerk [(rad/s^3)^2 s]; low-passed innovation, its variance were it white;
+# cumulative sum of positive and of negative innovations; run time of either [s])
+Band = tuple[float, float, float, float, float, float, float]
+Covariance = tuple[float, float, float, float, float, float]
+
+
+class Laws(NamedTuple):
+    """Constants of the two laws.
+
+    rate : of log(density) per unit of the product, and per unit of the filter's memory.
+    slack : of the product: what is left of it where motion is followed best.
+    share : memory of the low-pass over the filter's own.
+    sigmas : slack of the cumulative sums.
+    alarm : of the cumulative sums.
+    """
+
+    rate: float
+    slack: float
+    share: float
+    sigmas: float
+    alarm: float
+
+
+def begin_band(density: float) -> Band:
+    """At a start."""
+    return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def follow_band(band: Band, z: float, gain: float, least: float, laws: tuple
+                ) -> tuple[Band, float, float, float]:
+    """After an innovation: (band, growth of log density, date of a manoeuvre, product).
+
+    Parameters
+    ----------
+    z : innovation over its standard deviation, at most the alarm.
+    gain : the part of it by which the position is corrected.
+    least : the density never falls below this.
+
+    Returns
+    -------
+    The growth is 0 where it fell; the date [s] is 0 where there is no manoeuvre.
+    """
+    density, low, variance, up, down, up_time, down_time = band
+    rate, slack, share, sigmas, alarm = laws
+    weight = share * gain
+    product = z * low / math.sqrt(variance)
+    low += weight * (z - low)
+    variance = (1.0 - weight) * (1.0 - weight) * variance + weight * weight
+    move = rate * weight * (product - slack)
+    density *= math.exp(move)
+    if density < least:
+        density, move = least, 0.0
+    up += z - sigmas
+    down -= z + sigmas
+    date = 0.0
+    if up > alarm:
+        date = up_time
+    elif down > alarm:
+        date = down_time
+    if up <= 0.0 or date > 0.0:
+        up = up_time = 0.0
+    if down <= 0.0 or date > 0.0:
+        down = down_time = 0.0
+    return ((density, low, variance, up, down, up_time, down_time), move if move > 0.0 else 0.0,
+            date, product)
+
+
+def widened(p: Covariance, growth: float) -> Covariance:
+    """The covariance of the steady state at exp(growth) times the density."""
+    w = math.exp(growth / 6.0)
+    w2 = w * w
+    w3 = w2 * w
+    w4 = w2 * w2
+    return (p[0] * w, p[1] * w2, p[2] * w3, p[3] * w3, p[4] * w4, p[5] * w4 * w)
+
+
+def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
+    """The covariance with white jerk since `date` [s] ago that explains a deviation `d` [rad]."""
+    square = d * d
+    rate = 1.0 / date
+    first = square * rate
+    second = first * rate
+    third = second * rate
+    return (p[0] + square, p[1] + 2.5 * first, p[2] + 10.0 / 3.0 * second,
+            p[3] + 20.0 / 3.0 * second, p[4] + 10.0 * third, p[5] + 20.0 * third * rate)

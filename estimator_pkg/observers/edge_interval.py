@@ -1,0 +1,76 @@
+"""What one reading of a counter tells about the angle: an interval, and how a Gaussian meets it.
+
+A count says that the angle lies in its cell, no more. Two counts in a row say more: the cell
+before, moved by the predicted motion, and the cell now both hold the angle, and so does what they
+have in common. At low speed that is the stretch just behind the edge that was crossed, as long as
+the way made in one sample; beside any whole number of counts per sample it is the same in a frame
+that moves along, which is why a beat of speed and sampling is no different from creep.
+"""
+
+from __future__ import annotations
+
+import math
+
+ROOT_HALF = math.sqrt(0.5)
+DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
+TAIL = 6.0       # sigmas from which the tail's own series is used: erfc's digits would cancel
+THIN = 1e-3      # an interval thinner than this part of sigma is a point
+
+NOTHING = 0      # the reading tells nothing that the prediction does not know
+INTERVAL = 1     # a measurement: centre, half width
+HELD = 2         # the prediction has left the cell, and no edge came
+
+
+def within(e: float, half: float, sigma: float) -> tuple[float, float]:
+    """Mean, and variance over sigma^2, of N(0, sigma^2) given that it lies in e -+ half."""
+    a, b = (e - half) / sigma, (e + half) / sigma
+    side = sigma
+    if a + b < 0.0:
+        a, b, side = -b, -a, -sigma
+    width = b - a
+    if width < THIN:
+        return side * (a + 0.5 * width), width * width / 12.0
+    if a > TAIL:
+        if width * a > 2.0:
+            return side * (a + 1.0 / a), 1.0 / (a * a)
+        return side * (a + 0.5 * width), width * width / 12.0
+    inside = 0.5 * (math.erfc(a * ROOT_HALF) - math.erfc(b * ROOT_HALF))
+    at_a = DENSITY * math.exp(-0.5 * a * a)
+    at_b = DENSITY * math.exp(-0.5 * b * b)
+    mean = (at_a - at_b) / inside
+    ratio = 1.0 + (a * at_a - b * at_b) / inside - mean * mean
+    return side * mean, (ratio if ratio > 1e-6 else 1e-6)
+
+
+def interval(off: float, ahead: float, quantum: float, variance: float, noise: float,
+             hold: float) -> tuple[int, float, float]:
+    """What this reading is worth: (kind, centre relative to the prediction, half width) [rad].
+
+    Parameters
+    ----------
+    off : cell's centre minus predicted angle [rad].
+    ahead : change of the reading minus predicted motion [rad].
+    variance : of the predicted angle [rad^2]. Above quantum^2/12 the cell alone is news.
+    noise : standard deviation of the edges [rad].
+    hold : a prediction that far [rad] outside the cell is held.
+    """
+    half = 0.5 * quantum
+    if 12.0 * variance > quantum * quantum:
+        return INTERVAL, off, half
+    if ahead > half:
+        width = quantum - ahead
+        if width > -quantum:  # else the speed is not what was thought: the cell alone
+            width = (width if width > 0.0 else 0.0) + noise
+            if width < quantum:
+                return INTERVAL, off - half + 0.5 * width, 0.5 * width
+        return INTERVAL, off, half
+    if ahead < -half:
+        width = quantum + ahead
+        if width > -quantum:
+            width = (width if width > 0.0 else 0.0) + noise
+            if width < quantum:
+                return INTERVAL, off + half - 0.5 * width, 0.5 * width
+        return INTERVAL, off, half
+    if off > half + hold or off < -half - hold:
+        return HELD, off, half
+    return NOTHING, off, half

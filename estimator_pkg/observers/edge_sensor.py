@@ -1,0 +1,126 @@
+"""The sensor as its readings show it: the quantum, and the noise above it.
+
+The noise is seen in the change of the residual of linear interpolation between every second
+reading, which is a third difference divided by the true sample times: position, speed and
+acceleration are gone from it. The quantum is the smallest step of the reading, or of the steps.
+"""
+
+from __future__ import annotations
+
+import math
+
+SURPRISE = 25.0   # a square counts at most so many times what is expected: 5 sigma
+ROUNDING = 1e-6   # of the reading: smaller steps are a float32's last digit
+SEEN = 2.0        # a smaller step than the given quantum is believed when it came twice
+MANY = 8.0        # steps of steps before they are thought to show the quantum
+FINER = 0.75      # the quantum is too large if steps below this part of it are seen
+COARSER = 1.5     # and too small if none below this many were
+
+AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
+
+# (quantum in use [rad]; noise: variance of the edges, beside the quantum's own [rad^2]; scatter:
+# mean square of third differences over 20 [rad^2]; residual, step [rad] and dt [s] of the sample
+# before, dt 0: none; size of the last change of the reading [rad], at least the quantum, and time
+# since it [s])
+Sensor = tuple[float, float, float, float, float, float, float, float]
+# (smallest step seen [rad]; smallest step of the steps [rad], how many there were; steps of either
+# kind that were finer than the given quantum)
+Steps = tuple[float, float, float, float]
+
+FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, 0.0)
+
+
+def begin_sensor(quantum: float, blur: float) -> Sensor:
+    """Before anything was seen; `quantum` [rad] as given, 0: not known. `blur`: see `follow`."""
+    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, 0.0, 0.0, quantum, 0.0)
+
+
+def follow_steps(steps: Steps, step: float, last: float, size: float, quantum: float) -> Steps:
+    """After a reading that moved by `step` [rad], where the last that moved did so by +-`last`.
+
+    Parameters
+    ----------
+    size : of the reading [rad]: of its last digits nothing is learnt.
+    quantum : as given [rad]; 0: not known.
+    """
+    smallest, finest, several, finer = steps
+    grain = ROUNDING * size
+    found = abs(step)
+    if grain < found < smallest:
+        smallest = found
+    if last > 0.0:
+        bend = abs(found - last)
+        if bend > grain:
+            several += 1.0
+            if bend < finest:
+                finest = bend
+            if bend < found:
+                found = bend
+    if grain < found < FINER * quantum:
+        finer += 1.0
+    return (smallest, finest, several, finer)
+
+
+def quantum_of(steps: Steps, given: float) -> float:
+    """The quantum to reckon with [rad]; 0: none is known yet."""
+    smallest, finest = steps[0], steps[1]
+    seen = smallest if smallest < finest else finest
+    if given > 0.0:
+        return seen if steps[3] >= SEEN and seen < given else given
+    return seen if seen < math.inf else 0.0
+
+
+def agreement(steps: Steps, given: float) -> int:
+    """`AGREES`, `TOO_LARGE` or `TOO_SMALL`: the given quantum [rad] beside the steps seen."""
+    if given <= 0.0:
+        return AGREES
+    if steps[3] >= SEEN:
+        return TOO_LARGE
+    if steps[2] >= MANY and min(steps[0], steps[1]) > COARSER * given:
+        return TOO_SMALL
+    return AGREES
+
+
+def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, memory: float,
+                  blur: float) -> Sensor:
+    """One sample further: it moved by `step` [rad] in `dt` [s].
+
+    Parameters
+    ----------
+    quantum : to reckon with from now on [rad].
+    memory : samples over which the scatter is averaged.
+    blur : no edge is known better than this part of the quantum.
+    """
+    used, noise, scatter, residual, last, before, change, since = sensor
+    square = quantum * quantum
+    if before > 0.0:
+        new = (step * before - last * dt) / (dt + before)
+        third = new - residual
+        residual = new
+        power = 0.2 * third * third
+        most = SURPRISE * (scatter + square)
+        scatter += ((power if power < most else most) - scatter) / memory
+    if noise < scatter - square:   # more than any quantisation makes: it is noise
+        noise = scatter - square
+    elif quantum != used:
+        noise = blur * blur * square
+    if step == 0.0:
+        return (quantum, noise, scatter, residual, step, dt, change, since + dt)
+    change = abs(step)
+    return (quantum, noise, scatter, residual, step, dt,
+            change if change > quantum else quantum, 0.0)
+
+
+def follow_noise(sensor: Sensor, excess: float, memory: float, blur: float) -> Sensor:
+    """The noise made likelier: `excess` is the score of the innovation's variance, times noise.
+
+    Never above the scatter, which is no motion, and never below the `blur`.
+    """
+    quantum, noise, scatter = sensor[0], sensor[1], sensor[2]
+    noise *= math.exp(excess / memory)
+    if noise > scatter:
+        noise = scatter
+    least = blur * blur * quantum * quantum
+    if noise < least:
+        noise = least
+    return (quantum, noise) + sensor[2:]
