@@ -65,6 +65,7 @@ setup(
             'ehgo = estimator_pkg.observers.ehgo:OBSERVER',
             'smo = estimator_pkg.observers.smo:OBSERVER',
             'adaptive = estimator_pkg.observers.adaptive:OBSERVER',
+            'edge_adaptive = estimator_pkg.observers.edge_adaptive:OBSERVER',
         ],
         'velocity_estimator.settings': [
             'simulator_nodes = sim_pkg.nodes.settings:RunSettings',
