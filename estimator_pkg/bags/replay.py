@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import observers, params_file
-from estimator_pkg.bags import drive_replay
+from estimator_pkg.bags import drive_replay, mechanical_replay
 from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.estimates import Encoded, messages
 from estimator_pkg.bags.estimation import GAP, Estimated, Estimation
@@ -73,6 +73,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Replays and says what happened to the samples."""
+    if mechanical_replay.wanted(parsed):
+        return mechanical_replay.run(parsed)
     begun = time.perf_counter()
     with open_bag(parsed.bag) as bag:
         if drive_replay.wanted(bag, parsed.observer, parsed.params):
