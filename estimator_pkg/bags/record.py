@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from estimator_pkg.nodes.loss import Loss
 
 LOOK = 0.1       # s between looks at the graph
+PATIENCE = 10.0  # s added to a given duration while no message has come yet
 FLUSH = 2.0      # s after which what has come is on its way to the disk
 
 
@@ -32,7 +33,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='topics to record; none: all, also those that appear later')
     parser.add_argument('--out', metavar='BAG', required=True, help='bag to write')
     parser.add_argument('--duration', metavar='S', type=float,
-                        help='end so long after the first message; default: at Ctrl-C')
+                        help='end so long after the first message (10 s later if none comes); '
+                             'default: at Ctrl-C')
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -106,9 +108,10 @@ class Recorder:
             if now >= flush:
                 self._writer.flush()
                 flush = now + FLUSH
-            if duration is not None and self._first_ns and (
-                    time.monotonic_ns() - self._first_ns > duration * 1e9):
-                return
+            if duration is not None:
+                since = self._first_ns * 1e-9 if self._first_ns else begun + PATIENCE
+                if time.monotonic() - since > duration:
+                    return
             self._here.spin(min(LOOK, duration or LOOK))
 
     def _tell_missing(self) -> None:
