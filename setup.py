@@ -14,9 +14,13 @@ EXTRAS = {
     'ros': ['ros-jazzy-rclpy>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6',
             'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9'],
     'fast': ['numba>=0.61,<1'],
-    'report': ['matplotlib>=3.8,<4'],
+    'report': ['matplotlib>=3.8,<4', 'bokeh>=3.4,<4'],
+    'tune': ['optuna>=4,<5'],
+    'cluster': ['dask>=2024.8', 'distributed>=2024.8'],
+    'docs': ['mkdocs-material>=9.5,<10'],
     'test': ['pytest>=8,<10', 'pytest-timeout>=2.3,<3', 'hypothesis>=6.100,<7', 'scipy>=1.11,<2',
-             'filterpy>=1.4,<2', 'psutil>=5.9,<8', 'ruff>=0.6,<1', 'mypy>=1.10,<3',
+             'filterpy>=1.4,<2', 'psutil>=5.9,<8', 'selenium>=4.20,<5', 'ruff>=0.6,<1',
+             'mypy>=1.10,<3',
              'motulator>=0.5,<0.6', 'types-PyYAML', 'colcon-common-extensions>=0.3,<1'],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
@@ -50,6 +54,10 @@ setup(
             'velocity_estimator = estimator_pkg.cli:main',
             'joint_observer = estimator_pkg.nodes.joint_observer:main',
             'encoder_sim = sim_pkg.nodes.encoder_sim:main',
+            'cart_pendulum_sim = sim_pkg.nodes.cart_pendulum_sim:main',
+            'robotic_leg_sim = sim_pkg.nodes.robotic_leg_sim:main',
+            'pendulum_sim = sim_pkg.nodes.pendulum_sim:main',
+            'mechanical_observer = estimator_pkg.nodes.mechanical_observer:main',
             'pmsm_observer = estimator_pkg.nodes.pmsm_observer:main',
             'pmsm_sim = sim_pkg.nodes.pmsm_sim:main',
         ],
@@ -70,6 +78,8 @@ setup(
         'velocity_estimator.settings': [
             'simulator_nodes = sim_pkg.nodes.settings:RunSettings',
             'pmsm_observer = estimator_pkg.nodes.pmsm_settings:PmsmSettings',
+            'mechanical_observer = estimator_pkg.nodes.mechanical_settings:MechanicalNodeSettings',
+            'mechanisms = estimator_pkg.driver.mechanism:MechanismSettings',
         ],
         'velocity_estimator.models': [
             'single_joint = estimator_pkg.models.single_joint:MODEL',
@@ -89,6 +99,9 @@ setup(
         ],
         'velocity_estimator.simulators': [
             'encoder = sim_pkg.encoder:SIMULATOR',
+            'cart_pendulum = sim_pkg.cart_pendulum:SIMULATOR',
+            'robotic_leg = sim_pkg.robotic_leg:SIMULATOR',
+            'pendulum = sim_pkg.pendulum:SIMULATOR',
             'pmsm = sim_pkg.pmsm_simulator:SIMULATOR',
         ],
         'velocity_estimator.reproductions': [

@@ -32,8 +32,10 @@ class Row:
     """One estimate of one joint, compared.
 
     validity : seconds by status, or published and withheld.
-    coverage : the part of the errors within the 95 % band; nan without a standard deviation.
+    coverage : the part of the errors within the 95 % band, to which the reference's own noise is
+        added; nan without a standard deviation.
     reference_cannot_tell : the error is no larger than what the reference itself may be wrong by.
+    reference_noise : what the reference itself may be wrong by [rad/s].
     time : shape (m,) [s]; truth, estimate, stddev : shape (m,), velocities at these times.
     status_time, status : shape (k,), of every sample that was used; empty where it is not known.
     """
@@ -51,6 +53,7 @@ class Row:
     truth: Array
     estimate: Array
     stddev: Array
+    reference_noise: float
     status_time: NDArray[np.floating]
     status: NDArray[np.int8]
 
@@ -143,15 +146,16 @@ def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,
         raise UserError(f'nothing is left after the first {options.skip:g} s')
     rows, time, true = matched.rows[kept], matched.time[kept], matched.velocity[kept]
     velocity, stddev = estimate.velocity[rows], estimate.velocity_stddev[rows]
-    speeds = metrics.velocity(time, velocity, true,
-                              known.noise if np.isfinite(known.noise) else 0.0)
+    noise = known.noise if np.isfinite(known.noise) else 0.0
+    speeds = metrics.velocity(time, velocity, true, noise)
     angles = metrics.position(time, estimate.position[rows], matched.position[kept],
                               options.wrap_period)
     counts = {'estimates': len(estimate.stamps), 'compared': len(rows),
               'interpolated': len(matched.rows) - matched.exact, 'unmatched': matched.unmatched}
     return Row(source, joint, speeds, angles, estimate.samples, counts, estimate.validity,
-               coverage(velocity - true, stddev), known.cannot_tell(speeds['rms']), elapsed[kept],
-               true, velocity, stddev, (estimate.status_stamps - start) * 1e-9, estimate.status)
+               coverage(velocity - true, np.hypot(stddev, noise)),
+               known.cannot_tell(speeds['rms']), elapsed[kept], true, velocity, stddev, noise,
+               (estimate.status_stamps - start) * 1e-9, estimate.status)
 
 
 def coverage(errors: Array, stddev: Array) -> float:

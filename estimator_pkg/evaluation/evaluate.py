@@ -5,6 +5,7 @@ an off-line reference where there is none.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 from typing import Any
 
@@ -16,6 +17,7 @@ from estimator_pkg.evaluation.comparison import Comparison, compare
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
+from estimator_pkg.evaluation.report import Report
 from estimator_pkg.evaluation.smoother import Smoothed
 from estimator_pkg.evaluation.text import fixed, number, table
 from estimator_pkg.evaluation.truth import SMOOTHED
@@ -48,6 +50,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='what velocities are compared with: the truth in the bag, or an '
                              'off-line smoother of the measured positions (default: the smoother '
                              'where there is no truth)')
+    parser.add_argument('--html', metavar='FILE',
+                        help='write one page with tables, plots that zoom and what to do next; the '
+                             'numbers behind it go into an .npz beside it')
     parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
 
 
@@ -76,14 +81,27 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     chosen = options(parsed)
     if parsed.plot:
         plot.check(parsed.plot)
-    comparisons = []
-    for bag in dict.fromkeys(parsed.bags):
-        comparisons.append(compare(bag, chosen))
-        print(describe(comparisons[-1]) + '\n')
+    bags = list(dict.fromkeys(parsed.bags))
+    result, drawn = {}, []
+    with contextlib.ExitStack() as stack:
+        page = (stack.enter_context(Report(parsed.html, len(bags), chosen.wrap_period))
+                if parsed.html else None)
+        for bag in bags:
+            comparison = compare(bag, chosen)
+            print(describe(comparison) + '\n')
+            result[comparison.bag] = comparison.as_dict()
+            if page is not None:
+                said = page.add(comparison)
+                result[comparison.bag]['findings'] = said
+                print('\n'.join(f'- {each}' for each in said) + '\n')
+            if parsed.plot:
+                drawn.append(comparison)
+    if parsed.html:
+        print(f'page: {parsed.html}')
     if parsed.plot:
-        plot.draw(comparisons, parsed.plot)
+        plot.draw(drawn, parsed.plot)
         print(f'plot: {parsed.plot}')
-    return {'bags': {comparison.bag: comparison.as_dict() for comparison in comparisons}}
+    return {'bags': result}
 
 
 def describe(comparison: Comparison) -> str:

@@ -52,8 +52,12 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
         bag.require(topic, (TYPE,))
     elif topic not in bag.topics or bag.topics[topic].type != TYPE:
         return {}
-    return {joint: series for joint, series in joint_series(bag, topic).items()
-            if np.isfinite(series.position).any()}
+    found = {}
+    for joint, series in joint_series(bag, topic).items():
+        if np.isfinite(series.position).any():
+            nothing = np.broadcast_to(np.nan, len(series.stamps_ns))  # nobody reads the rest here
+            found[joint] = series._replace(velocity=nothing, effort=nothing)
+    return found
 
 
 def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Options

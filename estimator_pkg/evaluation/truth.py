@@ -22,6 +22,7 @@ from estimator_pkg.progress import progress
 Array = NDArray[np.float64]
 
 LAG_SEEN = 2.0              # a lag or bias is corrected if it is so many standard deviations
+ENOUGH = 600_000            # samples that tell what a truth is worth
 SMOOTHED = 'the off-line smoother'
 
 
@@ -98,7 +99,17 @@ def _from_smoother(path: str, measurement: dict[str, Series], options: Options) 
 
 
 def _reference(truth: Series, measurement: Series | None, period: float) -> Reference:
-    """The truth's own lag, bias and noise against the measured position; without one, its noise."""
+    """The truth's own lag, bias and noise against the measured position; without one, its noise.
+
+    Of a long record the middle `ENOUGH` samples tell.
+    """
+    if len(truth.stamps_ns) > ENOUGH:
+        first = (len(truth.stamps_ns) - ENOUGH) // 2
+        truth = _part(truth, slice(first, first + ENOUGH))
+        if measurement is not None:
+            low, high = np.min(truth.stamps_ns), np.max(truth.stamps_ns)
+            near = (measurement.stamps_ns >= low) & (measurement.stamps_ns <= high)
+            measurement = _part(measurement, near)
     if measurement is None:
         alone = match(truth.stamps_ns, truth.stamps_ns, truth.velocity, truth.velocity, 0.0)
         nan = np.nan
@@ -108,6 +119,11 @@ def _reference(truth: Series, measurement: Series | None, period: float) -> Refe
     position = measurement.position[good]
     at = match(truth.stamps_ns, measurement.stamps_ns[good], position, position, period)
     return reference.fit(at.time, truth.velocity[at.rows], at.position, period)
+
+
+def _part(series: Series, rows: slice | NDArray[np.bool_]) -> Series:
+    return Series(series.stamps_ns[rows], series.position[rows], series.velocity[rows],
+                  series.effort[rows])
 
 
 def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]:
@@ -122,8 +138,8 @@ def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]
 def _finite(series: Series) -> Series:
     """Only the rows that carry a velocity."""
     good = np.isfinite(series.velocity)
-    return Series(series.stamps_ns[good], series.position[good], series.velocity[good],
-                  series.effort[good])
+    nothing = np.broadcast_to(np.nan, int(np.count_nonzero(good)))  # nobody reads it here
+    return Series(series.stamps_ns[good], series.position[good], series.velocity[good], nothing)
 
 
 def listed(names: Iterable[str]) -> str:

@@ -1,0 +1,215 @@
+"""``evaluate --html``: one self-contained page for any number of bags and observers."""
+
+from __future__ import annotations
+
+import html
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from estimator_pkg import __version__
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.comparison import Comparison, Row
+from estimator_pkg.evaluation.findings import Measurement, look, sentences
+from estimator_pkg.evaluation.full_data import FullData
+from estimator_pkg.evaluation.text import fixed, number
+
+HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
+POINTS_OF_A_PAGE = 160_000  # of all lines over time: a browser still draws them at once,
+POINTS = (600, 6000)        # and fewest and most of one line
+LINES = 3                   # per estimate: velocity, error, status
+
+STYLE = """
+body { font: 14px/1.45 system-ui, sans-serif; color: #222; max-width: 1120px; margin: 1.5em auto;
+       padding: 0 1em; }
+h1 { font-size: 1.5em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #ccc; }
+h3 { font-size: 1.05em; margin-top: 1.4em; }
+table { border-collapse: collapse; font-size: 13px; } th, td { padding: .2em .6em;
+       text-align: right; border-bottom: 1px solid #e4e4e4; } th { background: #f4f4f4; }
+td:first-child, td:nth-child(2), th:first-child, th:nth-child(2) { text-align: left; }
+tr.best td { font-weight: 600; } .plots { display: flex; flex-wrap: wrap; }
+.note { color: #666; font-size: 13px; } .scroll { overflow-x: auto; }
+"""
+
+HEADER = ('estimate', 'joint', 'rms', 'mean', 'worst', 'worst at', 'bias', 'delay', 'noise',
+          'in 95 % band', 'valid', 'samples', 'dropped')
+UNITS = ('', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
+
+
+class Report:
+    """Gathers bags, writes the page and the numbers beside it; a context manager.
+
+    Parameters
+    ----------
+    path : of the page; nothing is there before it is complete.
+    bags : how many will come, so that the points can be shared out.
+    period : wrap period of the positions [rad].
+
+    Raises
+    ------
+    UserError : Bokeh is missing, or there is no such folder.
+    """
+
+    def __init__(self, path: str, bags: int, period: float) -> None:
+        try:
+            import bokeh  # noqa: F401  (only to see whether it is there)
+        except ImportError as error:
+            raise UserError(HINT) from error
+        self.path = Path(path)
+        if not self.path.parent.is_dir():
+            raise UserError(f'{path}: there is no folder {self.path.parent}')
+        self.data = self.path.with_suffix('.npz')
+        self._period = period
+        self._bags = max(1, bags)
+        self._full = FullData(self.data)
+        self._sections: list[str] = []
+        self._figures: dict[str, Any] = {}
+
+    def __enter__(self) -> Report:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        """The page appears, unless something went wrong."""
+        self._full.__exit__(kind, error, trace)
+        if kind is None:
+            self._write()
+
+    def add(self, comparison: Comparison) -> list[str]:
+        """One bag more; what there is to know of it, in sentences."""
+        seen: dict[str, Measurement] = {}
+        for joint in dict.fromkeys(row.joint for row in comparison.rows):
+            if joint in comparison.measurement:
+                found = look(comparison.measurement[joint], comparison.starts[joint], self._period)
+                if found is not None:
+                    seen[joint] = found
+        said = sentences(comparison, seen)
+        parts = [f'<h2>{html.escape(comparison.bag)}</h2>',
+                 f'<p>Velocity errors against {html.escape(_against(comparison))}, at zero shift; '
+                 'the delay stands beside them.</p>', _table(comparison),
+                 '<h3>What to know, and what to do next</h3>',
+                 '<ul>' + ''.join(f'<li>{html.escape(each)}</li>' for each in said) + '</ul>']
+        points = self._points(comparison)
+        for joint in dict.fromkeys(row.joint for row in comparison.rows):
+            rows = [row for row in comparison.rows if row.joint == joint]
+            parts.append(f'<h3>{html.escape(joint)}</h3>')
+            parts += self._draw(comparison, joint, rows, seen.get(joint), points)
+            self._keep(comparison, joint, rows)
+        self._sections.append('\n'.join(parts))
+        return said
+
+    def _points(self, comparison: Comparison) -> int:
+        """How many points a line may have."""
+        share = POINTS_OF_A_PAGE // (self._bags * LINES * max(1, len(comparison.rows)))
+        return min(max(share, POINTS[0]), POINTS[1])
+
+    def _draw(self, comparison: Comparison, joint: str, rows: Sequence[Row],
+              seen: Measurement | None, points: int) -> list[str]:
+        from estimator_pkg.evaluation import report_figures as figures
+        wide = figures.over_time(comparison, joint, rows, points)
+        small = figures.closer(comparison, rows)
+        if seen is not None:
+            small.append(figures.sample_times(seen))
+        return [self._place('', wide), self._place('plots', small),
+                '<p class="note">Drag a box over a plot to zoom: time moves together in all that '
+                'show it. The tools beside a plot pan, zoom with the wheel, go back and save. A '
+                'click on a name hides its line.</p>']
+
+    def _place(self, kind: str, drawn: Sequence[Any]) -> str:
+        names = []
+        for figure in drawn:
+            name = f'figure_{len(self._figures)}'
+            self._figures[name] = figure
+            names.append(name)
+        slots = ''.join(f'<div data-figure="{name}"></div>' for name in names)
+        return f'<div class="{kind}">{slots}</div>'
+
+    def _keep(self, comparison: Comparison, joint: str, rows: Sequence[Row]) -> None:
+        """The full numbers of one joint, next to the page."""
+        base = _name(comparison.bag, joint)
+        if joint in comparison.measurement:
+            series = comparison.measurement[joint]
+            self._full.add(f'{base}/measurement/stamps_ns', series.stamps_ns)
+            self._full.add(f'{base}/measurement/position', series.position)
+        shared: Row | None = None
+        for row in rows:
+            here = _name(base, row.source)
+            if (shared is None or len(shared.time) != len(row.time)
+                    or not np.array_equal(shared.time, row.time)):
+                shared = row
+                self._full.add(f'{here}/time', row.time)
+                self._full.add(f'{here}/reference', row.truth)
+            self._full.add(f'{here}/velocity', row.estimate)
+            if np.isfinite(row.stddev).any():
+                self._full.add(f'{here}/velocity_stddev', row.stddev)
+
+    def _write(self) -> None:
+        from bokeh.embed import components
+        from bokeh.resources import Resources
+        script, slots = components(self._figures)
+        body = '\n'.join(self._sections)
+        for name, slot in slots.items():
+            body = body.replace(f'<div data-figure="{name}"></div>', slot)
+        library = Resources(mode='inline', components=['bokeh'], minified=True).render_js()
+        page = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+                f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
+                f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
+                f'{__version__}. Every sample that was compared is in {self.data.name} beside this '
+                f'page (numpy.load); the plots show the extremes of each stretch.</p>\n{script}\n'
+                '</body></html>\n')
+        beside = self.path.with_name(f'.{self.path.name}.part')
+        beside.write_text(page, encoding='utf-8')
+        os.replace(beside, self.path)
+
+
+def _against(comparison: Comparison) -> str:
+    if not comparison.smoothed:
+        return comparison.truth
+    worth = ', '.join(f'{joint} {number(found.uncertainty, 2)}'
+                      for joint, found in comparison.smoothed.items())
+    return (f'{comparison.truth} (made from the measured positions; it may itself be wrong by, '
+            f'in rad/s rms: {worth})')
+
+
+def _table(comparison: Comparison) -> str:
+    head = ''.join(f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
+                   for name, unit in zip(HEADER, UNITS))
+    best: dict[str, Row] = {}
+    for row in comparison.rows:
+        if row.joint not in comparison.refused and not row.reference_cannot_tell:
+            known = best.get(row.joint)
+            if known is None or row.velocity['rms'] < known.velocity['rms']:
+                best[row.joint] = row
+    lines = ''.join(_line(row, best.get(row.joint) is row) for row in comparison.rows)
+    marked = any(row.reference_cannot_tell for row in comparison.rows)
+    star = ('<p class="note">* The reference cannot tell: the error is no larger than what the '
+            'reference itself may be wrong by.</p>' if marked else '')
+    return f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>{star}'
+
+
+def _line(row: Row, best: bool) -> str:
+    v = row.velocity
+    error = np.abs(row.estimate - row.truth)
+    worst = float(row.time[int(np.nanargmax(error))]) if np.isfinite(error).any() else math.nan
+    dropped = ', '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
+    total = sum(row.validity.values())
+    valid = row.validity.get('tracking', 0.0) + row.validity.get('coasting', 0.0) + (
+        row.validity.get('published', 0.0))
+    cells = (row.source, row.joint, fixed(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
+             fixed(v['mean_abs'], 4), fixed(v['max_abs'], 3), fixed(worst, 2), fixed(v['bias'], 4),
+             fixed(v['delay_s'] * 1e3, 2), number(v['noise'], 3),
+             f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
+             f'{valid:.2f} of {total:.2f}' if total else '-',
+             f'{row.samples["used"]} of {row.samples["received"]}', dropped or '0')
+    made = ''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)
+    return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'
+
+
+def _name(*parts: str) -> str:
+    """A name inside the .npz: no part of it can leave it."""
+    return '/'.join(part.strip('/').replace('..', '_') for part in parts)

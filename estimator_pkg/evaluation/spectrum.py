@@ -1,0 +1,70 @@
+"""Views of an error: over frequency, over speed, and in units of its own standard deviation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WINDOW = 2048       # samples of a window of the spectrum, or a quarter of the record
+BINS = 24           # of speed
+SPREAD = 5.0        # the histogram reaches so many standard deviations
+CELLS = 60
+FEW = 5             # samples in a bin of speed, below which it is left out
+
+
+def density(time: Array, error: Array) -> tuple[Array, Array]:
+    """(frequency [Hz], root of the power spectral density [(rad/s)/sqrt Hz]) of an error.
+
+    The samples are put on an even grid (the error is held across holes); Hann windows overlap by
+    half. Empty where there are too few samples.
+    """
+    good = np.isfinite(error)
+    time, error = time[good], error[good]
+    if len(time) < 64:
+        return np.zeros(0), np.zeros(0)
+    step = float(np.median(np.diff(time)))
+    count = min(len(time), int((time[-1] - time[0]) / step) + 1)
+    # holes are cut out: a record of pieces keeps its samples, not its pauses
+    if count > 2 * len(time) or np.max(np.diff(time)) > 20.0 * step:
+        even = error
+    else:
+        even = np.interp(time[0] + step * np.arange(count), time, error)
+    size = min(WINDOW, 1 << (len(even) // 4).bit_length() - 1)
+    size = max(size, 32)
+    window = np.hanning(size)
+    power: Array = np.zeros(size // 2 + 1)
+    pieces = 0
+    for at in range(0, len(even) - size + 1, size // 2):
+        power += np.abs(np.fft.rfft(window * even[at:at + size])) ** 2
+        pieces += 1
+    if not pieces:
+        return np.zeros(0), np.zeros(0)
+    power *= 2.0 * step / (pieces * float(np.sum(window * window)))
+    return np.arange(1, size // 2 + 1) / (size * step), np.sqrt(power[1:])
+
+
+def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
+    """(speed, rms error, mean error) over bins of the signed true speed that hold equally many."""
+    good = np.isfinite(truth) & np.isfinite(error)
+    truth, error = truth[good], error[good]
+    if len(truth) < FEW:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    order = np.argsort(truth, kind='stable')
+    parts = [part for part in np.array_split(order, min(BINS, max(1, len(order) // FEW)))
+             if len(part)]
+    return (np.array([np.mean(truth[part]) for part in parts]),
+            np.array([np.sqrt(np.mean(error[part] ** 2)) for part in parts]),
+            np.array([np.mean(error[part]) for part in parts]))
+
+
+def normalised(error: Array, stddev: Array) -> tuple[Array, Array]:
+    """(middles, density) of error / standard deviation; empty without a standard deviation."""
+    good = np.isfinite(error) & np.isfinite(stddev) & (stddev > 0.0)
+    if not good.any():
+        return np.zeros(0), np.zeros(0)
+    ratio = np.clip(error[good] / stddev[good], -SPREAD, SPREAD)
+    heights, edges = np.histogram(ratio, bins=CELLS, range=(-SPREAD, SPREAD))
+    width = edges[1] - edges[0]
+    return 0.5 * (edges[1:] + edges[:-1]), heights / (len(ratio) * width)

@@ -1,0 +1,216 @@
+"""The page of evaluate --html: its content, its size, and that it works in a browser offline."""
+
+import json
+import math
+import time
+from pathlib import Path
+
+import browser
+import numpy as np
+import pytest
+
+from estimator_pkg.bags.series import Series
+from estimator_pkg.cli import main
+from estimator_pkg.evaluation import findings, spectrum
+from estimator_pkg.evaluation.thinning import changes, extremes
+
+BAGS = Path(__file__).resolve().parent.parent / 'bags'
+PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
+FAULTS = BAGS / 'simulated' / 'random_with_faults'
+TURN = 2.0 * math.pi
+
+
+@pytest.fixture(scope='module')
+def page(tmp_path_factory):
+    path = tmp_path_factory.mktemp('report') / 'page.html'
+    result = path.with_name('result.json')
+    assert main(['evaluate', str(PENDULUM), str(FAULTS), '--observer', 'hybrid_angle',
+                 '--observer', 'finite_difference', '--skip', '0.5', '--html', str(path),
+                 '--json', str(result)]) == 0
+    return path, json.loads(result.read_text())
+
+
+def test_the_page_is_small_and_stands_alone(page):
+    path, _ = page
+    text = path.read_text()
+    assert path.stat().st_size < 5e6
+    assert '<script src' not in text and '<link rel' not in text
+    assert 'gravity_compensation_1000hz' in text and 'finite_difference' in text
+
+
+def test_every_compared_sample_is_beside_the_page(page):
+    path, result = page
+    data = np.load(path.with_suffix('.npz'))
+    found = result['bags'][str(FAULTS)]['estimates']['hybrid_angle']['joints']['wheel']
+    base = f'{str(FAULTS).strip("/")}/wheel/hybrid_angle'
+    assert len(data[f'{base}/velocity']) == found['matched']['compared']
+    error = data[f'{base}/velocity'] - data[f'{base}/reference']
+    assert np.sqrt(np.mean(error ** 2)) == pytest.approx(found['velocity']['rms'])
+
+
+def test_the_page_says_what_to_do(page):
+    _, result = page
+    said = '\n'.join(result['bags'][str(FAULTS)]['findings'])
+    assert 'gap of 304 ms at 4.4 s' in said
+    assert '28 of 2524 samples dropped' in said
+    assert 'about 4096 per turn' in said
+
+
+def test_in_a_browser_without_network(page):
+    driver = browser.start()
+    try:
+        from selenium.webdriver.common.action_chains import ActionChains
+        driver.get(page[0].as_uri())
+        drawn = ('return Bokeh.documents.length > 0 && Bokeh.documents.every(d => d.is_idle)')
+        until = time.monotonic() + 30.0
+        while not driver.execute_script(drawn) and time.monotonic() < until:
+            time.sleep(0.1)
+        assert driver.execute_script(drawn)
+        errors = [line for line in driver.get_log('browser') if line['level'] == 'SEVERE']
+        assert errors == []
+        asked = [json.loads(line['message'])['message'] for line in driver.get_log('performance')]
+        urls = {event['params']['request']['url'] for event in asked
+                if event['method'] == 'Network.requestWillBeSent'}
+        assert not [url for url in urls if not url.startswith(('file:', 'data:', 'blob:'))]
+
+        plots = '[...Bokeh.index].filter(view => view.model.title && view.model.x_range)'
+        views = driver.execute_script(f'return {plots}.map(view => view.model.title.text);')
+        for title in ('velocity against', 'error and its', 'status', 'error against speed',
+                      'spectrum', 'standard deviation', 'sample times', 'measured position'):
+            assert sum(title in each for each in views) == 2, (title, views)
+        painted = driver.execute_script(f'const plots = {plots};' + '''
+            const roots = plots.map(view => view.shadow_el || view.el);
+            function canvases(node) {
+                let found = [...node.querySelectorAll('canvas')];
+                for (const each of node.querySelectorAll('*'))
+                    if (each.shadowRoot) found = found.concat(canvases(each.shadowRoot));
+                return found;
+            }
+            return roots.map(root => canvases(root).some(canvas => {
+                if (!canvas.width || !canvas.height) return false;
+                const context = canvas.getContext('2d');
+                if (!context) return false;
+                const pixels = context.getImageData(0, 0, canvas.width, canvas.height).data;
+                const colours = new Set();
+                for (let i = 0; i < pixels.length; i += 4)
+                    colours.add(pixels[i] << 16 | pixels[i + 1] << 8 | pixels[i + 2]);
+                return colours.size > 8;
+            }));''')
+        assert len(painted) == 16 and all(painted)
+
+        ranges = f'''return {plots}.map(view => view.model)
+            .map(plot => [plot.title.text, plot.x_range.start, plot.x_range.end]);'''
+        before = driver.execute_script(ranges)
+        # the drag begins in the second plot of the first bag: velocity
+        plot = driver.execute_script(f'return {plots}[1].el;')
+        driver.execute_script('arguments[0].scrollIntoView({block: "center"});', plot)
+        ActionChains(driver).move_to_element_with_offset(plot, -200, -40).click_and_hold(
+            ).move_by_offset(200, 60).release().perform()
+        until = time.monotonic() + 10.0
+        while driver.execute_script(ranges)[:4] == before[:4] and time.monotonic() < until:
+            time.sleep(0.1)
+        after = driver.execute_script(ranges)
+        linked = {tuple(each[1:]) for each in after[:4]}
+        assert len(linked) == 1, after[:4]
+        (low, high), = linked
+        assert high - low < 0.5 * (before[1][2] - before[1][1])
+        assert after[8:] == before[8:]  # the other bag stays as it was
+    finally:
+        driver.quit()
+
+
+def test_no_folder_is_one_line(tmp_path, capsys):
+    words = ['evaluate', str(FAULTS), '--observer', 'pll', '--html', str(tmp_path / 'no/p.html')]
+    assert main(words) == 1
+    assert 'there is no folder' in capsys.readouterr().err.strip()
+
+
+def test_what_fails_leaves_nothing_behind(tmp_path, capsys):
+    assert main(['evaluate', str(tmp_path / 'nowhere'), '--html', str(tmp_path / 'p.html')]) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_bokeh_there_is_a_hint(tmp_path, capsys, monkeypatch):
+    import sys
+    monkeypatch.setitem(sys.modules, 'bokeh', None)
+    assert main(['evaluate', str(FAULTS), '--observer', 'pll', '--html',
+                 str(tmp_path / 'p.html')]) == 1
+    assert 'velocity_estimator[report]' in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------- what the readings show
+
+def series(time, angle, wrap=True):
+    stamps = np.rint(np.asarray(time) * 1e9).astype(np.int64) + 10 ** 9
+    position = (np.asarray(angle) + math.pi) % TURN - math.pi if wrap else np.asarray(angle)
+    nothing = np.full(len(stamps), np.nan)
+    return Series(stamps, position, nothing, nothing)
+
+
+def counted(angle, counts=4096):
+    return np.floor(np.asarray(angle) * counts / TURN) * TURN / counts
+
+
+def look(time, angle):
+    return findings.look(series(time, angle), 10 ** 9, TURN)
+
+
+def test_an_encoder_that_repeats_itself():
+    time = np.arange(4000) * 1e-3
+    fresh = counted(40.0 * time)
+    assert look(time, fresh).repeats == 1
+    assert look(time, np.repeat(fresh[::2], 2)).repeats == 2
+    assert look(time, np.repeat(fresh[::4], 4)).repeats == 4
+    assert look(time, counted(0.05 * time)).repeats == 1  # slow: that is the quantum
+
+
+def test_jittered_stamps_and_what_they_cost():
+    random = np.random.default_rng(0)
+    time = np.arange(8000) * 1e-3
+    angle = 75.0 * time - 75.0 / 0.8 * np.sin(0.8 * time)  # 0 to 150 rad/s and back
+    assert look(time, counted(angle)).jitter_s == 0.0
+    for jitter in (1e-4, 2e-4):
+        seen = look(time + jitter * random.standard_normal(8000), counted(angle))
+        assert seen.jitter_s == pytest.approx(jitter, rel=0.3)
+
+
+def test_gaps_and_rates():
+    time = np.arange(3000) * 2e-3
+    kept = (time < 2.0) | (time > 2.043)
+    seen = look(time[kept], counted(3.0 * time[kept]))
+    assert seen.rate == pytest.approx(500.0)
+    assert len(seen.holes) == 1
+    when, length = seen.holes[0]
+    assert when == pytest.approx(2.0, abs=0.003) and length == pytest.approx(0.046, abs=0.003)
+
+
+# ---------------------------------------------------------------- what is drawn
+
+def test_thinning_keeps_the_extremes():
+    values = np.zeros(100_000)
+    values[31_415], values[77_777] = 5.0, -3.0
+    chosen = extremes(values, 600)
+    assert len(chosen) <= 602
+    assert {0, 31_415, 77_777, 99_999} <= set(chosen.tolist())
+    assert np.array_equal(extremes(values[:500], 600), np.arange(500))
+    steps = np.repeat([0, 1, 2, 1], 50)
+    assert changes(steps, 100).tolist() == [0, 50, 100, 150, 199]
+
+
+def test_the_spectrum_holds_the_power():
+    time = np.arange(20_000) * 1e-3
+    error = 0.3 * math.sqrt(2.0) * np.sin(TURN * 40.0 * time)
+    frequency, root = spectrum.density(time, error)
+    assert frequency[np.argmax(root)] == pytest.approx(40.0, abs=0.5)
+    assert math.sqrt(np.sum(root ** 2) * (frequency[1] - frequency[0])) == pytest.approx(0.3,
+                                                                                       rel=0.02)
+
+
+def test_errors_by_speed_and_by_deviation():
+    random = np.random.default_rng(0)
+    truth = np.linspace(-10.0, 10.0, 20_000)
+    error = 0.1 * np.abs(truth) * random.standard_normal(20_000)
+    speed, rms, _ = spectrum.by_speed(truth, error)
+    assert rms[0] / abs(speed[0]) == pytest.approx(0.1, rel=0.1)
+    middles, heights = spectrum.normalised(error, 0.1 * np.abs(truth))
+    assert np.interp(0.0, middles, heights) == pytest.approx(0.399, abs=0.02)
