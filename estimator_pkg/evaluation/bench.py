@@ -32,6 +32,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='which group; default: both')
     parser.add_argument('--part', action='append', choices=tuple(PARTS), default=[],
                         help='of speed, only this part (may be repeated)')
+    parser.add_argument('--draws', type=_positive, metavar='N',
+                        help='of accuracy, also N random phases and speeds per column')
     parser.add_argument('--quick', action='store_true',
                         help='fewer rounds and shorter bags: a look, not a measurement')
     parser.add_argument('--messages', type=_positive, metavar='N',
@@ -45,6 +47,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.group in (None, ACCURACY) and not parsed.part:
         result[ACCURACY] = bench_accuracy.run()
         print(bench_accuracy.describe(result[ACCURACY]) + '\n')
+        if parsed.draws:
+            result['drawn'] = bench_accuracy.spread(draws=parsed.draws, fast=True)
+            print(bench_accuracy.describe_spread(result['drawn']) + '\n')
     if parsed.group in (None, SPEED):
         rows: list[dict[str, Any]] = []
         for part in parsed.part or PARTS:

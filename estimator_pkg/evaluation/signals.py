@@ -1,7 +1,8 @@
 """The shared set of motions on which observers are compared, in closed form.
 
-Every column is one encoder: 1 kHz, 4096 counts per turn, read as an angle in [-pi, pi). With jitter
-the samples are taken at uneven times, and their stamps say when.
+Every column is one encoder, read as an angle in [-pi, pi): 1 kHz and 4096 counts per turn but where
+the column says otherwise. With jitter the samples are taken at uneven times, and their stamps say
+when. Each column can also be drawn at random: another phase, another start, a speed near by.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array]]
+Draw = Callable[[np.random.Generator], Motion]
 
 RATE = 1000.0           # [Hz]
 COUNTS = 4096
@@ -40,6 +42,8 @@ class Signal:
     motion : (time [s]) -> (position [rad], velocity [rad/s]).
     jitter : sampling times are off by up to this part of a sample time.
     dropped : this part of the samples, at random, never arrives.
+    rate, counts, noise : sampling [Hz], counts per turn, white noise before the counter [rad].
+    draw : the motion with a random phase or speed; None: always the same, with a random start.
     """
 
     name: str
@@ -47,22 +51,44 @@ class Signal:
     motion: Motion
     jitter: float = 0.0
     dropped: float = 0.0
+    rate: float = RATE
+    counts: int = COUNTS
+    noise: float = 0.0
+    draw: Draw | None = None
+
+    @property
+    def quantum(self) -> float:
+        """Smallest step of the reading [rad]."""
+        return 2.0 * math.pi / self.counts
 
     def samples(self, seed: int = 1, duration: float = DURATION) -> Samples:
         """`duration` [s] of it; the same for the same seed."""
-        random = np.random.default_rng(seed)
-        count = round(duration * RATE)
+        return self._sampled(self.motion, START_ANGLE, np.random.default_rng(seed), duration)
+
+    def drawn(self, number: int, duration: float = DURATION) -> Samples:
+        """As `samples`, with a random start, and a random phase or speed where it has one."""
+        random = np.random.default_rng((number, len(self.name)))
+        start = random.uniform(0.0, 2.0 * math.pi)
+        motion = self.motion if self.draw is None else self.draw(random)
+        return self._sampled(motion, start, random, duration)
+
+    def _sampled(self, motion: Motion, start: float, random: np.random.Generator,
+                 duration: float) -> Samples:
+        count = round(duration * self.rate)
         steps = np.arange(count) + self.jitter * random.uniform(-1.0, 1.0, count)
         kept = random.random(count) >= self.dropped
-        stamps = np.rint((steps[kept] + 1.0) * (1e9 / RATE)).astype(np.int64)
-        position, velocity = self.motion(stamps.astype(np.float64) * 1e-9)
-        return Samples(stamps + START_NS, encoder(position + START_ANGLE), velocity)
+        stamps = np.rint((steps[kept] + 1.0) * (1e9 / self.rate)).astype(np.int64)
+        position, velocity = motion(stamps.astype(np.float64) * 1e-9)
+        position = position + start
+        if self.noise > 0.0:
+            position = position + random.normal(0.0, self.noise, len(position))
+        return Samples(stamps + START_NS, encoder(position, self.counts), velocity)
 
 
-def encoder(position: Array) -> Array:
+def encoder(position: Array, counts: int = COUNTS) -> Array:
     """The position [rad] as an encoder reads it: whole counts, in [-pi, pi)."""
-    count = np.floor(position * (COUNTS / (2.0 * math.pi)))
-    return ((count + COUNTS / 2) % COUNTS - COUNTS / 2) * (2.0 * math.pi / COUNTS)
+    count = np.floor(position * (counts / (2.0 * math.pi)))
+    return ((count + counts / 2) % counts - counts / 2) * (2.0 * math.pi / counts)
 
 
 def constant(speed: float) -> Motion:
@@ -70,15 +96,18 @@ def constant(speed: float) -> Motion:
     return lambda time: (speed * time, np.full(len(time), speed))
 
 
-def sine(amplitude: float, frequency: float) -> Motion:
-    """A velocity of this amplitude [rad/s] and frequency [Hz]."""
+def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Motion:
+    """A velocity of this amplitude [rad/s], frequency [Hz] and phase [rad]."""
     pulsation = 2.0 * math.pi * frequency
-    return lambda time: (-amplitude / pulsation * np.cos(pulsation * time),
-                         amplitude * np.sin(pulsation * time))
+    return lambda time: (-amplitude / pulsation * np.cos(pulsation * time + phase),
+                         amplitude * np.sin(pulsation * time + phase))
 
 
-def trapezoid(speed: float, acceleration: float, hold: float) -> Motion:
-    """Again and again from rest to `speed` [rad/s] and back, both held for `hold` [s]."""
+def trapezoid(speed: float, acceleration: float, hold: float, phase: float = 0.0) -> Motion:
+    """Again and again from rest to `speed` [rad/s] and back, both held for `hold` [s].
+
+    phase : part of a period by which it is ahead.
+    """
     rise = speed / acceleration
     corners = np.cumsum([0.0, hold, rise, hold, rise])
     speeds = np.array([0.0, 0.0, speed, speed, 0.0])
@@ -87,9 +116,9 @@ def trapezoid(speed: float, acceleration: float, hold: float) -> Motion:
     change = np.array([0.0, acceleration, 0.0, -acceleration])
 
     def motion(time: Array) -> tuple[Array, Array]:
-        turns, phase = np.divmod(time, corners[-1])
-        part = np.clip(np.searchsorted(corners, phase, side='right') - 1, 0, 3)
-        inside = phase - corners[part]
+        turns, within = np.divmod(time + phase * corners[-1], corners[-1])
+        part = np.clip(np.searchsorted(corners, within, side='right') - 1, 0, 3)
+        inside = within - corners[part]
         velocity = speeds[part] + change[part] * inside
         position = travelled[part] + (speeds[part] + 0.5 * change[part] * inside) * inside
         return turns * travelled[-1] + position, velocity
@@ -97,11 +126,63 @@ def trapezoid(speed: float, acceleration: float, hold: float) -> Motion:
     return motion
 
 
+def some_speed(speed: float) -> Draw:
+    """Constant, within 20 % of `speed` [rad/s]."""
+    return lambda random: constant(speed * random.uniform(0.8, 1.2))
+
+
+def some_sine(amplitude: float, frequency: float) -> Draw:
+    """The sine at any phase."""
+    return lambda random: sine(amplitude, frequency, random.uniform(0.0, 2.0 * math.pi))
+
+
+def some_trapezoid(speed: float, acceleration: float, hold: float) -> Draw:
+    """The trapezoid at any phase."""
+    return lambda random: trapezoid(speed, acceleration, hold, random.uniform())
+
+
+def beat(whole: int, over: int, off: float) -> Motion:
+    """A constant speed of whole/over counts per sample (1 kHz, 4096 counts), but for `off`."""
+    return constant((whole / over + off) * RATE * 2.0 * math.pi / COUNTS)
+
+
+def some_beat(least: float, most: float) -> Draw:
+    """Within 4 % of a sixth to a whole count per sample, the whole part between two bounds."""
+    def draw(random: np.random.Generator) -> Motion:
+        over = int(random.integers(1, 7))
+        whole = int(random.integers(max(1, round(least * over)), max(2, round(most * over) + 1)))
+        return beat(whole, over, random.uniform(-0.04, 0.04) * min(1.0, whole / over))
+
+    return draw
+
+
+SINE, SOME_SINE = sine(5.0, 2.0), some_sine(5.0, 2.0)
 SIGNALS = (
-    Signal('slow', '0.02 rad/s', constant(0.02)),
-    Signal('sine', '5 rad/s sine at 2 Hz', sine(5.0, 2.0)),
-    Signal('trapezoid', '0 to 20 rad/s at 100 rad/s^2', trapezoid(20.0, 100.0, 0.8)),
-    Signal('fast', '200 rad/s', constant(200.0)),
-    Signal('jitter', 'the sine, sampled with +-40 % jitter', sine(5.0, 2.0), jitter=0.4),
-    Signal('drops', 'the sine, 10 % of the samples lost', sine(5.0, 2.0), dropped=0.1),
+    Signal('slow', '0.02 rad/s', constant(0.02), draw=some_speed(0.02)),
+    Signal('sine', '5 rad/s sine at 2 Hz', SINE, draw=SOME_SINE),
+    Signal('trapezoid', '0 to 20 rad/s at 100 rad/s^2', trapezoid(20.0, 100.0, 0.8),
+           draw=some_trapezoid(20.0, 100.0, 0.8)),
+    Signal('fast', '200 rad/s', constant(200.0), draw=some_speed(200.0)),
+    Signal('jitter', 'the sine, sampled with +-40 % jitter', SINE, jitter=0.4, draw=SOME_SINE),
+    Signal('drops', 'the sine, 10 % of the samples lost', SINE, dropped=0.1, draw=SOME_SINE),
+)
+# What tells observers apart beyond the shared set: very low speeds, other encoders and rates.
+FURTHER = (
+    Signal('creep', '0.005 rad/s', constant(0.005), draw=some_speed(0.005)),
+    Signal('reversal', '0.1 rad/s sine at 0.5 Hz', sine(0.1, 0.5), draw=some_sine(0.1, 0.5)),
+    Signal('256', '0.5 rad/s with 256 counts', constant(0.5), counts=256, draw=some_speed(0.5)),
+    Signal('1024', '0.5 rad/s with 1024 counts', constant(0.5), counts=1024,
+           draw=some_speed(0.5)),
+    Signal('65536', '0.5 rad/s with 65536 counts', constant(0.5), counts=65536,
+           draw=some_speed(0.5)),
+    Signal('steps', '0 to 30 rad/s at 300 rad/s^2', trapezoid(30.0, 300.0, 0.3),
+           draw=some_trapezoid(30.0, 300.0, 0.3)),
+    Signal('noise', 'the sine with 1 mrad of white noise', SINE, noise=1e-3, draw=SOME_SINE),
+    Signal('beat', 'beside p/q <= 1 count per sample, q <= 6', beat(1, 1, 0.01),
+           draw=some_beat(0.0, 1.0)),
+    Signal('fast beat', 'the same at 20 to 130 counts per sample', beat(261, 2, 0.01),
+           draw=some_beat(20.0, 130.0)),
+    Signal('100 Hz', 'the sine at 100 Hz', SINE, rate=100.0, draw=SOME_SINE),
+    Signal('200 Hz', 'the sine at 200 Hz', SINE, rate=200.0, draw=SOME_SINE),
+    Signal('10 kHz', 'the sine at 10 kHz', SINE, rate=10_000.0, draw=SOME_SINE),
 )
