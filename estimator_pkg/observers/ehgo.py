@@ -34,7 +34,7 @@ from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
 TRIPLE = (3.0, 3.0, 1.0)   # (s + 1)^3
-REACH = 2.9422866          # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from velocity to estimate
+REACH = 1.642467686        # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from velocity to estimate
 
 
 @dataclass(frozen=True)

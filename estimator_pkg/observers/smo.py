@@ -221,7 +221,9 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         return (core[0], core[3], core[2], core[3])
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
-        """By describing functions, at the present size of e."""
+        """By describing functions, at the present size of e; it tells some 30 % too little, because
+        the harmonics of the switching are left out.
+        """
         size = np.sqrt(np.maximum(power, 1e-18))
         if twists:
             one, two = first * OF_ROOT / np.sqrt(size), second * OF_SIGN / size

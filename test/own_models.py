@@ -1,0 +1,133 @@
+"""Models of mechanisms as a user writes them, outside the package: right ones and wrong ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+class CartPendulum:
+    """The normalised cart-pendulum with b = 0.5, in numpy; it gives no Psi and no Coriolis forces."""
+
+    joints = ('pendulum', 'cart')
+    periods = (2.0 * np.pi, 0.0)
+    reach = (np.pi, 1.0)
+    actuated = (1,)
+    b = 0.5
+
+    def inertia(self, q):
+        """M(q)."""
+        coupling = self.b * np.cos(q[0])
+        return np.array([[1.0, coupling], [coupling, 1.0]])
+
+    def gradient(self, q):
+        """dV/dq."""
+        return np.array([-np.sin(q[0]), 0.0])
+
+    def inputs(self, q):
+        """G(q)."""
+        return np.array([[0.0], [1.0]])
+
+
+class TwoLinks:
+    """A planar arm of two links: curved, so that there is no Psi."""
+
+    joints = ('shoulder', 'elbow')
+    reach = (np.pi, np.pi)
+
+    def inertia(self, q):
+        """M(q)."""
+        c = np.cos(q[1])
+        return np.array([[3.0 + 2.0 * c, 1.0 + c], [1.0 + c, 1.0]])
+
+    def gradient(self, q):
+        """dV/dq."""
+        return np.zeros(2)
+
+    def inputs(self, q):
+        """G(q)."""
+        return np.eye(2)
+
+
+class WrongPsi(TwoLinks):
+    """Claims a Psi that does not linearise."""
+
+    def psi(self, q):
+        """Psi(q)."""
+        return np.linalg.cholesky(np.linalg.inv(self.inertia(q)))
+
+
+class WrongCalm(CartPendulum):
+    """calM that is not M^-1 Psi^-T."""
+
+    def psi(self, q):
+        """Psi(q)."""
+        return np.linalg.cholesky(np.linalg.inv(self.inertia(q)))
+
+    def calm(self, q):
+        """calM(q), wrong."""
+        return 1.01 * self.psi(q)
+
+
+class WrongCoriolis(CartPendulum):
+    """Coriolis forces of the wrong sign."""
+
+    def coriolis(self, q, v):
+        """C v, wrong."""
+        return np.array([0.0, self.b * np.sin(q[0]) * v[0] ** 2])
+
+
+class Singular(CartPendulum):
+    """M is singular where the pendulum is upright."""
+
+    b = 1.3
+
+
+class Lopsided(CartPendulum):
+    """M is not symmetric."""
+
+    def inertia(self, q):
+        """M(q), wrong."""
+        return np.array([[1.0, 0.2], [0.0, 1.0]])
+
+
+class WrongSize(CartPendulum):
+    """G of the wrong size."""
+
+    def inputs(self, q):
+        """G(q), wrong."""
+        return np.eye(3)
+
+
+class Incomplete:
+    """Gives no mass matrix."""
+
+    joints = ('a',)
+
+
+class Compiled:
+    """A single joint in the compilable subset."""
+
+    joints = ('joint',)
+    compiles = True
+
+    @staticmethod
+    def inertia(q):
+        """M(q)."""
+        return ((0.05,),)
+
+    @staticmethod
+    def factors(q):
+        """(calM, Psi)."""
+        return ((20.0,),), ((1.0,),)
+
+    @staticmethod
+    def force(q, v, u):
+        """G u - dV/dq."""
+        return (u[0] - 1.5 * math.sin(q[0]),)
+
+    @staticmethod
+    def coriolis(q, v):
+        """C v."""
+        return (0.0,)
