@@ -51,6 +51,8 @@ CSV = {
     'dfki_double_pendulum/trajectory_665hz': MEASURED,
 }
 COPIED = ('vicon/yawbag', 'vicon/flybag', 'vicon/yx2bag', 'joint_state_one_message/array_msgs')
+DRIVE = ['--set', 'publish_rate=5000', '--set', 'batch=50', '--set', 'current_noise=0.05',
+         '--set', 'true_samples=false']
 SIMULATED: dict[str, list[str]] = {
     'simulated/sine_12bit': ['--duration', '5', '--seed', '1', '--set', 'profile=sine'],
     'simulated/random_with_faults': [
@@ -61,6 +63,14 @@ SIMULATED: dict[str, list[str]] = {
     'simulated/trapezoid_raw_counts': [
         '--duration', '4', '--seed', '3', '--set', 'profile=trapezoid', '--set', 'rate=500',
         '--set', 'convention=raw_counts'],
+}
+DRIVES: dict[str, list[str]] = {
+    'simulated/drive_startup': [
+        '--duration', '1', '--seed', '1', '--set', 'profile=standstill', *DRIVE],
+    'simulated/drive_profile': ['--duration', '0.7', '--seed', '2', *DRIVE],
+    'simulated/drive_reversal': [
+        '--duration', '1', '--seed', '3', '--set', 'profile=reversal', *DRIVE,
+        '--set', 'speed_rpm=3000', '--set', 'lost=0.05', '--set', 'repeated=0.05'],
 }
 
 
@@ -85,12 +95,13 @@ def main(words: list[str] | None = None) -> int:
                 shutil.copyfile(file, target / file.name)
             print(target)
         shutil.copyfile(source.parent / LICENSE, target.parent / LICENSE)
-    for name, words in SIMULATED.items():
-        target = parsed.out / name
-        if not target.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            if velocity_estimator(['simulate', 'encoder', '--out', str(target), *words]):
-                return 1
+    for plant, runs in (('encoder', SIMULATED), ('pmsm', DRIVES)):
+        for name, words in runs.items():
+            target = parsed.out / name
+            if not target.exists():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                if velocity_estimator(['simulate', plant, '--out', str(target), *words]):
+                    return 1
     return 0
 
 

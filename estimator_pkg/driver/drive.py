@@ -116,6 +116,9 @@ def run(batch: Callable[..., tuple], track: tuple, design: tuple, limits: tuple,
         track = compiled(batch)(track, design, limits, np.ascontiguousarray(stamps, np.int64),
                                 np.ascontiguousarray(samples, float), *out)
     else:  # lists hold Python's own numbers, which are several times faster than numpy's
+        told = [values.tolist() for values in out]
         track = batch(track, design, limits, np.asarray(stamps).tolist(),
-                      np.asarray(samples).tolist(), *out)
+                      np.asarray(samples).tolist(), *told)
+        for values, found in zip(out, told):
+            values[:] = found
     return track, out

@@ -22,7 +22,7 @@ from estimator_pkg.driver.guard import (
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, Observer
-from estimator_pkg.observers.pmsm_watch import describe
+from estimator_pkg.observers.pmsm_watch import BLIND, describe
 
 REMEMBERED = 64     # batches that are known again when they are repeated
 GAP = 2.5           # sample periods without a sample are a gap
@@ -192,7 +192,8 @@ class DriveJoint(Joint):
         limit = super().why()
         if limit:
             return limit
-        said = describe(self._motor.reasons(self._track[6]))
-        if self.estimate()[3] == NOT_OBSERVABLE and math.isfinite(self.speed_bound()):
-            said += f'; |speed| is below {self.speed_bound():.2g} rad/s'
-        return said
+        reasons = self._motor.reasons(self._track[6])
+        if self.estimate()[3] != NOT_OBSERVABLE:
+            return describe(reasons)
+        said, bound = describe(reasons & BLIND), self.speed_bound()
+        return f'{said}; |speed| is below {bound:.2g} rad/s' if math.isfinite(bound) else said

@@ -25,12 +25,13 @@ PERIOD = 6.0  # [s] of the motion that is published
 
 
 @contextmanager
-def process(*words: str, domain: int, extra: tuple[str, ...] = ()) -> Iterator[subprocess.Popen]:
-    """A role of this file, or 'node' for joint_observer, as a process that ends with the block."""
+def process(*words: str, domain: int, extra: tuple[str, ...] = (),
+            module: str = 'estimator_pkg.nodes.joint_observer') -> Iterator[subprocess.Popen]:
+    """A role of this file, or 'node' for `module`, as a process that ends with the block."""
     settle_environment()
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain),
                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    program = (['-m', 'estimator_pkg.nodes.joint_observer'] if words == ('node',)
+    program = (['-m', module] if words == ('node',)
                else ['-m', 'estimator_pkg.nodes.bench.processes', *words])
     child = subprocess.Popen([sys.executable, *program, *extra], env=environment, text=True,
                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
