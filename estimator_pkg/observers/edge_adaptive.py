@@ -158,7 +158,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
             change = wrap(change, period)
         quantum = sensor[0]
         if change != 0.0:
-            steps = follow_steps(steps, change, sensor[6], abs(measurement), design[2])
+            size = abs(measurement) + abs(convention[0])
+            steps = follow_steps(steps, change, sensor[6], size, design[2])
             quantum = quantum_of(steps, design[2])
             if quantum != sensor[0] and sensor[0] > 0.0:
                 scale = quantum / sensor[0]

@@ -40,7 +40,7 @@ def follow_steps(steps: Steps, step: float, last: float, size: float, quantum: f
 
     Parameters
     ----------
-    size : of the reading [rad]: of its last digits nothing is learnt.
+    size : of the two readings [rad]: of their last digits nothing is learnt.
     quantum : as given [rad]; 0: not known.
     """
     smallest, finest, several, finer = steps

@@ -1,0 +1,155 @@
+"""The pieces of the edge-aware adaptive observer."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from estimator_pkg.observers import edge_bandwidth, edge_sensor
+from estimator_pkg.observers.edge_interval import HELD, INTERVAL, NOTHING, interval, within
+
+Q = 1.0
+LAWS = (0.3, 0.3, 0.22, 3.0, 9.0)
+COVARIANCE = (1e-4, 1e-3, 5e-3, 0.04, 0.3, 5.0)
+
+
+@pytest.mark.parametrize('e, half', [(0.0, 1.0), (0.5, 0.2), (-3.0, 0.5), (2.0, 5.0), (3.9, 0.4),
+                                     (1.0, 1e-4), (-0.3, 1e-2)])
+def test_within_is_the_truncated_gaussian(e, half):
+    sigma = 0.7
+    mean, ratio = within(e, half, sigma)
+    exact = stats.truncnorm((e - half) / sigma, (e + half) / sigma, scale=sigma)
+    assert mean == pytest.approx(exact.mean(), abs=1e-6 * sigma)
+    assert ratio == pytest.approx(exact.var() / sigma ** 2, rel=1e-2, abs=1e-6)
+
+
+@pytest.mark.parametrize('e, half', [(9.0, 1.0), (30.0, 0.01), (-40.0, 3.0)])
+def test_far_in_the_tail_the_mean_is_at_the_near_end(e, half):
+    mean, ratio = within(e, half, 1.0)
+    near = abs(e) - half
+    assert near < abs(mean) < min(near + 1.01 / near, abs(e) + half)
+    assert 0.0 < ratio < 1.2 / near ** 2
+
+
+def test_an_edge_places_the_angle_within_the_way_made_behind_it():
+    # creep: 0.1 quanta per sample, one count further; the cell's centre is 0.4 ahead
+    kind, centre, half = interval(0.4, 1.0 - 0.1, Q, 1e-4, 0.0, 0.1)
+    assert kind == INTERVAL
+    assert 2.0 * half == pytest.approx(0.1)
+    assert centre - half == pytest.approx(0.4 - 0.5)   # from the lower edge of the cell on
+    kind, centre, half = interval(-0.4, -1.0 + 0.1, Q, 1e-4, 0.0, 0.1)
+    assert kind == INTERVAL and centre + half == pytest.approx(-0.4 + 0.5)
+
+
+@pytest.mark.parametrize('whole', [0, 1, 130])
+def test_a_frame_that_moves_along_changes_nothing(whole):
+    """130.1 counts a sample are told from 131 as 0.1 from 1."""
+    moved = whole + 0.1
+    assert interval(0.4, whole + 1.0 - moved, Q, 1e-4, 0.0, 0.1) == pytest.approx(
+        interval(0.4, 0.9, Q, 1e-4, 0.0, 0.1))
+    assert interval(0.2, whole - moved, Q, 1e-4, 0.0, 0.1)[0] == NOTHING
+
+
+def test_without_an_edge_a_prediction_outside_is_held_and_one_inside_is_left_alone():
+    assert interval(0.3, -0.1, Q, 1e-4, 0.0, 0.1)[0] == NOTHING
+    assert interval(0.59, -0.1, Q, 1e-4, 0.0, 0.1)[0] == NOTHING
+    assert interval(0.61, -0.1, Q, 1e-4, 0.0, 0.1)[0] == HELD
+    assert interval(-0.61, -0.1, Q, 1e-4, 0.0, 0.1)[0] == HELD
+
+
+def test_a_cell_is_news_where_less_is_known_and_where_the_speed_was_wrong():
+    assert interval(0.3, -0.1, Q, 0.09, 0.0, 0.1) == (INTERVAL, 0.3, 0.5)
+    assert interval(3.0, 2.5, Q, 1e-4, 0.0, 0.1) == (INTERVAL, 3.0, 0.5)
+    kind, centre, half = interval(0.6, 1.2, Q, 1e-4, 0.0, 0.1)   # a little faster than thought
+    assert kind == INTERVAL and half == 0.0 and centre == pytest.approx(0.1)
+
+
+def follow(innovations, gain=0.1, laws=LAWS):
+    band = edge_bandwidth.begin_band(1.0)
+    dates = []
+    for z in innovations:
+        band = band[:5] + (band[5] + 1e-3, band[6] + 1e-3)
+        band, _, date, _ = edge_bandwidth.follow_band(band, z, gain, 1e-30, laws)
+        if date > 0.0:
+            dates.append(date)
+    return math.log(band[0]), dates
+
+
+def test_density_rises_where_innovations_go_on_and_falls_where_they_are_white():
+    random = np.random.default_rng(1)
+    white = random.normal(size=4000)
+    lagging = np.convolve(white, np.ones(20) / math.sqrt(20.0), 'same')
+    eager = np.diff(white) / math.sqrt(2.0)
+    assert follow(lagging)[0] > 5.0
+    assert -12.0 < follow(white)[0] < -3.0             # the slack alone: 0.3 * 0.022 * 0.3 * 4000
+    assert follow(eager)[0] < follow(white)[0]
+    without = (0.3, 0.0, *LAWS[2:])
+    assert abs(follow(white, laws=without)[0]) < 5.0   # unbiased
+    # noise alone does not open it, however the noise is thought of
+    assert abs(follow(1.5 * white, laws=without)[0]) < 8.0
+
+
+def test_an_alarm_takes_more_than_one_sample_and_is_dated():
+    assert follow([9.0])[1] == []
+    assert follow([0.0] * 50 + [9.0] + [0.0] * 50)[1] == []
+    assert follow([9.0, 9.0])[1] == [pytest.approx(2e-3)]
+    assert follow([0.0] * 50 + [-7.0] * 3)[1] == [pytest.approx(3e-3)]
+    assert follow(np.random.default_rng(2).normal(size=20_000))[1] == []
+
+
+def full(p):
+    return np.array([[p[0], p[1], p[2]], [p[1], p[3], p[4]], [p[2], p[4], p[5]]])
+
+
+def test_opening_keeps_the_covariance_positive_and_explains_the_deviation():
+    wide = edge_bandwidth.widened(COVARIANCE, 2.0)
+    assert np.all(np.linalg.eigvalsh(full(wide)) > 0.0)
+    assert wide[3] / COVARIANCE[3] == pytest.approx(math.exp(1.0))
+    opened = edge_bandwidth.manoeuvred(COVARIANCE, 0.01, 5e-3)
+    added = full(opened) - full(COVARIANCE)
+    assert added[0, 0] == pytest.approx(1e-4)
+    assert np.all(np.linalg.eigvalsh(added) > -1e-9)
+    # white jerk since then: P_ij of the integrated chain
+    date = 5e-3
+    scale = 20.0 * 1e-4 / date ** 5
+    assert added[1, 1] == pytest.approx(scale * date ** 3 / 3.0)
+    assert added[0, 2] == pytest.approx(scale * date ** 3 / 6.0)
+    assert added[2, 2] == pytest.approx(scale * date)
+
+
+def sensed(angles, dts=None, quantum=0.01):
+    sensor = edge_sensor.begin_sensor(quantum, 0.03)
+    steps = edge_sensor.FIRST_STEPS
+    for i in range(1, len(angles)):
+        step = angles[i] - angles[i - 1]
+        if step != 0.0:
+            steps = edge_sensor.follow_steps(steps, step, sensor[6], abs(angles[i]), quantum)
+        dt = 1e-3 if dts is None else dts[i]
+        sensor = edge_sensor.follow_sensor(sensor, step, dt, edge_sensor.quantum_of(steps, quantum),
+                                           32.0, 0.03)
+    return sensor, steps
+
+
+def test_scatter_is_the_noise_whatever_the_motion_and_the_sample_times():
+    random = np.random.default_rng(3)
+    dts = random.uniform(0.6e-3, 1.4e-3, 4000)
+    t = np.cumsum(dts)
+    noise = 0.05
+    scatters = [sensed((5.0 * t * t + noise * random.normal(size=4000))[k:k + 200], dts[k:k + 200],
+                       1e-3)[0][2] for k in range(0, 3800, 200)]
+    assert math.sqrt(np.mean(scatters)) == pytest.approx(noise, rel=0.1)
+
+
+def test_quantisation_is_never_taken_for_noise():
+    for speed in np.linspace(0.01, 40.0, 57):
+        angles = np.floor(speed * np.arange(500) * 1e-3 / 0.01) * 0.01
+        sensor, _ = sensed(angles)
+        assert math.sqrt(sensor[1]) < 0.0004
+
+
+def test_noise_follows_its_score_within_blur_and_scatter():
+    sensor = (0.01, 1e-6, 4e-6, 0.0, 0.0, 1e-3, 0.01, 0.0)
+    assert edge_sensor.follow_noise(sensor, 32.0, 32.0, 0.03)[1] == pytest.approx(1e-6 * math.e)
+    assert edge_sensor.follow_noise(sensor, 1e3, 32.0, 0.03)[1] == 4e-6
+    assert edge_sensor.follow_noise(sensor, -1e3, 32.0, 0.03)[1] == pytest.approx(9e-8)
