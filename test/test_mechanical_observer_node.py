@@ -1,0 +1,118 @@
+"""The node mechanical_observer over real DDS: equal to replay, several mechanisms, closed loop."""
+
+from __future__ import annotations
+
+import math
+
+import dds
+import numpy as np
+import pytest
+
+from estimator_pkg import cli
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+
+MODULE = 'estimator_pkg.nodes.mechanical_observer'
+MS = 1_000_000
+PARAMETERS = """
+/**:
+  ros__parameters:
+    mechanisms: [lab]
+    joints.lab:
+      model: cart_pendulum
+      model_parameters: [force_constant=9.27, friction_forward=3.98, friction_backward=2.87]
+      L: [50.0, 80.0]
+      Gamma: [80.0, 150.0]
+"""
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    """A simulated bag, a parameter file, and the bag replayed with it."""
+    path = tmp_path_factory.mktemp('mechanical')
+    (path / 'params.yaml').write_text(PARAMETERS)
+    assert cli.main(['simulate', 'cart_pendulum', '--duration', '4', '--out',
+                     str(path / 'bag')]) == 0
+    assert cli.main(['replay', str(path / 'bag'), '--observer', 'geso', '--params',
+                     str(path / 'params.yaml'), '--out', str(path / 'out')]) == 0
+    return path
+
+
+def test_replay_equals_the_live_node(recording, probe):
+    """Number for number, names and stamps too."""
+    with open_bag(recording / 'out') as bag:
+        raws = [bytes(message.raw) for message in bag.messages(['/joint_states'])]
+        replayed = [bytes(message.raw) for message in bag.messages(['/mechanical_observer/estimate'])]
+    with dds.NodeProcess(MODULE, '--ros-args', '-r', 'joint_states:=/equal', '--params-file',
+                         str(recording / 'params.yaml')), \
+            dds.Observer(probe, '/mechanical_observer', '/equal') as node:
+        node.connect().feed(raws)
+        decode = Decoder().decode
+        assert [decode(raw) for raw in node.raw_answers] == [decode(raw) for raw in replayed]
+        assert sum(bool(answer.names) for answer in node.answers) > 300
+
+
+def test_several_mechanisms_separate_messages_and_commands(probe):
+    """Two mechanisms; one's joints come in separate messages; the input is a topic of its own."""
+    from sensor_msgs.msg import JointState
+    arguments = ['mechanisms:=[arm, lab]', 'input:=effort_command', 'bandwidth_hz:=20.0',
+                 'joints.arm.joints:=[elbow]', 'joints.lab.model:=cart_pendulum',
+                 'joints.lab.joints:=[p, c]']
+    with dds.NodeProcess(MODULE, '--ros-args', '-r', 'joint_states:=/several', '-r',
+                         'effort_command:=/several_command',
+                         *(word for each in arguments for word in ('-p', each))), \
+            dds.Observer(probe, '/mechanical_observer', '/several') as node:
+        command = probe.node.create_publisher(JointState, '/several_command', 10)
+        node.connect()
+        probe.until(lambda: command.get_subscription_count() > 0)
+        encode, start = Encoder().encode, 10 ** 15
+        for k in range(300):
+            stamp = start + k * 2 * MS
+            command.publish(encode(stamp, '', ('elbow', 'c'), (), (), (0.0, 0.0)))
+            node.feed([encode(stamp + MS, '', ('p', 'elbow'), (0.1, 2e-3 * k)),
+                       encode(stamp + MS, '', ('c',), (0.0,))])
+        last = node.answers[-2:]
+        assert [answer.names for answer in last] == [('elbow',), ('p', 'c')]
+        assert last[0].velocities[0] == pytest.approx(1.0, abs=0.01)
+        assert node.status('lab') in ('tracking', '')
+        probe.until(lambda: node.status('lab') == 'tracking')
+        assert not node.set(bandwidth_hz=-3.0).successful
+        assert node.set(bandwidth_hz=25.0).successful
+        probe.node.destroy_publisher(command)
+
+
+def test_a_wrong_model_ends_the_node_with_one_line():
+    with dds.NodeProcess(MODULE, '--ros-args', '-p', 'model:=no_such_module:Arm') as node:
+        assert node.ends() != 0
+        assert "cannot import 'no_such_module'" in node.output
+        assert 'Traceback' not in node.output
+
+
+def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):
+    """The controller's velocities come from the observer node's topic, over DDS."""
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import JointState
+    positions = []
+
+    def came(message):
+        positions.append((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
+                          *message.position))
+
+    subscription = probe.node.create_subscription(
+        JointState, '/loop/ground_truth/joint_states', came, qos_profile_sensor_data)
+    numbers = '[force_constant=9.27, friction_forward=3.98, friction_backward=2.87]'
+    observer = ['model:=cart_pendulum', f'model_parameters:={numbers}', 'L:=[50.0, 80.0]',
+                'Gamma:=[80.0, 150.0]']
+    plant = ['control:=observer', 'wait_for_subscribers:=1', 'duration:=9.0']
+    with dds.NodeProcess(MODULE, '--ros-args', '-r', '__ns:=/loop',
+                         *(word for each in observer for word in ('-p', each))), \
+            dds.NodeProcess('sim_pkg.nodes.cart_pendulum_sim', '--ros-args', '-r', '__ns:=/loop',
+                            '-r', 'estimate:=mechanical_observer/estimate',
+                            *(word for each in plant for word in ('-p', each))) as simulator:
+        probe.until(lambda: positions and positions[-1][0] - positions[0][0] > 8.8)
+        assert simulator.ends() == 0
+    probe.node.destroy_subscription(subscription)
+    angles, cart = np.array(positions)[:, 1], np.array(positions)[:, 2]
+    assert np.max(np.abs(angles)) < 0.5 * math.pi / 2.0
+    assert np.max(np.abs(angles[-400:])) < 0.1
+    assert np.ptp(cart) > 0.1    # it follows the triangle, so it was let go
