@@ -119,6 +119,6 @@ def run(batch: Callable[..., tuple], track: tuple, design: tuple, limits: tuple,
         told = [values.tolist() for values in out]
         track = batch(track, design, limits, np.asarray(stamps).tolist(),
                       np.asarray(samples).tolist(), *told)
-        for values, found in zip(out, told):
-            values[:] = found
+        for name, values in zip(out._fields, told):
+            getattr(out, name)[:] = values
     return track, out
