@@ -73,6 +73,7 @@ setup(
             'ehgo = estimator_pkg.observers.ehgo:OBSERVER',
             'smo = estimator_pkg.observers.smo:OBSERVER',
             'adaptive = estimator_pkg.observers.adaptive:OBSERVER',
+            'switched = estimator_pkg.observers.switched:OBSERVER',
             'edge_adaptive = estimator_pkg.observers.edge_adaptive:OBSERVER',
         ],
         'velocity_estimator.settings': [
@@ -94,6 +95,7 @@ setup(
             'play = estimator_pkg.bags.play:COMMAND',
             'replay = estimator_pkg.bags.replay:COMMAND',
             'evaluate = estimator_pkg.evaluation.evaluate:COMMAND',
+            'tune = estimator_pkg.evaluation.tune:COMMAND',
             'reproduce = sim_pkg.reproduce.command:COMMAND',
             'bench = estimator_pkg.evaluation.bench:COMMAND',
         ],
@@ -108,6 +110,7 @@ setup(
             'hybrid_angle = sim_pkg.reproduce.hybrid_angle:REPRODUCTION',
             'pmsm = sim_pkg.reproduce.pmsm:REPRODUCTION',
             'adaptive = sim_pkg.reproduce.adaptive:REPRODUCTION',
+            'hybrid_discrete = sim_pkg.reproduce.hybrid_discrete:REPRODUCTION',
             'mechanical = sim_pkg.reproduce.mechanical:REPRODUCTION',
         ],
     },

@@ -43,6 +43,7 @@ COUNTS = 2.0            # if they are at least so many quanta off, and so many t
 ALONE = 3.0             # both neighbours: what a jump of the acceleration leaves is not alone
 WINDOW = 128            # readings of a window of the spectrum of what is left of them
 CLEAR = 2.0             # of white noise, the spectrum stays below so many times its level
+QUANTISER = 1.2         # times quantum^2 / 12 is what a quantiser may leave
 LOOSER = 3.0            # times the median standard deviation: what is vaguer is an end
 TINY = 1e-10            # part of the largest reading that its rounding may be
 
@@ -261,7 +262,8 @@ def _unexplained(parts: list[_Piece], rest: list[Array], noise: Noise) -> float:
     """The rms speed of the part of `rest` that stands out of white noise [rad/s].
 
     Power spectral density over half-overlapping windows; what exceeds `CLEAR` times the white level
-    (the median, but at least that of the quantisation) is held to be motion.
+    (the median, but at least that of the quantisation) is held to be motion, as far as there is
+    more in `rest` than a quantiser leaves: its error alone need not be white.
     """
     step = float(np.median(np.concatenate([part.steps[1:] for part in parts])))
     window = np.hanning(WINDOW)
@@ -278,7 +280,13 @@ def _unexplained(parts: list[_Piece], rest: list[Array], noise: Noise) -> float:
     frequency = np.fft.rfftfreq(WINDOW, step)
     white = max(noise.quantum ** 2 / 6.0 * step, float(np.median(power)))
     excess = np.maximum(power - CLEAR * white, 0.0)
-    return math.sqrt(float(np.sum((2.0 * math.pi * frequency) ** 2 * excess)) * frequency[1])
+    colour = float(np.sum(excess)) * frequency[1]
+    if colour <= 0.0:
+        return 0.0
+    known = np.concatenate(rest)
+    surplus = float(np.nanmean(known * known)) - QUANTISER * noise.quantum ** 2 / 12.0
+    speed = float(np.sum((2.0 * math.pi * frequency) ** 2 * excess)) * frequency[1]
+    return math.sqrt(speed * min(1.0, max(0.0, surplus / colour)))
 
 
 def _lowest(function: Callable[[float], float], low: float, high: float) -> float:

@@ -1,0 +1,75 @@
+"""Many jobs on local processes or on a Dask cluster; results always in the order of the jobs."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+from estimator_pkg.errors import UsageError, UserError
+
+HINT = "a cluster needs Dask: pip install 'velocity_estimator[cluster]'"
+PATIENCE = '8s'     # for a scheduler to answer
+
+Map = Callable[[Callable[..., Any], Sequence[tuple]], Iterator[Any]]
+
+
+@contextmanager
+def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
+    """A function (function, argument tuples) -> results in the same order, as they are ready.
+
+    Parameters
+    ----------
+    jobs : local processes; 1: this one.
+    scheduler : address of a Dask scheduler, in place of local processes.
+
+    Raises
+    ------
+    UsageError : fewer than one job.
+    UserError : Dask is missing, or the scheduler does not answer.
+    """
+    if jobs < 1:
+        raise UsageError('--jobs must be 1 or more')
+    if scheduler is not None:
+        with _cluster(scheduler) as client:
+            yield lambda function, items: _gathered(client, function, items)
+    elif jobs == 1:
+        yield lambda function, items: (function(*item) for item in items)
+    else:
+        context = multiprocessing.get_context('spawn')  # threads and ROS do not survive a fork
+        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+            try:
+                yield lambda function, items: pool.map(_call, [(function, item) for item in items])
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+def _call(job: tuple[Callable[..., Any], tuple]) -> Any:
+    function, item = job
+    return function(*item)
+
+
+def _gathered(client: Any, function: Callable[..., Any], items: Sequence[tuple]) -> Iterator[Any]:
+    futures = [client.submit(function, *item, pure=False) for item in items]
+    for future in futures:
+        yield future.result()
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Any]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise UserError(HINT) from error
+    import logging
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # its traces are not for the user
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UserError(f"no Dask scheduler answers at '{address}': {reason}") from error
+    with client:
+        yield client
