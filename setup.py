@@ -95,6 +95,7 @@ setup(
             'play = estimator_pkg.bags.play:COMMAND',
             'replay = estimator_pkg.bags.replay:COMMAND',
             'evaluate = estimator_pkg.evaluation.evaluate:COMMAND',
+            'identify = estimator_pkg.evaluation.identify:COMMAND',
             'tune = estimator_pkg.evaluation.tune:COMMAND',
             'reproduce = sim_pkg.reproduce.command:COMMAND',
             'bench = estimator_pkg.evaluation.bench:COMMAND',

@@ -1,0 +1,46 @@
+"""A joint whose load changes when its gripper closes or opens, at known instants.
+
+J q'' = tau - b q' - m g l sin q, Z = (1/J, b/J, m g l / J). The modes 'close' and 'open' make Z
+unknown (what was gripped is not known); any other mode leaves it as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from estimator_pkg.models.switched import SwitchedModel, Vector
+
+OPEN = (2.0, 0.8, 9.81)        # Z without load
+CLOSED = (1.25, 0.5, 12.2625)  # and with it: J from 0.5 to 0.8 kg m^2
+SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+UNKNOWN = ('close', 'open')
+
+
+def dynamics(x: Vector, z: Vector, u: Vector) -> Sequence[float]:
+    """x = (angle [rad], velocity [rad/s]), u = (torque [N m],)."""
+    return (x[1], z[0] * u[0] - z[1] * x[1] - z[2] * math.sin(x[0]))
+
+
+def lam(zeta: Vector, u: Vector) -> Sequence[Vector]:
+    """What Z multiplies."""
+    return ((u[0], -zeta[1], -math.sin(zeta[0])),)
+
+
+def basis(y: Vector, u: Vector) -> Sequence[Vector]:
+    """The same without the velocity: -q' is the derivative of -q."""
+    return ((0.0, u[0], -y[0], -math.sin(y[0])),)
+
+
+def torque(t: float) -> tuple[float, ...]:
+    """A torque that tells the three parameters apart [N m]."""
+    return (3.0 * math.sin(3.0 * t) + 2.0 * math.sin(7.3 * t) + 1.0 * math.sin(17.0 * t),)
+
+
+MODEL = SwitchedModel(
+    indices=(2,), size=3, gamma=lambda zeta, u: (0.0,), lam=lam,
+    transition=lambda mode: None if mode in UNKNOWN else SAME,
+    offset=lambda mode, v, y: (0.0, 0.0, 0.0), dynamics=dynamics,
+    start=((0.3, 0.0), OPEN), probe=torque, period=2.0, bounds=((60.0, 1000.0),),
+    names=('1/J', 'b/J', 'mgl/J'), units=('1/(kg m^2)', '1/s', '1/s^2'), joints=('joint',),
+    basis=basis, orders=((0, 0, 1, 0),))

@@ -1,0 +1,174 @@
+"""The hybrid observer: events, convergence, the checks of models."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models import gripper
+from estimator_pkg.models.switched import check, load, trajectory
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.observers.switched import OBSERVER, Gains
+from estimator_pkg.parameters import build
+
+QUANTUM = 2.0 * math.pi / 65536
+RESTING = dataclasses.replace(gripper.MODEL, probe=lambda t: (0.0,), start=((0.0, 0.0), (2.0,) * 3))
+SHIFTED = dataclasses.replace(gripper.MODEL, lam=lambda zeta, u: ((u[0], zeta[1], 0.0),))
+
+
+def gripped(count=4000, events=((2000, 'close'),), loads=((2000, gripper.CLOSED),)):
+    """(angles, velocities, torques) at 1 kHz with the load changing at these samples."""
+    x, z, states, torques = np.array(gripper.MODEL.start[0]), gripper.OPEN, [], []
+    changes = dict(loads)
+    for i in range(count + 1):
+        z = changes.get(i, z)
+        states.append(x)
+        u = gripper.torque((i + 0.5) * 1e-3)
+        torques.append(u)
+
+        def slope(at, z=z, u=u):
+            return np.array(gripper.dynamics(at, z, u))
+
+        middle = x + 5e-4 * slope(x)
+        middle = x + 5e-4 * slope(middle)
+        x = x + 1e-3 * slope(middle)
+    angle, velocity = np.array(states).T
+    return angle, velocity, torques
+
+
+def made(**gains):
+    return Joint(OBSERVER, build(Gains, gains), JointSettings())
+
+
+def run(joint, angles, torques, events=(), offset=0.0):
+    """Feed a wrapped, quantised angle; (Z, converged, velocity) after each sample."""
+    events = dict(events)
+    rows = []
+    for i, angle in enumerate(angles.tolist()):
+        reading = math.remainder(round((angle + offset) / QUANTUM) * QUANTUM, 2.0 * math.pi)
+        joint.update(10 ** 18 + i * 10 ** 6, (reading,), torques[i - 1] if i else (0.0,))
+        state = joint._track[6]
+        z, _, converged = joint.functions.discrete(state)
+        rows.append((z, converged, joint.estimate()[1]))
+        if i in events:
+            joint._track = (*joint._track[:6], joint.functions.jump(state, (events[i], ())),
+                            joint._track[7])
+    return rows
+
+
+def test_a_new_load_is_known_within_half_a_second():
+    angles, velocities, torques = gripped()
+    joint = made(quantum=QUANTUM)
+    rows = run(joint, angles, torques, [(2000, 'close')])
+    assert rows[1999][0] == pytest.approx(gripper.OPEN, rel=0.01) and rows[1999][1]
+    assert not any(converged for _, converged, _ in rows[2001:2290])
+    assert rows[2100][0] == pytest.approx(rows[2000][0])  # the prediction
+    for z, converged, _ in rows[2500:]:
+        assert converged and z == pytest.approx(gripper.CLOSED, rel=0.02)
+    errors = np.array([row[2] for row in rows]) - velocities
+    before, after = (np.sqrt(np.mean(np.square(errors[part])))
+                     for part in (slice(1500, 2000), slice(2000, 2500)))
+    assert after < 2.0 * before
+    assert joint.estimate()[3] == TRACKING
+
+
+def test_without_the_event_the_old_load_is_believed():
+    angles, _, torques = gripped()
+    rows = run(made(quantum=QUANTUM), angles, torques)
+    assert abs(rows[2500][0][0] / gripper.CLOSED[0] - 1.0) > 0.1
+
+
+def test_two_events_closer_than_the_settling_time_leave_the_prediction():
+    angles, _, torques = gripped(3200)
+    rows = run(made(quantum=QUANTUM), angles, torques, [(2000, 'close'), (2250, 'same')])
+    assert not any(converged for _, converged, _ in rows[2001:2540])
+    assert rows[2400][0] == pytest.approx(rows[1999][0], rel=1e-3)
+    assert rows[2600][1] and rows[2600][0] == pytest.approx(gripper.CLOSED, rel=0.03)
+
+
+def test_an_event_that_changes_nothing_loses_nothing():
+    angles, _, torques = gripped(3000, loads=())
+    rows = run(made(quantum=QUANTUM), angles, torques, [(2000, 'same')])
+    for z, _, _ in rows[1990:]:
+        assert z == pytest.approx(gripper.OPEN, rel=0.01)
+
+
+def test_the_angle_may_wrap():
+    angles, velocities, torques = gripped(2000, loads=())
+    plain = run(made(quantum=QUANTUM), angles, torques)
+    model = dataclasses.replace(gripper.MODEL)  # the same physics, seen past the seam
+    assert model.indices == (2,)
+    wrapped = run(made(quantum=QUANTUM), angles, torques, offset=2.0 * math.pi)
+    assert [row[2] for row in wrapped] == pytest.approx([row[2] for row in plain], abs=1e-6)
+
+
+def test_a_gap_keeps_what_was_learnt():
+    angles, velocities, torques = gripped(3000, loads=())
+    joint = made(quantum=QUANTUM)
+    run(joint, angles[:2001], torques)
+    for i in range(2400, 3000):
+        joint.update(10 ** 18 + i * 10 ** 6, (float(angles[i]),), torques[i - 1])
+    assert joint.functions.discrete(joint._track[6])[0] == pytest.approx(gripper.OPEN, rel=0.02)
+    assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
+
+
+def test_two_outputs_and_the_second_joint():
+    model = load('example')
+    times, states, z = trajectory(model, 6)
+    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0),
+                               Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state = functions.init((1.0, 0.5), ())
+    for i in range(1, len(times)):
+        measured = (float(states[i, 0]), float(states[i, 2]))
+        state = functions.step(state, coefficients, (), measured, ())
+        if i % 500 == 0:
+            state = functions.jump(state, ('', ()))
+    (first, speed), (second, other) = functions.outputs(state, measured)
+    assert (first, second) == pytest.approx(measured, abs=1e-9)
+    assert functions.states(state) == pytest.approx(states[-1], abs=0.03)
+    assert functions.discrete(state)[0] == pytest.approx(z[-1], abs=0.02)
+    assert functions.discrete(state)[2]
+
+
+@pytest.mark.parametrize('name, words', [
+    ('grippr', "unknown switched model 'grippr'"),
+    ('nowhere.at:ALL', "cannot import 'nowhere.at'"),
+    ('estimator_pkg.models.gripper:OPEN', 'no SwitchedModel'),
+    ('test_switched_observer:RESTING', 'never reached'),
+    ('test_switched_observer:SHIFTED', 'the derivative of zeta[1]'),
+])
+def test_wrong_models_are_refused_before_running(name, words):
+    if 'grippr' in name:
+        with pytest.raises(UsageError):
+            build(Gains, {'model': name})
+        with pytest.raises(UsageError, match=words):
+            load(name)
+        return
+    with pytest.raises(UsageError) as caught:
+        OBSERVER.build(build(Gains, {'model': name}), Circle())
+    assert words in str(caught.value) and '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'names': ('a',)}, "'names'"), ({'bounds': ((1.0,),)}, "'bounds'"),
+    ({'start': ((0.0,), (1.0, 1.0, 1.0))}, 'start needs 2 and 3'),
+    ({'gamma': lambda zeta, u: (0.0, 0.0)}, "'gamma'"),
+    ({'phi': lambda x, z: (x[0], 2.0 * x[1])}, 'does not invert'),
+])
+def test_models_that_contradict_themselves(change, words):
+    with pytest.raises(UsageError, match=words):
+        check(dataclasses.replace(gripper.MODEL, **change))
+
+
+def test_the_misprint_of_the_paper_is_found():
+    model = load('example')
+    printed = dataclasses.replace(model, gamma=lambda zeta, u: (
+        model.gamma(zeta, u)[0], model.gamma(zeta, u)[1] - 1.0))
+    with pytest.raises(UsageError, match=r'zeta\[3\]'):
+        check(printed)
+    assert check(model) > 0.2
