@@ -47,15 +47,15 @@ from estimator_pkg.parameters import parameter
 # The constants, all of them; docs/observers/edge_adaptive.md says where each comes from.
 RATE = 0.3        # of the slow law: log density per unit of its product and of filter memory
 SLACK = {'smooth': 0.6, 'balanced': 0.3, 'fast': 0.0}   # of that product
-SHARE = 0.22      # memory of the slow law's low-pass, over the filter's
+SHARE = 0.2       # memory of the slow law's low-pass, over the filter's
 SIGMAS = 3.0      # slack of the cumulative sums; prediction this far outside its cell is held
-ALARM = 9.0       # of the cumulative sums: three samples of twice the slack
+ALARM = 12.0      # of the cumulative sums: four samples of twice the slack
 BLUR = 0.03       # quanta: no edge is known better
 GRAIN = 0.07      # part of an interval that counts as noise: its ends come again, beat by beat
 LONGEST = 2.0     # [s] longest memory; the start's too
 FADE = 0.3        # [s] memory of the acceleration
 MEMORY = 32.0     # samples: memory of the noise
-STRAY = 4.0       # quanta: beyond them one sample alone is never believed
+STRAY = 16.0      # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
 
 SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
