@@ -16,9 +16,10 @@ from estimator_pkg import params_file
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.evaluation import tune, tune_output
+from estimator_pkg.evaluation import tune_output
 from estimator_pkg.evaluation.search import Dimension, search
 from estimator_pkg.evaluation.tuning import PREFERENCES, measure
+from estimator_pkg.evaluation.workers import expanded
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers import hybrid_angle
 
@@ -241,6 +242,19 @@ def test_ctrl_c_keeps_the_best(tmp_path):
     assert yaml.safe_load(out.read_text()) and signal.SIGINT and os.name
 
 
+def test_evaluate_takes_a_folder_and_workers(tmp_path):
+    (tmp_path / 'bags').mkdir()
+    for name in 'xy':
+        write_bag(tmp_path / 'bags' / name, {'a': 1.0}, seconds=2.0)
+    texts = []
+    for jobs in ('1', '2'):
+        result = tmp_path / f'{jobs}.json'
+        assert main(['evaluate', str(tmp_path / 'bags'), '--observer', 'pll', '--jobs', jobs,
+                     '--json', str(result)]) == 0
+        texts.append(result.read_text())
+    assert texts[0] == texts[1] and len(json.loads(texts[0])['bags']) == 2
+
+
 # ---------------------------------------------------------------- Dask
 
 def test_a_dask_scheduler(tmp_path):
@@ -315,6 +329,6 @@ def test_other_errors(bag, tmp_path, capsys):
 
 
 def test_folders_stand_for_their_bags():
-    assert len(tune.bags([str(PENDULUMS)])) == 4
+    assert len(expanded([str(PENDULUMS)])) == 4
     one = str(PENDULUMS / 'sac_200hz_multiturn')
-    assert tune.bags([one, one]) == [one]
+    assert expanded([one, one]) == [one]

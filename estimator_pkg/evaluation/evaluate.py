@@ -21,6 +21,7 @@ from estimator_pkg.evaluation.report import Report
 from estimator_pkg.evaluation.smoother import Smoothed
 from estimator_pkg.evaluation.text import fixed, number, table
 from estimator_pkg.evaluation.truth import SMOOTHED
+from estimator_pkg.evaluation.workers import expanded, workers
 
 ALL = 'all'
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
@@ -29,7 +30,8 @@ HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise'
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument('bags', nargs='+', metavar='BAG',
+                        help='bag folder, .mcap or .db3 file, or a folder with bags in it')
     parser.add_argument('--measurement', metavar='TOPIC',
                         help=f'JointState with the measured positions (default {MEASUREMENT})')
     parser.add_argument('--truth', metavar='TOPIC',
@@ -53,6 +55,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--html', metavar='FILE',
                         help='write one page with tables, plots that zoom and what to do next; the '
                              'numbers behind it go into an .npz beside it')
+    parser.add_argument('--jobs', type=int, default=1, metavar='N',
+                        help='local processes, for many bags')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
     parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
 
 
@@ -81,13 +86,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     chosen = options(parsed)
     if parsed.plot:
         plot.check(parsed.plot)
-    bags = list(dict.fromkeys(parsed.bags))
+    bags = expanded(parsed.bags)
     result, drawn = {}, []
     with contextlib.ExitStack() as stack:
+        run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         page = (stack.enter_context(Report(parsed.html, len(bags), chosen.wrap_period))
                 if parsed.html else None)
-        for bag in bags:
-            comparison = compare(bag, chosen)
+        for comparison in run_many(compare, [(bag, chosen) for bag in bags]):
             print(describe(comparison) + '\n')
             result[comparison.bag] = comparison.as_dict()
             if page is not None:

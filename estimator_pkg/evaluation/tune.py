@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import registry
-from estimator_pkg.bags.reader import METADATA
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation import tune_output
@@ -33,7 +32,7 @@ from estimator_pkg.evaluation.tuning import (
     measure,
     records,
 )
-from estimator_pkg.evaluation.workers import Map, workers
+from estimator_pkg.evaluation.workers import Map, expanded, workers
 from estimator_pkg.parameters import build, declared, parse_assignments
 
 TRIALS = 40
@@ -97,7 +96,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                       correct_reference=True, reference=parsed.reference)
     with workers(parsed.jobs, parsed.scheduler) as run_many:
         found = [record for part in run_many(records, [
-            (bag, options, parsed.held_out, tuple(parsed.joint)) for bag in bags(parsed.bags)])
+            (bag, options, parsed.held_out, tuple(parsed.joint)) for bag in expanded(parsed.bags)])
             for record in part]
         groups = _groups(found, parsed.per_joint)
         tuned = []
@@ -136,27 +135,6 @@ def settings(parsed: argparse.Namespace
     fixed = parse_assignments(parsed.set)
     build(observer.gains, fixed, owner=observer.name)
     return observer, _weights(parsed), fixed, _dimensions(observer, parsed.search, fixed)
-
-
-def bags(paths: Sequence[str]) -> list[str]:
-    """The bags meant: folders with bags in them stand for these.
-
-    Raises
-    ------
-    UserError : a folder without any bag.
-    """
-    found: list[str] = []
-    for path in dict.fromkeys(paths):
-        folder = Path(path)
-        if folder.is_dir() and not (folder / METADATA).exists() and not [
-                *folder.glob('*.mcap'), *folder.glob('*.db3')]:
-            inside = sorted(str(each.parent) for each in folder.rglob(METADATA))
-            if not inside:
-                raise UserError(f'{path}: no bag in this folder')
-            found += inside
-        else:
-            found.append(path)
-    return list(dict.fromkeys(found))
 
 
 def tune(joint: str, chosen: Sequence[Record], observer: str, fixed: Mapping[str, Any],
@@ -372,6 +350,9 @@ def describe(tuned: Sequence[Mapping[str, Any]]) -> str:
     text = (f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials\n'
             + table(('joint', '', 'gains', 'error rad/s', 'delay ms', 'noise rad/s', 'cost'), rows,
                     left=3))
+    for each in tuned:
+        if tune_output.worse(each):
+            text += f'\n{each["joint"] or "all joints"}: {tune_output.WORSE}'
     if any(each['interrupted'] for each in tuned):
         text += '\ninterrupted: these are the best gains so far'
     return text

@@ -14,6 +14,15 @@ from estimator_pkg.evaluation.text import number
 from estimator_pkg.parameters import declared
 
 
+WORSE = 'on what was held out these gains are no better than the defaults: keep the defaults'
+
+
+def worse(each: Mapping[str, Any]) -> bool:
+    """True if the gains found do worse than the defaults where the search did not look."""
+    best, default = each['best'], each['default']
+    return default is not None and (best is None or best['cost'] > default['cost'])
+
+
 def as_yaml(observer: Any, fixed: Mapping[str, Any], tuned: Sequence[Mapping[str, Any]],
             preference: str, held_out: float) -> str:
     """A parameter file for `joint_observer`, which says where its numbers come from.
@@ -60,6 +69,8 @@ def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
             lines.append(f'#   {label}: error {number(result["error"])} rad/s rms, delay '
                          f'{number(result["delay_s"] * 1e3, 3)} ms, noise '
                          f'{number(result["noise"], 3)} rad/s')
+    if worse(each):
+        lines.append(f'# {WORSE[0].upper()}{WORSE[1:]}.')
     return lines
 
 

@@ -37,7 +37,8 @@ class Weights:
     """How much error, delay and noise count; all three in rad/s, so that they can be added.
 
     error : rms velocity error at zero shift. delay : the error that the delay alone makes, which is
-    the delay times the rms acceleration. noise : rms of the fast part of the error.
+    the delay times the rms acceleration. noise : rms of the fast part of the estimate, whether it
+    moved or not.
     """
 
     error: float
@@ -177,10 +178,10 @@ def measure(part: Part, observer: str, values: Mapping[str, Any], fast: bool) ->
     if not np.isfinite(error).all():
         return None
     width = _width(time)
-    slow = np.convolve(error, np.ones(width) / width, 'same')
+    slow = np.convolve(estimate, np.ones(width) / width, 'same')
     late = delay(time, estimate, true)
     return Result(float(np.sqrt(np.mean(error ** 2))), late if late == late else 0.0,
-                  float(np.sqrt(np.mean((error - slow)[width:-width] ** 2))),
+                  float(np.sqrt(np.mean((estimate - slow)[width:-width] ** 2))),
                   float(np.count_nonzero(shown) / np.count_nonzero(counted)))
 
 

@@ -1,4 +1,4 @@
-"""Many jobs on local processes or on a Dask cluster; results always in the order of the jobs."""
+"""Many bags or jobs, on local processes or a Dask cluster; results in the order of the jobs."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+from estimator_pkg.bags.reader import METADATA
 from estimator_pkg.errors import UsageError, UserError
 
 HINT = "a cluster needs Dask: pip install 'velocity_estimator[cluster]'"
@@ -45,6 +47,27 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
+
+
+def expanded(paths: Sequence[str]) -> list[str]:
+    """The bags meant: folders with bags in them stand for these.
+
+    Raises
+    ------
+    UserError : a folder without any bag.
+    """
+    found: list[str] = []
+    for path in dict.fromkeys(paths):
+        folder = Path(path)
+        if folder.is_dir() and not (folder / METADATA).exists() and not [
+                *folder.glob('*.mcap'), *folder.glob('*.db3')]:
+            inside = sorted(str(each.parent) for each in folder.rglob(METADATA))
+            if not inside:
+                raise UserError(f'{path}: no bag in this folder')
+            found += inside
+        else:
+            found.append(path)
+    return list(dict.fromkeys(found))
 
 
 def _call(job: tuple[Callable[..., Any], tuple]) -> Any:
