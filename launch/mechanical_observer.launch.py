@@ -1,4 +1,4 @@
-"""Starts the observer of mechanisms: `ros2 launch velocity_estimator mechanical_observer.launch.py`."""
+"""Starts the observer: `ros2 launch velocity_estimator mechanical_observer.launch.py`."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument

@@ -8,7 +8,7 @@ and velocities at the same stamp.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -145,7 +145,7 @@ def _encode(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, positions: 
     return encoder.encode(start_ns + stamp_ns, '', names, positions, velocities, efforts)
 
 
-def merged(defaults: dict[str, object], assignments: tuple[str, ...]) -> tuple[str, ...]:
+def merged(defaults: Mapping[str, object], assignments: tuple[str, ...]) -> tuple[str, ...]:
     """Assignments for `models.mechanics.load`: the simulator's defaults, then the user's own."""
     own = {text.partition('=')[0].strip() for text in assignments}
     return (*(f'{name}={value}' for name, value in defaults.items() if name not in own),

@@ -8,7 +8,7 @@ import numpy as np
 
 
 class CartPendulum:
-    """The normalised cart-pendulum with b = 0.5, in numpy; it gives no Psi and no Coriolis forces."""
+    """The normalised cart-pendulum with b = 0.5, in numpy; no Psi, no Coriolis forces."""
 
     joints = ('pendulum', 'cart')
     periods = (2.0 * np.pi, 0.0)

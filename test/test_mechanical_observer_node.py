@@ -42,7 +42,8 @@ def test_replay_equals_the_live_node(recording, probe):
     """Number for number, names and stamps too."""
     with open_bag(recording / 'out') as bag:
         raws = [bytes(message.raw) for message in bag.messages(['/joint_states'])]
-        replayed = [bytes(message.raw) for message in bag.messages(['/mechanical_observer/estimate'])]
+        replayed = [bytes(message.raw)
+                    for message in bag.messages(['/mechanical_observer/estimate'])]
     with dds.NodeProcess(MODULE, '--ros-args', '-r', 'joint_states:=/equal', '--params-file',
                          str(recording / 'params.yaml')), \
             dds.Observer(probe, '/mechanical_observer', '/equal') as node:

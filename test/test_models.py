@@ -34,7 +34,7 @@ def test_the_check_sees_a_small_mistake_in_psi(module):
         calm = np.linalg.inv(psi.T @ np.array(mechanics.inertia(values, q)))
         return tuple(map(tuple, calm)), tuple(map(tuple, psi))
 
-    with pytest.raises(UserError, match="PLvCC residual .* use the observer 'hgo'"):
+    with pytest.raises(UserError, match=r"PLvCC residual .* use the observer 'hgo'"):
         check.check(replace(mechanics, factors=factors))
 
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.contract import COASTING, STATUS_NAMES, TRACKING, Observer
+from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.parameters import Parameter, build, declared, parameter
 
 FIELD, COMMAND = 'joint_states', 'effort_command'
@@ -107,6 +108,7 @@ class Mechanism(Joint):
     """A mechanism's observer, live: a `Joint` whose measurement is a tuple."""
 
     settings: MechanismSettings
+    functions: MechanicalFunctions
 
     def __init__(self, name: str, observer: Observer, gains: Any, settings: MechanismSettings,
                  source: str) -> None:
@@ -228,6 +230,8 @@ class Mechanism(Joint):
 
     def estimates(self) -> list[Estimate]:
         """Of every joint, at the last used sample; empty where they may not be published."""
+        position: Any
+        velocity: Any
         position, velocity, _, status = self.estimate()
         if status not in (TRACKING, COASTING):
             return []
@@ -239,8 +243,8 @@ class Mechanism(Joint):
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
         if not self._track[7]:
-            missing = sorted(set(self.names) - set(
-                self.names[k] for waiting in self._pending for k in waiting.positions))
+            missing = sorted(set(self.names) - {
+                self.names[k] for waiting in self._pending for k in waiting.positions})
             return f'waiting for {", ".join(missing)}' if self._pending and missing else ''
         return self.functions.why(self._track[6], self._design)
 

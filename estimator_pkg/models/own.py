@@ -159,9 +159,9 @@ def _christoffel(model: Any, count: int) -> Callable[..., Any]:
 def _compilable(model: Any) -> dict[str, Any]:
     """The functions of a model in the compilable subset: module-level functions of (q, ...)."""
     inner_inertia, inner_force, inner_coriolis = model.inertia, model.force, model.coriolis
-    inner_factors = getattr(model, 'factors', None)
-    inner_damping = getattr(model, 'damping', None)
-    inner_admits = getattr(model, 'admits', None)
+    inner_factors: Any = getattr(model, 'factors', None)
+    inner_damping: Any = getattr(model, 'damping', None)
+    inner_admits: Any = getattr(model, 'admits', None)
 
     def inertia(values: tuple, q: tuple) -> tuple:
         return inner_inertia(q)

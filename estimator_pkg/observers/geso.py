@@ -4,9 +4,9 @@
     ph' = -Psi(s)^T [dV/dq - G u] - Psi^T D calM ph + Gamma calM(s)^T (y - qh),   vh = calM(s) ph
 
 Aranovskiy, Ortega, Romero, Sokolov, 'A globally exponentially stable speed observer for a class of
-mechanical systems' (International Journal of Control, 2019), equation (11). The error is linear at any
-speed: locally q~'' + L q~' + K q~ = 0 with K = calM Gamma calM^T, so K and not Gamma is the gain of
-the innovation.
+mechanical systems' (International Journal of Control, 2019), equation (11). The error is linear at
+any speed: locally q~'' + L q~' + K q~ = 0 with K = calM Gamma calM^T, so K and not Gamma is the gain
+of the innovation.
 """
 
 from __future__ import annotations
@@ -120,9 +120,9 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     n = mechanics.degrees
     disturbed = gains.disturbance_hz > 0.0
     damped = mechanics.damping is not None
-    diagonal = bool(np.all(tuned.L == np.diag(np.diag(tuned.L))))
+    diagonal = bool(np.all(np.diag(np.diag(tuned.L)) == tuned.L))
     simple = (bool(np.all(tuned.Gamma == np.diag(np.diag(tuned.Gamma))))
-              and bool(np.all(tuned.P0 == np.eye(n))))
+              and bool(np.all(np.eye(n) == tuned.P0)))
     at_measurement = gains.schedule == MEASUREMENT
     paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper

@@ -348,7 +348,8 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
 
     return MechanicalFunctions(
         design=design, prepare=prepare, init=init, step=step, output=output, stddev=stddev,
-        resume=resume, limits=core.limits, group_delay=lambda dt: core.lag + (0.0 if linear_hold else 0.5 * dt),
+        resume=resume, limits=core.limits,
+        group_delay=lambda dt: core.lag + (0.0 if linear_hold else 0.5 * dt),
         finite=finite, blank=tuple(mechanics.centre),
         no_input=(math.nan,) * max(1, mechanics.inputs),
         mechanics=mechanics, core=core, describe=describe, why=why)

@@ -97,7 +97,8 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
                              'LARGEST': LARGEST, 'sqrt': math.sqrt}
     exec(compile('\n'.join(lines), f'<mechanisms of {n}>', 'exec'), names)
     return MechanicalAlgebra(*(names[name] for name in (
-        'apply', 'turned', 'product_t', 'product', 'transposed', 'scaled_t', 'times', 'scale', 'nought', 'minus', 'towards', 'between', 'solve', 'finite', 'beyond',
+        'apply', 'turned', 'product_t', 'product', 'transposed', 'scaled_t', 'times', 'scale',
+        'nought', 'minus', 'towards', 'between', 'solve', 'finite', 'beyond',
         'begin_all', 'follow_all', 'present_all', 'squares')))
 
 

@@ -32,7 +32,6 @@ from estimator_pkg.observers.mechanical import (
     MechanicalGains,
     around,
     model_of,
-    operating_point,
     per_joint,
 )
 from estimator_pkg.observers.mechanical_algebra import column, mechanical_algebra
@@ -48,7 +47,7 @@ Array = NDArray[np.float64]
 SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
 FIRST, SECOND = 1.5, 1.1    # of (22)
 NEWTON = 60                 # steps at most; from above they fall monotonically
-# a Gaussian e of deviation s through sqrt(|e|) sgn e and through sgn e, per s (describing functions)
+# describing functions: a Gaussian e of deviation s through sqrt(|e|) sgn e and through sgn e, per s
 OF_ROOT = 2.0 ** 0.75 * math.gamma(1.25) / math.sqrt(math.pi)
 OF_SIGN = math.sqrt(2.0 / math.pi)
 
@@ -150,7 +149,8 @@ def make_inject(n: int, one: Any) -> Any:
 def make_settle(n: int, one: Any) -> Any:
     """settle(free, h, first, second, m1, m2) -> (e, second injections): `one` for each channel."""
     body = '\n'.join(['def settle(free, h, first, second, m1, m2):']
-                     + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], m1, m2)'
+                     + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], '
+                        'm1, m2)'
                         for i in range(n)]
                      + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
     names: dict[str, Any] = {one.__name__: one}
@@ -161,7 +161,6 @@ def make_settle(n: int, one: Any) -> Any:
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     """The functions of the observer at these gains; raises UserError, UsageError."""
     mechanics = model_of(gains)
-    point = operating_point(gains, mechanics)
     n = mechanics.degrees
     if gains.L is not None or gains.disturbance_hz > 0.0:
         raise UsageError("'smo' takes 'mu', or 'k1' and 'k2': no 'L', no 'disturbance_hz'")
@@ -177,7 +176,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper
     algebra = mechanical_algebra(n)
-    towards, minus, scale = algebra.towards, algebra.minus, algebra.scale
+    towards, minus = algebra.towards, algebra.minus
     inject = make_inject(n, twisting if twists else uniform)
     settle = make_settle(n, implicit_twisting if twists else implicit_uniform)
     acceleration, place = make_acceleration(mechanics), make_place(n, gains)

@@ -1,4 +1,4 @@
-"""The structural claim in numbers: fast, strongly coupled motion (rows H2; section 5.3 of the spec).
+"""The structural claim in numbers: fast, strongly coupled motion (rows H2).
 
 The error of GESO is linear at any speed; that of the others contains products of velocities.
 """

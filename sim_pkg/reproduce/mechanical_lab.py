@@ -65,7 +65,7 @@ MASS = 0.30   # m_p [kg], Table 3
 @lru_cache
 def truth(kind: str, amplitude: float = AMPLITUDE) -> tuple[Array, Array, Array]:
     """(positions, velocities, currents)."""
-    inputs = current(DT * np.arange(COUNT), amplitude)[:, None]
+    inputs = current(DT * np.arange(COUNT, dtype=float), amplitude)[:, None]
     return *move(plant(kind), (math.pi, 0.0), (0.0, 0.0), inputs, DT, PARTS_PLANT), inputs
 
 

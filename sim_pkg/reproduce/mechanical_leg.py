@@ -1,4 +1,4 @@
-"""Section 5.2: the robotic leg, three observers, Table 2 (rows C), and the leg retuned (rows H1)."""
+"""Section 5.2: the robotic leg, three observers, Table 2 (rows C); retuned (rows H1)."""
 
 from __future__ import annotations
 

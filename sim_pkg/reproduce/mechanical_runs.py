@@ -40,7 +40,7 @@ def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any
     record = observers.find(observer)
     values = {'form': 'paper', 'model': model, **gains,
               'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()]}
-    checked = build(record.gains, values, owner=observer)
+    checked: Any = build(record.gains, values, owner=observer)
     count = {'single_joint': 1, 'cart_pendulum': 2, 'robotic_leg': 3}[model]
     return record.build(checked, (ONE_SIZE,) * count)  # type: ignore[return-value, arg-type]
 

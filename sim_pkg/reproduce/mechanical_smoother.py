@@ -1,4 +1,4 @@
-"""An off-line reference from positions alone: smoothers, as section 6 of the specification has them.
+"""An off-line reference from positions alone: smoothers (rows F and H5).
 
 State (q, v) or (q, v, a) driven by white acceleration or white jerk of density qc, irregular
 stamps; Rauch-Tung-Striebel. With white acceleration it is the cubic smoothing spline, whose density
@@ -197,7 +197,7 @@ def rms(values: Array, dt: float = DT) -> float:
 def values() -> Values:
     """Rows F."""
     q, v, _ = truth('nominal')
-    time = DT * np.arange(len(q))
+    time = DT * np.arange(len(q), dtype=np.float64)
     for scenario in ('HPM', 'LPM'):
         readings = quantise(q, QUANTA[scenario])
         step = 2 if scenario == 'LPM' else 1

@@ -83,8 +83,7 @@ def costs() -> dict[str, float]:
 
 
 def table_7() -> list[str]:
-    """Cost of a step relative to GESO's: what differs between an Arduino and this machine cancels.
-    """
+    """Cost of a step relative to GESO's."""
     ours = costs()
     body = {'relative cost': [f'{ours[name] / ours["GESO"]:.2f} '
                               f'({PRINTED_7[name] / PRINTED_7["GESO"]:.2f})' for name in ours]}
