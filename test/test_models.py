@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from estimator_pkg import observers
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint
 from estimator_pkg.models.mechanics import assignments_of, load
+from estimator_pkg.observers.circle import Circle
 
 MODELS = (single_joint, cart_pendulum, robotic_leg)
 
@@ -110,3 +113,15 @@ def test_numbers_survive_being_written_as_assignments():
     parameters = single_joint.Parameters(inertia=0.123456789012, gravity=-2e-7)
     texts = assignments_of(single_joint.MODEL, parameters)
     assert load('single_joint', texts).values == single_joint.build(parameters).values
+
+
+def test_the_example_of_the_guide_works(tmp_path, monkeypatch):
+    """The code of docs/own_model.md, in a module outside the package."""
+    guide = (Path(__file__).parent.parent / 'docs/own_model.md').read_text()
+    (tmp_path / 'guide_crane.py').write_text(guide.split('```python\n')[1].split('```')[0])
+    monkeypatch.syspath_prepend(tmp_path)
+    crane = load('guide_crane:Crane')
+    assert crane.factors is not None and crane.actuated == (1,)
+    record = observers.find('geso')
+    functions = record.build(record.gains(model='guide_crane:Crane'), Circle())
+    assert functions.mechanics.degrees == 2

@@ -5,8 +5,8 @@
 
 Aranovskiy, Ortega, Romero, Sokolov, 'A globally exponentially stable speed observer for a class of
 mechanical systems' (International Journal of Control, 2019), equation (11). The error is linear at
-any speed: locally q~'' + L q~' + K q~ = 0 with K = calM Gamma calM^T, so K and not Gamma is the gain
-of the innovation.
+any speed: locally q~'' + L q~' + K q~ = 0 with K = calM Gamma calM^T, so that K, not Gamma, is the
+gain of the innovation.
 """
 
 from __future__ import annotations
