@@ -18,8 +18,8 @@ def make_node() -> Node:
     """The node; its process ends when the simulation does."""
     import rclpy
 
-    from sim_pkg.robotic_leg import SIMULATOR
     from sim_pkg.nodes.simulator_node import SimulatorNode
+    from sim_pkg.robotic_leg import SIMULATOR
 
     return SimulatorNode(SIMULATOR, 'robotic_leg_sim', on_end=rclpy.try_shutdown)
 
