@@ -95,11 +95,12 @@ def test_standard_deviation_covers_in_motion(name):
 
 # ---------------------------------------------------------------- faults
 
+@pytest.mark.parametrize('size', [0.5, 0.02])
 @pytest.mark.parametrize('speed', [0.0, 0.02, 2.0, 200.0])
-def test_a_glitch_leaves_no_trace(speed):
+def test_a_glitch_leaves_no_trace(speed, size):
     angle = speed * np.arange(5000) * DT + 0.4e-3
     measured = read(angle)
-    measured[3000] = wrapped(measured[3000] + 0.5)
+    measured[3000] = wrapped(measured[3000] + size)
     out = joint().run(stamps(5000), measured, fast=False)
     error = np.abs(out.velocity - speed)
     assert np.max(error[3010:]) * 0.01 < QUANTUM
@@ -158,10 +159,12 @@ def test_a_quantum_four_times_too_large_is_reported_and_mended_within_a_second()
     assert np.allclose(out.velocity, right.velocity[1000:], atol=0.05)
 
 
-def test_a_quantum_too_small_is_reported():
-    one = joint(quantum=0.25 * QUANTUM)
-    one.run(stamps(1000), read(5.0 * (np.arange(1000) * DT) ** 2), fast=False)
+@pytest.mark.parametrize('speed', [0.05, 1.0, 200.0])
+def test_a_quantum_too_small_is_reported_and_mended(speed):
+    one = joint(quantum=QUANTUM / 16.0)
+    out = one.run(stamps(4000), read(speed * np.arange(4000) * DT), fast=False)
     assert 'too small' in one.why()
+    assert rms(out.velocity[2500:] - speed) < 5e-3
 
 
 @pytest.mark.parametrize('speed', [0.02, 2.0, 200.0, 1000.0])

@@ -124,7 +124,8 @@ def sensed(angles, dts=None, quantum=0.01):
     for i in range(1, len(angles)):
         step = angles[i] - angles[i - 1]
         if step != 0.0:
-            steps = edge_sensor.follow_steps(steps, step, sensor[6], abs(angles[i]), quantum)
+            steps = edge_sensor.follow_steps(steps, step, sensor[6], sensor[7], abs(angles[i]),
+                                             quantum)
         dt = 1e-3 if dts is None else dts[i]
         sensor = edge_sensor.follow_sensor(sensor, step, dt, edge_sensor.quantum_of(steps, quantum),
                                            32.0, 0.03)

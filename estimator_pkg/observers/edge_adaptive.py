@@ -55,7 +55,7 @@ GRAIN = 0.07      # part of an interval that counts as noise: its ends come agai
 LONGEST = 2.0     # [s] longest memory; the start's too
 FADE = 0.3        # [s] memory of the acceleration
 MEMORY = 32.0     # samples: memory of the noise
-STRAY = 16.0      # quanta: beyond them one sample alone is never believed
+STRAY = 4.0       # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
 
 SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
@@ -159,7 +159,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         quantum = sensor[0]
         if change != 0.0:
             size = abs(measurement) + abs(convention[0])
-            steps = follow_steps(steps, change, sensor[6], size, design[2])
+            steps = follow_steps(steps, change, sensor[6], sensor[7], size, design[2])
             quantum = quantum_of(steps, design[2])
             if quantum != sensor[0] and sensor[0] > 0.0:
                 scale = quantum / sensor[0]
@@ -278,7 +278,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
             return (f'quantum {given:.4g} is too large: steps of {found:.4g} were seen, which is '
                     'used instead')
         if said == TOO_SMALL:
-            return f'quantum {given:.4g} seems too small: no step below {found:.4g} was seen'
+            return (f'quantum {given:.4g} is too small: no step below {found:.4g} was seen, which '
+                    'is used instead')
         return ''
 
     return Functions(design, prepare, init, step, output, stddev, resume, lambda dt: None,

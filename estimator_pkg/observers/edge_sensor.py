@@ -12,7 +12,7 @@ import math
 SURPRISE = 25.0   # a square counts at most so many times what is expected: 5 sigma
 ROUNDING = 1e-6   # of the reading: smaller steps are a float32's last digit
 SEEN = 2.0        # a smaller step than the given quantum is believed when it came twice
-MANY = 8.0        # steps of steps before they are thought to show the quantum
+MANY = 8.0        # steps that show the quantum, before it is thought to be larger than given
 FINER = 0.75      # the quantum is too large if steps below this part of it are seen
 COARSER = 1.5     # and too small if none below this many were
 
@@ -23,8 +23,8 @@ AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
 # before, dt 0: none; size of the last change of the reading [rad], at least the quantum, and time
 # since it [s])
 Sensor = tuple[float, float, float, float, float, float, float, float]
-# (smallest step seen [rad]; smallest step of the steps [rad], how many there were; steps of either
-# kind that were finer than the given quantum)
+# (smallest step seen [rad]; smallest step of the steps [rad]; how many showed the quantum; steps of
+# either kind that were finer than the given quantum)
 Steps = tuple[float, float, float, float]
 
 FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, 0.0)
@@ -35,11 +35,14 @@ def begin_sensor(quantum: float, blur: float) -> Sensor:
     return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, 0.0, 0.0, quantum, 0.0)
 
 
-def follow_steps(steps: Steps, step: float, last: float, size: float, quantum: float) -> Steps:
+def follow_steps(steps: Steps, step: float, last: float, since: float, size: float,
+                 quantum: float) -> Steps:
     """After a reading that moved by `step` [rad], where the last that moved did so by +-`last`.
 
     Parameters
     ----------
+    since : time between that and the last reading before this one [s]. A step that comes after
+        unchanged readings shows the quantum, for a shaft that skipped a count would not rest.
     size : of the two readings [rad]: of their last digits nothing is learnt.
     quantum : as given [rad]; 0: not known.
     """
@@ -48,6 +51,8 @@ def follow_steps(steps: Steps, step: float, last: float, size: float, quantum: f
     found = abs(step)
     if grain < found < smallest:
         smallest = found
+    if since > 0.0:
+        several += 1.0
     if last > 0.0:
         bend = abs(found - last)
         if bend > grain:
@@ -66,7 +71,9 @@ def quantum_of(steps: Steps, given: float) -> float:
     smallest, finest = steps[0], steps[1]
     seen = smallest if smallest < finest else finest
     if given > 0.0:
-        return seen if steps[3] >= SEEN and seen < given else given
+        finer = steps[3] >= SEEN and seen < given
+        coarser = steps[2] >= MANY and steps[3] == 0.0 and seen > COARSER * given
+        return seen if finer or coarser else given
     return seen if seen < math.inf else 0.0
 
 
@@ -76,7 +83,7 @@ def agreement(steps: Steps, given: float) -> int:
         return AGREES
     if steps[3] >= SEEN:
         return TOO_LARGE
-    if steps[2] >= MANY and min(steps[0], steps[1]) > COARSER * given:
+    if steps[2] >= MANY and steps[3] == 0.0 and min(steps[0], steps[1]) > COARSER * given:
         return TOO_SMALL
     return AGREES
 
