@@ -54,6 +54,8 @@ setup(
             'velocity_estimator = estimator_pkg.cli:main',
             'joint_observer = estimator_pkg.nodes.joint_observer:main',
             'encoder_sim = sim_pkg.nodes.encoder_sim:main',
+            'dc_motor_sim = sim_pkg.nodes.dc_motor_sim:main',
+            'gripper_sim = sim_pkg.nodes.gripper_sim:main',
             'cart_pendulum_sim = sim_pkg.nodes.cart_pendulum_sim:main',
             'robotic_leg_sim = sim_pkg.nodes.robotic_leg_sim:main',
             'pendulum_sim = sim_pkg.nodes.pendulum_sim:main',
@@ -102,6 +104,8 @@ setup(
         ],
         'velocity_estimator.simulators': [
             'encoder = sim_pkg.encoder:SIMULATOR',
+            'dc_motor = sim_pkg.dc_motor:SIMULATOR',
+            'gripper = sim_pkg.gripper:SIMULATOR',
             'cart_pendulum = sim_pkg.cart_pendulum:SIMULATOR',
             'robotic_leg = sim_pkg.robotic_leg:SIMULATOR',
             'pendulum = sim_pkg.pendulum:SIMULATOR',

@@ -1,0 +1,93 @@
+"""A joint of the observer `switched`: samples and events, each at its stamp.
+
+An event takes effect at the sample nearest to its stamp, whichever message comes first: the way to
+a sample belongs to the mode that held on it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.observers.contract import Observer
+
+# What becomes of an event
+WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY = (
+    'waiting', 'applied', 'late', 'past', 'out_of_order', 'no_sample_yet')
+REFUSED = (PAST, OUT_OF_ORDER, EARLY)
+
+
+class SwitchedJoint(Joint):
+    """A `Joint` that takes events too.
+
+    Parameters
+    ----------
+    observer, gains, settings : as of `Joint`.
+
+    Attributes
+    ----------
+    event_counts : events by what became of them.
+    """
+
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
+        super().__init__(observer, gains, settings)
+        self.event_counts: Counter[str] = Counter()
+        self._waiting: list[tuple[int, tuple]] = []
+        self._last_event_ns = 0
+
+    def event(self, stamp_ns: int, mode: str, v: tuple[float, ...] = ()) -> str:
+        """One event in; what became of it.
+
+        Parameters
+        ----------
+        stamp_ns : the switching instant, int nanoseconds.
+        mode, v : as the model understands them.
+        """
+        said = self._judged(stamp_ns)
+        self.event_counts[said] += 1
+        if said not in REFUSED:
+            self._last_event_ns = stamp_ns
+            self._waiting.append((stamp_ns, (mode, v)))
+            if said in (APPLIED, LATE):
+                self._apply()
+        return said
+
+    def _judged(self, stamp_ns: int) -> str:
+        if not self.used:
+            return EARLY
+        if stamp_ns <= self._last_event_ns:
+            return OUT_OF_ORDER
+        behind = self.stamp_ns - stamp_ns
+        if behind > self.settings.reorder_window * 1e9:
+            return PAST
+        if behind >= 0:
+            half = 0.5e9 * self.mean_dt
+            return APPLIED if behind <= half else LATE
+        return WAITING
+
+    def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
+        """One sample in, and the events that are due by it."""
+        while self._waiting and 2 * self._waiting[0][0] <= self.stamp_ns + stamp_ns:
+            self._apply()
+        used = super().update(stamp_ns, measurement, given)
+        while self._waiting and self._waiting[0][0] <= self.stamp_ns:
+            self._apply()
+        return used
+
+    def reset(self) -> None:
+        """Start again; events that wait are forgotten."""
+        super().reset()
+        self._waiting.clear()
+        self._last_event_ns = 0
+
+    def _apply(self) -> None:
+        stamp_ns, event = self._waiting.pop(0)
+        jump = self.functions.jump
+        if jump is not None and self._track[7]:
+            self._track = (*self._track[:6], jump(self._track[6], event), self._track[7])
+
+    def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
+        """(Z, its standard deviations, converged)."""
+        functions: Any = self.functions
+        return functions.discrete(self._track[6])

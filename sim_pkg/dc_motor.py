@@ -1,0 +1,117 @@
+"""The simulator ``dc_motor``: J q'' + b q' + k q = Kv u + load, with Coulomb friction by choice.
+
+The plant (34) of Gonzalez-Olvera and Tang, and the voltages of both its examples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sim_pkg.contract import Message, Simulator, Topic
+from sim_pkg.driven import MEASURED, SUBSTEP, TRUTH, DrivenParameters, stream
+from sim_pkg.sensor import fixed
+
+RANDOM, SQUARE, SINES, EXAMPLE = 'random', 'square', 'sines', 'random_then_square'
+
+
+@dataclass(frozen=True)
+class MotorParameters(DrivenParameters):
+    """All that can be set of the simulator."""
+
+    inertia: float = fixed(0.02, unit='kg m^2', range=(1e-9, 1e6), description='J')
+    damping: float = fixed(0.04, unit='N m s/rad', range=(0.0, 1e6), description='b')
+    stiffness: float = fixed(0.1, unit='N m/rad', range=(0.0, 1e6), description='k')
+    torque_constant: float = fixed(
+        0.6, unit='N m/V', range=(1e-9, 1e6), description='Kv: torque of one volt')
+    coulomb: float = fixed(
+        0.0, unit='N m', range=(0.0, 1e6), description='Coulomb friction; 0: none')
+    load: float = fixed(
+        0.0, unit='N m', range=(-1e6, 1e6), description='constant torque beside that of the motor')
+    voltage: str = fixed(
+        RANDOM, unit='', choices=(RANDOM, SQUARE, SINES, EXAMPLE),
+        description='random: uniform, held (both examples of the paper while they learn); square: '
+                    '5 s each way; sines: three of them; random_then_square: example 4.1')
+    amplitude: float = fixed(
+        5.0, unit='V', range=(0.0, 1e6), description='rms of the random voltage, else its size')
+    hold: float = fixed(
+        0.2, unit='s', range=(1e-6, 1e6), description='how long a random voltage is held')
+    learn: float = fixed(
+        100.0, unit='s', range=(0.0, 1e9),
+        description='random_then_square: when the square begins')
+
+
+class Motor:
+    """The plant; see `sim_pkg.driven.Plant`."""
+
+    def __init__(self, parameters: MotorParameters, seed: int) -> None:
+        self._p = parameters
+        self._seed = seed
+        self._held, self._value = -1, 0.0
+
+    def input(self, t: float) -> float:
+        """Voltage from t [s] on [V]."""
+        p = self._p
+        if p.voltage == RANDOM or (p.voltage == EXAMPLE and t < p.learn):
+            return p.amplitude * self._random(math.floor(t / p.hold + 1e-9))
+        if p.voltage == SINES:
+            return p.amplitude / 3.0 * (math.sin(3.0 * t) + math.sin(7.3 * t) + math.sin(17.0 * t))
+        since = t - (p.learn if p.voltage == EXAMPLE else 0.0)
+        return p.amplitude if math.floor(since / 5.0 + 1e-9) % 2 == 0 else -p.amplitude
+
+    def _random(self, index: int) -> float:
+        """Uniform with unit variance, the index-th of this seed."""
+        if index != self._held:
+            x = ((index + 1) * 0x9E3779B97F4A7C15 + self._seed * 0xBF58476D1CE4E5B9) % 2 ** 64
+            x = ((x ^ (x >> 30)) * 0xBF58476D1CE4E5B9) % 2 ** 64
+            x = ((x ^ (x >> 27)) * 0x94D049BB133111EB) % 2 ** 64
+            self._held = index
+            self._value = math.sqrt(3.0) * (2.0 * ((x ^ (x >> 31)) >> 11) * 2.0 ** -53 - 1.0)
+        return self._value
+
+    def _torque(self, q: float, w: float, u: float) -> float:
+        p = self._p
+        return p.torque_constant * u + p.load - p.damping * w - p.stiffness * q
+
+    def acceleration(self, t: float, q: float, w: float, u: float) -> float:
+        """q'' [rad/s^2]."""
+        torque, friction = self._torque(q, w, u), self._p.coulomb
+        if w != 0.0:
+            torque -= math.copysign(friction, w)
+        elif abs(torque) <= friction:
+            torque = 0.0
+        else:
+            torque -= math.copysign(friction, torque)
+        return torque / self._p.inertia
+
+    def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
+        """Friction stops what would turn round against it, or all but rests."""
+        friction = self._p.coulomb
+        slow = abs(w) <= SUBSTEP * friction / self._p.inertia
+        if friction > 0.0 and (slow or before * w < 0.0):
+            if abs(self._torque(q, 0.0, u)) <= friction:
+                return 0.0
+        return w
+
+    def event(self, first: float, last: float) -> None:
+        """None ever happens."""
+        return None
+
+    def begin(self, t: float) -> None:
+        """See `event`."""
+
+
+def topics(parameters: MotorParameters) -> tuple[Topic, ...]:
+    """Angle with voltage, and truth."""
+    return MEASURED, TRUTH
+
+
+def generate(parameters: MotorParameters, duration: float, seed: int) -> Iterator[list[Message]]:
+    """See `sim_pkg.contract`."""
+    return stream(Motor(parameters, seed), parameters, duration, seed)
+
+
+SIMULATOR = Simulator(
+    name='dc_motor', summary='a servo motor with spring, load and friction, driven by a voltage',
+    parameters=MotorParameters, topics=topics, generate=generate)

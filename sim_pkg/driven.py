@@ -1,0 +1,153 @@
+"""A joint that a known input drives, as a stream of messages: angle and effort, and the truth.
+
+The drive takes a new input at each sample and holds it to the next. A measurement carries the angle
+at its stamp and, as its effort, the input that acted since the sample before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.joint_state import Encoder
+from sim_pkg.contract import Message, Topic
+from sim_pkg.sensor import RAW_COUNTS, SECOND, AngleSensor, Line, SensorParameters, fixed
+
+MEASURED = Topic('joint_states', JOINT_STATE)
+TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
+EVENTS = Topic('switch_event', JOINT_STATE)
+CHUNK = 64         # samples made at a time
+SUBSTEP = 1e-3     # longest integration step [s]
+
+
+@dataclass(frozen=True)
+class DrivenParameters(SensorParameters):
+    """What all driven joints share."""
+
+    joint: str = fixed('joint', unit='', description='name of the joint')
+    start: float = fixed(0.0, unit='rad', range=(-1e3, 1e3), description='angle at the start')
+
+    def __post_init__(self) -> None:
+        """What a range cannot say; raises UsageError."""
+        super().__post_init__()
+        if self.convention == RAW_COUNTS:
+            raise UsageError("convention 'raw_counts' carries no effort: it is not for this plant")
+        if not self.joint:
+            raise UsageError("parameter 'joint' must not be empty")
+
+
+class Plant(Protocol):
+    """A joint: its acceleration, its input, its events."""
+
+    def input(self, t: float) -> float:
+        """What the drive applies from t [s] on."""
+
+    def acceleration(self, t: float, q: float, w: float, u: float) -> float:
+        """q'' [rad/s^2]."""
+
+    def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
+        """The velocity after a step, where friction may hold the joint [rad/s]."""
+
+    def event(self, first: float, last: float) -> tuple[float, str] | None:
+        """(time [s], mode) of the first event with first < time <= last; None: there is none."""
+
+    def begin(self, t: float) -> None:
+        """The event at t [s] has happened."""
+
+
+class _Motion(NamedTuple):
+    q: float
+    w: float
+
+
+def advance(plant: Plant, motion: _Motion, t: float, duration: float, u: float) -> _Motion:
+    """Runge-Kutta 4 over `duration` [s] from t with a held input."""
+    count = max(1, math.ceil(duration / SUBSTEP - 1e-9))
+    h, (q, w) = duration / count, motion
+    for i in range(count):
+        at = t + i * h
+        k1 = plant.acceleration(at, q, w, u)
+        w2 = w + 0.5 * h * k1
+        k2 = plant.acceleration(at + 0.5 * h, q + 0.5 * h * w, w2, u)
+        w3 = w + 0.5 * h * k2
+        k3 = plant.acceleration(at + 0.5 * h, q + 0.5 * h * w2, w3, u)
+        w4 = w + h * k3
+        k4 = plant.acceleration(at + h, q + h * w3, w4, u)
+        before, q = w, q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
+        w = plant.settle(at + h, q, before, w + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), u)
+    return _Motion(q, w)
+
+
+def stream(plant: Plant, parameters: DrivenParameters, duration: float, seed: int
+           ) -> Iterator[list[Message]]:
+    """The messages (see `sim_pkg.contract`); truth is given where the stamp says."""
+    sensor, line = AngleSensor(parameters, seed), Line(parameters, seed)
+    measured, true, announced = Encoder(), Encoder(), Encoder()
+    names = (parameters.joint,)
+    left = None if math.isinf(duration) else max(1, math.ceil(duration * parameters.rate - 1e-6))
+    motion, last, u = _Motion(parameters.start, 0.0), 0.0, 0.0
+    waiting: list[Message] = []
+
+    while left is None or left > 0:
+        count = CHUNK if left is None else min(CHUNK, left)
+        left = None if left is None else left - count
+        samples = line.carry(count)
+        rows = []
+        messages = waiting
+        for taken_ns in samples.taken_ns.tolist():
+            taken = taken_ns / SECOND
+            event = plant.event(last, taken)
+            if event is not None:
+                at, mode = event
+                if at > last:
+                    motion, last = advance(plant, motion, last, at - last, u), at
+                plant.begin(at)
+                at_ns = round(at * SECOND)
+                messages.append(Message(at_ns, EVENTS.name, partial(
+                    _event, announced, at_ns, mode)))
+            if taken > last:
+                motion = advance(plant, motion, last, taken - last, u)
+            rows.append((motion, u))
+            last, u = taken, plant.input(taken)
+        readings = sensor.read(np.array([row[0].q for row in rows])).tolist()
+        for stamp, taken_ns, due, copies, reading, ((q, w), effort) in zip(
+                samples.stamp_ns.tolist(), samples.taken_ns.tolist(), samples.due_ns.tolist(),
+                samples.copies.tolist(), readings, rows):
+            messages += [Message(due, MEASURED.name, partial(
+                _measurement, measured, names, stamp, reading, effort))] * copies
+            ahead = (stamp - taken_ns) / SECOND  # where stamps are wrong
+            messages.append(Message(taken_ns, TRUTH.name, partial(
+                _truth, true, names, stamp, q + ahead * w, w)))
+        messages.sort(key=_due)
+        ready = sum(message.due_ns < samples.horizon_ns for message in messages)
+        yield messages[:ready]
+        waiting = messages[ready:]
+    if waiting:
+        yield waiting
+
+
+def _due(message: Message) -> int:
+    return message.due_ns
+
+
+def _measurement(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, u: float,
+                 start_ns: int) -> bytes:
+    return encoder.encode(start_ns + stamp_ns, '', names, (q,), (), (u,))
+
+
+def _truth(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, w: float,
+           start_ns: int) -> bytes:
+    return encoder.encode(start_ns + stamp_ns, '', names, (q,), (w,))
+
+
+def _event(encoder: Encoder, stamp_ns: int, mode: str, start_ns: int) -> bytes:
+    return encoder.encode(start_ns + stamp_ns, '', (mode,))
+
+

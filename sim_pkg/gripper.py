@@ -1,0 +1,94 @@
+"""The simulator ``gripper``: a joint whose load changes when its gripper closes or opens."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from estimator_pkg.models import gripper
+from sim_pkg.contract import Message, Simulator, Topic
+from sim_pkg.driven import EVENTS, MEASURED, TRUTH, DrivenParameters, stream
+from sim_pkg.sensor import fixed
+
+
+@dataclass(frozen=True)
+class GripperParameters(DrivenParameters):
+    """All that can be set of the simulator."""
+
+    counts_per_revolution: int = fixed(
+        65536, unit='counts', range=(0, 2**31 - 1), description='resolution; 0: no quantisation')
+    start: float = fixed(0.3, unit='rad', range=(-1e3, 1e3), description='angle at the start')
+    inertia: float = fixed(
+        0.5, unit='kg m^2', range=(1e-6, 1e6), description='J without load')
+    damping: float = fixed(0.4, unit='N m s/rad', range=(0.0, 1e6), description='b')
+    gravity: float = fixed(
+        4.905, unit='N m', range=(0.0, 1e6), description='m g l without load: torque at 90 degrees')
+    load_inertia: float = fixed(
+        0.3, unit='kg m^2', range=(0.0, 1e6), description='what a gripped load adds to J')
+    load_gravity: float = fixed(
+        4.905, unit='N m', range=(0.0, 1e6), description='what a gripped load adds to m g l')
+    first_event: float = fixed(
+        2.0, unit='s', range=(1e-3, 1e9), description='when the gripper first closes')
+    event_every: float = fixed(
+        2.0, unit='s', range=(1e-3, 1e9),
+        description='time from one event to the next: it opens, closes, opens')
+
+
+class Gripper:
+    """The plant; see `sim_pkg.driven.Plant`."""
+
+    def __init__(self, parameters: GripperParameters) -> None:
+        self._p = parameters
+        self._now = self.discrete(0.0)
+
+    def _events(self, t: float) -> int:
+        """How many have happened until t [s], that at t included."""
+        p = self._p
+        return max(0, math.floor((t - p.first_event) / p.event_every + 1e-9) + 1)
+
+    def discrete(self, t: float) -> tuple[float, float, float]:
+        """Z = (1/J, b/J, m g l/J) from t [s] on."""
+        p, gripped = self._p, self._events(t) % 2
+        inertia = p.inertia + gripped * p.load_inertia
+        return 1.0 / inertia, p.damping / inertia, (p.gravity + gripped * p.load_gravity) / inertia
+
+    def input(self, t: float) -> float:
+        """Torque from t [s] on [N m]."""
+        return gripper.torque(t)[0]
+
+    def acceleration(self, t: float, q: float, w: float, u: float) -> float:
+        """q'' [rad/s^2]."""
+        return gripper.dynamics((q, w), self._now, (u,))[1]
+
+    def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
+        """There is no Coulomb friction."""
+        return w
+
+    def begin(self, t: float) -> None:
+        """From now on another Z holds."""
+        self._now = self.discrete(t)
+
+    def event(self, first: float, last: float) -> tuple[float, str] | None:
+        """(time [s], 'close' or 'open')."""
+        before, after = self._events(first), self._events(last)
+        if after == before:
+            return None
+        at = self._p.first_event + before * self._p.event_every
+        return at, 'open' if before % 2 else 'close'
+
+
+def topics(parameters: GripperParameters) -> tuple[Topic, ...]:
+    """Angle with torque, events, and truth."""
+    return MEASURED, EVENTS, TRUTH
+
+
+def generate(parameters: GripperParameters, duration: float, seed: int
+             ) -> Iterator[list[Message]]:
+    """See `sim_pkg.contract`."""
+    return stream(Gripper(parameters), parameters, duration, seed)
+
+
+SIMULATOR = Simulator(
+    name='gripper', summary='a joint whose load changes when its gripper closes or opens',
+    parameters=GripperParameters, topics=topics, generate=generate)
