@@ -13,7 +13,6 @@ from estimator_pkg.evaluation.plot import check
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.parameters import declared
 
-
 WORSE = 'on what was held out these gains are no better than the defaults: keep the defaults'
 
 
