@@ -10,6 +10,7 @@ from typing import Any
 
 from estimator_pkg.cli import Command
 from estimator_pkg.evaluation import bench_accuracy
+from estimator_pkg.evaluation.bench_drive import drives
 from estimator_pkg.evaluation.bench_live import live
 from estimator_pkg.evaluation.bench_replay import MESSAGES, replays
 from estimator_pkg.evaluation.bench_update import batches, updates
@@ -23,6 +24,7 @@ PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
     'replay': lambda quick, messages: replays(
         messages or (QUICK_MESSAGES if quick else MESSAGES), 1 if quick else 2),
     'live': lambda quick, messages: live(),
+    'drive': lambda quick, messages: drives(3 if quick else 7),
 }
 
 

@@ -174,7 +174,7 @@ def drives(rounds: int = 7) -> list[dict[str, Any]]:
 
 
 def _costs(rounds: int) -> list[dict[str, Any]]:
-    signal = simulate(CASES['2000 rpm'], 0.2)
+    signal = simulate({'profile': 'constant', 'speed_rpm': 2000.0}, 0.2)
     few = 1000
     joint = make_joint()
     joint.warm_up()
