@@ -19,6 +19,7 @@ from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
 
 DIAGNOSTICS = 1.0       # [s] between two of /diagnostics
 UNHEARD_OF = 5.0        # [s] after which what never appeared is named
+ALL_HERE = 1.0          # [s] after the first joint by which the others have come too
 SAY_AGAIN_AFTER = 10.0  # [s] between two warnings of the same kind
 
 
@@ -45,7 +46,8 @@ class Health:
         self._decoded = 0
         self._step_time = self._longest_step = 0.0
         self._started = self._last_report = monotonic()
-        self._named_unheard = False
+        self._named_unheard = self._named_unseen = False
+        self._first_input = 0.0
         self._used: dict[str, tuple[int, float]] = {}  # samples used, and when that last grew
         self._said: dict[str, tuple[int, str]] = {}    # status and why, as published
         self._warned: dict[str, float] = {}
@@ -77,6 +79,11 @@ class Health:
         if not self._named_unheard and now - self._started >= UNHEARD_OF:
             self._named_unheard = True
             self._name_unheard()
+        if not self._named_unseen and statuses:
+            self._first_input = self._first_input or now
+            if now >= max(self._started + UNHEARD_OF, self._first_input + ALL_HERE):
+                self._named_unseen = True
+                self._name_unseen()
 
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
         """(status, why) of a joint; without a usable sample for its timeout it is lost."""
@@ -165,17 +172,20 @@ class Health:
             self._node.get_logger().warning(text)
 
     def _name_unheard(self) -> None:
-        """Misspelt parameters, joints that were named and never came, no input at all."""
+        """Misspelt parameters, no input at all."""
         log = self._node.get_logger().warning
         for name, hint in self._ros.unknown().items():
             log(f"unknown parameter '{name}': {hint}")
-        seen = self._bank.joints
-        for joint in sorted({*self._ros.overrides, *self._bank.only} - set(seen)):
-            hint = suggestion(joint, seen) if seen else 'no joint has come yet'
-            log(f"joint '{joint}' was named in the parameters and never seen: {hint}")
         if not self._decoded and not self.malformed:
             log(f'nothing has been received on {self._input.topic_name} for {UNHEARD_OF:g} s; '
                 f'publishers connected: {self._input.get_publisher_count()}')
+
+    def _name_unseen(self) -> None:
+        """Joints that were named and did not come with the others."""
+        seen = self._bank.joints
+        for joint in sorted({*self._ros.overrides, *self._bank.only} - set(seen)):
+            self._node.get_logger().warning(f"joint '{joint}' was named in the parameters and "
+                                            f'never seen: {suggestion(joint, seen)}')
 
 
 class _Totals(dict[str, int]):
