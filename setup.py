@@ -18,6 +18,7 @@ EXTRAS = {
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8', 'distributed>=2024.8'],
     'docs': ['mkdocs-material>=9.5,<10'],
+    'peers': ['pynumdiff>=0.2', 'control>=0.10,<1'],
     'test': ['pytest>=8,<10', 'pytest-timeout>=2.3,<3', 'hypothesis>=6.100,<7', 'scipy>=1.11,<2',
              'filterpy>=1.4,<2', 'psutil>=5.9,<8', 'selenium>=4.20,<5', 'ruff>=0.6,<1',
              'mypy>=1.10,<3',
@@ -53,6 +54,7 @@ setup(
         'console_scripts': [
             'velocity_estimator = estimator_pkg.cli:main',
             'joint_observer = estimator_pkg.nodes.joint_observer:main',
+            'adaptive_observer = estimator_pkg.nodes.adaptive_observer:main',
             'encoder_sim = sim_pkg.nodes.encoder_sim:main',
             'dc_motor_sim = sim_pkg.nodes.dc_motor_sim:main',
             'gripper_sim = sim_pkg.nodes.gripper_sim:main',
@@ -82,6 +84,7 @@ setup(
             'simulator_nodes = sim_pkg.nodes.settings:RunSettings',
             'pmsm_observer = estimator_pkg.nodes.pmsm_settings:PmsmSettings',
             'mechanical_observer = estimator_pkg.nodes.mechanical_settings:MechanicalNodeSettings',
+            'adaptive_observer = estimator_pkg.nodes.adaptive_settings:AdaptiveNodeSettings',
             'mechanisms = estimator_pkg.driver.mechanism:MechanismSettings',
         ],
         'velocity_estimator.models': [

@@ -1,0 +1,183 @@
+"""Joints of the observer `adaptive`: with a known input, and with parameters kept in a file.
+
+The file holds the plant itself, the first column of A and B, so that it serves whatever poles the
+observer has later.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.observers.adaptive_gains import structure
+from estimator_pkg.observers.adaptive_report import Report, report
+from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
+
+FORMAT = 1
+
+
+class AdaptiveConfiguration(Configuration):
+    """Gains per joint, which start with the parameters of a file where it knows the joint.
+
+    Parameters
+    ----------
+    observer, common, overrides : as of `Configuration`.
+    saved : joint -> what a file says of it.
+
+    Raises
+    ------
+    UsageError : a wrong value, or saved parameters of another order.
+    """
+
+    def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
+                 overrides: Mapping[str, Mapping[str, Any]] | None = None,
+                 saved: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+        super().__init__(observer, common, overrides)
+        self.saved = dict(saved or {})
+        for joint in self.saved:
+            self.for_joint(joint)
+
+    def for_joint(self, joint: str) -> tuple[Any, JointSettings]:
+        """(gains, settings) of this joint."""
+        gains, settings = super().for_joint(joint)
+        own = self.saved.get(joint)
+        if own is None or gains.theta is not None:
+            return gains, settings
+        if own['order'] != gains.order:
+            raise UsageError(f"saved parameters of joint '{joint}' are of order {own['order']}, "
+                             f'but order is {gains.order}')
+        model = structure(gains).model
+        theta = [a - known for a, known in zip(own['a'], model)] + list(own['b'])
+        if gains.load:
+            theta.append(own.get('load', 0.0))
+        return dataclasses.replace(gains, theta=tuple(theta)), settings
+
+
+class AdaptiveBank(Bank):
+    """As `Bank`, for positions with efforts.
+
+    Parameters
+    ----------
+    configuration, only : as of `Bank`.
+    scale : input of the model per unit of effort.
+    """
+
+    def __init__(self, configuration: Configuration, only: Iterable[str] = (),
+                 scale: float = 1.0) -> None:
+        super().__init__(configuration, only)
+        self.scale = scale
+        self.without_input = 0  # messages with positions but without their efforts
+
+    def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
+             efforts: Sequence[float]) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
+        """One message in; (name, joint, estimate) of every joint that may be published.
+
+        Parameters
+        ----------
+        positions, efforts : as in a JointState; the effort acted since the message before.
+        """
+        if not positions:
+            self.empty += 1
+            return []
+        if len(names) != len(positions):
+            self.mismatched += 1
+            return []
+        if len(efforts) != len(names):
+            self.without_input += 1
+            self.mismatched += 1
+            return []
+        valid = []
+        for name, position, effort in zip(names, positions, efforts):
+            joint = self.joints.get(name) or self.joint(name)
+            if joint is None:
+                continue
+            if not math.isfinite(effort):
+                position = math.nan  # counted as such: half a sample is none
+            if joint.update(stamp_ns, position, self.scale * effort):
+                estimate = joint.estimate()
+                if estimate[3] == TRACKING or estimate[3] == COASTING:
+                    valid.append((name, joint, estimate))
+        return valid
+
+    def reports(self) -> dict[str, Report]:
+        """What each joint has identified."""
+        return {name: report(joint.gains, joint._track[6], joint.mean_dt or 1e-3)
+                for name, joint in self.joints.items() if joint.used}
+
+
+def save(path: str, bank: AdaptiveBank) -> list[str]:
+    """Write what the joints have learnt, beside what the file says of others; their names.
+
+    Raises
+    ------
+    UserError : nothing was learnt, or the file cannot be written.
+    """
+    joints = load(path) if Path(path).exists() else {}
+    names = []
+    for name, said in bank.reports().items():
+        gains = bank.joints[name].gains
+        if said.adapted == 0.0 and gains.theta is None:
+            continue
+        n = gains.order
+        model = structure(gains).model
+        joints[name] = {
+            'order': n, 'a': [known + value for known, value in zip(model, said.theta)],
+            'b': list(said.theta[n:2 * n]),
+            'stddev': [item.stddev for item in said.parameters[:len(said.theta)]]}
+        if gains.load:
+            joints[name]['load'] = said.theta[2 * n]
+        names.append(name)
+    if not names:
+        raise UserError('nothing has been learnt yet')
+    text = ('# x1\' = A x + B u in observable canonical form: a is the first column of A, b is B.\n'
+            + yaml.safe_dump({'adaptive_parameters': FORMAT, 'joints': joints}, sort_keys=False))
+    beside = f'{path}.part'
+    try:
+        Path(beside).write_text(text, encoding='utf-8')
+        os.replace(beside, path)
+    except OSError as error:
+        raise UserError(f'cannot write {path}: {error.strerror}') from error
+    return names
+
+
+def load(path: str) -> dict[str, dict[str, Any]]:
+    """What a file written by `save` says, by joint.
+
+    Raises
+    ------
+    UsageError : it cannot be read or is no such file.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except OSError as error:
+        raise UsageError(f'cannot read {path}: {error.strerror}') from error
+    except (yaml.YAMLError, UnicodeDecodeError):
+        content = None
+    if not isinstance(content, dict) or content.get('adaptive_parameters') != FORMAT:
+        raise UsageError(f'{path} holds no parameters of the adaptive observer')
+    joints = content.get('joints')
+    for name, own in (joints or {}).items():
+        if not _whole(own):
+            raise UsageError(f"{path}: the parameters of joint '{name}' are damaged")
+    return dict(joints or {})
+
+
+def _whole(own: Any) -> bool:
+    """True if this is what `save` writes of a joint."""
+    if not isinstance(own, dict) or not isinstance(own.get('order'), int):
+        return False
+    a, b = own.get('a'), own.get('b')
+    if not isinstance(a, list) or not isinstance(b, list):
+        return False
+    return len(a) == len(b) == own['order'] and all(
+        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, own.get('load', 0.0)))
