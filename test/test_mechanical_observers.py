@@ -455,3 +455,17 @@ def test_the_driver_drops_numbers_that_are_no_readings():
     assert joint.update(10 ** 9, (0.0, 0.0), (0.0,))
     assert not joint.update(2 * 10 ** 9, (math.nan, 0.0), (0.0,))
     assert joint.dropped() == {'non_finite': 1}
+
+
+def test_exact_step_is_of_second_order_in_fast_motion():
+    """The model is evaluated half-way between samples: a quarter of the error at half the dt."""
+    found = []
+    for dt in (2e-3, 1e-3):
+        count = round(6.0 / dt)  # the start is forgotten after 5 s
+        positions, truth = motion('cart_pendulum', FAST, (1.37, -0.1), (12.0, 0.35), dt, count)
+        functions = made('geso', model='cart_pendulum', model_parameters=list(FAST), L=[10.0],
+                         Gamma=[70.0])
+        velocities, _, _ = driven(functions, dt, count, positions)
+        late = round(5.0 / dt)
+        found.append(math.sqrt(np.mean((velocities - truth[1:])[late:] ** 2)))
+    assert found[1] < 0.27 * found[0]
