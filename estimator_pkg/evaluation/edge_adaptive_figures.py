@@ -77,7 +77,7 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
         position, velocity, _, _ = joint.estimate()
         band = joint._track[6][2]
         rows.append((position, velocity, *joint.stddev(), band[0], band[3], band[4]))
-    columns = np.array(rows).T
+    columns: Array = np.array(rows, np.float64).T
     return dict(zip(('position', 'velocity', 'position_stddev', 'stddev', 'density', 'up', 'down'),
                     columns))
 
@@ -104,9 +104,10 @@ def _edges(plt: Any) -> Any:
         joint = ENTRY.joint(quantum=quantum)
         found = traced(joint, samples)
         part = slice(1000, 1045)
-        sample = np.arange(len(samples.angle))[part]
+        sample: Array = np.arange(len(samples.angle), dtype=np.float64)[part]
         back = frame * (sample - sample[0])
-        true = motion((sample + 1.0) * 1e-3)[0] + START_ANGLE
+        at: Array = (sample + 1.0) * 1e-3
+        true = motion(at)[0] + START_ANGLE
         count = np.floor(true / quantum) - back
         base = count[0]
         axis.step(sample, count - base, where='post', color='0.6', label='count: lower end of cell')

@@ -106,10 +106,7 @@ def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, memory
         residual = new
         power = 0.2 * third * third
         most = SURPRISE * (scatter + square)
-        if scatter > 0.0:
-            scatter += ((power if power < most else most) - scatter) / memory
-        elif power > 0.0:    # the first: nothing to average with
-            scatter = power if power < most else most
+        scatter += ((power if power < most else most) - scatter) / memory
     if noise < scatter - square:   # more than any quantisation makes: it is noise
         noise = scatter - square
     elif quantum != used:
