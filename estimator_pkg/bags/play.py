@@ -23,6 +23,8 @@ CLOCK = '/clock'
 CLOCK_RATE = 200.0   # Hz
 LOOK = 0.05          # s between looks at keyboard and services
 QUIET = 0.5          # s without a new subscription after which those there are taken as all
+HANDSHAKE = 0.2      # s in which subscriptions that we know come to know us: best effort waits
+                     # for nobody
 SECOND = 1_000_000_000
 
 
@@ -141,6 +143,7 @@ class Player:
                 before, changed = matched, time.monotonic()
             if matched == len(self._publishers) or (
                     matched and time.monotonic() > changed + QUIET):
+                self._here.spin(HANDSHAKE)
                 return
             self._here.spin(0.02)
         if seconds and not before and not self._here.stopping:
