@@ -55,6 +55,7 @@ setup(
             'velocity_estimator = estimator_pkg.cli:main',
             'joint_observer = estimator_pkg.nodes.joint_observer:main',
             'adaptive_observer = estimator_pkg.nodes.adaptive_observer:main',
+            'switched_observer = estimator_pkg.nodes.switched_observer:main',
             'encoder_sim = sim_pkg.nodes.encoder_sim:main',
             'dc_motor_sim = sim_pkg.nodes.dc_motor_sim:main',
             'gripper_sim = sim_pkg.nodes.gripper_sim:main',
@@ -85,6 +86,7 @@ setup(
             'pmsm_observer = estimator_pkg.nodes.pmsm_settings:PmsmSettings',
             'mechanical_observer = estimator_pkg.nodes.mechanical_settings:MechanicalNodeSettings',
             'adaptive_observer = estimator_pkg.nodes.adaptive_settings:AdaptiveNodeSettings',
+            'switched_observer = estimator_pkg.nodes.switched_settings:SwitchedNodeSettings',
             'mechanisms = estimator_pkg.driver.mechanism:MechanismSettings',
         ],
         'velocity_estimator.models': [

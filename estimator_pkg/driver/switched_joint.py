@@ -6,11 +6,13 @@ a sample belongs to the mode that held on it.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
 
 # What becomes of an event
 WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY = (
@@ -81,6 +83,12 @@ class SwitchedJoint(Joint):
         self._waiting.clear()
         self._last_event_ns = 0
 
+    def why(self) -> str:
+        """What the status means, in words; says when Z is not converged."""
+        if self.used and not self.discrete()[2]:
+            return 'Z is not converged: it is predicted'
+        return super().why()
+
     def _apply(self) -> None:
         stamp_ns, event = self._waiting.pop(0)
         jump = self.functions.jump
@@ -91,3 +99,56 @@ class SwitchedJoint(Joint):
         """(Z, its standard deviations, converged)."""
         functions: Any = self.functions
         return functions.discrete(self._track[6])
+
+
+class SwitchedBank:
+    """The joints of one hybrid system, as one; messages carry all its outputs.
+
+    Parameters
+    ----------
+    joint : the system.
+    names : of its joints in the messages, in the order of the model's outputs.
+    scale : input of the model per unit of effort.
+
+    Attributes
+    ----------
+    joints : the system by the name of its first joint.
+    """
+
+    def __init__(self, joint: SwitchedJoint, names: tuple[str, ...], scale: float = 1.0) -> None:
+        self.system = joint
+        self.names = names
+        self.scale = scale
+        self.joints: dict[str, Joint] = {names[0]: joint}
+        self.only: frozenset[str] = frozenset()
+        self.mismatched = 0
+        self.empty = 0
+        self._inputs = len(joint.functions.no_input)
+
+    def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
+             efforts: Sequence[float]) -> list[tuple[float, float]]:
+        """One message in; (position, velocity) of each joint, empty if they may not be published.
+
+        A message without one of the joints, or without the efforts that the model needs, is
+        counted as mismatched.
+        """
+        if not positions:
+            self.empty += 1
+            return []
+        places = [names.index(name) for name in self.names if name in names]
+        needed = self._inputs > 0
+        if (len(places) < len(self.names) or len(names) != len(positions)
+                or (needed and len(efforts) != len(names))):
+            self.mismatched += 1
+            return []
+        measurement = tuple(positions[place] for place in places)
+        given = tuple(self.scale * efforts[place] for place in places[:self._inputs]) if (
+            needed) else ()
+        if not all(map(math.isfinite, given)):
+            measurement = (math.nan,) * len(measurement)  # counted as such: half a sample is none
+        if not self.system.update(stamp_ns, measurement, given):
+            return []
+        if self.system.estimate()[3] not in (TRACKING, COASTING):
+            return []
+        functions: Any = self.system.functions
+        return functions.outputs(self.system._track[6], measurement)

@@ -1,0 +1,106 @@
+"""The node switched_observer over real DDS: the gripper live, events, wrong models."""
+
+from __future__ import annotations
+
+import math
+
+import dds
+import numpy as np
+import pytest
+
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.models import gripper as model
+
+MODULE = 'estimator_pkg.nodes.switched_observer'
+QUANTUM = 2.0 * math.pi / 65536
+MS = 10 ** 6
+
+
+def test_a_gripper_live(probe):
+    """Simulator and node in processes of their own: 16 bits, 1 kHz, the load changes at 2 s."""
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    kept = {'/gripper/switched/estimate': [], '/gripper/switched/discrete_state': [],
+            '/gripper/ground_truth/joint_states': []}
+    decode = Decoder().decode
+    qos = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    subscriptions = [probe.node.create_subscription(
+        JointState, topic, lambda raw, rows=rows: rows.append(decode(raw)), qos, raw=True)
+        for topic, rows in kept.items()]
+    with dds.NodeProcess(MODULE, '--ros-args', '-r', '__ns:=/gripper', '-r', '__node:=switched',
+                         '-p', f'quantum:={QUANTUM}') as node:
+        node.prints('switched estimates joint')
+        with dds.NodeProcess('sim_pkg.nodes.gripper_sim', '--ros-args', '-r', '__ns:=/gripper',
+                             '-p', 'duration:=3.2', '-p', 'wait_for_subscribers:=1') as sim:
+            probe.until(lambda: not sim.alive)
+        probe.spin(0.3)
+        assert node.alive and 'not used' not in node.output
+    for subscription in subscriptions:
+        probe.node.destroy_subscription(subscription)
+    estimates, discrete, truth = kept.values()
+    start = truth[0].stamp_ns
+    assert len(estimates) > 3000 and len(discrete) > 2500
+    true = {row.stamp_ns: row.velocities[0] for row in truth}
+    rows = [(1e-9 * (row.stamp_ns - start), row.velocities[0] - true[row.stamp_ns])
+            for row in estimates if row.velocities and row.stamp_ns in true]
+    times, errors = np.array(rows).T
+    before = np.sqrt(np.mean(errors[(times > 1.5) & (times <= 2.0)] ** 2))
+    after = np.sqrt(np.mean(errors[(times > 2.0) & (times <= 2.5)] ** 2))
+    assert after < 2.0 * before
+    for row in discrete:
+        assert row.names == ('1/J', 'b/J', 'mgl/J')
+        seconds = 1e-9 * (row.stamp_ns - start)
+        if 1.5 < seconds < 1.99:
+            assert row.positions == pytest.approx(model.OPEN, rel=0.05)
+        if seconds > 2.5:
+            assert row.positions == pytest.approx(model.CLOSED, rel=0.05)
+
+
+def test_events_and_status(probe):
+    from sensor_msgs.msg import JointState
+
+    encode = Encoder().encode
+    events = probe.node.create_publisher(JointState, '/switch_event', 10)
+    x, stamp, raws = np.array([0.3, 0.0]), 10 ** 18, []
+    for i in range(2500):
+        u = model.torque((i - 0.5) * 1e-3) if i else (0.0,)
+        if i:
+            middle = x + 5e-4 * np.array(model.dynamics(x, model.OPEN, u))
+            x = x + 1e-3 * np.array(model.dynamics(middle, model.OPEN, u))
+        reading = round(float(x[0]) / QUANTUM) * QUANTUM
+        raws.append(encode(stamp + i * MS, 'base', ('joint',), (reading,), (), u))
+    with dds.NodeProcess(MODULE, '--ros-args', '-p', f'quantum:={QUANTUM}') as node, \
+            dds.Observer(probe, '/switched_observer') as watched:
+        watched.connect()
+        probe.until(lambda: events.get_subscription_count() > 0)
+        watched.feed(raws[:2000])
+        probe.until(lambda: watched.status('joint') == 'tracking')
+        for at, mode in ((1000, 'close'), (1999, 'close'), (1990, 'open')):
+            events.publish(event_message(stamp + at * MS, mode))
+            probe.spin(0.2)
+        node.prints("the event 'close' is not used: past")
+        node.prints("the event 'open' is not used: out of order")
+        watched.feed(raws[2000:2100])
+        probe.until(lambda: 'not converged' in dds.value(watched.statuses['joint'], 'why'))
+        watched.feed([encode(stamp + 2100 * MS, '', ('joint',), (0.1,)),
+                      encode(stamp + 2101 * MS, '', ('other',), (0.1,), (), (0.0,))])
+        report = watched.next_report()['/switched_observer']
+        assert report['messages_dropped.mismatched'] == '2'
+    probe.node.destroy_publisher(events)
+
+
+def event_message(stamp_ns, mode):
+    return Encoder().encode(stamp_ns, '', (mode,))
+
+
+@pytest.mark.parametrize('given, words', [
+    (['model:=nowhere:MODEL'], "cannot import 'nowhere'"),
+    (['joints:=[a, b]'], "'joints' needs 1 different names"),
+    (['discrete:=guess'], "'guess' is not one of"),
+])
+def test_wrong_parameters_end_the_node_with_one_line(given, words):
+    arguments = [word for pair in given for word in ('-p', pair)]
+    with dds.NodeProcess(MODULE, '--ros-args', *arguments) as node:
+        assert node.ends() in (1, 2)
+        assert words in node.output and 'Traceback' not in node.output
