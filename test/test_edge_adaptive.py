@@ -241,3 +241,36 @@ def test_nothing_depends_on_the_unit_of_the_angle(scale):
     of = [make('edge_adaptive', {'quantum': factor * QUANTUM}, wrap_period=0.0).run(
         stamps(3000), factor * motion, fast=False) for factor in (1.0, scale)]
     assert np.allclose(of[1].velocity / scale, of[0].velocity, rtol=1e-6, atol=1e-6)
+
+
+# ---------------------------------------------------------------- tables and pictures
+
+def test_drawn_columns_differ_in_phase_and_speed_and_are_repeatable():
+    for signal in SIGNALS + FURTHER:
+        one, again, other = signal.drawn(1, 2.0), signal.drawn(1, 2.0), signal.drawn(2, 2.0)
+        assert np.array_equal(one.angle, again.angle)
+        assert not np.array_equal(one.angle[:100], other.angle[:100])
+        steps = np.abs(np.diff(np.sort(one.angle)))
+        assert np.allclose(steps / signal.quantum, np.rint(steps / signal.quantum), atol=1e-6)
+    beats = [BY_NAME['beat'].drawn(k, 0.1).velocity[0] * DT / QUANTUM for k in range(40)]
+    nearest = [min(abs(x - p / q) for q in range(1, 7) for p in range(1, q + 1)) for x in beats]
+    assert max(nearest) < 0.041 and len({round(x, 6) for x in beats}) == 40
+
+
+def test_the_table_of_draws_says_how_often_the_yardstick_is_better():
+    found = bench_accuracy.spread([bench_accuracy.YARDSTICK, Entry('slow', 'pll')],
+                                  (BY_NAME['sine'],), draws=2, duration=2.0, fast=False)
+    rows = {row['observer']: row for row in found['rows']}
+    assert rows['kalman acceleration']['worst_ratio'] == 1.0
+    assert rows['slow']['worse'] == 2 and rows['slow']['worst_ratio'] > 1.05
+    assert '2 random phases' in bench_accuracy.describe_spread(found)
+
+
+def test_pictures_are_drawn_and_leave_the_constants_alone(tmp_path):
+    pytest.importorskip('matplotlib')
+    from estimator_pkg.evaluation import edge_adaptive_figures as figures
+    from estimator_pkg.observers import edge_adaptive
+    before = {name: getattr(edge_adaptive, name) for name in (*figures.CONSTANTS, 'interval')}
+    for path in figures.draw(tmp_path, ('edge', 'beat')):
+        assert path.stat().st_size > 10_000
+    assert before == {name: getattr(edge_adaptive, name) for name in before}
