@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from estimator_pkg.cli import Command
-from estimator_pkg.evaluation import bench_accuracy
+from estimator_pkg.evaluation import bench_accuracy, bench_field
 from estimator_pkg.evaluation.bench_drive import drives
 from estimator_pkg.evaluation.bench_live import live
 from estimator_pkg.evaluation.bench_replay import MESSAGES, replays
@@ -36,6 +36,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='of speed, only this part (may be repeated)')
     parser.add_argument('--draws', type=_positive, metavar='N',
                         help='of accuracy, also N random phases and speeds per column')
+    parser.add_argument('--field', action='store_true',
+                        help='of accuracy, also ours and installed peers, each at one setting and '
+                             'at its best per column')
+    parser.add_argument('--plot', metavar='FILE', help='draw the field')
     parser.add_argument('--quick', action='store_true',
                         help='fewer rounds and shorter bags: a look, not a measurement')
     parser.add_argument('--messages', type=_positive, metavar='N',
@@ -52,6 +56,12 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         if parsed.draws:
             result['drawn'] = bench_accuracy.spread(draws=parsed.draws, fast=True)
             print(bench_accuracy.describe_spread(result['drawn']) + '\n')
+        if parsed.field or parsed.plot:
+            result['field'] = bench_field.run()
+            print(bench_field.describe(result['field']) + '\n')
+            if parsed.plot:
+                bench_field.draw(result['field'], parsed.plot)
+                print(f'plot: {parsed.plot}')
     if parsed.group in (None, SPEED):
         rows: list[dict[str, Any]] = []
         for part in parsed.part or PARTS:

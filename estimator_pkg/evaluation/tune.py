@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +16,7 @@ import numpy as np
 from estimator_pkg import registry
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError, suggestion
-from estimator_pkg.evaluation import tune_output
+from estimator_pkg.evaluation import tune_live, tune_output
 from estimator_pkg.evaluation.entries import angle_observers
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import CLEARLY
@@ -42,8 +43,13 @@ SAME = 1e-6             # errors this close are equal [part, or rad/s]
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument('bags', nargs='+', metavar='BAG',
+    parser.add_argument('bags', nargs='*', metavar='BAG',
                         help='bags to tune on, or folders with bags in them')
+    parser.add_argument('--live', type=float, metavar='SECONDS',
+                        help='in place of bags: record the measurement of the live graph for so '
+                             'long')
+    parser.add_argument('--apply', metavar='NODE',
+                        help='set the gains found on this running node (nothing is set without)')
     parser.add_argument('--observer', required=True, metavar='NAME', help='whose gains')
     parser.add_argument('--out', required=True, metavar='YAML', help='where the gains go')
     parser.add_argument('--prefer', choices=tuple(PREFERENCES), default='balanced',
@@ -94,7 +100,11 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         raise UserError(f'{out}: there is no folder {out.parent}')
     options = Options(parsed.measurement, parsed.truth, wrap_period=parsed.wrap_period,
                       correct_reference=True, reference=parsed.reference)
-    with workers(parsed.jobs, parsed.scheduler) as run_many:
+    with contextlib.ExitStack() as stack:
+        run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
+        if parsed.live is not None:
+            parsed.bags = [stack.enter_context(tune_live.recorded(
+                parsed.measurement or MEASUREMENT, parsed.truth or TRUTH, parsed.live))]
         found = [record for part in run_many(records, [
             (bag, options, parsed.held_out, tuple(parsed.joint)) for bag in expanded(parsed.bags)])
             for record in part]
@@ -114,6 +124,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     picture = tune_output.draw(tuned, parsed.plot, out.with_suffix('.png'), parsed.observer)
     if picture:
         print(f'noise against delay: {picture}')
+    if parsed.apply:
+        tune_live.apply(parsed.apply, tune_live.node_names(tuned))
+        print(f'set on {parsed.apply}')
     for each in tuned:
         each.pop('trials')
     return {'observer': parsed.observer, 'preference': wanted, 'out': str(out), 'tuned': tuned}
@@ -122,6 +135,10 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 def settings(parsed: argparse.Namespace
              ) -> tuple[Any, Weights, dict[str, Any], list[Dimension]]:
     """Observer, weights, what is held and what is sought; raises UsageError."""
+    if bool(parsed.bags) == (parsed.live is not None):
+        raise UsageError('name bags, or --live SECONDS without bags')
+    if parsed.live is not None and not 1.0 <= parsed.live < math.inf:
+        raise UsageError('--live must be 1 s or more')
     if not 0.0 <= parsed.held_out < 0.9:
         raise UsageError('--held-out must be a part from 0 to 0.9')
     if parsed.trials < 1:
