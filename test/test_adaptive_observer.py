@@ -213,16 +213,17 @@ def trained(**gains):
 
 
 @pytest.mark.parametrize('gains', [{}, {'law': 'gradient', 'gate': 'gamma'}])
-def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains):
+@pytest.mark.parametrize('seconds', [30.0, pytest.param(600.0, marks=pytest.mark.slow)])
+def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains, seconds):
     made = trained(**gains)
     feed(made, np.full(3, -0.2 / 0.3), np.zeros(2))
-    rest_with_load(made, 600.0)
+    rest_with_load(made, seconds)
     assert report(made.gains, made._track[6], 1e-3).phase == 'GATED'
     for value, true in zip(made._track[6][2], (3.99, 3.45, 0.0, 0.2)):
         assert value == pytest.approx(true, rel=5e-3)
     without = trained(law='gradient', gate='off')
     feed(without, np.full(3, -0.2 / 0.3), np.zeros(2))
-    rest_with_load(without, 100.0)
+    rest_with_load(without, 60.0)
     assert named(without)['k/J'].value < 0.1  # 0.3 is right: spec A5e, "plain"
 
 
@@ -328,7 +329,8 @@ def test_standard_deviation_of_velocity_and_parameters():
 
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
 @pytest.mark.parametrize('gains', [{}, {'form': 'paper', 'law': 'gradient', 'load': True},
-                                   {'order': 3, 'bounds': ('l1>=-1',), 'known': ('b1=0',)}])
+                                   pytest.param({'order': 3, 'bounds': ('l1>=-1',),
+                                                 'known': ('b1=0',)}, marks=pytest.mark.slow)])
 def test_plain_equals_compiled_per_step(gains):
     functions = OBSERVER.build(build(Gains, gains), Circle())
     twins = {name: compiled(getattr(functions, name))
