@@ -274,3 +274,26 @@ def test_pictures_are_drawn_and_leave_the_constants_alone(tmp_path):
     for path in figures.draw(tmp_path, ('edge', 'beat')):
         assert path.stat().st_size > 10_000
     assert before == {name: getattr(edge_adaptive, name) for name in before}
+
+
+@pytest.mark.parametrize('seed', range(30))
+def test_no_stream_breaks_it(seed):
+    """Any quantum, noise, speed, sample times and outliers: finite numbers, a valid covariance."""
+    random = np.random.default_rng(seed)
+    count = 400
+    quantum = 10.0 ** random.uniform(-6.0, -1.0)
+    t = np.cumsum(np.where(random.random(count) < 0.1, 10.0 ** random.uniform(-5.0, -1.0), DT))
+    angle = (10.0 ** random.uniform(-4.0, 3.0) * t + random.normal(size=count)
+             * 10.0 ** random.uniform(-6.0, -1.0))
+    angle = np.floor(angle / quantum) * quantum
+    struck = random.random(count) < 0.03
+    angle[struck] += random.normal(size=struck.sum()) * 10.0 ** random.uniform(-3.0, 1.0)
+    angle[200:240] = angle[200]
+    given = float(random.choice([0.0, quantum, 4.0 * quantum, quantum / 8.0]))
+    one = make('edge_adaptive', {'quantum': given})
+    for stamp, value in zip((np.rint(t * 1e9).astype(np.int64) + 10 ** 18).tolist(),
+                            wrapped(angle).tolist()):
+        one.update(stamp, value)
+        assert all(math.isfinite(number) for number in (*one.estimate(), *one.stddev()))
+        variances = one._track[6][1]
+        assert min(variances[0], variances[3], variances[5]) >= 0.0

@@ -152,5 +152,7 @@ def test_quantisation_is_never_taken_for_noise():
 def test_noise_follows_its_score_within_blur_and_scatter():
     sensor = (0.01, 1e-6, 4e-6, 0.0, 0.0, 1e-3, 0.01, 0.0)
     assert edge_sensor.follow_noise(sensor, 32.0, 32.0, 0.03)[1] == pytest.approx(1e-6 * math.e)
-    assert edge_sensor.follow_noise(sensor, 1e3, 32.0, 0.03)[1] == 4e-6
+    assert edge_sensor.follow_noise(sensor, 1e9, 32.0, 0.03)[1] == pytest.approx(1e-6 * math.e)
+    near = (0.01, 3e-6, *sensor[2:])
+    assert edge_sensor.follow_noise(near, 1e9, 32.0, 0.03)[1] == 4e-6
     assert edge_sensor.follow_noise(sensor, -1e3, 32.0, 0.03)[1] == pytest.approx(9e-8)

@@ -255,11 +255,11 @@ def build(gains: Gains, circle: Circle) -> Functions:
         floor = sensor[0] * sensor[0] / 12.0   # where in its count the encoder changes is not known
         if p[3] == 0.0:
             return math.sqrt(floor), math.sqrt(2.0 * floor) / coefficients[0]
-        sigma = math.sqrt(p[3])
+        sigma = math.sqrt(p[3]) if p[3] > 0.0 else 0.0
         if sensor[7] > 0.0:
             most = bound(sensor)
             sigma = most if sigma > most else sigma
-        return math.sqrt(p[0] + floor), sigma
+        return math.sqrt(p[0] + floor if p[0] > 0.0 else floor), sigma
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         motion, p, band, sensor, steps, convention, lock = state

@@ -121,10 +121,11 @@ def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, memory
 def follow_noise(sensor: Sensor, excess: float, memory: float, blur: float) -> Sensor:
     """The noise made likelier: `excess` is the score of the innovation's variance, times noise.
 
-    Never above the scatter, which is no motion, and never below the `blur`.
+    By a factor e in one sample at most; never above the scatter, which is no motion, and never
+    below the `blur`.
     """
     quantum, noise, scatter = sensor[0], sensor[1], sensor[2]
-    noise *= math.exp(excess / memory)
+    noise *= math.exp(excess / memory if excess < memory else 1.0)
     if noise > scatter:
         noise = scatter
     least = blur * blur * quantum * quantum
