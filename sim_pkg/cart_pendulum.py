@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,7 @@ QUANTA = {'hpm': (7.85e-4, 1.8e-5), 'lpm': (1.23e-2, 1e-3), 'exact': (0.0, 0.0)}
 LPM_HOLD = 2
 CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87     # N/A, N, N
 LIMIT = 60.0                                       # N, of the motor
+PATIENCE = 0.05                                    # s, for an estimate
 
 PLANT = {'force_constant': CONSTANT, 'friction_forward': FORWARD, 'friction_backward': BACKWARD,
          'friction_speed': 2e-3}
@@ -47,10 +49,26 @@ class Parameters(MechanismParameters):
 
 
 class Feedback:
-    """Where a live node leaves the newest estimated velocities for the controller."""
+    """Where a live node leaves the newest estimated velocities for the controller.
+
+    The controller waits for the estimate of its own sample, so that a busy machine slows the loop
+    down instead of opening it.
+    """
 
     def __init__(self) -> None:
         self.velocities: Vector | None = None
+        self._fresh = threading.Event()
+
+    def put(self, velocities: Vector) -> None:
+        """A new estimate came."""
+        self.velocities = velocities
+        self._fresh.set()
+
+    def take(self) -> Vector | None:
+        """The newest estimate; waits up to `PATIENCE` for one that was not taken yet."""
+        self._fresh.wait(PATIENCE)
+        self._fresh.clear()
+        return self.velocities
 
 
 def current(time: float, amplitude: float) -> float:
@@ -94,8 +112,8 @@ def generate(parameters: Parameters, duration: float, seed: int,
         return not waits or (feedback is not None and feedback.velocities is not None)
 
     def balance(time: float, y: Vector, v: Vector) -> Vector:
-        if feedback is not None and feedback.velocities is not None:
-            v = feedback.velocities
+        if waits and feedback is not None:
+            v = feedback.take() or v
         reference, rate = triangle(time)
         force = balancing_force((y[0], y[1]), (v[0], v[1]), reference, rate, FORWARD, BACKWARD)
         return (min(max(force, -LIMIT), LIMIT) / CONSTANT,)

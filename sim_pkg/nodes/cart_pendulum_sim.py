@@ -34,7 +34,7 @@ def make_node(**options: Any) -> Node:
     def came(message: JointState) -> None:
         velocities = dict(zip(message.name, message.velocity))
         if {'pendulum', 'cart'} <= velocities.keys():
-            feedback.velocities = (velocities['pendulum'], velocities['cart'])
+            feedback.put((velocities['pendulum'], velocities['cart']))
 
     node.create_subscription(JointState, 'estimate', came, SENSOR_DATA)
     return node
