@@ -179,7 +179,9 @@ def _error(estimator: Estimator, samples: Samples, value: Any) -> float:
     time = (samples.stamps - samples.stamps[0]) * 1e-9
     counted = (time >= SKIPPED) & (time <= time[-1] - EDGE)
     error = (velocity - samples.velocity)[counted]
-    return float(np.sqrt(np.mean(error * error))) if np.isfinite(error).all() else math.inf
+    if not np.isfinite(error).all() or np.max(np.abs(error)) > 1e100:
+        return math.inf
+    return float(np.sqrt(np.mean(error * error)))
 
 
 def describe(found: dict[str, Any]) -> str:
