@@ -9,6 +9,7 @@ times where it can use them. PyNumDiff's methods look ahead; they are the refere
 from __future__ import annotations
 
 import math
+import textwrap
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg import registry
 from estimator_pkg.evaluation.entries import Entry, at_defaults
+from estimator_pkg.evaluation.plot import check
 from estimator_pkg.evaluation.signals import RATE, SIGNALS, SKIPPED, Samples, Signal
 from estimator_pkg.evaluation.text import number, table
 from estimator_pkg.parameters import declared
@@ -199,14 +201,15 @@ def describe(found: dict[str, Any]) -> str:
 
 def draw(found: dict[str, Any], path: str) -> None:
     """The chart: a column per signal, one colour per estimator."""
-    from matplotlib.figure import Figure
-
-    from estimator_pkg.evaluation.plot import check
     check(path)
+    import matplotlib
+    from matplotlib.figure import Figure
     names = list(found['signals'])
     figure = Figure(figsize=(11.0, 5.5), layout='constrained')
     axis = figure.subplots()
     rows = found['rows']
+    axis.set_prop_cycle('color', matplotlib.colormaps['tab20'].colors[::2]
+                        + matplotlib.colormaps['tab20'].colors[1::2])
     for i, row in enumerate(rows):
         at = np.arange(len(names)) + (i - 0.5 * (len(rows) - 1)) * 0.8 / len(rows)
         one = [max(row['one'][name], 1e-6) for name in names]
@@ -217,7 +220,8 @@ def draw(found: dict[str, Any], path: str) -> None:
         axis.plot(at, best, '_', markersize=8, color=drawn[0].get_color())
     axis.set_yscale('log')
     axis.set_ylim(bottom=1e-5)
-    axis.set_xticks(range(len(names)), [f'{name}\n{found["signals"][name]}' for name in names],
+    axis.set_xticks(range(len(names)), [
+        f'{name}\n' + textwrap.fill(found['signals'][name], 20) for name in names],
                     fontsize='x-small')
     axis.set_ylabel('velocity rms error [rad/s]')
     axis.set_title('at one setting for all columns (marker) and at the best of each (bar)',
