@@ -208,8 +208,8 @@ def draw(found: dict[str, Any], path: str) -> None:
     figure = Figure(figsize=(11.0, 5.5), layout='constrained')
     axis = figure.subplots()
     rows = found['rows']
-    axis.set_prop_cycle('color', matplotlib.colormaps['tab20'].colors[::2]
-                        + matplotlib.colormaps['tab20'].colors[1::2])
+    colours = matplotlib.colormaps['tab20']
+    axis.set_prop_cycle('color', [colours(i) for i in (*range(0, 20, 2), *range(1, 20, 2))])
     for i, row in enumerate(rows):
         at = np.arange(len(names)) + (i - 0.5 * (len(rows) - 1)) * 0.8 / len(rows)
         one = [max(row['one'][name], 1e-6) for name in names]
