@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from estimator_pkg.nodes.runtime import run as run_node
 from estimator_pkg.nodes.runtime import settle_environment
@@ -103,8 +104,11 @@ def listen(topic: str) -> None:
         import rclpy
         node = rclpy.create_node('benchmark_listener')
         layout = Decoder().layout
-        node.create_subscription(JointState, topic,
-                                 lambda raw: seen.append(layout(raw).stamp_ns(raw)), 5000, raw=True)
+
+        def take(raw: Any) -> None:  # the bytes: the subscription is raw
+            seen.append(layout(raw).stamp_ns(raw))
+
+        node.create_subscription(JointState, topic, take, 5000, raw=True)
         return node
 
     run_node(make, [])
