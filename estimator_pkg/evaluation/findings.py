@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg import registry
 from estimator_pkg.bags.series import Series
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.delay import GAP
@@ -211,14 +212,18 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
     late = row.velocity['delay_s']
     if not refused and not row.reference_cannot_tell and len(row.time) > 8:
         if late == late and late > 0.0 and _shifted(row, late) < MOSTLY * rms:
-            found.append(f'{name}: most of its error comes from being {_time(late)} late: raise '
-                         'bandwidth_hz, or tune it for less delay')
+            found.append(f'{name}: most of its error comes from being {_time(late)} late'
+                         + _advice(row.source, 'raise bandwidth_hz, or tune it for less delay',
+                                   "set 'prefer: fast'"))
         elif noise == noise and noise > MOSTLY * rms:
-            found.append(f'{name}: most of its error is noise: lower bandwidth_hz, or tune it')
+            found.append(f'{name}: most of its error is noise'
+                         + _advice(row.source, 'lower bandwidth_hz, or tune it',
+                                   "set 'prefer: smooth'"))
     if row.coverage == row.coverage and row.coverage < HONEST and not row.reference_cannot_tell:
         found.append(f'{name}: its 95 % band holds {row.coverage:.0%} of the errors: in motion '
-                     "they are larger than the noise it knows of; set 'noise' and 'quantum', or "
-                     'raise bandwidth_hz')
+                     'they are larger than the noise it knows of'
+                     + _advice(row.source, "set 'noise' and 'quantum', or raise bandwidth_hz",
+                               "set 'prefer: fast'"))
     away = sum(seconds for kind, seconds in row.validity.items()
                if kind not in ('tracking', 'published'))
     total = sum(row.validity.values())
@@ -227,6 +232,16 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
                           if kind not in ('tracking', 'published') and seconds >= 0.01)
         found.append(f'{name}: not tracking for {away:.2f} of {total:.2f} s ({kinds})')
     return found
+
+
+def _advice(source: str, with_bandwidth: str, with_preference: str) -> str:
+    """What to set, of what the observer has; of a recorded topic the observer is not known."""
+    if source not in registry.names(registry.OBSERVERS):
+        return f': {with_bandwidth}'
+    parameters = declared(registry.find(registry.OBSERVERS, source).gains)
+    if 'bandwidth_hz' in parameters:
+        return f': {with_bandwidth}'
+    return f': {with_preference}' if 'prefer' in parameters else ''
 
 
 def _shifted(row: Row, late: float) -> float:
