@@ -4,8 +4,22 @@ from __future__ import annotations
 
 import pytest
 
+OVER_DDS = {'test_demo', 'test_encoder_sim', 'test_tune_live'}  # without the probe
 
-@pytest.fixture(scope='session')
+
+def pytest_collection_modifyitems(items):
+    """Tests over DDS are tried again when they fail, and the summary says so.
+
+    Best-effort traffic may lose messages on a machine with other work to do; a fault of ours fails
+    three times.
+    """
+    for item in items:
+        if ('probe' in item.fixturenames or hasattr(item.module, 'dds')
+                or item.module.__name__ in OVER_DDS):
+            item.add_marker(pytest.mark.flaky(reruns=2))
+
+
+@pytest.fixture(scope='module')
 def probe():
     """A node of the tests' own, on a ROS domain of this run."""
     import dds

@@ -99,7 +99,7 @@ def until(condition: Callable[[], Any], spin: Callable[[], None] | None = None) 
 class Probe:
     """A node in this process that publishes, listens and calls; its executor runs while it waits.
 
-    One exists per test run (the fixture `probe`).
+    One exists per test module that wants it (the fixture `probe`).
     """
 
     def __init__(self) -> None:

@@ -24,9 +24,10 @@ def test_a_gripper_live(probe):
     kept = {'/gripper/switched/estimate': [], '/gripper/switched/discrete_state': [],
             '/gripper/ground_truth/joint_states': []}
     decode = Decoder().decode
-    qos = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
     subscriptions = [probe.node.create_subscription(
-        JointState, topic, lambda raw, rows=rows: rows.append(decode(raw)), qos, raw=True)
+        JointState, topic, lambda raw, rows=rows: rows.append(decode(raw)),
+        QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT if 'truth' in topic
+                   else ReliabilityPolicy.RELIABLE), raw=True)
         for topic, rows in kept.items()]
     with dds.NodeProcess(MODULE, '--ros-args', '-r', '__ns:=/gripper', '-r', '__node:=switched',
                          '-p', f'quantum:={QUANTUM}') as node:
