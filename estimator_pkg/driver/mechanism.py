@@ -287,7 +287,7 @@ class MechanismConfiguration:
         """Everything that can be set, by name."""
         return {**declared(self.observer.gains), **declared(MechanismSettings)}
 
-    def of(self, mechanism: str) -> tuple[Any, MechanismSettings]:
+    def for_joint(self, mechanism: str) -> tuple[Any, MechanismSettings]:
         """(gains, settings) of this mechanism."""
         values = {**self.common, **self.overrides.get(mechanism, {})}
         mine = declared(self.observer.gains)
@@ -315,7 +315,7 @@ class MechanismBank:
         self.configuration = configuration
         self.joints: dict[str, Mechanism] = {}
         for name in names:
-            gains, settings = configuration.of(name)
+            gains, settings = configuration.for_joint(name)
             self.joints[name] = Mechanism(name, configuration.observer, gains, settings, source)
         if not self.joints:
             raise UsageError("parameter 'mechanisms' names no mechanism")

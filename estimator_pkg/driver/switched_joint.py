@@ -117,6 +117,7 @@ class SwitchedBank:
 
     def __init__(self, joint: SwitchedJoint, names: tuple[str, ...], scale: float = 1.0) -> None:
         self.system = joint
+        self.configuration: Any = None  # as of other banks; the joint is made already
         self.names = names
         self.scale = scale
         self.joints: dict[str, Joint] = {names[0]: joint}

@@ -50,6 +50,25 @@ _OPEN = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
 
 
+class OnDemand:
+    """A publisher of what is made only while somebody listens.
+
+    Attributes
+    ----------
+    wanted : whether somebody did when it was last looked.
+    publish : as of the publisher.
+    """
+
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+        self.publish = publisher.publish
+        self.wanted = False
+
+    def look(self) -> None:
+        """See whether somebody listens."""
+        self.wanted = self._publisher.get_subscription_count() > 0
+
+
 class Endpoints:
     """Makes a node's subscriptions and publishers and counts what the middleware reports.
 
@@ -63,7 +82,13 @@ class Endpoints:
         self.qos_mismatches = 0
         self._losses: list[Loss] = []
         self._inputs: list[tuple[Subscription, Callable[..., None]]] = []
+        self._on_demand: list[OnDemand] = []
         self._reported = 0  # by the middleware's own event
+
+    @property
+    def inputs(self) -> list[str]:
+        """Names of the topics that are subscribed to."""
+        return [subscription.topic_name for subscription, _ in self._inputs]
 
     @property
     def lost(self) -> int:
@@ -113,8 +138,14 @@ class Endpoints:
         self._inputs.append((holder[0], callback))
         return holder[0]
 
-    def drain(self) -> None:
-        """Receive what still waits on the subscriptions; to be called now and then.
+    def look(self) -> None:
+        """See who listens, and receive what still waits; to be called now and then."""
+        self._drain()
+        for publisher in self._on_demand:
+            publisher.look()
+
+    def _drain(self) -> None:
+        """Receive what still waits on the subscriptions.
 
         EventsExecutor takes one message for each event. An event that comes while it takes the
         node in may go unnoticed, and every message after it would be one message late.
@@ -141,6 +172,12 @@ class Endpoints:
 
         holder.append(self._made(topic, make, {}))
         return holder[0]
+
+    def on_demand(self, kind: type, topic: str) -> OnDemand:
+        """A publisher of what is made only while somebody listens; errors as of `publisher`."""
+        made = OnDemand(self.publisher(kind, topic))
+        self._on_demand.append(made)
+        return made
 
     def _made(self, topic: str, make: Callable[..., Any], events: dict[str, Any]) -> Any:
         try:

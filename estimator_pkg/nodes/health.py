@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from time import monotonic
-from typing import Any
+from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import suggestion
 from estimator_pkg.nodes.diagnostics import OK, WARN, counters, entry, joint_status
@@ -21,6 +21,26 @@ DIAGNOSTICS = 1.0       # [s] between two of /diagnostics
 UNHEARD_OF = 5.0        # [s] after which what never appeared is named
 ALL_HERE = 1.0          # [s] after the first joint by which the others have come too
 SAY_AGAIN_AFTER = 10.0  # [s] between two warnings of the same kind
+
+
+class WatchedBank(Protocol):
+    """What a node keeps its joints in.
+
+    Attributes
+    ----------
+    configuration : gains and settings of joints, as they are set now.
+    only : names of the joints to estimate; empty: every joint that appears.
+    mismatched, empty : messages whose arrays did not fit, and without a position.
+    """
+
+    configuration: Any
+    only: frozenset[str]
+    mismatched: int
+    empty: int
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """The joints (or mechanisms) by name."""
 
 
 class Health:
@@ -36,7 +56,7 @@ class Health:
     malformed : messages whose bytes were none of their type.
     """
 
-    def __init__(self, node: Node, bank: Bank, endpoints: Endpoints, ros: RosParameters,
+    def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters,
                  input: Subscription) -> None:
         self._node, self._bank, self._endpoints, self._ros = node, bank, endpoints, ros
         self._input = input

@@ -1,29 +1,13 @@
-"""The node ``mechanical_observer``: velocities where the mechanism and its inputs are known.
+"""The executable `mechanical_observer`: velocities where the mechanism and its inputs are known.
 
-To run it in an executor of your own, make a `MechanicalObserver`.
+Import the node's class `MechanicalObserver` from here to add it to an executor of your own.
 """
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING
 
-from estimator_pkg.nodes.runtime import run
+from estimator_pkg.nodes.runtime import executable
 
-if TYPE_CHECKING:
-    from rclpy.node import Node
-
-
-def make_node() -> Node:
-    """The node, with the parameters of the command line."""
-    from estimator_pkg.nodes.mechanical_node import MechanicalObserver
-    return MechanicalObserver()
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node until it is interrupted; returns the exit code."""
-    return run(make_node, args)
-
+main, __getattr__ = executable('estimator_pkg.nodes.mechanical_node', 'MechanicalObserver')
 
 if __name__ == '__main__':
     sys.exit(main())

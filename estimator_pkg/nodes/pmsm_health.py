@@ -8,12 +8,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.drive_stream import DriveStream
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.nodes.diagnostics import WARN
 from estimator_pkg.nodes.endpoints import Endpoints
-from estimator_pkg.nodes.health import Health
+from estimator_pkg.nodes.health import Health, WatchedBank
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import LOST
 
@@ -26,7 +25,7 @@ class PmsmHealth(Health):
     stream : the motor behind its topics.
     """
 
-    def __init__(self, node: Node, bank: Bank, endpoints: Endpoints, ros: RosParameters,
+    def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters,
                  input: Subscription, stream: DriveStream) -> None:
         self._stream = stream
         super().__init__(node, bank, endpoints, ros, input)

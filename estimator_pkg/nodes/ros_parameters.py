@@ -17,7 +17,7 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.parameters import Parameter, build, declared
 
 T = TypeVar('T')
@@ -106,7 +106,7 @@ class RosParameters:
 
         Parameters
         ----------
-        check : called with (values, overrides) as they would become; raises UsageError to refuse.
+        check : called with (values, overrides) as they would become; raises UserError to refuse.
         apply : called after `values` and `overrides` have changed.
         """
         self._check, self._apply = check, apply
@@ -210,7 +210,7 @@ class RosParameters:
                 self._settable(change.name, change.name in being_set)
             if self._check is not None and any(self._find(change.name) for change in changes):
                 self._check(*self._after(changes))
-        except UsageError as error:
+        except UserError as error:
             for name in self._fresh:
                 self._node.undeclare_parameter(name)
             self._fresh = []

@@ -5,6 +5,7 @@ Import this module before rclpy and numpy: it settles the environment that they 
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import signal
@@ -97,6 +98,28 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def executable(module: str, name: str) -> tuple[Callable[..., int], Callable[[str], Any]]:
+    """What the module of an executable consists of: (main, module's __getattr__).
+
+    The node's class is imported when it is asked for: ROS takes a while, and an interrupt before
+    that ends the process quietly.
+
+    Parameters
+    ----------
+    module, name : where the node's class is.
+    """
+    def find(attribute: str) -> Any:
+        if attribute != name:
+            raise AttributeError(f'no attribute {attribute!r} here; the class is {name}')
+        return getattr(importlib.import_module(module), name)
+
+    def main(args: list[str] | None = None) -> int:
+        """Run the node until it is interrupted; returns the exit code."""
+        return run(lambda: find(name)(), args)
+
+    return main, find
 
 
 def _usage(program: str, word: str) -> int:

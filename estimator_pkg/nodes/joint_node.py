@@ -1,0 +1,106 @@
+"""The class of the node `joint_observer`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from estimator_pkg.nodes.base import ObserverNode  # first: settles what rclpy reads  # isort: skip
+
+import std_msgs.msg
+from builtin_interfaces.msg import Time
+from rclpy.subscription import Subscription
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from estimator_pkg import observers
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages.joint_state import Layout
+from estimator_pkg.messages.number import decoder as number_decoder
+from estimator_pkg.nodes.endpoints import OnDemand
+from estimator_pkg.nodes.ros_parameters import Values
+from estimator_pkg.nodes.settings import ANGLE, NodeSettings
+from estimator_pkg.observers.contract import Observer
+
+Valid = list[tuple[str, Joint, tuple[float, float, float, int]]]
+
+
+class JointObserver(ObserverNode):
+    """Estimates the velocity of every joint whose angle it receives.
+
+    Parameters, errors and attributes as of `ObserverNode`.
+    """
+
+    NAME = 'joint_observer'
+    SETTINGS = NodeSettings
+    settings: NodeSettings
+    bank: Bank
+
+    def _find_observer(self) -> Observer:
+        self.settings.check()
+        found = observers.find(self.settings.observer)
+        if found.kind != 'angle':
+            raise UsageError(f"observer '{found.name}' does not work from an angle alone")
+        return found
+
+    def _configured(self, common: Mapping[str, Any], overrides: Mapping[str, Values]
+                    ) -> Configuration:
+        return super()._configured(self.settings.implied(common), overrides)
+
+    def _make_bank(self, configuration: Configuration) -> Bank:
+        self._gives_acceleration = False
+        for joint in ('', *configuration.overrides):
+            self._build(configuration, joint)
+            self._gives_acceleration |= self._observer.gives_acceleration(
+                configuration.for_joint(joint)[0])
+        return Bank(configuration, self.settings.only)
+
+    def _connect(self) -> Subscription:
+        self._acceleration: OnDemand | None = None
+        if self._gives_acceleration:
+            self._acceleration = self._endpoints.on_demand(JointTrajectory, '~/acceleration')
+        if self.settings.input == ANGLE:
+            self._number = number_decoder(self.settings.angle_type)
+            self._angle = self.settings.raw_angle.angle
+            self._names = (self.settings.angle_joint,)
+            return self._listen(getattr(std_msgs.msg, self.settings.angle_type), 'angle',
+                                self._angle_came)
+        return self._listen_to_states('joint_states', self._states_came)
+
+    def _wanted(self) -> str:
+        return ', '.join(self.settings.only) or super()._wanted()
+
+    # Messages
+
+    def _states_came(self, stamp_ns: int, layout: Layout, raw: bytes) -> None:
+        self._publish(stamp_ns, layout.frame_id,
+                      self.bank.update(stamp_ns, layout.names, layout.numbers(raw, 0)))
+
+    def _angle_came(self, raw: bytes, info: Mapping[str, Any]) -> None:
+        angle = self._angle(self._number(raw))
+        stamp_ns = info['source_timestamp']
+        self._publish(stamp_ns, '', self.bank.update(stamp_ns, self._names, (angle,)))
+
+    def _publish(self, stamp_ns: int, frame_id: str, valid: Valid) -> None:
+        self._answer(stamp_ns, frame_id, [name for name, joint, estimate in valid],
+                     [estimate for name, joint, estimate in valid],
+                     lambda: [joint.stddev() for name, joint, estimate in valid])
+        if self._acceleration is not None and self._acceleration.wanted:
+            self._acceleration.publish(_trajectory(stamp_ns, frame_id, valid))
+
+
+def _trajectory(stamp_ns: int, frame_id: str, valid: Valid) -> JointTrajectory:
+    """One point with the joints whose acceleration is known."""
+    giving = [(name, estimate) for name, joint, estimate in valid if math.isfinite(estimate[2])]
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return JointTrajectory(
+        header=Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id),
+        joint_names=[name for name, estimate in giving],
+        points=[JointTrajectoryPoint(
+            positions=[estimate[0] for name, estimate in giving],
+            velocities=[estimate[1] for name, estimate in giving],
+            accelerations=[estimate[2] for name, estimate in giving])])
