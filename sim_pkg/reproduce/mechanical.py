@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sim_pkg.reproduce import (
+    mechanical_benefit,
     mechanical_cart,
     mechanical_fast,
     mechanical_gain_rows,
@@ -29,7 +30,7 @@ REPRODUCTION = Reproduction(
             'for a class of mechanical systems (2019)',
     parts=(*mechanical_gain_rows.PARTS, *mechanical_cart.PARTS, *mechanical_leg.PARTS,
            *mechanical_lab.PARTS, *mechanical_loop.PARTS, *mechanical_smoother.PARTS,
-           *mechanical_fast.PARTS),
+           *mechanical_benefit.PARTS, *mechanical_fast.PARTS),
     figures=figures, tables=mechanical_tables.lines,
     notes=('References are from an independent implementation; "paper" is what the paper prints.',
            'Which printed numbers cannot be reproduced, and why: docs/papers/mechanical.md'))
