@@ -1,6 +1,7 @@
 """``velocity_estimator list``: what there is, with every parameter.
 
-The tables of docs/parameters.md are its ``--markdown`` output.
+The tables of docs/parameters.md are its ``--markdown`` output. Of an observer of mechanisms it also
+says what the gains mean: poles, limits, noise.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from estimator_pkg.cli import Command
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
+from estimator_pkg.listing_gains import as_text, meanings
 from estimator_pkg.nodes.settings import NodeSettings
-from estimator_pkg.parameters import Parameter, declared
+from estimator_pkg.parameters import Parameter, declared, parse_assignments
 
 SETTINGS = 'velocity_estimator.settings'
 TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text',
@@ -155,6 +157,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('name', nargs='?', help='show only this one')
     parser.add_argument('--markdown', action='store_true',
                         help='the parameter tables as in docs/parameters.md')
+    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
+                        help='for an observer of mechanisms: say what these gains mean')
+    parser.add_argument('--rate', metavar='HZ', type=float, default=1000.0,
+                        help='the samples per second for which that is said (1000)')
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -162,11 +168,19 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     kinds = catalogue()
     if parsed.name is not None:
         kinds = _only(kinds, parsed.name)
+    result: dict[str, Any] = {kind: {item.name: item.as_dict() for item in items}
+                              for kind, items in kinds.items()}
+    values = parse_assignments(parsed.set)
+    if values and parsed.name is None:
+        raise UsageError('name the observer that --set is for')
+    gains = meanings(parsed.name, values, parsed.rate) if parsed.name is not None else {}
     if parsed.markdown:
         print(markdown_tables(kinds))
     else:
         _print(kinds)
-    return {kind: {item.name: item.as_dict() for item in items} for kind, items in kinds.items()}
+        if gains:
+            print(as_text(gains, parsed.rate))
+    return {**result, 'gains': gains} if gains else result
 
 
 def _only(kinds: dict[str, list[Item]], name: str) -> dict[str, list[Item]]:

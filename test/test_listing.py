@@ -103,6 +103,39 @@ def test_settings_that_others_declare_for_their_nodes_are_listed(capsys, monkeyp
     assert '  seed = 1, [0, ' in out
 
 
+def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
+    """K, poles, dt K against L, noise figure, slowest pole, guaranteed rate: what is worked out."""
+    out = listed(capsys, 'geso')
+    for words in ('single_joint', 'cart_pendulum', 'robotic_leg', 'at 1000 Hz', 'slowest pole'):
+        assert words in out
+    told = tmp_path / 'told.json'
+    out = listed(capsys, 'geso', '--rate', '112', '--set', 'model=single_joint', '--set', 'L=[50]',
+                 '--set', 'K=[600]', '--set', 'form=paper', '--set',
+                 "model_parameters=['inertia=0.1']", '--json', str(told))
+    assert 'cart_pendulum' not in out.partition('what the gains mean')[2]
+    assert 'noise figure K^2/(2 L) [1/s^3]: 3600' in out
+    assert 'poles of the error there [1/s]: -30, -20' in out
+    assert 'dt K [1/s]: 5.357' in out and 'as forward Euler needs: yes' in out
+    assert 'guaranteed rate of decay, Proposition 4.1 as corrected [1/s]: 0.2564' in out
+    found = json.loads(told.read_text())['gains']['single_joint']
+    assert found['slowest_pole_over_range'] == '20' and 'refused' not in found
+    out = listed(capsys, 'hgo', '--rate', '10', '--set', 'form=paper', '--set', 'L=50', '--set',
+                 'K=600')
+    assert 'as forward Euler needs: no' in out and 'refused: forward Euler' in out
+    assert 'chattering' in listed(capsys, 'smo')
+
+
+@pytest.mark.parametrize('words, message', [
+    (['pll', '--set', 'model=x'], "for observers of mechanisms, not for 'pll'"),
+    (['--set', 'model=x'], 'name the observer'),
+    (['geso', '--set', 'modle=x'], "did you mean 'model'?"),
+    (['geso', '--rate', '0'], '--rate must be above 0')])
+def test_gains_that_cannot_be_explained_are_refused_in_one_line(words, message, capsys):
+    assert main(['list', *words]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count('\n') == 1
+
+
 def test_docs_are_as_the_code_declares(capsys):
     assert DOCS.read_text(encoding='utf-8') == listed(capsys, '--markdown'), (
         'docs/parameters.md is stale: velocity_estimator list --markdown > docs/parameters.md')

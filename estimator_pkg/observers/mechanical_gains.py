@@ -163,7 +163,8 @@ def describe(mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, d
         'dt_K': (dt * np.diag(K)).tolist(), 'dt_K_below_L':
             bool(np.all(dt * np.diag(K) < np.diag(tuning.L))),
         'longest_euler_dt': longest_euler(matrices)}
-    if np.allclose(tuning.P0, np.eye(len(tuning.P0))):
+    # the proposition is about (11) itself: L + L^T > 0 and no disturbance state
+    if not disturbed and np.allclose(tuning.P0, np.eye(len(tuning.P0))):
         sizes = [np.linalg.svd(check.factors(mechanics, q)[0], compute_uv=False)
                  for q in configurations]
         turning = max(sum(float(np.linalg.norm(slope, 2)) * speed for slope in check.slopes(
@@ -175,18 +176,48 @@ def describe(mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, d
     return found
 
 
-def in_words(found: dict[str, Any]) -> dict[str, str]:
-    """`describe` as texts, for a status or a terminal."""
-    def row(values: Any) -> str:
-        return ', '.join(f'{value:.4g}' for value in np.asarray(values, float).ravel())
+# what each entry of `describe` is, for a person
+MEANINGS = {
+    'operating_point': 'operating point [rad or m]',
+    'L': 'L, gain of the position [1/s]',
+    'Gamma': 'Gamma, gain of the momenta',
+    'K': 'K, gain of the velocity [1/s^2]',
+    'poles': 'poles of the error there [1/s]',
+    'noise_figure': 'noise figure K^2/(2 L) [1/s^3]',
+    'slowest_pole_over_range': 'slowest pole over the range of q [1/s]',
+    'dt_K': 'dt K [1/s]',
+    'dt_K_below_L': 'dt K below L, as forward Euler needs',
+    'longest_euler_dt': 'longest sample time with forward Euler [s]',
+    'guaranteed_rate': 'guaranteed rate of decay, Proposition 4.1 as corrected [1/s]',
+    'guaranteed_for_speed': 'guaranteed up to a speed of [rad/s or m/s]',
+    'acceleration_limit': 'acceleration error up to which it is exact [rad/s^2 or m/s^2]',
+    'chattering': 'chattering of a forward Euler step [rad/s or m/s]',
+}
 
+
+def in_words(found: dict[str, Any]) -> dict[str, str]:
+    """`describe` as texts, for a status or a terminal; of a diagonal matrix the diagonal."""
     words = {}
     for name, value in found.items():
         if name == 'poles':
-            words[name] = ', '.join(f'{pole.real:.4g}{pole.imag:+.4g}i' if pole.imag else
-                                    f'{pole.real:.4g}' for pole in value)
+            words[name] = ', '.join(map(_pole, value))
         elif isinstance(value, bool):
             words[name] = 'yes' if value else 'no'
         else:
-            words[name] = row(value)
+            words[name] = _row(value)
     return words
+
+
+def _pole(pole: complex) -> str:
+    if abs(pole.imag) < 1e-6 * abs(pole):  # equal poles, apart by rounding alone
+        return f'{pole.real:.4g}'
+    return f'{pole.real:.4g}{pole.imag:+.4g}i'
+
+
+def _row(values: Any) -> str:
+    numbers = np.asarray(values, float)
+    if numbers.ndim == 2:
+        diagonal = np.diag(np.diag(numbers))
+        if np.max(np.abs(numbers - diagonal)) <= 1e-12 * np.max(np.abs(numbers)):
+            numbers = np.diag(numbers)
+    return ', '.join(f'{value:.4g}' for value in numbers.ravel())
