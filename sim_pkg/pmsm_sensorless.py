@@ -13,6 +13,7 @@ from typing import Any
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.drive import DriveFunctions
 from estimator_pkg.observers.pmsm_equations import rotor_angle
+from estimator_pkg.observers.pmsm_state import CORE
 from sim_pkg.pmsm_parameters import PmsmParameters
 
 WAITING, FORCED, RUNNING = 0.0, 1.0, 2.0
@@ -36,7 +37,7 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
         if mode == RUNNING:
             if status != NOT_OBSERVABLE:
                 omega = velocity * poles
-                angle = rotor_angle(state.core[2], state.core[3])
+                angle = rotor_angle(state[CORE][2], state[CORE][3])
             else:  # carried on at the last speed until it can be seen again
                 angle += omega * dt
         elif mode == FORCED:

@@ -25,9 +25,9 @@ BAGS = ROOT / 'bags' / 'simulated'
 PARAMS = ['--params', str(ROOT / 'config' / 'pmsm_observer.yaml')]
 # bag: rms and largest error of the speed [rad/s], of the electrical angle [deg], and the part of
 # the time in which an estimate is published: at least this, by at most 0.05 more
-BOUNDS = {'drive_startup': (0.90, 1.77, 0.256, 1.03, 0.50),
-          'drive_profile': (1.48, 3.54, 0.20, 0.546, 0.94),
-          'drive_reversal': (0.71, 1.98, 0.288, 1.44, 0.85)}
+BOUNDS = {'drive_startup': (0.79, 1.60, 0.256, 1.03, 0.50),
+          'drive_profile': (1.16, 3.19, 0.20, 0.546, 0.94),
+          'drive_reversal': (0.62, 1.60, 0.288, 1.44, 0.85)}
 
 
 def simulate(out, *words, duration=0.2):

@@ -20,14 +20,14 @@ from estimator_pkg.observers.contract import INITIALISING
 
 LONGEST_COAST = 10 ** 9  # ns; after a longer gap nothing is said of the way in between
 
-COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid', 'position', 'velocity')
+COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 
 
 class DriveEstimates(NamedTuple):
     """One row per sample received.
 
-    rows : shape (n, 6), `COLUMNS`: rad, rad/s, Wb, 0 or 1, rad, rad/s; nan where withheld or
-        where the sample was dropped.
+    rows : shape (n, 4), `COLUMNS`: rad, rad/s, Wb, 0 or 1; nan where withheld or where the sample
+        was dropped.
     status : shape (n,), see `observers.contract`.
     reasons : shape (n,), bits of `observers.pmsm_watch.REASONS`.
     verdict : shape (n,), see `guard`.
@@ -53,16 +53,6 @@ class DriveEstimates(NamedTuple):
         """Wb; shape (n,)."""
         return self.rows[:, 2]
 
-    @property
-    def position(self) -> NDArray[np.float64]:
-        """Mechanical, relative, rad; shape (n,)."""
-        return self.rows[:, 4]
-
-    @property
-    def velocity(self) -> NDArray[np.float64]:
-        """Mechanical, rad/s; shape (n,)."""
-        return self.rows[:, 5]
-
 
 def empty(count: int) -> DriveEstimates:
     """Room for `count` samples."""
@@ -74,8 +64,7 @@ def empty(count: int) -> DriveEstimates:
 def make_drive_batch(functions: Any) -> Callable[..., tuple]:
     """A loop over samples through guard and observer; compile it, or call it as it is."""
     track_functions = make_track(functions)
-    advance, read = track_functions.advance, track_functions.read
-    electrical, reasons_of, coast = functions.electrical, functions.reasons, functions.coast
+    advance, row_of, coast = track_functions.advance, functions.row, functions.coast
 
     def batch(track: tuple, design: tuple, limits: tuple, stamps: NDArray[np.int64],
               samples: NDArray[np.float64], rows: NDArray[np.float64], status: NDArray[np.int8],
@@ -93,9 +82,8 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
                              coast(before[6], before[5], design, measurement, gap * 1e-9), True)
             if said < DUPLICATE:
                 row = rows[k]
-                row[4], row[5], spare, status[k] = read(track, design, limits, measurement, 0.0)
-                row[0], row[1], row[2], row[3] = electrical(track[6], track[5], design)
-                reasons[k] = reasons_of(track[6])
+                row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(track[6], track[5],
+                                                                               design)
         return track
 
     return batch

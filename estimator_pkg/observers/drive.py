@@ -22,6 +22,8 @@ class DriveFunctions(Functions):
 
     Attributes
     ----------
+    row : (state, coefficients, design) -> what `electrical` gives, status and reasons: in one call
+        what every sample of a batch is asked.
     electrical : (state, coefficients, design) -> (electrical angle [rad], electrical speed [rad/s],
         flux linkage [Wb], 1.0 where it counts or 0.0); nan where it is withheld.
     electrical_stddev : (state, coefficients, design) -> one standard deviation of these three.
@@ -31,6 +33,7 @@ class DriveFunctions(Functions):
     coast : (state, coefficients, design, measurement, gap) -> state. After a gap of known length.
     """
 
+    row: Callable[..., tuple] = None  # type: ignore[assignment]
     electrical: Callable[..., tuple] = None  # type: ignore[assignment]
     electrical_stddev: Callable[..., tuple] = None  # type: ignore[assignment]
     speed_bound: Callable[..., float] = None  # type: ignore[assignment]

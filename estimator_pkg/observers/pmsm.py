@@ -8,7 +8,7 @@ the rotor is not observable, and finds it again from the direction and the turni
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from estimator_pkg.models.motor import POWER_INVARIANT, check_motor
 from estimator_pkg.observers.circle import Circle, wrap
@@ -27,10 +27,22 @@ from estimator_pkg.observers.pmsm_equations import (
     rotor_angle,
     wants_reflection,
 )
-from estimator_pkg.observers.pmsm_gains import EMF_SPEED, NOISE_GUESS, Gains, flux_range, tuning
+from estimator_pkg.observers.pmsm_gains import Gains
 from estimator_pkg.observers.pmsm_identifier import credible, empty_registers, shift, solve
-from estimator_pkg.observers.pmsm_noise import deviations, low_pass_weight, prepare_noise
-from estimator_pkg.observers.pmsm_scheme import advance, prepare_scheme, turned_emf
+from estimator_pkg.observers.pmsm_noise import deviations
+from estimator_pkg.observers.pmsm_scheme import advance, turned_emf
+from estimator_pkg.observers.pmsm_state import (
+    CORE,
+    DAMPING,
+    OUT,
+    WATCH,
+    Coefficients,
+    Design,
+    State,
+    design_of,
+    natural_frequency,
+    prepare_coefficients,
+)
 from estimator_pkg.observers.pmsm_watch import (
     BLIND,
     LEAVES,
@@ -44,81 +56,18 @@ from estimator_pkg.observers.pmsm_watch import (
 
 CHORD = 0.3         # gates of the identifier, see `credible`
 REST = 0.25
-FAST = 1e-3         # s, averages of the back-EMF
-SLOW = 5e-3         # s, averages of speeds; also how long the turning is watched before locking on
-NOISE_MEMORY = 0.03  # s, average of the innovation's power
 SPEED_CLIP = 2e4    # rad/s, electrical: a back-EMF that turns faster is noise
-
 TURN = 2.0 * math.pi
-
-
-class Design(NamedTuple):
-    """What the gains imply whatever the sample time is; SI, amplitude-invariant."""
-
-    k_p: float
-    k_i: float
-    k_eta: float
-    gamma: float
-    resistance: float
-    inductance: float
-    epsilon: float
-    clock_rate: float
-    threshold: float       # of (26) [1/Wb]
-    xi_low: float          # range of |xi| to believe [1/Wb]
-    xi_high: float
-    flux_low: float
-    flux_high: float
-    emf_min: float
-    drop: float            # resistance by which the current may falsify the back-EMF [ohm]
-    xi_start: float        # 0: unknown
-    pole_pairs: float
-    hold: float
-    pole: float            # of the low-pass on the speed [1/s]
-    noise_power: float     # of each current [A^2]; 0: to be estimated
-    noise_guess: float
-    period: float          # of the published position [rad]; 0: none
-    second_period: float
-
-
-class Coefficients(NamedTuple):
-    """What the sample time implies: scheme X, noise gains, and weights of the averages."""
-
-    scheme: tuple
-    noise: tuple
-    window: float          # s over which the turning is watched
-    weights: tuple         # of the newest sample: back-EMF, speeds, power of the innovation
-    smoothing: float       # the same of the speed output
-    known: float           # power of the innovation where the noise is given, else 0 [A^2]
-
-
-class State(NamedTuple):
-    """The observer between two samples.
-
-    core : i, h, z, xi_hat, the last current, y.
-    clock : integral of y since the tick, clock, length of this period, ticks counted.
-    registers : of the identifier.
-    watch : see `pmsm_watch`.
-    out : speed output [rad/s] and travelled angle [rad], electrical.
-    clear : how long [s] and how far [rad] y has turned since it is large enough.
-    voltages : reported of late, newest last.
-    """
-
-    core: tuple
-    clock: tuple
-    registers: tuple
-    watch: tuple
-    out: tuple
-    clear: tuple
-    voltages: tuple
 
 
 def build(gains: Gains, circle: Circle) -> DriveFunctions:
     """The functions of the sensorless observer at these gains.
 
     Inside, `design` is a `Design`, `coefficients` are `Coefficients` and `state` is a `State`.
+    What the functions close over is structure alone, so that other gains need no compiling.
     """
-    resistance, inductance, nominal, poles = check_motor(gains, 'pmsm')
-    tuned = tuning(gains)
+    design_of(gains, circle)  # refuses what cannot work
+    poles = check_motor(gains, 'pmsm')[3]
     robust = gains.form == 'robust'
     resets = gains.variant != 'continuous'
     identifies = gains.variant == 'identifier'
@@ -129,34 +78,13 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     kept = late + 1 if part > 0.0 else late
     blank_registers = empty_registers(count)
     no_voltages = (complex(0.0, 0.0),) * (kept + 1)
-    dead = -10.0 * tuned.epsilon  # s, until the back-EMF has forgotten where it started
+    when_blind = SEARCHING if robust else 0
 
     def design() -> Design:
-        low, high = flux_range(gains)
-        start = nominal if gains.initial_flux is None else gains.initial_flux
-        least = nominal * EMF_SPEED if gains.emf_min is None else gains.emf_min
-        return Design(
-            k_p=tuned.k_p, k_i=tuned.k_i, k_eta=tuned.k_eta, gamma=tuned.gamma,
-            resistance=resistance, inductance=inductance, epsilon=tuned.epsilon,
-            clock_rate=gains.clock_rate, threshold=4.0 * math.sqrt(tuned.gamma),
-            xi_low=1.0 / high, xi_high=1.0 / low, flux_low=low, flux_high=high, emf_min=least,
-            drop=2.0 * gains.resistance_error * resistance,
-            xi_start=1.0 / start if start > 0.0 else 0.0, pole_pairs=poles, hold=gains.hold,
-            pole=2.0 * math.pi * gains.speed_filter_hz,
-            noise_power=(gains.current_noise or 0.0) ** 2,
-            noise_guess=(NOISE_GUESS * nominal / inductance) ** 2,
-            period=0.0 if circle.unwrap else float(circle.period),
-            second_period=gains.second_period)
+        return design_of(gains, circle)
 
     def prepare(design: Any, dt: float) -> Coefficients:
-        scheme = prepare_scheme(design.resistance, design.inductance, design.k_p, design.k_i, dt)
-        noise = prepare_noise(design.resistance, design.inductance, design.k_p, design.k_i, scheme)
-        fast = max(FAST, 5.0 * design.epsilon)
-        slow = max(SLOW, 5.0 * fast)
-        weights = (low_pass_weight(1.0 / fast, dt), low_pass_weight(1.0 / slow, dt),
-                   low_pass_weight(1.0 / NOISE_MEMORY, dt))
-        return Coefficients(scheme, noise, slow, weights, low_pass_weight(design.pole, dt),
-                            design.noise_power * noise[1])
+        return prepare_coefficients(design, dt, when_blind)
 
     def take(measurement: Sample) -> tuple[complex, complex]:
         """Current and voltage as amplitude-invariant vectors."""
@@ -169,9 +97,9 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     def init(measurement: Sample, design: Any) -> State:
         current, voltage = take(measurement)
         zero = complex(0.0, 0.0)
-        return State((current, zero, complex(1.0, 0.0), design.xi_start, current, zero),
-                     (zero, 0.0, 1.0, 0), blank_registers, begin_watch(design.noise_guess),
-                     (0.0, 0.0), (dead, 0.0), no_voltages)
+        return ((current, zero, complex(1.0, 0.0), design.xi_start, current, zero),
+                (zero, 0.0, 1.0, 0), blank_registers, begin_watch(design.noise_guess),
+                (0.0, 0.0, 0.0), (design.dead, 0.0), no_voltages)
 
     def tick(i: complex, h: complex, z: complex, x: float, integral: complex, ticks: int,
              registers: tuple, least: float, design: Any) -> tuple:
@@ -214,15 +142,20 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, before, y = core
         integral, rho, span, ticks = clock
-        velocity, travel = out
-        scheme, noise, window, weights, smoothing, known = coefficients
+        velocity, slope, travel = out
+        scheme, noise, watching, window, low_pass, pace, k_eta, gamma, standing = coefficients
         dt = scheme[0]
-        current, voltage = take(measurement)
+        i_alpha, i_beta, u_alpha, u_beta = measurement
+        current, voltage = complex(i_alpha, i_beta), complex(u_alpha, u_beta)
+        if scale != 1.0:
+            current, voltage = scale * current, scale * voltage
         if kept > 0:
             voltages = voltages[1:] + (voltage,)
             voltage = voltages[kept - late]
             if part > 0.0:
                 voltage = (1.0 - part) * voltage + part * voltages[0]
+        if standing != 0.0:
+            voltage *= complex(1.0, -standing * velocity)
         last = watch[7]
         searching = robust and last & SEARCHING != 0
         if searching:  # xi is frozen, the frame is led at the speed at which the back-EMF turns
@@ -232,24 +165,23 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             i, h, z, held, frame = advance(i, h, z, 0.0, before, current, voltage, scheme, 0.0, 0.0,
                                            rate)
         else:
-            i, h, z, x, frame = advance(i, h, z, x, before, current, voltage, scheme, design.k_eta,
-                                        design.gamma, 0.0)
+            i, h, z, x, frame = advance(i, h, z, x, before, current, voltage, scheme, k_eta, gamma,
+                                        0.0)
             travel += frame * dt
         innovation = z.conjugate() * current - i
         new_y = emf(h, z)
         area, turned = turned_emf(y, new_y, dt)
         integral += area
-        tick_time = design.clock_rate * dt
-        rho += tick_time
+        rho += pace
         event = 0
-        if rho + 0.5 * tick_time >= span:
+        if rho + 0.5 * pace >= span:
+            z *= 1.0 / abs(z)
             if searching:
                 ticks = 0
                 if identifies:
                     registers = shift(registers, new_y, abs(h), integral)
             else:
-                least = least_emf(watch[4], current, noise[0], noise[1], design.emf_min,
-                                  design.drop)
+                least = least_emf(watch[4], current, watching[5], design.emf_min, design.drop)
                 flowed = x
                 i, h, z, x, registers, ticks, event = tick(i, h, z, x, integral, ticks, registers,
                                                            least, design)
@@ -263,8 +195,9 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 span = design.second_period if span == 1.0 else 1.0
         if searching:
             event = SEARCHING
+            slope = 0.0
             if last & BLIND:
-                clear = (dead, 0.0)
+                clear = (design.dead, 0.0)
                 velocity = 0.0
             else:
                 if clear[0] < 0.0:
@@ -275,16 +208,22 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                     i, h, z, x, watch = lock_on((i, h, z, x), watch, clear[1], design)
                     velocity = abs(h) * x
                     travel += wrap(rotor_angle(z, x) - travel, TURN)
-                    clear = (dead, 0.0)
+                    clear = (design.dead, 0.0)
                     event = RESET
-        speed = abs(h) * x
-        if not searching:
-            velocity += smoothing * (speed - velocity)
-        watch = look(watch, event, h, speed, turned / dt, innovation, current, voltage, x, weights,
-                     noise, window, dt, known, design.emf_min, design.drop, design.xi_low,
-                     design.xi_high, SEARCHING if robust else 0)
-        return State((i, h, z, x, current, new_y), (integral, rho, span, ticks), registers, watch,
-                     (velocity, travel), clear, voltages)
+            speed = abs(h) * x
+        else:
+            speed = abs(h) * x
+            if low_pass[2] != 0.0:
+                # the speed of the frame, not |h| x: its integral is the angle, so that noise of the
+                # current lies beyond the low-pass
+                off = velocity - frame
+                velocity = frame + low_pass[0] * off + low_pass[1] * slope
+                slope = low_pass[2] * off + low_pass[3] * slope
+            else:
+                velocity = speed
+        watch = look(watch, event, h, speed, turned / dt, innovation, current, voltage, x, watching)
+        return ((i, h, z, x, current, new_y), (integral, rho, span, ticks), registers, watch,
+                (velocity, slope, travel), clear, voltages)
 
     def status(watch: tuple, design: Any) -> int:
         if watch[7] & BLIND:
@@ -294,34 +233,43 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return TRACKING
 
     def reasons_of(state: Any) -> int:
-        return state.watch[7]
+        return state[WATCH][7]
 
     def output(state: Any, coefficients: Any, design: Any, measurement: Sample,
                given: float) -> tuple:
-        said = status(state.watch, design)
+        said = status(state[WATCH], design)
         if said == NOT_OBSERVABLE:
             return math.nan, math.nan, math.nan, said
-        core, out = state.core, state.out
-        travel = out[1] + wrap(rotor_angle(core[2], core[3]) - out[1], TURN)
+        core, out = state[CORE], state[OUT]
+        travel = out[2] + wrap(rotor_angle(core[2], core[3]) - out[2], TURN)
         position = wrap(travel / design.pole_pairs, design.period)
         return position, out[0] / design.pole_pairs, math.nan, said
 
+    def row(state: Any, coefficients: Any, design: Any
+            ) -> tuple[float, float, float, float, int, int]:
+        core, clock, registers, watch, out, clear, voltages = state
+        i, h, z, x, before, y = core
+        reasons = watch[7]
+        flux = flux_linkage(x, design.flux_low, design.flux_high)
+        if reasons & BLIND:
+            return math.nan, math.nan, flux, 0.0, NOT_OBSERVABLE, reasons
+        if reasons or watch[6] < design.hold:
+            return rotor_angle(z, x), out[0], flux, 0.0, INITIALISING, reasons
+        return rotor_angle(z, x), out[0], flux, 1.0, TRACKING, reasons
+
     def electrical(state: Any, coefficients: Any, design: Any
                    ) -> tuple[float, float, float, float]:
-        core = state.core
-        flux = flux_linkage(core[3], design.flux_low, design.flux_high)
-        said = status(state.watch, design)
-        if said == NOT_OBSERVABLE:
-            return math.nan, math.nan, flux, 0.0
-        return (rotor_angle(core[2], core[3]), state.out[0], flux, 1.0 if said == TRACKING else 0.0)
+        angle, speed, flux, valid, said, reasons = row(state, coefficients, design)
+        return angle, speed, flux, valid
 
     def electrical_stddev(state: Any, coefficients: Any, design: Any
                           ) -> tuple[float, float, float]:
-        noise, watch = coefficients.noise, state.watch
-        x = state.core[3]
+        noise, watch = coefficients.noise, state[WATCH]
+        x = state[CORE][3]
         of_angle, of_speed, of_xi = deviations(
             watch[4] / noise[1], watch[0], x, design.k_eta, design.gamma, design.resistance,
-            design.inductance, design.epsilon, design.pole, coefficients.scheme[0], noise)
+            design.inductance, design.epsilon, design.natural, DAMPING, coefficients.scheme[0],
+            noise)
         if status(watch, design) == NOT_OBSERVABLE:
             # nothing is known of the angle; the speed is evenly spread within its bound
             of_angle = math.pi / math.sqrt(3.0)
@@ -334,14 +282,14 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return of_angle / design.pole_pairs, of_speed / design.pole_pairs
 
     def speed_bound(state: Any, coefficients: Any, design: Any) -> float:
-        noise, watch = coefficients.noise, state.watch
+        core, watch = state[CORE], state[WATCH]
         if watch[7] & BLIND != LOW_EMF:
             return math.inf
-        least = LEAVES * least_emf(watch[4], state.core[4], noise[0], noise[1], design.emf_min,
+        least = LEAVES * least_emf(watch[4], core[4], coefficients.watching[5], design.emf_min,
                                    design.drop)
         if watch[0] > least:
             least = watch[0]
-        flux = flux_linkage(state.core[3], design.flux_low, design.flux_high)
+        flux = flux_linkage(core[3], design.flux_low, design.flux_high)
         return least / (flux * design.pole_pairs)
 
     def coast(state: Any, coefficients: Any, design: Any, measurement: Sample,
@@ -352,10 +300,10 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         turned = out[0] * gap
         z, zero = core[2], complex(0.0, 0.0)
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        return State((z.conjugate() * current, core[1], z, core[3], current, zero),
-                     (zero, 0.0, 1.0, 0), registers,
-                     (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
-                     (out[0], out[1] + turned), (dead, 0.0), voltages)
+        return ((z.conjugate() * current, core[1], z, core[3], current, zero),
+                (zero, 0.0, 1.0, 0), registers,
+                (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
+                (out[0], 0.0, out[2] + turned), (design.dead, 0.0), voltages)
 
     def resume(state: Any, coefficients: Any, design: Any, measurement: Sample) -> State:
         return coast(state, coefficients, design, measurement, 0.0)
@@ -369,16 +317,15 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 'is needed')
 
     def group_delay(dt: float) -> float:
-        pole = 2.0 * math.pi * gains.speed_filter_hz
-        if pole <= 0.0:
+        if gains.speed_filter_hz <= 0.0:
             return 0.0  # the flux estimate makes up for the lag of the back-EMF (epsilon)
-        left = math.exp(-pole * dt)
-        return dt * left / (1.0 - left)
+        return 2.0 * DAMPING / natural_frequency(gains.speed_filter_hz)
 
     return DriveFunctions(
         design, prepare, init, step, output, stddev, resume, limits, group_delay, finite=finite,
-        blank=(0.0, 0.0, 0.0, 0.0), electrical=electrical, electrical_stddev=electrical_stddev,
-        speed_bound=speed_bound, reasons=reasons_of, coast=coast)
+        blank=(0.0, 0.0, 0.0, 0.0), row=row, electrical=electrical,
+        electrical_stddev=electrical_stddev, speed_bound=speed_bound, reasons=reasons_of,
+        coast=coast)
 
 
 OBSERVER = Observer(

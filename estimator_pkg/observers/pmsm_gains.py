@@ -76,6 +76,11 @@ class Gains(MotorData):
         description='the reported voltage acts so many samples later than over the interval that '
                     'ends at its stamp (2: a command computed at the stamp that acts over the next '
                     'but one period)')
+    pwm_frequency: float | None = parameter(
+        None, unit='Hz', range=(1.0, 1e7), advanced=True,
+        description='carrier frequency of the drive: over a period the voltage stands still while '
+                    'the rotor turns, and the current leaves the line between its samples; allowed '
+                    'for where given (angle: omega R/(12 L f^2))')
     initial_flux: float | None = parameter(
         None, unit='Wb', range=(0.0, 1e3), advanced=True,
         description='flux linkage to start from; unset: the nominal one; 0: unknown')
@@ -100,9 +105,9 @@ class Gains(MotorData):
         description='standard deviation of the noise of each measured current; unset: estimated '
                     'from the innovation')
     speed_filter_hz: float = parameter(
-        500.0, unit='Hz', range=(0.0, 1e5), search=(20.0, 2000.0),
-        description='-3 dB frequency of the low-pass on the speed output; 0: none. Its delay '
-                    '1/(2 pi f) is declared')
+        1000.0, unit='Hz', range=(0.0, 1e5), search=(20.0, 2000.0),
+        description='-3 dB frequency of the low-pass on the speed output (two poles); 0: none. Its '
+                    'delay 0.193/f is declared')
     hold: float = parameter(
         0.010, unit='s', range=(0.0, 10.0), advanced=True,
         description='the residuals must have been in order for so long before the estimate counts')

@@ -48,41 +48,64 @@ def prepare_noise(resistance: float, inductance: float, k_p: float, k_i: float, 
     return of_h, of_innovation, of_integral
 
 
+def through_four_poles(c3: float, c2: float, c1: float, d3: float, d2: float, d1: float, d0: float
+                       ) -> float:
+    """Integral of |c(j w)/d(j w)|^2 over w/(2 pi): white noise of density one through c/d.
+
+    c = c3 s^3 + c2 s^2 + c1 s and d = s^4 + d3 s^3 + d2 s^2 + d1 s + d0, all poles stable (the
+    table of James, Nichols and Phillips, 1947, for order four).
+    """
+    return ((c3 * c3 * (d1 * d2 - d0 * d3) + (c2 * c2 - 2.0 * c1 * c3) * d1 + c1 * c1 * d3)
+            / (2.0 * (d1 * d2 * d3 - d0 * d3 * d3 - d1 * d1)))
+
+
 def deviations(variance: float, size: float, x: float, k_eta: float, gamma: float,
-               resistance: float, inductance: float, epsilon: float, pole: float, dt: float,
-               gains: tuple[float, float, float]) -> tuple[float, float, float]:
+               resistance: float, inductance: float, epsilon: float, natural: float,
+               damping_out: float, dt: float, gains: tuple[float, float, float]
+               ) -> tuple[float, float, float]:
     """One standard deviation of electrical angle [rad], electrical speed [rad/s] and xi [1/Wb].
+
+    Noise n of the current appears in the back-EMF as (R + j omega L + L s) n. With its radial part
+    n2 and its tangential part n1, damping d = k_eta chi and stiffness k = gamma chi^2, the frame
+    is off by (xi s n2 + (k_eta s + gamma chi) n1) / (s^2 + d s + k); its rate is the speed.
 
     Parameters
     ----------
     variance : of the noise on each current [A^2].
     size, x : |h| [V] and xi_hat [1/Wb].
-    pole : of the low-pass on the speed [1/s]; 0: none.
+    natural, damping_out : of the low-pass on the speed [rad/s]; 0: none.
     gains : from `prepare_noise`.
     """
     of_h, of_innovation, of_integral = gains
     omega = size * abs(x)
-    slow = (resistance * resistance + omega * omega * inductance * inductance) * variance * dt
+    density = variance * dt
+    slow = (resistance * resistance + omega * omega * inductance * inductance) * density
     damping = k_eta * size              # 2 zeta omega_n of the slow loop
     stiffness = gamma * size * size     # omega_n^2
-    # the frame turns at |h| x: noise of |h| is noise of the speed, and its integral of the angle
-    of_speed = x * x * of_h * variance
-    if pole > 0.0:
-        corner = 2.0 / (epsilon * epsilon)
-        d1, d0 = pole * 2.0 / epsilon + corner, pole * corner
-        d2 = pole + 2.0 / epsilon
-        room = 2.0 * (d1 * d2 - d0)
-        high = (inductance * pole * corner) ** 2 / room * variance * dt
-        low = slow * (pole * corner) ** 2 * d2 / (d0 * room)
-        filtered = x * x * (high + low)
-        if filtered < of_speed:
-            of_speed = filtered
     if damping <= 0.0 or stiffness <= 0.0:
-        return math.pi / math.sqrt(3.0), math.sqrt(of_speed), abs(x)
-    of_angle = (x * x * of_integral * variance + 0.5 * slow * x * x / damping
+        return math.pi / math.sqrt(3.0), math.sqrt(x * x * of_h * variance), abs(x)
+    both = x * x + k_eta * k_eta
+    of_angle = (both * of_integral * variance + 0.5 * slow * x * x / damping
                 + 0.5 * slow / (size * size) * (damping + stiffness / damping))
     of_xi = 0.5 * slow * (x * x * stiffness + stiffness * stiffness / (size * size)) / (
         damping * size * size)
+    of_speed = x * x * of_h * variance  # of |h| xi: what is given without a low-pass
+    if natural > 0.0:
+        e, w = 2.0 * damping_out * natural, natural * natural
+        d3, d2, d1, d0 = (damping + e, stiffness + damping * e + w, damping * w + stiffness * e,
+                          stiffness * w)
+        pull = gamma * size
+        of_speed = w * w * slow * (through_four_poles(0.0, x, 0.0, d3, d2, d1, d0)
+                                   + through_four_poles(0.0, k_eta, pull, d3, d2, d1, d0))
+        # L s n: what the slow loop leaves of it, or the fast part, whichever is less
+        fast = (through_four_poles(x, 0.0, 0.0, d3, d2, d1, d0)
+                + through_four_poles(k_eta, pull, 0.0, d3, d2, d1, d0))
+        f = 2.0 / epsilon
+        corner = 0.5 * f * f
+        of_fast = both * corner * corner * through_four_poles(
+            0.0, 0.0, 1.0, e + f, w + e * f + corner, w * f + e * corner, w * corner)
+        of_speed += w * w * inductance * inductance * density * min(fast, of_fast)
+        of_speed = min(of_speed, both * of_h * variance)
     return math.sqrt(of_angle), math.sqrt(of_speed), math.sqrt(of_xi)
 
 
@@ -91,5 +114,3 @@ def low_pass_weight(pole: float, dt: float) -> float:
     if pole <= 0.0:
         return 1.0
     return 1.0 - math.exp(-pole * dt)
-
-

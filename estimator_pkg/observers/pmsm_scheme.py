@@ -9,9 +9,11 @@ mean for the voltage. There is no stability limit, whatever sample time and gain
 from __future__ import annotations
 
 import math
+from cmath import rect
 
 FASTEST = 1e6        # rad/s: a frame that would turn faster has run away, and stays finite
 SMALLEST_SINC = 0.2  # the mean of a voltage that turns further than this within a sample is lost
+LARGEST_STRETCH = 1.0 / SMALLEST_SINC
 
 
 def _sinh_ratio(square: float) -> float:
@@ -76,7 +78,9 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
             ) -> tuple[complex, complex, complex, float, float]:
     """(i, h, z, x, frame speed) one sample further.
 
-    Two passes over the frame speed: predicted, then the mean of both ends.
+    Two passes over the frame speed: predicted, then the mean of both ends. They are written out:
+    in plain Python this is half of what a sample costs. So that z stays a unit number, the caller
+    gives it its length back now and then.
 
     Parameters
     ----------
@@ -86,53 +90,48 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     turning : a speed [rad/s] added to that of the frame; 0 but where the frame is led.
     """
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
+    half_dt = 0.5 * dt
+    half_gain = gamma * half_dt
     back = z.conjugate()
     start = back * before
     end = back * now
     drive = back * voltage
-    base_i = e11 * i + e12 * h + ia * start
-    base_h = e21 * i + e22 * h + ha * start
-    first = abs(h) * x + k_eta * h.real + turning
+    pull = h.real
+    first = abs(h) * x + k_eta * pull + turning
     if not -FASTEST < first < FASTEST:
         first = FASTEST if first > 0.0 else -FASTEST
-    lean = x + 0.5 * gamma * dt * h.real
-    half_dt = 0.5 * dt
-    speed = first
+    lean = x + half_gain * pull
+    base_h = e21 * i + e22 * h + ha * start
+    lag_h = hw * start
     # first pass
-    angle = speed * half_dt
-    sine = math.sin(angle)
-    half_turn = complex(math.cos(angle), -sine)
-    if sine > SMALLEST_SINC * angle > 0.0 or sine < SMALLEST_SINC * angle < 0.0:
+    angle = first * half_dt
+    half_turn = rect(1.0, -angle)
+    sine = -half_turn.imag
+    if sine * angle > SMALLEST_SINC * angle * angle:
         mean = angle / sine
-    elif angle == 0.0:
-        mean = 1.0
     else:
-        mean = 1.0 / SMALLEST_SINC
-    u = drive * half_turn * mean
+        mean = 1.0 if angle == 0.0 else LARGEST_STRETCH
     change = end * (half_turn * half_turn) - start
-    back_turn = complex(0.0, -speed)
-    new_h = base_h + hu * u + hdd * change + back_turn * (hw * start + hdw * change)
-    new_x = lean + 0.5 * gamma * dt * new_h.real
-    speed = 0.5 * (first + abs(new_h) * new_x + k_eta * new_h.real + turning)
+    new_h = base_h + (hu * mean) * (drive * half_turn) + hdd * change - (
+        first * 1j) * (lag_h + hdw * change)
+    pull = new_h.real
+    speed = 0.5 * (first + abs(new_h) * (lean + half_gain * pull) + k_eta * pull + turning)
     # second pass
     angle = speed * half_dt
-    sine = math.sin(angle)
-    half_turn = complex(math.cos(angle), -sine)
-    if sine > SMALLEST_SINC * angle > 0.0 or sine < SMALLEST_SINC * angle < 0.0:
+    half_turn = rect(1.0, -angle)
+    sine = -half_turn.imag
+    if sine * angle > SMALLEST_SINC * angle * angle:
         mean = angle / sine
-    elif angle == 0.0:
-        mean = 1.0
     else:
-        mean = 1.0 / SMALLEST_SINC
-    u = drive * half_turn * mean
+        mean = 1.0 if angle == 0.0 else LARGEST_STRETCH
     turn = half_turn * half_turn
     change = end * turn - start
-    back_turn = complex(0.0, -speed)
-    new_i = base_i + iu * u + idd * change + back_turn * (iw * start + idw * change)
-    new_h = base_h + hu * u + hdd * change + back_turn * (hw * start + hdw * change)
-    new_x = lean + 0.5 * gamma * dt * new_h.real
-    new_z = z * turn.conjugate()
-    return new_i, new_h, new_z * (1.0 / abs(new_z)), new_x, speed
+    mean_drive = mean * (drive * half_turn)
+    lead = speed * 1j
+    new_h = base_h + hu * mean_drive + hdd * change - lead * (lag_h + hdw * change)
+    new_i = (e11 * i + e12 * h + ia * start + iu * mean_drive + idd * change
+             - lead * (iw * start + idw * change))
+    return new_i, new_h, z * turn.conjugate(), lean + half_gain * new_h.real, speed
 
 
 def turned_emf(before: complex, now: complex, dt: float) -> tuple[complex, float]:

@@ -53,65 +53,81 @@ def begin_watch(power: float) -> Watch:
     return (0.0, complex(0.0, 0.0), 0.0, 0.0, power, 0.0, 0.0, SEARCHING | LOW_EMF)
 
 
-def least_emf(power: float, current: complex, of_h: float, of_innovation: float, emf_min: float,
-              drop: float) -> float:
+def least_emf(power: float, current: complex, of_noise: float, emf_min: float, drop: float
+              ) -> float:
     """The back-EMF [V] that is needed to see the rotor.
 
     Parameters
     ----------
     power : variance of the innovation [A^2].
+    of_noise : back-EMF that the innovation's standard deviation calls for [V/A].
     emf_min : the least whatever noise and current are [V].
     drop : resistance [ohm] by which the current may falsify the back-EMF.
     """
-    least = LEAST_EMF * math.sqrt(power * of_h / of_innovation)
+    least = of_noise * math.sqrt(power)
     if least < emf_min:
         least = emf_min
     drop *= abs(current)
     return drop if drop > least else least
 
 
-def look(watch: Watch, event: int, h: complex, speed: float, turning: float, innovation: complex,
-         current: complex, voltage: complex, x: float, weights: tuple[float, float, float],
-         noise: tuple, window: float, dt: float, known_power: float, emf_min: float, drop: float,
-         xi_low: float, xi_high: float, when_blind: int) -> Watch:
-    """The watch one sample further.
+def prepare_watch(weights: tuple[float, float, float], noise: tuple, window: float, dt: float,
+                  known_power: float, emf_min: float, drop: float, xi_low: float, xi_high: float,
+                  when_blind: int) -> tuple:
+    """The limits of `look`.
 
     Parameters
     ----------
-    event : reasons that the step itself gives (RESET, SEARCHING).
-    speed, turning : |h| x, and the speed at which y turned during the sample [rad/s].
-    innovation : measured minus estimated current in the frame [A].
     weights : of the newest sample in the averages of h, of speeds, of the innovation's power.
     noise : from `prepare_noise`.
     window : time constant of the average of speeds [s].
     known_power : the innovation's variance where the noise is given, else 0.
     when_blind : a reason to add where the rotor cannot be seen, or xi_hat has run away.
     """
+    return (*weights, dt, known_power, LEAST_EMF * math.sqrt(noise[0] / noise[1]), emf_min, drop,
+            xi_low, xi_high, HALF_TURN * math.pi / dt, LEAST_DISAGREEMENT * emf_min,
+            SIGMAS / window, when_blind)
+
+
+def look(watch: Watch, event: int, h: complex, speed: float, turning: float, innovation: complex,
+         current: complex, voltage: complex, x: float, limits: tuple) -> Watch:
+    """The watch one sample further.
+
+    Parameters
+    ----------
+    event : reasons that the step itself gives (RESET, SEARCHING).
+    speed, turning : |h| x, and the speed at which y turned during the sample [rad/s].
+    innovation : measured minus estimated current, in whatever frame [A].
+    limits : from `prepare_watch`.
+    """
     level, mean_h, rate, slip, power, idle, calm, before = watch
-    fast, slow, memory = weights
-    size = abs(h)
-    level += fast * (size - level)
+    (fast, slow, memory, dt, known_power, of_noise, emf_min, drop, xi_low, xi_high, fastest, floor,
+     sigmas, when_blind) = limits
+    level += fast * (abs(h) - level)
     mean_h += fast * (h - mean_h)
     rate += (fast if before & SEARCHING else slow) * (turning - rate)
     slip += slow * (speed - turning - slip)
     if known_power > 0.0:
         power = known_power
     else:
-        square = 0.5 * (innovation.real * innovation.real + innovation.imag * innovation.imag)
+        real, imag = innovation.real, innovation.imag
+        square = 0.5 * (real * real + imag * imag)
         if square > CLIP * power:
             square = CLIP * power
         power += memory * (square - power)
     idle = idle + dt if voltage == 0.0 else 0.0
-    least = least_emf(power, current, noise[0], noise[1], emf_min, drop)
+    least = of_noise * math.sqrt(power)  # as `least_emf`, without the call
+    if least < emf_min:
+        least = emf_min
+    drop *= abs(current)
+    if drop > least:
+        least = drop
     reasons = event
     if level < (least * LEAVES if before & LOW_EMF else least):
-        reasons |= LOW_EMF
+        reasons |= LOW_EMF | when_blind
     if idle > UNCONNECTED:
-        reasons |= NO_VOLTAGE
-    if reasons & (LOW_EMF | NO_VOLTAGE):
-        reasons |= when_blind
-    limit = HALF_TURN * math.pi / dt
-    if not (-limit < rate < limit and -limit < speed < limit):
+        reasons |= NO_VOLTAGE | when_blind
+    if not (-fastest < rate < fastest and -fastest < speed < fastest):
         reasons |= TOO_FAST
     if not abs(mean_h.real) <= -ALIGNED * mean_h.imag:
         reasons |= MISALIGNED
@@ -120,12 +136,10 @@ def look(watch: Watch, event: int, h: complex, speed: float, turning: float, inn
         reasons |= FLUX_RANGE
         if size > RUN_AWAY * xi_high:
             reasons |= when_blind
-    allowed = (CONSISTENT * abs(speed) + LEAST_DISAGREEMENT * emf_min * size
-               + SIGMAS * least / (level * window + TINY))
+    allowed = CONSISTENT * abs(speed) + floor * size + sigmas * least / (level + TINY)
     if not -allowed < slip < allowed:
         reasons |= INCONSISTENT
-    calm = calm + dt if reasons == 0 else 0.0
-    return (level, mean_h, rate, slip, power, idle, calm, reasons)
+    return (level, mean_h, rate, slip, power, idle, calm + dt if reasons == 0 else 0.0, reasons)
 
 
 def describe(reasons: int) -> str:

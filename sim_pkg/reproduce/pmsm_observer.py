@@ -15,6 +15,7 @@ from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.drive import DriveFunctions
 from estimator_pkg.observers.pmsm import build
 from estimator_pkg.observers.pmsm_gains import Gains
+from estimator_pkg.observers.pmsm_state import CORE, OUT, WATCH
 from sim_pkg.reproduce.pmsm_reference import (
     FLUX,
     GAMMA,
@@ -58,9 +59,9 @@ def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
             row = samples[k]
             sample = (row[0], row[1], row[2], row[3])
             state = step(state, coefficients, design, sample, 0.0)
-            i, out_h[k], out_z[k], out_x[k], current, y = state.core
+            i, out_h[k], out_z[k], out_x[k], current, y = state[CORE]
             position, velocity, spare, status[k] = output(state, coefficients, design, sample, 0.0)
-            speed[k] = state.out[0]
+            speed[k] = state[OUT][0]
             reasons[k] = reasons_of(state)
         return state
 
@@ -95,11 +96,12 @@ def start_state(functions: DriveFunctions, first: NDArray[np.float64], z: comple
     state: Any = functions.init(tuple(float(value) for value in first), functions.design())
     current = complex(first[0], first[1])
     y = z * complex(-h.imag, h.real)
-    watch = state.watch
+    watch = state[WATCH]
     if seen:
         chi = abs(seen) * FLUX
         watch = (chi, complex(0.0, -chi), seen, 0.0, watch[4], 0.0, 1.0, 0)
-    return state._replace(core=(z.conjugate() * current, h, z, float(x), current, y), watch=watch)
+    core = (z.conjugate() * current, h, z, float(x), current, y)
+    return (core, *state[1:WATCH], watch, *state[WATCH + 1:])
 
 
 def run_log(functions: DriveFunctions, samples: NDArray[np.float64], dt: float, state: Any, *,
