@@ -32,7 +32,8 @@ setup(
     version='0.1.0',
     packages=['estimator_pkg', 'estimator_pkg.observers', 'estimator_pkg.models',
               'estimator_pkg.driver', 'estimator_pkg.messages', 'estimator_pkg.nodes',
-              'estimator_pkg.nodes.bench', 'estimator_pkg.bags', 'estimator_pkg.evaluation',
+              'estimator_pkg.nodes.bench', 'estimator_pkg.bags', 'estimator_pkg.bags.kinds',
+              'estimator_pkg.evaluation',
               'sim_pkg', 'sim_pkg.nodes', 'sim_pkg.reproduce', 'sim_pkg.demo'],
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -81,6 +82,13 @@ setup(
             'adaptive = estimator_pkg.observers.adaptive:OBSERVER',
             'switched = estimator_pkg.observers.switched:OBSERVER',
             'edge_adaptive = estimator_pkg.observers.edge_adaptive:OBSERVER',
+        ],
+        'velocity_estimator.kinds': [
+            'angle = estimator_pkg.bags.kinds.angle:KIND',
+            'mechanical = estimator_pkg.bags.kinds.mechanical:KIND',
+            'drive = estimator_pkg.bags.kinds.drive:KIND',
+            'angle_and_input = estimator_pkg.bags.kinds.adaptive:KIND',
+            'switched = estimator_pkg.bags.kinds.switched:KIND',
         ],
         'velocity_estimator.settings': [
             'simulator_nodes = sim_pkg.nodes.settings:RunSettings',

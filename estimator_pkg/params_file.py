@@ -26,6 +26,33 @@ def load(path: str | Path, node_name: str = 'joint_observer') -> dict[str, Any]:
     UserError : the file cannot be read.
     UsageError : it is no parameter file, or has no section for this node.
     """
+    content = _content(path, node_name)
+    matching = sorted(_sections(path, content, ''), key=lambda item: _weight(item[0], node_name))
+    values: dict[str, Any] = {}
+    found = False
+    for name, section in matching:
+        if _weight(name, node_name):
+            found = True
+            values.update(_flat(section, ''))
+    if not found:
+        there = ', '.join(f"'{name}'" for name, _ in matching)
+        raise UsageError(f"{path} has no section for '{node_name}'; " + (
+            f'it has {there}' if there else f"no '{KEY}' at all"))
+    return values
+
+
+def section_names(path: str | Path) -> set[str]:
+    """The last parts of the names of a file's sections, as in 'joint_observer'.
+
+    Raises
+    ------
+    UserError, UsageError : as `load`.
+    """
+    return {name.rpartition('/')[2] for name, _ in _sections(path, _content(path, 'NODE'), '')}
+
+
+def _content(path: str | Path, node_name: str) -> Mapping:
+    """What the file holds; raises UserError or UsageError if it is no parameter file."""
     try:
         text = Path(path).read_text(encoding='utf-8')
     except UnicodeDecodeError as error:
@@ -42,18 +69,7 @@ def load(path: str | Path, node_name: str = 'joint_observer') -> dict[str, Any]:
     if not isinstance(content, Mapping):
         raise UsageError(f'{path} is no parameter file: it has no section '
                          f"'{node_name}: {KEY}:'")
-    matching = sorted(_sections(path, content, ''), key=lambda item: _weight(item[0], node_name))
-    values: dict[str, Any] = {}
-    found = False
-    for name, section in matching:
-        if _weight(name, node_name):
-            found = True
-            values.update(_flat(section, ''))
-    if not found:
-        there = ', '.join(f"'{name}'" for name, _ in matching)
-        raise UsageError(f"{path} has no section for '{node_name}'; " + (
-            f'it has {there}' if there else f"no '{KEY}' at all"))
-    return values
+    return content
 
 
 def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:

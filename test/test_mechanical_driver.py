@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator_pkg import cli, observers
-from estimator_pkg.bags.mechanical_replay import plan
+from estimator_pkg.bags.kinds.mechanical import settled
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.mechanism import COMMAND, Inputs, MechanismBank, MechanismConfiguration
@@ -203,7 +203,7 @@ def test_the_parameter_file_is_what_the_node_and_replay_take():
     from estimator_pkg.nodes.mechanical_settings import MechanicalNodeSettings
     from estimator_pkg.parameters import declared
     path = Path(__file__).parent.parent / 'config/mechanical_observer.yaml'
-    settings, mechanisms = plan(params_file.load(str(path), 'mechanical_observer'))
+    settings, mechanisms = settled(params_file.load(str(path), 'mechanical_observer'))
     assert settings.observer == 'geso' and list(mechanisms.joints) == ['mechanism']
     text = path.read_text()
     wanted = {*declared(MechanicalNodeSettings), *declared(MechanismSettings)} - {'wrap_period'}

@@ -28,12 +28,13 @@ class Encoded:
         self._ranks: list[NDArray[np.int64]] = []
         self._raws: list[NDArray[np.uint8]] = []
 
-    def add(self, topic: int, rank: int, rows: NDArray[np.int64], raw: NDArray[np.uint8]) -> None:
+    def add(self, topic: int, rank: NDArray[np.int64] | int, rows: NDArray[np.int64],
+            raw: NDArray[np.uint8]) -> None:
         """Messages on a topic, each recorded when the measurement of its row was.
 
         Parameters
         ----------
-        rank : order among messages of the same measurement.
+        rank : order among messages of the same measurement, of all or of each.
         raw : shape (n, bytes of one message).
         """
         self._rows.append(rows)

@@ -40,4 +40,4 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
         raise UserError(f'{bag.path} has several topics of joint states: name one with '
                         f'--measurement ({", ".join(sorted(names))})')
     raise UserError(f'{bag.path} has no measured joint states: name a topic with --measurement, or '
-                    f'a number with --angle TOPIC:FIELD; it has {bag.listing()}')
+                    f'(replay) a number with --angle TOPIC:FIELD; it has {bag.listing()}')

@@ -9,12 +9,10 @@ import contextlib
 import math
 from typing import Any
 
-from estimator_pkg import registry
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
-from estimator_pkg.evaluation import plot
+from estimator_pkg.evaluation import asked, plot
 from estimator_pkg.evaluation.comparison import Comparison, compare
-from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.report import Report
@@ -23,7 +21,6 @@ from estimator_pkg.evaluation.text import fixed, number, table
 from estimator_pkg.evaluation.truth import SMOOTHED
 from estimator_pkg.evaluation.workers import expanded, workers
 
-ALL = 'all'
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
           'received', 'used', 'dropped')
 
@@ -39,8 +36,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--estimate', metavar='TOPIC', action='append', default=[],
                         help="JointState with estimates, repeatable (default: all '.../estimate')")
     parser.add_argument('--observer', metavar='NAME', action='append', default=[],
-                        help="run this observer at its defaults on the measurement; repeatable, "
-                             "or 'all'")
+                        help="run this observer on the measurement, at its defaults but for --set "
+                             "and --params; repeatable, or 'all' for those of single angles")
+    parser.add_argument('--params', metavar='YAML',
+                        help='parameter file of the node of the --observer; one that names an '
+                             'observer holds for that one alone')
+    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
+                        help='set a parameter of every --observer that has it; repeatable')
     parser.add_argument('--skip', type=float, default=0.0, metavar='S',
                         help='leave out so many seconds at the beginning')
     parser.add_argument('--wrap-period', type=float, default=2.0 * math.pi, metavar='RAD',
@@ -67,18 +69,10 @@ def options(parsed: argparse.Namespace) -> Options:
         raise UsageError('--skip must be a time of 0 s or more')
     if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
         raise UsageError('--wrap-period must be an angle of 0 or more')
-    observers: list[Entry] = []
-    for name in parsed.observer:
-        if name == ALL:
-            observers += [Entry(each, each) for each in angle_observers()]
-        elif registry.find(registry.OBSERVERS, name).kind != 'angle':
-            raise UsageError(f"observer '{name}' needs more than an angle; these do not: "
-                             f'{", ".join(angle_observers())}')
-        else:
-            observers.append(Entry(name, name))
-    return Options(parsed.measurement, parsed.truth, tuple(parsed.estimate),
-                   tuple(dict.fromkeys(observers)), parsed.skip, parsed.wrap_period,
-                   parsed.correct_reference, parsed.reference)
+    observers = tuple(asked.entries(parsed.observer, parsed.params, parsed.set))
+    return Options(parsed.measurement, parsed.truth, tuple(parsed.estimate), observers,
+                   parsed.skip, parsed.wrap_period, parsed.correct_reference,
+                   parsed.reference)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:

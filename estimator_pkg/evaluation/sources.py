@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.estimation import History
+from estimator_pkg.bags import kinds
+from estimator_pkg.bags.kinds.contract import Estimate, Recording, Request
 from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, joint_series
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import ESTIMATE, MEASUREMENT, Options
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
@@ -27,30 +28,21 @@ PUBLISHED, WITHHELD = 'published', 'withheld'
 HELD = 5.0          # an estimate stands for the time since the one before, up to so many steps
 
 
-class Estimate(NamedTuple):
-    """One joint's estimates, those that were published, and what became of its samples.
-
-    velocity_stddev : shape (n,); nan where it is not known.
-    validity : seconds by status, or published and withheld.
-    status_stamps, status : shape (k,), of every sample that was used; empty where it is not known.
-    """
-
-    stamps: NDArray[np.int64]
-    position: Array
-    velocity: Array
-    velocity_stddev: Array
-    samples: dict[str, Any]
-    validity: dict[str, float]
-    status_stamps: NDArray[np.int64]
-    status: NDArray[np.int8]
-
-
 def measured(bag: Bag, options: Options) -> dict[str, Series]:
-    """The measured positions by joint; none where nobody asked and there is no usual topic."""
+    """The measured positions by joint; none where nobody asked and there is no usual topic.
+
+    Observers that need something else may be run on a bag without them.
+    """
     topic = options.measurement or MEASUREMENT
-    if options.measurement or options.observers:
-        bag.require(topic, (TYPE,))
-    elif topic not in bag.topics or bag.topics[topic].type != TYPE:
+    if not options.observers:
+        if options.measurement:
+            bag.require(topic, (TYPE,))
+    elif options.measurement:
+        bag.require(topic)
+    else:
+        with suppress(UserError):  # the observer says what it misses
+            topic = measurement_topic(bag)
+    if topic not in bag.topics or bag.topics[topic].type != TYPE:
         return {}
     found = {}
     for joint, series in joint_series(bag, topic).items():
@@ -69,15 +61,11 @@ def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Option
     UserError : there is nothing.
     """
     if options.observers:
-        if not measurement:
-            raise UserError(f'{path}: {options.measurement or MEASUREMENT} carries no position')
-        with progress(path, len(options.observers) * len(measurement)) as advance:
+        with progress(path, len(options.observers)) as advance:
             for entry in options.observers:
-                found = {}
-                for joint, series in measurement.items():
-                    found[joint] = run(entry, series, options.wrap_period)
-                    advance(1)
-                yield entry.label, found
+                yield entry.label, recording(entry, bag, measurement, options).run(
+                    entry.observer, {})
+                advance(1)
         if not options.estimates:
             return
     topics = list(options.estimates) or sorted(
@@ -92,22 +80,26 @@ def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Option
         deviations: dict[str, Series] = {}
         beside = bag.topics.get(f'{topic}_stddev')
         if beside is not None and beside.type == TYPE and beside.count:
-            deviations = joint_series(bag, beside.name)
+            with suppress(UserError):  # no joint was ever valid
+                deviations = joint_series(bag, beside.name)
         yield topic, {joint: _recorded(series, deviations.get(joint), measurement.get(joint))
                       for joint, series in joint_series(bag, topic).items()}
 
 
-def run(entry: Entry, measurement: Series, wrap_period: float) -> Estimate:
-    """What this observer publishes for this measurement."""
-    joint = entry.joint(wrap_period=wrap_period)
-    out = joint.run(measurement.stamps_ns, measurement.position)
-    used = out.verdict < DUPLICATE
-    valid = used & ((out.status == TRACKING) | (out.status == COASTING))
-    history = History()
-    history.add(measurement.stamps_ns, out)
-    return Estimate(measurement.stamps_ns[valid], out.position[valid], out.velocity[valid],
-                    out.velocity_stddev[valid], _counts(joint), history.seconds,
-                    measurement.stamps_ns[used], out.status[used])
+def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options: Options
+              ) -> Recording:
+    """What this observer needs of the bag, with its parameters.
+
+    Raises
+    ------
+    UserError, UsageError : the bag lacks it, or a parameter is wrong.
+    """
+    kind = kinds.of_observer(entry.observer)
+    values: dict[str, Any] = {'observer': entry.observer}
+    if kind.wraps:
+        values['wrap_period'] = options.wrap_period
+    setup = kind.prepare(bag, {**values, **dict(entry.values)}, Request(options.measurement))
+    return kind.recording(bag, setup, measurement)
 
 
 def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None

@@ -1,0 +1,178 @@
+"""Observers of joints of unknown parameters, as in `adaptive_observer`: positions with inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.one_by_one import MessageRecording, OneByOne, recorded
+from estimator_pkg.bags.kinds.values import apart
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.selection import measurement_topic
+from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.driver import adaptive_bank
+from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages import diagnostics
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
+from estimator_pkg.observers.adaptive import OBSERVER
+from estimator_pkg.observers.adaptive_report import Report
+from estimator_pkg.parameters import Parameter
+
+NAME = 'angle_and_input'
+PARAMETERS = 'identified_parameters'
+PERIOD = 100_000_000    # ns between two messages of it, by the stamps of the measurement
+
+
+class AdaptiveKind(Kind):
+    """See the module."""
+
+    node = 'adaptive_observer'
+    settings = AdaptiveNodeSettings
+
+    def parameters(self, observer: str) -> dict[str, Parameter]:
+        """See `Kind`."""
+        return Configuration(OBSERVER).parameters()
+
+    def prepare(self, bag: Bag, values: Mapping[str, Any], request: Request) -> Setup:
+        """See `Kind`."""
+        if request.angle:
+            raise UsageError('--angle is for observers that need nothing else: adaptive reads the '
+                             'effort too')
+        values = dict(values)
+        if request.joints:
+            values['joints'] = list(request.joints)
+        settled(values)
+        return Setup(values, (bag.topics[measurement_topic(bag, request.measurement)],))
+
+    def start(self, setup: Setup) -> AdaptiveReplay:
+        """See `Kind`."""
+        return AdaptiveReplay(setup)
+
+    def recording(self, bag: Bag, setup: Setup, measured: Mapping[str, Series]) -> Recording:
+        """See `Kind`."""
+        messages = recorded(bag, NAME, setup)
+        names = tuple(measured or joint_series(bag, setup.topics[0].name))
+        return AdaptiveRecording(messages.path, messages.kind, setup, messages.blocks, names)
+
+
+def settled(values: Mapping[str, Any]) -> tuple[AdaptiveNodeSettings, AdaptiveBank]:
+    """Settings and joints; raises UserError or UsageError."""
+    settings, common, overrides = apart(values, AdaptiveNodeSettings,
+                                        Configuration(OBSERVER).parameters())
+    path = settings.parameters_file
+    saved = adaptive_bank.load(path) if path and Path(path).exists() else {}
+    configuration = AdaptiveConfiguration(OBSERVER, common, overrides, saved)
+    for joint in ('', *configuration.overrides):
+        configuration.for_joint(joint)
+    return settings, AdaptiveBank(configuration, settings.only, settings.input_scale)
+
+
+class AdaptiveReplay(OneByOne):
+    """See `Replay`. The identified parameters are written at the stamps of the measurement."""
+
+    def __init__(self, setup: Setup) -> None:
+        super().__init__()
+        self.outputs = {**OUTPUTS, PARAMETERS: diagnostics.TYPE}
+        self._settings, self.bank = settled(setup.values)
+        self._topic = setup.topics[0].name
+        self._layout = Decoder().layout
+        self._by_publisher = self._settings.stamp_source == 'publisher'
+        self._systems: dict[str, System] = {}
+        self._seen: set[str] = set()
+        self._told_ns = 0
+        self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
+
+    def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
+        """See `OneByOne`."""
+        self.received += 1
+        layout = self._layout(raw)
+        positions, efforts = layout.numbers(raw, 0), layout.numbers(raw, 2)
+        self._seen.update(layout.names)
+        stamp_ns = publish_ns if self._by_publisher else layout.stamp_ns(raw)
+        valid = self.bank.take(stamp_ns, layout.names, positions, efforts)
+        for name, joint in self.bank.joints.items():
+            self._systems.setdefault(name, System(joint, (name,))).note()
+        self.answered += bool(valid)
+        names = [name for name, _, _ in valid]
+        pairs = [joint.stddev() for _, joint, _ in valid]
+        answer = {
+            0: self._encode(stamp_ns, layout.frame_id, names,
+                            [estimate[0] for _, _, estimate in valid],
+                            [estimate[1] for _, _, estimate in valid]),
+            1: self._encode_stddev(stamp_ns, layout.frame_id, names, [pair[0] for pair in pairs],
+                                   [pair[1] for pair in pairs])}
+        if abs(stamp_ns - self._told_ns) >= PERIOD and self._systems:
+            self._told_ns = stamp_ns
+            answer[2] = diagnostics.encode(stamp_ns, self._told())
+        return [answer]
+
+    def _told(self) -> list[diagnostics.Status]:
+        return [diagnostics.Status(
+            said.trusted, name, f'{said.phase}: {said.reason}', values_of(said))
+            for name, said in self.bank.reports().items()]
+
+    def systems(self) -> dict[str, System]:
+        """See `Replay`."""
+        return self._systems
+
+    def unused(self) -> dict[str, int]:
+        """See `OneByOne`."""
+        bank = self.bank
+        return {'empty': bank.empty, 'mismatched': bank.mismatched - bank.without_input,
+                'without_effort': bank.without_input}
+
+    def summary(self) -> dict[str, Any]:
+        """See `Replay`."""
+        found = super().summary()
+        for name, said in self.bank.reports().items():
+            found['joints'][name]['identified'] = values_of(said)
+        return found
+
+    def why(self) -> str:
+        """See `Replay`."""
+        if self.bank.without_input and not self._systems:
+            return (f"{self._topic} carries no effort, which the observer needs as the model's "
+                    'input')
+        return '; '.join(f'{name}: {said.phase}: {said.reason}'
+                         for name, said in self.bank.reports().items()) or super().why()
+
+    def finish(self, path: str) -> list[str]:
+        """See `Replay`."""
+        missing = [name for name in self._settings.only if name not in self._seen]
+        if missing and self._seen:
+            raise UserError(f"topic '{self._topic}' of {path} has no joint '{missing[0]}'; it has "
+                            f'{", ".join(sorted(self._seen))}')
+        if self.answered:
+            return []
+        return [f'no estimate was given: {self.why()}']
+
+
+def values_of(said: Report) -> dict[str, Any]:
+    """What a joint has identified, as the node tells it."""
+    values: dict[str, Any] = {'state': said.phase, 'why': said.reason, 'trusted': said.trusted,
+                              'adapted_s': said.adapted, 'excitation': said.excitation}
+    for item in said.parameters:
+        values.update({item.name: item.value, f'{item.name}.stddev': item.stddev,
+                       f'{item.name}.unit': item.unit})
+    return values
+
+
+@dataclass(frozen=True)
+class AdaptiveRecording(MessageRecording):
+    """Joints that can have gains of their own."""
+
+    names: tuple[str, ...] = ()
+
+    def apart(self) -> dict[str, Recording]:
+        """See `Recording`."""
+        return {name: replace(self, names=(name,), setup=self.setup.having({'joints': [name]}))
+                for name in self.names}
+
+
+KIND = AdaptiveKind()

@@ -1,0 +1,190 @@
+"""Replay of nodes that take message by message, and recordings made of such messages."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.block import Block, compact
+from estimator_pkg.bags.kinds import named
+from estimator_pkg.bags.kinds.contract import Answers, Estimate, Recording, Replay, Setup, System
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.errors import UserError
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.joint_state_block import decode_block
+
+APART = 8   # ranks of one answer's messages: fewer than so many outputs
+
+
+class OneByOne(Replay):
+    """Takes messages one by one, as the node does.
+
+    Attributes
+    ----------
+    received, malformed, answered : messages of the input, those of them that are of another type,
+        and those that were answered with an estimate.
+    """
+
+    def __init__(self) -> None:
+        self.received = self.malformed = self.answered = 0
+
+    @abstractmethod
+    def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
+        """The answers to one message: each the bytes by output.
+
+        Raises
+        ------
+        MalformedMessageError : it is of another type.
+        """
+
+    def feed(self, names: Sequence[str], block: Block) -> list[Answers]:
+        """See `Replay`."""
+        made: dict[tuple[int, int], tuple[list[int], list[int], list[bytes]]] = {}
+        topics = block.topic.tolist()
+        times = block.publish_ns.tolist()
+        for row in range(len(block)):
+            raw = block.data[block.start[row]:block.end[row]].tobytes()
+            try:
+                answers = self.take(names[topics[row]], raw, times[row])
+            except MalformedMessageError:
+                self.malformed += 1
+                continue
+            for number, answer in enumerate(answers):
+                for output, message in answer.items():
+                    rows, ranks, raws = made.setdefault((output, len(message)), ([], [], []))
+                    rows.append(row)
+                    ranks.append(APART * number + output + 1)
+                    raws.append(message)
+        return [Answers(output, np.array(rows), np.array(ranks),
+                        np.frombuffer(b''.join(raws), np.uint8).reshape(len(rows), size))
+                for (output, size), (rows, ranks, raws) in made.items()]
+
+    def messages(self) -> dict[str, Any]:
+        """See `Replay`."""
+        unused = {**self.unused(), 'malformed': self.malformed}
+        return {'received': self.received,
+                'used': self.received - sum(unused.values()),
+                'dropped': {kind: count for kind, count in unused.items() if count},
+                'estimates': self.answered}
+
+    def unused(self) -> dict[str, int]:
+        """Messages that were not used, by kind, beside the malformed ones."""
+        return {}
+
+
+@dataclass(frozen=True)
+class MessageRecording(Recording):
+    """The messages of a bag that a node listens to.
+
+    kind : its name. blocks : with the names of the bag's topics.
+    """
+
+    path: str
+    kind: str
+    setup: Setup
+    blocks: tuple[tuple[list[str], Block], ...]
+
+    def run(self, observer: str, values: Mapping[str, Any], fast: bool | None = None
+            ) -> dict[str, Estimate]:
+        """See `Recording`."""
+        replay = named(self.kind).start(self.setup.having({**values, 'observer': observer}))
+        collected = _Collected()
+        for names, block in self.blocks:
+            collected.add(replay.feed(names, block))
+        replay.finish(self.path)
+        found = collected.estimates(replay.systems())
+        if not found:
+            why = replay.why()
+            raise UserError(f'{self.path}: {observer} gives no estimate' + (
+                f': {why}' if why else ''))
+        return found
+
+    def split(self, held_out: float) -> tuple[Recording, Recording]:
+        """See `Recording`."""
+        left = self.size() - round(held_out * self.size())
+        parts: tuple[list, list] = ([], [])
+        for names, block in self.blocks:
+            cut = min(max(left, 0), len(block))
+            left -= len(block)
+            for part, rows in zip(parts, (slice(cut), slice(cut, None))):
+                if len(block.take(rows)):
+                    part.append((names, compact(block.take(rows))))
+        return replace(self, blocks=tuple(parts[0])), replace(self, blocks=tuple(parts[1]))
+
+    def size(self) -> int:
+        """Messages."""
+        return sum(len(block) for _, block in self.blocks)
+
+
+def recorded(bag: Bag, kind: str, setup: Setup) -> MessageRecording:
+    """The messages of the setup's topics."""
+    topics = {topic.name for topic in setup.topics}
+    return MessageRecording(str(bag.path), kind, setup, tuple(
+        (list(names), compact(block)) for names, block in bag.blocks(topics)))
+
+
+class _Collected:
+    """Estimates out of the messages that carry them."""
+
+    def __init__(self) -> None:
+        self._first = 0
+        # by output: keys (which answer), stamps, and the messages' numbers by joint
+        self._pieces: tuple[dict[str, list], ...] = ({}, {})
+        self._due: list[NDArray[np.int64]] = []
+
+    def add(self, answers: Iterable[Answers]) -> None:
+        """The answers to the next block."""
+        last = 0
+        for each in answers:
+            if len(each.rows):
+                last = max(last, int(each.rows[-1]) + 1)
+            if each.output > 1:
+                continue
+            count, size = each.raw.shape
+            keys = ((each.rows + self._first) * 2 ** 16
+                    + np.broadcast_to(np.asarray(each.rank) // APART, count))
+            ends, none = np.arange(1, count + 1) * size, np.zeros(count, np.int64)
+            groups, _ = decode_block(Block(none, none, none, each.raw.ravel(), ends - size, ends))
+            for group in groups:
+                if each.output == 0:
+                    self._due.append(group.stamps_ns)
+                for column, name in enumerate(group.names):
+                    self._pieces[each.output].setdefault(name, []).append(
+                        (keys[group.rows], group.stamps_ns, group.arrays[0][:, column],
+                         group.arrays[1][:, column]))
+        self._first += last
+
+    def estimates(self, systems: Mapping[str, System]) -> dict[str, Estimate]:
+        """By joint."""
+        due = np.unique(np.concatenate(self._due)) if self._due else np.zeros(0, np.int64)
+        deviations = {name: _joined(pieces) for name, pieces in self._pieces[1].items()}
+        found = {}
+        for name, pieces in self._pieces[0].items():
+            keys, stamps, position, velocity = _joined(pieces)
+            stddev = np.full(len(stamps), np.nan)
+            if name in deviations:
+                known, _, _, of_velocity = deviations[name]
+                at = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+                same = known[at] == keys
+                stddev[same] = of_velocity[at[same]]
+            system = next((each for each in systems.values() if name in each.names), None)
+            found[name] = Estimate(
+                stamps, position, velocity, stddev,
+                system.counts() if system else {'received': len(stamps), 'used': len(stamps),
+                                                'dropped': {}},
+                dict(system.seconds) if system else {},
+                np.array(system.stamps if system else [], np.int64),
+                np.array(system.statuses if system else [], np.int8), due)
+        return found
+
+
+def _joined(pieces: list) -> tuple[NDArray, ...]:
+    """The columns of all pieces in the order of their keys."""
+    columns = [np.concatenate([piece[i] for piece in pieces]) for i in range(4)]
+    order = np.argsort(columns[0], kind='stable')
+    return tuple(column[order] for column in columns)

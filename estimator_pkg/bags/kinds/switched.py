@@ -1,0 +1,148 @@
+"""Systems that known events switch, as in `switched_observer`: outputs, inputs and events."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.one_by_one import OneByOne, recorded
+from estimator_pkg.bags.kinds.values import apart
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.selection import measurement_topic
+from estimator_pkg.bags.series import Series
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.switched_joint import REFUSED, SwitchedBank, SwitchedJoint
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.models.switched import SwitchedModel, load
+from estimator_pkg.nodes.switched_settings import SwitchedNodeSettings
+from estimator_pkg.observers.switched import OBSERVER
+from estimator_pkg.parameters import Parameter
+
+NAME = 'switched'
+EVENTS = '/switch_event'
+DISCRETE = 'discrete_state'
+
+
+class SwitchedKind(Kind):
+    """See the module."""
+
+    node = 'switched_observer'
+    settings = SwitchedNodeSettings
+
+    def parameters(self, observer: str) -> dict[str, Parameter]:
+        """See `Kind`."""
+        return Configuration(OBSERVER).parameters()
+
+    def prepare(self, bag: Bag, values: Mapping[str, Any], request: Request) -> Setup:
+        """See `Kind`."""
+        if request.angle or request.joints:
+            raise UsageError('--angle and --joint are for observers of single angles: name the '
+                             "joints of a switched system with --set 'joints=[...]'")
+        settled(values)
+        topics = [bag.topics[measurement_topic(bag, request.measurement)]]
+        if EVENTS in bag.topics:  # without one, nothing ever switches
+            topics.append(bag.require(EVENTS, [TYPE]))
+        return Setup(dict(values), tuple(topics))
+
+    def start(self, setup: Setup) -> SwitchedReplay:
+        """See `Kind`."""
+        return SwitchedReplay(setup)
+
+    def recording(self, bag: Bag, setup: Setup, measured: Mapping[str, Series]) -> Recording:
+        """See `Kind`."""
+        return recorded(bag, NAME, setup)
+
+
+def settled(values: Mapping[str, Any]
+            ) -> tuple[SwitchedNodeSettings, SwitchedBank, SwitchedModel]:
+    """Settings, the system and its model; raises UserError or UsageError."""
+    settings, common, overrides = apart(values, SwitchedNodeSettings,
+                                        Configuration(OBSERVER).parameters())
+    if overrides:
+        raise UsageError("'joints.<joint>.<parameter>': a switched system has one set of gains")
+    gains, of_joint = Configuration(OBSERVER, common).for_joint('')
+    model = load(gains.model)
+    return settings, SwitchedBank(SwitchedJoint(OBSERVER, gains, of_joint),
+                                  settings.names(model), settings.input_scale), model
+
+
+class SwitchedReplay(OneByOne):
+    """See `Replay`."""
+
+    def __init__(self, setup: Setup) -> None:
+        super().__init__()
+        self.outputs = {**OUTPUTS, DISCRETE: TYPE}
+        self._settings, self.bank, self._model = settled(setup.values)
+        self._topic = setup.topics[0].name
+        self._by_publisher = self._settings.stamp_source == 'publisher'
+        self._system = System(self.bank.system, self.bank.names)
+        self._layout, self._decode_event = Decoder().layout, Decoder().decode
+        self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
+        self._encode_discrete = Encoder().encode
+        self._has_events = len(setup.topics) > 1
+
+    def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
+        """See `OneByOne`."""
+        bank = self.bank
+        if topic != self._topic:
+            event = self._decode_event(raw)
+            bank.system.event(event.stamp_ns, event.names[0] if event.names else '',
+                              event.positions)
+            return []
+        self.received += 1
+        layout = self._layout(raw)
+        positions, efforts = layout.numbers(raw, 0), layout.numbers(raw, 2)
+        stamp_ns = publish_ns if self._by_publisher else layout.stamp_ns(raw)
+        pairs = bank.take(stamp_ns, layout.names, positions, efforts)
+        self._system.note()
+        names = bank.names if pairs else ()
+        deviations = [bank.system.stddev()] if pairs else []
+        answer = {
+            0: self._encode(stamp_ns, layout.frame_id, names, [pair[0] for pair in pairs],
+                            [pair[1] for pair in pairs]),
+            1: self._encode_stddev(stamp_ns, layout.frame_id, names[:1],
+                                   [pair[0] for pair in deviations],
+                                   [pair[1] for pair in deviations])}
+        if pairs:
+            self.answered += 1
+            answer[2] = self._encode_discrete(stamp_ns, layout.frame_id, self._model.names,
+                                              bank.system.discrete()[0])
+        return [answer]
+
+    def systems(self) -> dict[str, System]:
+        """See `Replay`."""
+        return {self.bank.names[0]: self._system}
+
+    def unused(self) -> dict[str, int]:
+        """See `OneByOne`."""
+        return {'empty': self.bank.empty, 'mismatched': self.bank.mismatched}
+
+    def summary(self) -> dict[str, Any]:
+        """See `Replay`."""
+        found = super().summary()
+        found['switch_events'] = dict(self.bank.system.event_counts)
+        return found
+
+    def why(self) -> str:
+        """See `Replay`."""
+        if self.bank.mismatched and not self._system.joint.received:
+            return (f'no message of {self._topic} has the joints {", ".join(self.bank.names)} with '
+                    'the effort that the model needs')
+        return super().why()
+
+    def finish(self, path: str) -> list[str]:
+        """See `Replay`."""
+        if self._system.joint.received == 0:
+            raise UserError(f'{path}: {self.why() or "no sample came"}')
+        said = [] if self.answered else [f'no estimate was given: {self.why()}']
+        for kind, count in self.bank.system.event_counts.items():
+            if kind in REFUSED:
+                said.append(f'{count} switching events were not used: {kind.replace("_", " ")}')
+        if not self._has_events:
+            said.append(f'{path} has no topic {EVENTS}: nothing ever switches')
+        return said
+
+
+KIND = SwitchedKind()

@@ -1,0 +1,85 @@
+"""The observers that a user names, each with those of the parameters given that are its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from estimator_pkg import params_file
+from estimator_pkg.bags import kinds
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.evaluation.entries import Entry, angle_observers
+from estimator_pkg.parameters import declared, parse_assignments
+
+ALL = 'all'
+OBSERVER = 'observer'
+
+
+def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]) -> list[Entry]:
+    """One entry per observer, in their order.
+
+    A parameter file that says which observer it is for holds for that one alone; else it holds,
+    as --set does, for every observer that knows the name.
+
+    Parameters
+    ----------
+    names : of observers, or 'all' for those of single angles.
+    params : parameter file. assignments : as of --set; they win over the file.
+
+    Raises
+    ------
+    UserError, UsageError : no such observer or file, or a parameter that none of them has.
+    """
+    wanted: list[str] = []
+    for name in names:
+        wanted += angle_observers() if name == ALL else [name]
+    wanted = list(dict.fromkeys(wanted))
+    given = parse_assignments(list(assignments))
+    if not wanted:
+        if given or params:
+            raise UsageError('--set and --params are for observers that are run: name one with '
+                             '--observer')
+        return []
+    by_observer = {name: _known(name) for name in wanted}
+    from_file = {name: _from_file(params, name) for name in wanted}
+    for names_of in (given, *from_file.values()):
+        _check(names_of, by_observer)
+    return [Entry(name, name, tuple((key, _plain(value)) for key, value in
+                                    {**from_file[name], **given}.items()
+                                    if _parameter(key) in by_observer[name]))
+            for name in wanted]
+
+
+def _known(observer: str) -> dict[str, Any]:
+    kind = kinds.of_observer(observer)
+    return {**kind.parameters(observer), **declared(kind.settings)}
+
+
+def _from_file(params: str | None, observer: str) -> dict[str, Any]:
+    """What the file says for this observer."""
+    if params is None:
+        return {}
+    node = kinds.of_observer(observer).node
+    if not params_file.section_names(params) & {node, '*', '**'}:
+        return {}
+    values = params_file.of_this_node(params_file.load(params, node))
+    if values.pop(OBSERVER, observer) != observer:
+        return {}
+    return values
+
+
+def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any]]) -> None:
+    every = {name for known in by_observer.values() for name in known}
+    for name in values:
+        if _parameter(name) not in every:
+            raise UsageError(f"unknown parameter '{name}' of {', '.join(by_observer)}: "
+                             f'{suggestion(_parameter(name), every)}')
+
+
+def _parameter(name: str) -> str:
+    """The parameter of ``joints.<joint>.<parameter>``."""
+    return name.rpartition('.')[2] if name.startswith(f'{params_file.OVERRIDES}.') else name
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

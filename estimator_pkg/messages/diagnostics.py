@@ -1,0 +1,49 @@
+"""diagnostic_msgs/DiagnosticArray as CDR bytes, without ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from estimator_pkg.messages.cdr import Writer
+from estimator_pkg.messages.joint_state import EARLIEST, LATEST
+
+TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+OK, WARN = 0, 1     # levels of a DiagnosticStatus
+
+
+class Status(NamedTuple):
+    """One entry: in order or not, what it is of, in words, and numbers."""
+
+    good: bool
+    name: str
+    message: str
+    values: Mapping[str, Any]
+
+
+def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
+    """CDR bytes; a stamp that no message can carry becomes the nearest one."""
+    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
+    writer = Writer()
+    writer.numbers('i', (sec,))
+    writer.numbers('I', (nanosec,))
+    writer.text('')
+    writer.numbers('I', (len(statuses),))
+    for status in statuses:
+        writer.numbers('B', (OK if status.good else WARN,))
+        writer.text(status.name)
+        writer.text(status.message)
+        writer.text('')
+        writer.numbers('I', (len(status.values),))
+        for key, value in status.values.items():
+            writer.text(key)
+            writer.text(text(value))
+    return bytes(writer.raw)
+
+
+def text(value: Any) -> str:
+    """Numbers as a person reads them."""
+    if isinstance(value, float):
+        return f'{value:.6g}' if math.isfinite(value) else ''
+    return str(value)
