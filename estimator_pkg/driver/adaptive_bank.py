@@ -15,12 +15,13 @@ from typing import Any
 
 import yaml
 
+from estimator_pkg.driver.adaptive_joint import AdaptiveJoint
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive_gains import structure
-from estimator_pkg.observers.adaptive_report import Report, report
+from estimator_pkg.observers.adaptive_report import Report
 from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
 
 FORMAT = 1
@@ -60,11 +61,20 @@ class AdaptiveConfiguration(Configuration):
         theta = [a - known for a, known in zip(own['a'], model)] + list(own['b'])
         if gains.load:
             theta.append(own.get('load', 0.0))
+        if gains.gravity:
+            theta.append(own.get('gravity', 0.0))
         return dataclasses.replace(gains, theta=tuple(theta)), settings
 
 
 class AdaptiveBank(Bank):
     """As `Bank`, for positions with efforts.
+
+    What a node or a replay calls: `take` once for each message of joint states, in the order in
+    which they came; from what it returns the estimate is published. `joint.stddev()` of each
+    returned joint gives the standard deviations; `reports()`, ten times a second of their own
+    time, what is told as identified parameters; `save(path, bank)` writes them, `load(path)`
+    reads them for `AdaptiveConfiguration(saved=...)`. To freeze, give a configuration with
+    `adapt: false` and call `joint.set_gains` with each joint's new gains.
 
     Parameters
     ----------
@@ -77,6 +87,14 @@ class AdaptiveBank(Bank):
         super().__init__(configuration, only)
         self.scale = scale
         self.without_input = 0  # messages with positions but without their efforts
+
+    def joint(self, name: str) -> Joint | None:
+        """The joint called `name`, made at its first appearance; None if it is not wanted."""
+        joint = self.joints.get(name)
+        if joint is None and (not self.only or name in self.only):
+            gains, settings = self.configuration.for_joint(name)
+            joint = self.joints[name] = AdaptiveJoint(self.configuration.observer, gains, settings)
+        return joint
 
     def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
              efforts: Sequence[float]) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
@@ -111,8 +129,8 @@ class AdaptiveBank(Bank):
 
     def reports(self) -> dict[str, Report]:
         """What each joint has identified."""
-        return {name: report(joint.gains, joint._track[6], joint.mean_dt or 1e-3)
-                for name, joint in self.joints.items() if joint.used}
+        return {name: joint.report() for name, joint in self.joints.items()
+                if joint.used and isinstance(joint, AdaptiveJoint)}
 
 
 def save(path: str, bank: AdaptiveBank) -> list[str]:
@@ -133,9 +151,11 @@ def save(path: str, bank: AdaptiveBank) -> list[str]:
         joints[name] = {
             'order': n, 'a': [known + value for known, value in zip(model, said.theta)],
             'b': list(said.theta[n:2 * n]),
-            'stddev': [item.stddev for item in said.parameters[:len(said.theta)]]}
-        if gains.load:
-            joints[name]['load'] = said.theta[2 * n]
+            'stddev': [item.stddev for item in said.parameters[:len(said.theta)]],
+            'trusted': said.trusted}
+        for word, letter, has in (('load', 'd', gains.load), ('gravity', 's', gains.gravity)):
+            if has:
+                joints[name][word] = said.theta[said.names.index(f'{letter}{n}')]
         names.append(name)
     if not names:
         raise UserError('nothing has been learnt yet')
@@ -179,5 +199,6 @@ def _whole(own: Any) -> bool:
     a, b = own.get('a'), own.get('b')
     if not isinstance(a, list) or not isinstance(b, list):
         return False
+    others = (own.get('load', 0.0), own.get('gravity', 0.0))
     return len(a) == len(b) == own['order'] and all(
-        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, own.get('load', 0.0)))
+        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others))

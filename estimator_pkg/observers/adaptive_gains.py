@@ -67,16 +67,22 @@ class Gains:
         False, unit='', structural=True,
         description='learn a constant load (or an offset of the spring) too, as one more parameter '
                     'd<order>; without it a constant load spoils the others')
+    gravity: bool = parameter(
+        False, unit='', structural=True,
+        description='learn a torque that goes with the sine of the angle too (a pendulum or arm, '
+                    'whose angle is 0 where it hangs), as one more parameter s<order>; set '
+                    "known: ['k/J=0'] where there is no spring")
     known: tuple[str, ...] = parameter(
         (), unit='', structural=True,
-        description="parameters that are known, such as 'b1=0', 'k/J=0': l1.., b1.., d<order>, and "
-                    'for order 2 b/J, k/J, Kv/J, load/J')
+        description="parameters that are known, such as 'b1=0', 'k/J=0': l1.., b1.., d<order>, "
+                    's<order>, and for order 2 b/J, k/J, Kv/J, load/J, mgl/J')
     bounds: tuple[str, ...] = parameter(
         (), unit='', structural=True,
         description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'")
     theta: tuple[float, ...] | None = parameter(
         None, unit='', kind=list, structural=True,
-        description='parameters to start with, l1.. then b1.. (then d<order>); unset: zero')
+        description='parameters to start with, l1.. then b1.. (then d<order>, s<order>); unset: '
+                    'zero')
     adapt: bool = parameter(
         True, unit='', description='false holds the parameters; the filters go on, so that '
                                    'adaptation resumes without a bump')
@@ -98,6 +104,14 @@ class Gains:
         0.02, unit='', range=(1e-12, 1e12), description="of the gate 'gamma'")
     excitation_memory: float = parameter(
         20.0, unit='s', range=(1e-3, 1e6), description='time constant of that matrix')
+    knock: float = parameter(
+        5.0, unit='', range=(0.0, 1e9), structural=True,
+        description='an innovation so many times its usual size is a knock from outside: nothing '
+                    'is learnt until the filters have forgotten it; 0: learn from everything')
+    moving_above: float = parameter(
+        0.0, unit='rad/s', range=(0.0, 1e6), structural=True,
+        description='learn only while the joint moves faster: where it sticks by dry friction, '
+                    'the model does not hold; 0: always')
     settle: float | None = parameter(
         None, unit='s', kind=float, range=(0.0, 1e6), advanced=True,
         description='no adaptation for so long after a start or a gap; unset: five time constants '
@@ -161,7 +175,7 @@ def structure(gains: Gains) -> Structure:
     column = tuple(-float(c) for c in np.poly(observer)[1:])
     model_column = tuple(-float(c) for c in np.poly(model)[1:])
     names = (*(f'l{i + 1}' for i in range(n)), *(f'b{i + 1}' for i in range(n)),
-             *((f'd{n}',) if gains.load else ()))
+             *((f'd{n}',) if gains.load else ()), *((f's{n}',) if gains.gravity else ()))
     low, high = [-math.inf] * len(names), [math.inf] * len(names)
     fixed: dict[int, float] = {}
     for text in gains.known:
@@ -232,14 +246,16 @@ def physical(names: tuple[str, ...], model: tuple[float, ...]
              ) -> dict[str, tuple[int, float, float, str]]:
     """Physical ratios by name: (place in theta, offset, sign, unit); ratio = offset + sign theta.
 
-    For order 2 only, J q'' + b q' + k q = Kv u + load.
+    For order 2 only, J q'' + b q' + k q + m g l sin q = Kv u + load.
     """
     if len(model) != 2:
         return {}
     ratios = {'b/J': (0, -model[0], -1.0, '1/s'), 'k/J': (1, -model[1], -1.0, '1/s^2'),
               'Kv/J': (3, 0.0, 1.0, 'rad/s^2 per unit of input')}
     if 'd2' in names:
-        ratios['load/J'] = (4, 0.0, 1.0, 'rad/s^2')
+        ratios['load/J'] = (names.index('d2'), 0.0, 1.0, 'rad/s^2')
+    if 's2' in names:
+        ratios['mgl/J'] = (names.index('s2'), 0.0, -1.0, '1/s^2')
     return ratios
 
 

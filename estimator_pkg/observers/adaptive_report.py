@@ -3,31 +3,51 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimator_pkg.observers.adaptive import PHASES, REASONS, build
-from estimator_pkg.observers.adaptive_gains import GRADIENT, Gains, physical, structure
+from estimator_pkg.observers.adaptive import DOUBT, build
+from estimator_pkg.observers.adaptive_evidence import Evidence, Verdict, judge
+from estimator_pkg.observers.adaptive_gains import PAPER, Gains, Structure, physical, structure
+from estimator_pkg.observers.adaptive_law import ADAPTING, HELD, PHASES, REASONS
 from estimator_pkg.observers.circle import Circle
+
+Array = NDArray[np.float64]
+
+EXPLAINED = 0.9   # part of the acceleration that a model must predict to be believed
+SMALL = 0.1       # error of a parameter, in its value, up to which it is believed, ...
+LITTLE = 0.05     # ... or in the size at which it alone would make the acceleration: it is about 0
+CURVED = 8.0      # between 12, of a parabola's mean height, and what is found for b/J
+SURELY = 2.0      # standard deviations from which a sign counts
 
 
 class Identified(NamedTuple):
-    """One parameter; `stddev` is 0 where the value is known or given."""
+    """One parameter; `stddev` is 0 where the value is known or given.
+
+    trusted : the value can be used; see `Report.trusted`.
+    """
 
     name: str
     value: float
     stddev: float
     unit: str
+    trusted: bool = True
 
 
 class Report(NamedTuple):
     """Attributes: phase and its reason, everything identified, theta as it can be loaded again.
 
-    trusted : the innovation is explained by the noise of the reading (or small beside the motion).
+    trusted : all of this holds of every free parameter: the standard deviation is finite and,
+        with what could hide in the unexplained part of the motion, small beside the value (or the
+        parameter is nearly zero); the model predicts the acceleration, or noise explains all that
+        it does not; damping is not negative, nor inertia where its sign can be told.
+    why_not : what of this fails; '' where it is trusted. Part of `reason` too.
     adapted : time spent adapting [s].
     excitation : what the gate compares with its threshold: signal to noise, or the smallest
         eigenvalue of the information matrix weighed by gamma.
+    explained : part of the acceleration's power that is predicted; nan: not known yet.
     """
 
     phase: str
@@ -38,45 +58,73 @@ class Report(NamedTuple):
     trusted: bool
     adapted: float
     excitation: float
+    why_not: str = ''
+    explained: float = math.nan
 
 
-def report(gains: Gains, state: tuple, dt: float) -> Report:
+class _Free(NamedTuple):
+    """One free parameter as the plant has it: value, standard deviation, other error, scale."""
+
+    name: str
+    value: float
+    stddev: float
+    hidden: float
+    scale: float
+
+    @property
+    def is_known(self) -> bool:
+        error = math.hypot(self.stddev, self.hidden)
+        return bool(error <= SMALL * abs(self.value) or error <= LITTLE * self.scale)
+
+
+def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = None) -> Report:
     """What a state of the observer with these gains and this sample time [s] says.
 
-    The standard deviation is that of least squares, from the innovation's mean square and the
-    information gathered until theta last moved. It holds for errors that are independent from
-    sample to sample; friction and other parts that the model lacks are not in it. Before anything
-    was learnt it is infinite.
+    Parameters
+    ----------
+    evidence : what was gathered on the way (`AdaptiveJoint.evidence`); without it no parameter
+        that was learnt has a standard deviation or is trusted.
     """
     made = structure(gains)
     theta = list(made.fixed)
     for place, value, low, high in zip(made.free, state[2], made.low, made.high):
         theta[place] = min(max(value, low), high)
-    covariance = np.zeros((len(theta), len(theta)))
-    places = np.ix_(made.free, made.free)
-    covariance[places] = _covariance(gains, state, dt)
+    adapted = state[7][4]
+    given = adapted == 0.0 and gains.theta is not None
+    verdict = None if given or evidence is None else _verdict(gains, made, theta, state, dt,
+                                                              evidence)
+    covariance = _whole(made, verdict, given)
     sigma = np.sqrt(np.diag(covariance))
-    parameters = [Identified(name, value, float(s), _unit(name, gains.order))
-                  for name, value, s in zip(made.names, theta, sigma)]
     ratios = physical(made.names, made.model)
+    free = _free(made, theta, sigma, ratios, verdict)
+    why_not = _doubt(gains, state, adapted, given, verdict, free)
+    # one bad parameter says nothing of another, a model that does not fit does
+    believed = {own.name: own.is_known for own in free}
+    fits = not why_not or (verdict is not None and _fits(verdict))
+    known = [given or i not in made.free or (fits and believed[_plant_name(name, ratios, i)])
+             for i, name in enumerate(made.names)]
+    parameters = [Identified(name, value, float(s), _unit(name, gains.order), good)
+                  for name, value, s, good in zip(made.names, theta, sigma, known)]
     for name, (place, offset, sign, unit) in ratios.items():
-        parameters.append(Identified(name, offset + sign * theta[place], float(sigma[place]), unit))
+        parameters.append(Identified(name, offset + sign * theta[place], float(sigma[place]), unit,
+                                     known[place]))
     if ratios and gains.torque_constant is not None:
-        parameters += _masses(gains.torque_constant, theta, covariance, made.model)
+        parameters += _masses(gains.torque_constant, theta, covariance, made, known)
     phase = state[8][0]
-    return Report(PHASES[phase], REASONS[phase], tuple(parameters), made.names, tuple(theta),
-                  state[8][1] > 0, state[7][4], excitation(gains, state, dt))
+    reason = HELD if phase == ADAPTING and state[7][5] > 0.0 else REASONS[phase]
+    return Report(PHASES[phase], f'{reason}; not trusted: {why_not}' if why_not else reason,
+                  tuple(parameters), made.names, tuple(theta), not why_not, adapted,
+                  excitation(gains, state, dt), why_not,
+                  verdict.explained if verdict is not None else math.nan)
 
 
 def excitation(gains: Gains, state: tuple, dt: float) -> float:
     """The number that opens the gate; see `Report`."""
-    functions = build(gains, Circle(0.0))
-    design = functions.design()
+    design = build(gains, Circle(0.0)).design()
     information, floor = np.array(state[3]), np.array(design[8])
     scale, threshold = 1.0, gains.excitation
     if gains.gate != 'gamma':
-        noise = design[13][0] or max(state[6][0], design[13][1])
-        scale, threshold = dt * noise, gains.signal_to_noise
+        scale, threshold = dt * _noise(state, design), gains.signal_to_noise
     try:
         most = float(np.max(np.linalg.eigvals(np.linalg.solve(information, scale * floor)).real))
     except np.linalg.LinAlgError:
@@ -84,19 +132,104 @@ def excitation(gains: Gains, state: tuple, dt: float) -> float:
     return threshold / most if most > 0.0 else 0.0
 
 
-def _covariance(gains: Gains, state: tuple, dt: float) -> Any:
-    """Of the free parameters; infinite variances where nothing was learnt."""
-    count = len(state[2])
-    information, power = np.array(state[9][0]), state[9][1]
-    if state[7][4] == 0.0:
-        given = gains.theta is not None
-        return np.diag([0.0 if given else math.inf] * count)
-    if gains.law == GRADIENT:
-        try:
-            return power * dt * np.linalg.inv(information)
-        except np.linalg.LinAlgError:
-            return np.diag([math.inf] * count)
-    return power * np.array(state[4])
+def _noise(state: tuple, design: tuple) -> float:
+    """Variance of the reading's noise [rad^2]."""
+    return float(design[13][0] or max(state[6][0], design[13][1]))
+
+
+def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float,
+             evidence: Evidence) -> Verdict | None:
+    """The evidence, with what noise in the filtered angle and the sampling do to the parameters."""
+    functions, n = build(gains, Circle(0.0)), gains.order
+    design = functions.design()
+    weights, noise = np.array(design[9]), _noise(state, design)
+    injected = np.array(design[3]) + theta[:n]
+    bias = np.zeros(len(made.names))
+    newest = functions.prepare(design, dt)[2]  # part of the newest reading in the regressor
+    bias[:n] = noise * (newest - dt * weights @ injected)
+    low_pass = -math.expm1(-dt * made.slowest)
+    slow = (noise * (1.0 + dt * float(injected @ weights @ injected))
+            * low_pass / (2.0 - low_pass))
+    free = list(made.free)
+    return judge(evidence, np.array(state[2]), bias[free],
+                 _sampling(gains, made, theta, dt)[free], slow, DOUBT)
+
+
+def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> Array:
+    """Error of theta by the sampling, to leading order.
+
+    The filters of the sampled form take the angle to be straight between the samples; forward Euler
+    finds (exp(A dt) - 1)/dt in place of A.
+    """
+    n = gains.order
+    plant = np.array(theta)
+    plant[:n] += made.model
+    if gains.form != PAPER:
+        pace = (-made.observer[-1]) ** (1.0 / n)
+        return (pace * dt) ** 2 / CURVED * np.abs(plant)
+    a = np.diag(np.ones(n - 1), 1)
+    a[:, 0] = plant[:n]
+    error = np.zeros(len(theta))
+    error[:n] = np.poly(a)[1:] - np.poly(a + 0.5 * dt * a @ a)[1:]
+    error[n:2 * n] = 0.5 * dt * a @ plant[n:2 * n]
+    return error
+
+
+def _whole(made: Structure, verdict: Verdict | None, given: bool) -> Array:
+    """Covariance of all of theta; infinite variances where nothing is known."""
+    covariance = np.zeros((len(made.names), len(made.names)))
+    if not given:
+        places = np.ix_(made.free, made.free)
+        covariance[places] = (np.diag([math.inf] * len(made.free)) if verdict is None
+                              else verdict.covariance)
+    return covariance
+
+
+def _plant_name(name: str, ratios: dict, place: int) -> str:
+    """What the plant calls this entry of theta."""
+    return next((own for own, (at, *_) in ratios.items() if at == place), name)
+
+
+def _free(made: Structure, theta: list[float], sigma: Array, ratios: dict,
+          verdict: Verdict | None) -> list[_Free]:
+    found = []
+    for k, place in enumerate(made.free):
+        name = _plant_name(made.names[place], ratios, place)
+        value = theta[place] + (made.model[place] if place < len(made.model) else 0.0)
+        if name in ratios:
+            value = ratios[name][1] + ratios[name][2] * theta[place]
+        found.append(_Free(name, value, float(sigma[place]),
+                           0.0 if verdict is None else float(verdict.hidden[k]),
+                           0.0 if verdict is None else float(verdict.scale[k])))
+    return found
+
+
+def _fits(verdict: Verdict) -> bool:
+    return verdict.noise_only or verdict.explained >= EXPLAINED
+
+
+def _doubt(gains: Gains, state: tuple, adapted: float, given: bool, verdict: Verdict | None,
+           free: list[_Free]) -> str:
+    """Why the parameters are not trusted; '': they are."""
+    if given:
+        return '' if state[8][1] else 'the innovation is larger than noise explains'
+    if adapted == 0.0:
+        return 'nothing was learnt'
+    if verdict is None:
+        return 'too little was learnt from, or the signals do not tell the parameters apart'
+    if not _fits(verdict):
+        return (f'the model predicts {100.0 * max(0.0, verdict.explained):.0f} % of the '
+                f'acceleration, {100.0 * EXPLAINED:.0f} % are needed')
+    by_name = {own.name: own for own in free}
+    damping, gain = by_name.get('b/J'), by_name.get('Kv/J')
+    if damping and damping.value < -SURELY * damping.stddev - LITTLE * damping.scale:
+        return 'the damping b/J is negative'
+    if gain and gains.torque_constant is not None and gain.value <= SURELY * gain.stddev:
+        return 'the inertia is not surely positive: does the input have the right sign?'
+    vague = [own.name for own in free if not own.is_known]
+    if vague:
+        return f'{", ".join(vague)} could be off by more than {100.0 * SMALL:.0f} %'
+    return ''
 
 
 def _unit(name: str, order: int) -> str:
@@ -105,20 +238,24 @@ def _unit(name: str, order: int) -> str:
     if name[0] == 'l':
         return per
     rate = 'rad/s' if power == 1 else f'rad/s^{power}'
-    return rate if name[0] == 'd' else f'{rate} per unit of input'
+    return rate if name[0] in 'ds' else f'{rate} per unit of input'
 
 
-def _masses(constant: float, theta: list[float], covariance: Any, model: tuple[float, ...]
-            ) -> list[Identified]:
-    """J, b and k from the ratios and Kv; errors to first order."""
+def _masses(constant: float, theta: list[float], covariance: Array, made: Structure,
+            known: list[bool]) -> list[Identified]:
+    """J, b, k and m g l from the ratios and Kv; errors to first order."""
     b2 = theta[3]
     if b2 == 0.0:
         return []
-    inertia = constant / b2
+    inertia, model = constant / b2, made.model
+    wanted: list[tuple[str, str, float, int | None]] = [
+        ('J', 'kg m^2', 1.0, None), ('b', 'N m s/rad', -(model[0] + theta[0]), 0),
+        ('k', 'N m/rad', -(model[1] + theta[1]), 1)]
+    if 's2' in made.names:
+        at = made.names.index('s2')
+        wanted.append(('mgl', 'N m', -theta[at], at))
     found = []
-    for name, unit, ratio, place in (('J', 'kg m^2', 1.0, None),
-                                     ('b', 'N m s/rad', -(model[0] + theta[0]), 0),
-                                     ('k', 'N m/rad', -(model[1] + theta[1]), 1)):
+    for name, unit, ratio, place in wanted:
         slope = np.zeros(len(theta))
         slope[3] = -inertia * ratio / b2
         if place is not None:
@@ -126,5 +263,6 @@ def _masses(constant: float, theta: list[float], covariance: Any, model: tuple[f
         used = slope != 0.0
         variance = float(slope[used] @ covariance[np.ix_(used, used)] @ slope[used])
         sigma = math.sqrt(variance) if variance >= 0.0 else math.inf
-        found.append(Identified(name, inertia * ratio, sigma, unit))
+        found.append(Identified(name, inertia * ratio, sigma, unit,
+                                known[3] and (place is None or known[place])))
     return found

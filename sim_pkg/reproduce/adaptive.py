@@ -1,10 +1,10 @@
-"""The adaptive paper: Figures 1 and 2 and the tables A1 to A6 of its specification."""
+"""The adaptive paper: Figures 1 and 2, tables A1 to A6 of its specification, the recordings."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from sim_pkg.reproduce import adaptive_limit_rows, adaptive_rows
+from sim_pkg.reproduce import adaptive_limit_rows, adaptive_recorded_rows, adaptive_rows
 from sim_pkg.reproduce.contract import Reproduction
 
 
@@ -17,8 +17,11 @@ def figures(folder: Path) -> list[Path]:
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
-    parts=(*adaptive_rows.PARTS, *adaptive_limit_rows.PARTS),
+    parts=(*adaptive_rows.PARTS, *adaptive_limit_rows.PARTS, *adaptive_recorded_rows.PARTS),
     figures=figures,
+    tables=adaptive_recorded_rows.table,
     notes=('The inputs, the start values and the gains of example 4.1 are not published: ours are '
            'in sim_pkg/reproduce/adaptive_plant.py.',
-           'What each row shows, misprints and findings: docs/papers/adaptive.md'))
+           'What each row shows, misprints and findings: docs/papers/adaptive.md',
+           *(() if adaptive_recorded_rows.PARTS else
+             ('The recorded pendulum is left out: there is no folder bags here.',))))

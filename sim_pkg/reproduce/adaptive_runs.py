@@ -38,7 +38,7 @@ def gains(example: Example, **changes: Any) -> Gains:
     """The paper's observer: the gradient in the sampled form, without gate or time to settle."""
     plain = Gains(law='gradient', observer_poles=example.observer_poles,
                   model_poles=example.model_poles, gamma=example.gamma, settle=0.0, gate='off',
-                  velocity='paper', start_variance=(1e6,))
+                  velocity='paper', start_variance=(1e6,), knock=0.0)
     return replace(plain, **changes)
 
 
@@ -76,7 +76,7 @@ def run(settings: Gains, angles: Array, inputs: Array, dt: float, every: int = 1
     design = functions.design()
     state = functions.init(float(angles[0]), design)
     if from_zero:
-        state = (((0.0, 0.0),) * 3, (0.0, 0.0), *state[2:])
+        state = (((0.0, 0.0),) * 4, (0.0, 0.0), *state[2:])
     coefficients = functions.prepare(design, dt)
     count = len(inputs) // every
     kept = np.full((count, 3 + len(state[2])), math.nan)

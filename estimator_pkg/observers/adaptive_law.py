@@ -1,0 +1,104 @@
+"""What the adaptive observer does with its parameters: when it learns, how, and what it gathers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator_pkg.observers.adaptive_gains import GRADIENT, PAPER, Gains, Structure
+from estimator_pkg.observers.adaptive_motion import Motion
+from estimator_pkg.observers.unrolled import algebra
+
+# What the parameter law does
+INIT = 0       # the filters forget their start
+ADAPTING = 1
+GATED = 2      # the signals carry too little to tell the parameters apart
+FROZEN = 3     # by order of the user
+PHASES = ('INIT', 'ADAPTING', 'GATED', 'FROZEN')
+REASONS = ('the filters forget their start values',
+           'the signals tell the parameters apart',
+           'the signals do not tell the parameters apart: too little excitation',
+           "held by the user ('adapt' is false)")
+HELD = 'held for a moment: a knock, or slower than moving_above'
+
+REGULAR = 1.0 - 1e-9  # of the diagonal: what is singular but for rounding is singular
+
+
+class Law(NamedTuple):
+    """Functions of one structure.
+
+    moved : (theta, P, psi, e, design, h, forget) -> (theta, P) after an innovation e [rad].
+    judged : (information, scatter, design, h) -> the phase, beside INIT.
+    variance : (scatter, design) -> of the reading's noise [rad^2].
+    expected : (scatter, theta, design, h) -> variance of the innovation that this noise explains.
+    gathered : (evidence, psi, target, slow) -> evidence with one more sample that was learnt
+        from; see `adaptive_evidence`.
+    """
+
+    moved: Callable[..., tuple]
+    judged: Callable[..., int]
+    variance: Callable[..., float]
+    expected: Callable[..., float]
+    gathered: Callable[..., tuple]
+
+
+def law(gains: Gains, made: Structure, motion: Motion) -> Law:
+    """The functions of this structure."""
+    is_paper, is_gradient = gains.form == PAPER, gains.law == GRADIENT
+    is_diagonal = bool(np.all(made.gamma == np.diag(np.diag(made.gamma))))
+    is_gated, is_noise_gate = gains.gate != 'off', gains.gate == 'noise'
+    bounded = any(map(math.isfinite, (*made.low, *made.high)))
+    vectors, free = algebra(gains.order), algebra(len(made.free))
+    dot, add, apply = vectors.dot, vectors.add, vectors.apply
+    dot_m, add_m, apply_m, times_m, clip_m = free.dot, free.add, free.apply, free.times, free.clip
+    rank_one, exceeds, parts = free.rank_one, free.exceeds, motion.parts
+
+    def moved(theta: tuple, p: tuple, psi: tuple, e: float, design: tuple, h: float,
+              forget: float) -> tuple:
+        if is_gradient:
+            if is_diagonal:
+                direction = times_m(design[7], psi)
+            else:
+                direction = apply_m(design[7], psi)
+            size = h * e if is_paper else h * e / (1.0 + h * dot_m(psi, direction))
+        else:
+            direction = apply_m(p, psi)
+            spread = forget + dot_m(psi, direction)
+            size = e / spread
+            p = rank_one(p, 1.0 / forget, -1.0 / (forget * spread), direction)
+        theta = add_m(theta, size, direction)
+        if bounded and is_gradient:
+            theta = clip_m(theta, design[6][0], design[6][1])
+        return theta, p
+
+    def variance(scatter: tuple, design: tuple) -> float:
+        if design[13][0] > 0.0:
+            return design[13][0]
+        return scatter[0] if scatter[0] > design[13][1] else design[13][1]
+
+    def expected(scatter: tuple, theta: tuple, design: tuple, h: float) -> float:
+        injected = add(design[3], 1.0, parts(theta, design)[0])
+        return variance(scatter, design) * (1.0 + h * dot(injected, apply(design[9], injected)))
+
+    def judged(information: tuple, scatter: tuple, design: tuple, h: float) -> int:
+        if design[11][0] == 0.0:
+            return FROZEN
+        if is_gated:
+            if is_noise_gate:
+                open_now = exceeds(information, REGULAR, h * variance(scatter, design), design[8])
+            else:
+                open_now = exceeds(information, 1.0, 1.0, design[8])
+            if not open_now:
+                return GATED
+        return ADAPTING
+
+    def gathered(evidence: tuple, psi: tuple, target: float, slow: tuple) -> tuple:
+        matrix, vector, sums = evidence
+        slow_e, slow_bend = slow
+        return (rank_one(matrix, 1.0, 1.0, psi), add_m(vector, target, psi),
+                (sums[0] + 1.0, sums[1] + slow_e * slow_e, sums[2] + slow_bend * slow_bend))
+
+    return Law(moved, judged, variance, expected, gathered)

@@ -1,0 +1,76 @@
+"""Servos for the tests of the adaptive observer, and streams through its driver."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.linalg import expm
+
+from estimator_pkg.driver.adaptive_joint import AdaptiveJoint
+from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.observers.adaptive import OBSERVER
+from estimator_pkg.observers.adaptive_gains import Gains
+from estimator_pkg.parameters import build
+
+
+def lcg(seed, count):
+    values = []
+    for _ in range(count):
+        seed = (1664525 * seed + 1013904223) % 2 ** 32
+        values.append(math.sqrt(3.0) * (2.0 * seed / 2 ** 32 - 1.0))
+    return np.array(values)
+
+
+def servo(damping, stiffness, gain, u, dt, load=0.0, start=(0.0, 0.0)):
+    """(angle, velocity), each one longer than u, which is held; dt a number or an array [s]."""
+    steps = np.broadcast_to(dt, len(u))
+    a = np.zeros((3, 3))
+    a[:2] = [[0.0, 1.0, 0.0], [-stiffness, -damping, 1.0]]
+    if np.ptp(steps) == 0.0:
+        moves = np.broadcast_to(expm(a * steps[0]), (len(u), 3, 3))
+    else:  # a series is exact for steps this short
+        moves, term = np.zeros((len(u), 3, 3)), np.broadcast_to(np.eye(3), (len(u), 3, 3))
+        for j in range(1, 12):
+            moves = moves + term
+            term = term @ a * (steps[:, None, None] / j)
+    x = np.array([*start, 0.0])
+    found = [x[:2].copy()]
+    for value, move in zip(u, moves):
+        x[2] = gain * value + load
+        x = move @ x
+        found.append(x[:2].copy())
+    angle, velocity = np.array(found).T
+    return angle, velocity
+
+
+def run(functions, angles, inputs, dt):
+    """States after each sample."""
+    design = functions.design()
+    coefficients = functions.prepare(design, dt)
+    state = functions.init(float(angles[0]), design)
+    states = [state]
+    for angle, u in zip(angles[1:].tolist(), inputs.tolist()):
+        state = functions.step(state, coefficients, design, angle, u)
+        states.append(state)
+    return states, coefficients, design
+
+
+def joint(period=2.0 * math.pi, **gains):
+    return AdaptiveJoint(OBSERVER, build(Gains, gains), JointSettings(wrap_period=period))
+
+
+def feed(made, angles, inputs, dt=1e-3, start_ns=10 ** 18, fast=False):
+    """A stream through the driver; stamps from `start_ns` on."""
+    stamps = start_ns + np.rint(np.concatenate(
+        [[0.0], np.cumsum(np.broadcast_to(dt, len(inputs)))]) * 1e9).astype(np.int64)
+    return made.run(stamps, angles, np.concatenate([[0.0], inputs]), fast=fast), stamps
+
+
+def excited(count, hold=200, seed=1, size=5.0):
+    return size * np.repeat(np.random.default_rng(seed).normal(size=count // hold + 1),
+                            hold)[:count]
+
+
+def named(made):
+    return {item.name: item for item in made.report().parameters}
