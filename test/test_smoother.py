@@ -238,10 +238,11 @@ def test_plain_and_compiled_agree():
     readings[7] = np.nan
     start = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1e6, 0.0, 1e6)
     results = []
+    weights = np.where(np.isfinite(readings), 100.0, 0.0)
     for ahead, back in ((forward, backward), (compiled(forward), compiled(backward))):
         states, innovations, out = np.empty((40, 9)), np.empty((40, 2)), np.empty((40, 4))
-        ahead(start, steps, readings, 0.01, 3.0, TURN, states, innovations)
-        back((0.0,) * 9, steps, 0.01, states, innovations, out)
+        ahead(start, steps, readings, weights, 3.0, TURN, states, innovations)
+        back((0.0,) * 9, steps, weights, states, innovations, out)
         results.append(out)
     assert results[0] == pytest.approx(results[1], rel=1e-9)
 

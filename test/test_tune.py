@@ -301,7 +301,7 @@ def test_a_gain_that_nothing_observes(tmp_path, capsys):
 
 
 def test_too_coarse_to_judge(tmp_path, capsys):
-    coarse = write_bag(tmp_path / 'coarse', {'a': 1.0}, truth=False, counts=24, rate=100.0)
+    coarse = write_bag(tmp_path / 'coarse', {'a': 1.0}, truth=False, counts=6, rate=100.0)
     line = fails(capsys, coarse, '--observer', 'kalman', '--out', str(tmp_path / 'g.yaml'))
     assert 'too coarse to judge' in line
 

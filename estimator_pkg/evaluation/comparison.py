@@ -172,6 +172,11 @@ def _refusals(true: Truth, rows: list[Row]) -> dict[str, str]:
     for joint, smoothed in true.smoothed.items():
         errors = [row.velocity['rms'] for row in rows if row.joint == joint]
         if errors and true.references[joint].cannot_tell(min(errors)):
+            if smoothed.seldom:
+                refused[joint] = (f'no ranking of {joint}: its reading changes '
+                                  f'{smoothed.changes} times in all, too seldom to tell how it '
+                                  'moves')
+                continue
             because = ''
             if smoothed.unexplained > 0.5 * smoothed.uncertainty:
                 because = ', because the readings hold a fast motion that it takes for noise'

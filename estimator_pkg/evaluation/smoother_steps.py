@@ -1,6 +1,7 @@
 """The sample-by-sample part of the off-line smoother: what Numba compiles.
 
-State (q, v, a) driven by white jerk of intensity `qc`, measured position with variance `r`:
+State (q, v, a) driven by white jerk of intensity `qc`, measured position with variance `r`, the
+inverse of a reading's weight:
 
     F = [[1, h, h^2/2], [0, 1, h], [0, 0, 1]]
     Q = qc [[h^5/20, h^4/8, h^3/6], [h^4/8, h^3/3, h^2/2], [h^3/6, h^2/2, h]]
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 UNSETTLED = 5       # innovations at the start of a piece say more of its start than of the noise
 
 
-def _predict(x: tuple, h: float, qc: float) -> tuple:
+def predict(x: tuple, h: float, qc: float) -> tuple:
     """The state `h` seconds later."""
     q, v, a, p00, p01, p02, p11, p12, p22 = x
     k = 0.5 * h * h
@@ -40,14 +41,14 @@ def _predict(x: tuple, h: float, qc: float) -> tuple:
             p22 + qc * h)
 
 
-def _correct(x: tuple, e: float, r: float) -> tuple:
-    """The state after a measurement with innovation `e`."""
+def correct(x: tuple, e: float, weight: float) -> tuple:
+    """The state after a reading with innovation `e`."""
     q, v, a, p00, p01, p02, p11, p12, p22 = x
-    s = p00 + r
-    k0, k1, k2 = p00 / s, p01 / s, p02 / s
-    return (q + k0 * e, v + k1 * e, a + k2 * e,
-            k0 * r, k1 * r, k2 * r,
-            p11 - k1 * p01, p12 - k1 * p02, p22 - k2 * p02)
+    kept = 1.0 / (1.0 + weight * p00)
+    g = weight * kept
+    return (q + p00 * g * e, v + p01 * g * e, a + p02 * g * e,
+            p00 * kept, p01 * kept, p02 * kept,
+            p11 - g * p01 * p01, p12 - g * p01 * p02, p22 - g * p02 * p02)
 
 
 def _wrap(e: float, period: float) -> float:
@@ -70,7 +71,7 @@ def likelihood(start: tuple, steps: Array, readings: Array, r: float, qc: float,
     x = start
     logs, squares, count = 0.0, 0.0, 0
     for i in range(1, len(readings)):
-        x = _predict(x, steps[i], qc)
+        x = predict(x, steps[i], qc)
         y = readings[i]
         if y == y:
             e = _wrap(y - x[0], period)
@@ -79,27 +80,29 @@ def likelihood(start: tuple, steps: Array, readings: Array, r: float, qc: float,
                 logs += math.log(s)
                 squares += e * e / s
                 count += 1
-            x = _correct(x, e, r)
+            x = correct(x, e, 1.0 / r)
     return logs, squares, count
 
 
-def forward(x: tuple, steps: Array, readings: Array, r: float, qc: float, period: float,
+def forward(x: tuple, steps: Array, readings: Array, weights: Array, qc: float, period: float,
             states: Array, innovations: Array) -> tuple:
     """The filter from the state `x` over a stretch; the state after its last reading.
 
     Parameters
     ----------
+    weights : shape (n,), inverse variances of the readings; 0: no reading.
     states : shape (n, 9), filled with the state after each reading.
-    innovations : shape (n, 2), filled with (e, S); S = 0 where there is no reading.
+    innovations : shape (n, 2), filled with (e / S, 1 / S), S being the innovation's variance.
     """
     for i in range(len(readings)):
-        x = _predict(x, steps[i], qc)
-        y = readings[i]
-        if y == y:
-            e = _wrap(y - x[0], period)
-            innovations[i, 0] = e
-            innovations[i, 1] = x[3] + r
-            x = _correct(x, e, r)
+        x = predict(x, steps[i], qc)
+        w = weights[i]
+        if w > 0.0:
+            e = _wrap(readings[i] - x[0], period)
+            g = w / (1.0 + w * x[3])
+            innovations[i, 0] = e * g
+            innovations[i, 1] = g
+            x = correct(x, e, w)
         else:
             innovations[i, 0] = 0.0
             innovations[i, 1] = 0.0
@@ -108,7 +111,7 @@ def forward(x: tuple, steps: Array, readings: Array, r: float, qc: float, period
     return x
 
 
-def backward(adjoint: tuple, steps: Array, r: float, states: Array, innovations: Array,
+def backward(adjoint: tuple, steps: Array, weights: Array, states: Array, innovations: Array,
              smoothed: Array) -> tuple:
     """Backward over the same stretch; the adjoint before its first reading.
 
@@ -132,14 +135,14 @@ def backward(adjoint: tuple, steps: Array, r: float, states: Array, innovations:
         w1 = m01 * p01 + m11 * p11 + m12 * p12
         w2 = m02 * p01 + m12 * p11 + m22 * p12
         smoothed[i, 3] = math.sqrt(max(p11 - (p01 * w0 + p11 * w1 + p12 * w2), 0.0))
-        s = innovations[i, 1]
-        if s > 0.0:  # through the measurement: (I - K H)' l - H' e / S, with K = P H' / r
-            kept, k1, k2 = r / s, p01 / r, p02 / r  # r / s = 1 - k0 without cancellation
-            l0 = kept * l0 - k1 * l1 - k2 * l2 - innovations[i, 0] / s
+        w = weights[i]
+        if w > 0.0:  # through the measurement: (I - K H)' l - H' e / S, with K = P H' w
+            kept, k1, k2 = innovations[i, 1] / w, p01 * w, p02 * w  # 1 - k0, not subtracted
+            l0 = kept * l0 - k1 * l1 - k2 * l2 - innovations[i, 0]
             u0 = kept * m00 - k1 * m01 - k2 * m02
             u1 = kept * m01 - k1 * m11 - k2 * m12
             u2 = kept * m02 - k1 * m12 - k2 * m22
-            m00 = kept * u0 - k1 * u1 - k2 * u2 + 1.0 / s
+            m00 = kept * u0 - k1 * u1 - k2 * u2 + innovations[i, 1]
             m01, m02 = u1, u2
         h = steps[i]  # through the prediction: F' l and F' M F
         k = 0.5 * h * h

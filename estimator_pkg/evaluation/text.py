@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 def number(value: float | None, digits: int = 4) -> str:
     """A number in few characters; '-' for none."""
+    if value == math.inf:
+        return 'inf'
     if value is None or not math.isfinite(value):
         return '-'
     if abs(value) >= 10.0 ** digits:
