@@ -33,6 +33,7 @@ from estimator_pkg.observers.pmsm_watch import (
     prepare_watch,
 )
 from estimator_pkg.parameters import build as build_parameters
+from estimator_pkg.parameters import declared
 from sim_pkg.pmsm_drive import Drive
 from sim_pkg.pmsm_parameters import PmsmParameters
 from sim_pkg.pmsm_profiles import P1, Profile
@@ -529,3 +530,22 @@ def test_plain_equals_compiled_per_step_in_another_structure():
             assert kinds(after) == kinds(other) == kinds(state)
             assert np.allclose(flat(after), flat(other), rtol=1e-12, atol=1e-300)
         state = after
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+def test_no_live_parameter_needs_compiling():
+    """A live change of seconds would lose batches: all that is live is data, not code."""
+    other = {'relative_bandwidth': 0.2, 'epsilon': 1e-4, 'speed_max': 700.0, 'k_p': 2e4,
+             'k_i': 9e3, 'k_eta': 90.0, 'gamma': 4000.0, 'clock_rate': 150.0, 'second_period': 0.7,
+             'pwm_frequency': 2e4, 'initial_flux': 2e-3, 'flux_min': 1e-3, 'flux_max': 4e-3,
+             'emf_min': 0.2, 'resistance_error': 0.1, 'current_noise': 0.2,
+             'speed_filter_hz': 50.0, 'hold': 0.02}
+    live = {name for name, each in declared(Gains).items() if not each.structural}
+    assert set(other) == live
+    first = compiled(drive.make_drive_batch(made()))
+    for name, value in other.items():
+        assert compiled(drive.make_drive_batch(made(**{name: value}))) is first, name
+    assert compiled(drive.make_drive_batch(made(form='paper'))) is not first
+    types = {kinds((made(**{name: value}).design(), made(**{name: value}).prepare(
+        made(**{name: value}).design(), DT))) for name, value in [('hold', 0.01), *other.items()]}
+    assert len(types) == 1

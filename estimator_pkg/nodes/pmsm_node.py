@@ -73,9 +73,9 @@ class PmsmObserver(ObserverNode):
 
     def _batch_came(self, raw: bytes, info: Mapping[str, Any]) -> None:
         answer = self.stream.batch(raw)
+        self._publish(answer)  # first: a controller may wait for the newest estimate
         if answer.samples is not None:
             self._samples.publish(answer.samples)
-        self._publish(answer)
 
     def _vectors(self, take: Callable[[bytes], list[Answer]]) -> Any:
         def came(raw: bytes, info: Mapping[str, Any]) -> None:

@@ -22,7 +22,7 @@ def frame_speed(h: complex, x: float, k_eta: float) -> float:
 
 def emf(h: complex, z: complex) -> complex:
     """y = C[z] J h, the fast estimate of chi zeta_chi in the static frame [V], above (14)."""
-    return z * complex(-h.imag, h.real)
+    return z * (1j * h)
 
 
 def flow(i: complex, h: complex, z: complex, x: float, current: complex, voltage: complex,

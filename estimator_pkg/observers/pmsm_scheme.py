@@ -101,8 +101,9 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     if not -FASTEST < first < FASTEST:
         first = FASTEST if first > 0.0 else -FASTEST
     lean = x + half_gain * pull
-    base_h = e21 * i + e22 * h + ha * start
-    lag_h = hw * start
+    # the current changes from start to moved = end, turned back; both parts of it are taken apart
+    base_h = e21 * i + e22 * h + (ha - hdd) * start
+    lag_h = (hw - hdw) * start
     # first pass
     angle = first * half_dt
     half_turn = rect(1.0, -angle)
@@ -111,9 +112,9 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
         mean = angle / sine
     else:
         mean = 1.0 if angle == 0.0 else LARGEST_STRETCH
-    change = end * (half_turn * half_turn) - start
-    new_h = base_h + (hu * mean) * (drive * half_turn) + hdd * change - (
-        first * 1j) * (lag_h + hdw * change)
+    moved = end * half_turn * half_turn
+    new_h = (base_h + (hu * mean) * (drive * half_turn) + hdd * moved
+             - (first * 1j) * (lag_h + hdw * moved))
     pull = new_h.real
     speed = 0.5 * (first + abs(new_h) * (lean + half_gain * pull) + k_eta * pull + turning)
     # second pass
@@ -125,12 +126,12 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     else:
         mean = 1.0 if angle == 0.0 else LARGEST_STRETCH
     turn = half_turn * half_turn
-    change = end * turn - start
+    moved = end * turn
     mean_drive = mean * (drive * half_turn)
     lead = speed * 1j
-    new_h = base_h + hu * mean_drive + hdd * change - lead * (lag_h + hdw * change)
-    new_i = (e11 * i + e12 * h + ia * start + iu * mean_drive + idd * change
-             - lead * (iw * start + idw * change))
+    new_h = base_h + hu * mean_drive + hdd * moved - lead * (lag_h + hdw * moved)
+    new_i = (e11 * i + e12 * h + (ia - idd) * start + iu * mean_drive + idd * moved
+             - lead * ((iw - idw) * start + idw * moved))
     return new_i, new_h, z * turn.conjugate(), lean + half_gain * new_h.real, speed
 
 
