@@ -8,7 +8,7 @@ from estimator_pkg import cli
 from sim_pkg.reproduce import adaptive_plant as plant
 from sim_pkg.reproduce.adaptive import REPRODUCTION
 
-QUICK = ('A1', 'A2', 'A6')
+QUICK = ('A1', 'A2', 'A6', 'recorded')
 PARTS = [pytest.param(part, marks=() if part.name in QUICK else pytest.mark.slow, id=part.name)
          for part in REPRODUCTION.parts]
 
@@ -53,6 +53,13 @@ def test_the_continuous_plant_is_the_exact_one():
     angle, speed = plant.response(plant.VELOCITY, inputs, plant.RK4_STEP)
     assert np.abs(run.angle - angle).max() < 1e-9
     assert np.abs(run.velocity - speed).max() < 1e-9
+
+
+def test_the_recordings_are_told_beside_each_other(capsys):
+    assert cli.main(['reproduce', 'adaptive', '--only', 'recorded']) == 0
+    out = capsys.readouterr().out
+    assert 'sac                            5.057 +- 0.14' in out
+    assert 'gravity_compensation                                             nothing that' in out
 
 
 def test_the_command_draws_both_figures(tmp_path, capsys):
