@@ -1,7 +1,7 @@
-"""``velocity_estimator list``: what there is, with every parameter.
+"""``velocity_estimator list``: what there is, with every parameter and its default.
 
-The tables of docs/parameters.md are its ``--markdown`` output. Of an observer of mechanisms it also
-says what the gains mean: poles, limits, noise.
+Of one thing by name it says what each parameter means, and of an observer of mechanisms what the
+gains mean: poles, limits, noise. The tables of docs/parameters.md are its ``--markdown`` output.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,6 +104,10 @@ def default_text(parameter: Parameter) -> str:
     return str(value)
 
 
+def _with_unit(parameter: Parameter) -> str:
+    return default_text(parameter) + (f' {parameter.unit}' if parameter.unit else '')
+
+
 def meaning(parameter: Parameter, live: bool) -> str:
     """Description, equation, and (where others are live) that it cannot change in mid-run."""
     text = parameter.description
@@ -120,10 +124,21 @@ def describe(item: Item, width: int) -> str:
     if item.reference:
         lines.append(f'  from: {item.reference}')
     for p in item.parameters:
-        unit = f' {p.unit}' if p.unit else ''
-        lines.append(f'  {p.name} = {default_text(p)}{unit}, {p.range_text()}')
+        lines.append(f'  {p.name} = {_with_unit(p)}, {p.range_text()}')
         lines += textwrap.wrap(meaning(p, item.live), width, initial_indent='      ',
                                subsequent_indent='      ')
+    return '\n'.join(lines)
+
+
+def overview(item: Item, width: int) -> str:
+    """The item in brief: its parameters with their defaults, without what they mean."""
+    lines = [f'{item.name}: {item.summary}']
+    # a value stays with its name and its unit
+    given = [f'{p.name} = {"unset" if p.default is None else _with_unit(p)}'.replace(' ', '\0')
+             for p in item.parameters]
+    lines += [line.replace('\0', ' ') for line in textwrap.wrap(
+        ', '.join(given), width, initial_indent='    ', subsequent_indent='    ',
+        break_long_words=False, break_on_hyphens=False)]
     return '\n'.join(lines)
 
 
@@ -154,7 +169,7 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument('name', nargs='?', help='show only this one')
+    parser.add_argument('name', nargs='?', help='only this one, and what each parameter means')
     parser.add_argument('--markdown', action='store_true',
                         help='the parameter tables as in docs/parameters.md')
     parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
@@ -177,7 +192,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.markdown:
         print(markdown_tables(kinds))
     else:
-        _print(kinds)
+        _print(kinds, overview if parsed.name is None else describe)
+        if parsed.name is None:
+            print("'velocity_estimator list NAME' tells what each parameter means")
         if gains:
             print(as_text(gains, parsed.rate))
     return {**result, 'gains': gains} if gains else result
@@ -193,19 +210,12 @@ def _only(kinds: dict[str, list[Item]], name: str) -> dict[str, list[Item]]:
     return chosen
 
 
-def _print(kinds: dict[str, list[Item]]) -> None:
+def _print(kinds: dict[str, list[Item]], show: Callable[[Item, int], str]) -> None:
     width = max(40, min(100, shutil.get_terminal_size((100, 24)).columns))
     for kind, items in kinds.items():
+        apart = '\n\n' if any(item.parameters for item in items) else '\n'
         print(kind.upper())
-        print(_block(items, width) + '\n')
-
-
-def _block(items: Iterable[Item], width: int) -> str:
-    items = list(items)
-    if not items:
-        return 'none'
-    spaced = any(item.parameters for item in items)
-    return ('\n\n' if spaced else '\n').join(describe(item, width) for item in items)
+        print((apart.join(show(item, width) for item in items) or 'none') + '\n')
 
 
 COMMAND = Command('observers, models and simulators with their parameters; commands',

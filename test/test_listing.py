@@ -56,6 +56,15 @@ def test_a_parameter_shows_default_unit_range_and_meaning(capsys):
     assert 'pll' not in out
 
 
+def test_all_together_show_each_parameter_with_its_default_and_no_more(capsys):
+    out = listed(capsys)
+    assert 'damping = 1' in out
+    assert '-3 dB frequency' not in out
+    assert max(len(line) for line in out.splitlines() if line.startswith('    ')) <= 100
+    for parameter in declared(registry.find(registry.OBSERVERS, 'kalman').gains):
+        assert f'{parameter} = ' in out
+
+
 def test_structural_parameters_are_marked_where_others_are_live(capsys):
     assert 'wrapping anywhere (at start only)' in listed(capsys, 'joint').replace('\n      ', ' ')
     assert 'at start only' not in listed(capsys, 'encoder')  # a simulation never changes
