@@ -92,6 +92,7 @@ setup(
         ],
         'velocity_estimator.settings': [
             'simulator_nodes = sim_pkg.nodes.settings:RunSettings',
+            'known_inputs = estimator_pkg.driver.efforts:DrivenSettings',
             'pmsm_observer = estimator_pkg.nodes.pmsm_settings:PmsmSettings',
             'mechanical_observer = estimator_pkg.nodes.mechanical_settings:MechanicalNodeSettings',
             'adaptive_observer = estimator_pkg.nodes.adaptive_settings:AdaptiveNodeSettings',

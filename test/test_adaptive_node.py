@@ -99,6 +99,36 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
     probe.node.destroy_subscription(subscription)
 
 
+def test_efforts_as_an_array_of_numbers(probe):
+    """effort_command as Float64MultiArray: in the order of the joints, when it was sent."""
+    from std_msgs.msg import Float64MultiArray
+
+    arguments = ['joints:=[left, right]', 'input:=effort_command', 'input_unit:=N m',
+                 'effort_command_type:=Float64MultiArray', 'stamp_source:=publisher',
+                 'joints.right.input_scale:=[-1.0]']
+    with dds.NodeProcess(MODULE, '--ros-args', '-r', 'joint_states:=/arrays', '-r',
+                         'effort_command:=/arrays_command',
+                         *(word for each in arguments for word in ('-p', each))), \
+            dds.Observer(probe, '/adaptive_observer', '/arrays') as node:
+        efforts = probe.node.create_publisher(Float64MultiArray, '/arrays_command', 10)
+        node.connect()
+        probe.until(lambda: efforts.get_subscription_count() > 0)
+        raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
+        assert not node.feed([raw] * 3)[-1].names
+        probe.until(lambda: node.status('left') == 'lost')
+        assert 'no effort_command is in force for it' in dds.value(node.statuses['left'], 'why')
+        efforts.publish(Float64MultiArray(data=[1.0, 2.0, 3.0]))
+        efforts.publish(Float64MultiArray(data=[1.0, 2.0]))
+        probe.spin(0.2)
+        node.feed([raw] * 20)
+        report = node.next_report()
+        assert report['/adaptive_observer']['messages_dropped.malformed'] == '1'
+        left = report['/adaptive_observer: left']
+        assert (left['dropped.non_finite'], left['used']) == ('3', '20')
+        assert dds.value(node.statuses['left'], 'input_unit') == 'N m'
+        probe.node.destroy_publisher(efforts)
+
+
 def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):
     path = tmp_path / 'motor.yaml'
     bank, _ = bank_of(motor[0])
@@ -131,7 +161,7 @@ def test_saving_keeps_what_the_file_says_of_others(motor, tmp_path):
 
 
 def test_messages_without_effort_are_counted():
-    bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER), scale=2.0)
+    bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER))
     assert bank.take(10 ** 18, ('a',), (0.1,), ()) == []
     assert (bank.without_input, bank.mismatched) == (1, 1)
     bank.take(10 ** 18, ('a',), (0.1,), (math.nan,))

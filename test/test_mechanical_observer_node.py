@@ -77,8 +77,17 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         assert last[0].velocities[0] == pytest.approx(1.0, abs=0.01)
         assert node.status('lab') in ('tracking', '')
         probe.until(lambda: node.status('lab') == 'tracking')
+        entry = node.statuses['lab']
+        assert dds.value(entry, 'input') == 'effort_command'
+        K, L = (float(dds.value(entry, key).split(', ')[0]) for key in ('K', 'L'))
+        assert float(dds.value(entry, 'noise_figure').split(', ')[0]) == pytest.approx(
+            K * K / (2.0 * L), rel=1e-3)
+        assert float(dds.value(entry, 'dt_K').split(', ')[0]) == pytest.approx(2e-3 * K, rel=1e-3)
+        for key in ('poles', 'slowest_pole_over_range', 'guaranteed_rate', 'dt_K_below_L'):
+            assert dds.value(entry, key)
         assert not node.set(bandwidth_hz=-3.0).successful
         assert node.set(bandwidth_hz=25.0).successful
+        probe.until(lambda: float(dds.value(node.statuses['lab'], 'K').split(', ')[0]) > 1.5 * K)
         probe.node.destroy_publisher(command)
 
 

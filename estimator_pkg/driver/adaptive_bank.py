@@ -18,6 +18,7 @@ import yaml
 from estimator_pkg.driver.adaptive_joint import AdaptiveJoint
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive_gains import structure
@@ -79,13 +80,15 @@ class AdaptiveBank(Bank):
     Parameters
     ----------
     configuration, only : as of `Bank`.
-    scale : input of the model per unit of effort.
+    source : where efforts come from: FIELD (of joint states) or COMMAND (a topic of its own).
     """
 
     def __init__(self, configuration: Configuration, only: Iterable[str] = (),
-                 scale: float = 1.0) -> None:
+                 source: str = FIELD) -> None:
         super().__init__(configuration, only)
-        self.scale = scale
+        self._source = source
+        self._acting: dict[str, Acting] = {}
+        self.unknown: set[str] = set()  # joints whose input was not known at their newest sample
         self.without_input = 0  # messages with positions but without their efforts
 
     def joint(self, name: str) -> Joint | None:
@@ -102,7 +105,7 @@ class AdaptiveBank(Bank):
 
         Parameters
         ----------
-        positions, efforts : as in a JointState; the effort acted since the message before.
+        positions, efforts : as in a JointState; efforts of COMMAND come by `command`.
         """
         if not positions:
             self.empty += 1
@@ -110,7 +113,9 @@ class AdaptiveBank(Bank):
         if len(names) != len(positions):
             self.mismatched += 1
             return []
-        if len(efforts) != len(names):
+        if self._source == COMMAND:
+            efforts = (math.nan,) * len(names)
+        elif len(efforts) != len(names):
             self.without_input += 1
             self.mismatched += 1
             return []
@@ -119,13 +124,39 @@ class AdaptiveBank(Bank):
             joint = self.joints.get(name) or self.joint(name)
             if joint is None:
                 continue
-            if not math.isfinite(effort):
+            settings: Any = joint.settings
+            (given,) = self._acting_on(name).given(joint.stamp_ns if joint.used else 0, stamp_ns,
+                                                   (effort,), settings)
+            if math.isfinite(given):
+                self.unknown.discard(name)
+            else:
                 position = math.nan  # counted as such: half a sample is none
-            if joint.update(stamp_ns, position, self.scale * effort):
+                self.unknown.add(name)
+            if joint.update(stamp_ns, position, given):
                 estimate = joint.estimate()
                 if estimate[3] == TRACKING or estimate[3] == COASTING:
                     valid.append((name, joint, estimate))
         return valid
+
+    def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
+        """One effort_command in."""
+        for name, effort in zip(names, efforts):
+            if not self.only or name in self.only:
+                self._acting_on(name).command(0, stamp_ns, effort)
+
+    def _acting_on(self, name: str) -> Acting:
+        acting = self._acting.get(name)
+        if acting is None:
+            settings: Any = self.configuration.for_joint(name)[1]
+            acting = self._acting[name] = Acting(1, self._source, settings)
+        return acting
+
+    def why_silent(self, name: str) -> str:
+        """Why no sample of this joint can be used, as far as its input is the reason."""
+        if name not in self.unknown:
+            return ''
+        return ('no effort_command is in force for it' if self._source == COMMAND
+                else 'its effort is not a number')
 
     def reports(self) -> dict[str, Report]:
         """What each joint has identified."""

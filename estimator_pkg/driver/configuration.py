@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared
+
+KNOW_THE_INPUT = ('angle_and_input', 'switched')  # kinds of observers
+
+
+def settings_of(observer: Observer) -> type[JointSettings]:
+    """What is set per joint beside the gains of this observer."""
+    return DrivenSettings if observer.kind in KNOW_THE_INPUT else JointSettings
 
 
 class Configuration:
@@ -39,11 +47,11 @@ class Configuration:
         gains = {name: value for name, value in values.items() if name in self._gains}
         settings = {name: value for name, value in values.items() if name not in self._gains}
         return (build(self.observer.gains, gains, owner=self.observer.name),
-                build(JointSettings, settings))
+                build(settings_of(self.observer), settings))
 
     def parameters(self) -> dict[str, Parameter]:
         """Everything that can be set, by name: the gains first, then the joint settings."""
-        return {**self._gains, **declared(JointSettings)}
+        return {**self._gains, **declared(settings_of(self.observer))}
 
     @property
     def _gains(self) -> dict[str, Parameter]:

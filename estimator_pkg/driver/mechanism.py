@@ -11,36 +11,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings, Inputs
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.contract import COASTING, STATUS_NAMES, TRACKING, Observer
 from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.parameters import Parameter, build, declared, parameter
 
-FIELD, COMMAND = 'joint_states', 'effort_command'
-WAITING = 16       # stamps of a mechanism that may be incomplete at a time
-REMEMBERED = 4096  # inputs kept
+WAITING = 16  # stamps of a mechanism that may be incomplete at a time
 
 
 @dataclass(frozen=True)
-class MechanismSettings(JointSettings):
+class MechanismSettings(DrivenSettings):
     """What is set per mechanism beside the observer's gains; `wrap_period` follows the model."""
 
     joints: tuple[str, ...] | None = parameter(
         None, unit='', kind=tuple, structural=True,
         description="names of the mechanism's joints in the topics, in the order of the model's "
                     "positions; unset: the model's own names")
-    input_scale: tuple[float, ...] = parameter(
-        (1.0,), unit='', kind=list, range=(-1e9, 1e9),
-        description='the effort of the topics times this is the input of the model, for all '
-                    'inputs or each; a negative one turns the sense round')
-    input_delay: float = parameter(
-        0.0, unit='s', range=(0.0, 1.0),
-        description='how long after its stamp an effort acts')
-    input_timeout: float = parameter(
-        0.5, unit='s', range=(0.001, 3600.0),
-        description='an effort_command older than this no longer acts: without another one the '
-                    'mechanism coasts')
     pair_tolerance: float = parameter(
         0.0, unit='s', range=(0.0, 1.0),
         description='joints that come in separate messages belong together if their stamps differ '
@@ -53,55 +41,6 @@ class Estimate(NamedTuple):
     name: str
     position: float
     velocity: float
-
-
-class Inputs:
-    """The efforts of a mechanism over time, each held until the next."""
-
-    def __init__(self, count: int) -> None:
-        self._steps: list[deque[tuple[int, float]]] = [deque(maxlen=REMEMBERED)
-                                                       for _ in range(count)]
-
-    def add(self, index: int, stamp_ns: int, value: float) -> None:
-        """From `stamp_ns` on input `index` has this value."""
-        steps = self._steps[index]
-        while steps and steps[-1][0] >= stamp_ns:  # a clock that jumped, or a correction
-            steps.pop()
-        steps.append((stamp_ns, value))
-
-    def mean(self, begin_ns: int, end_ns: int, oldest_ns: int) -> tuple[float, ...]:
-        """The mean of each over an interval; nan where nothing was in force at its begin.
-
-        Parameters
-        ----------
-        oldest_ns : how long an input stays in force [ns].
-        """
-        return tuple(self._mean(steps, begin_ns, end_ns, oldest_ns) for steps in self._steps)
-
-    @staticmethod
-    def _mean(steps: deque[tuple[int, float]], begin_ns: int, end_ns: int, oldest_ns: int
-              ) -> float:
-        while len(steps) > 1 and steps[1][0] <= begin_ns:
-            steps.popleft()
-        if not steps or steps[0][0] > begin_ns or end_ns - steps[0][0] > oldest_ns + (
-                end_ns - begin_ns):
-            return math.nan
-        if end_ns <= begin_ns:
-            return steps[0][1]
-        total, since, value = 0.0, begin_ns, steps[0][1]
-        for stamp_ns, following in steps:
-            if stamp_ns <= begin_ns:
-                continue
-            if stamp_ns >= end_ns:
-                break
-            total += value * (stamp_ns - since)
-            since, value = stamp_ns, following
-        return (total + value * (end_ns - since)) / (end_ns - begin_ns)
-
-    def clear(self) -> None:
-        """Forget everything."""
-        for steps in self._steps:
-            steps.clear()
 
 
 class Mechanism(Joint):
@@ -125,21 +64,11 @@ class Mechanism(Joint):
         self._index = {joint: k for k, joint in enumerate(self.names)}
         self._input_of = {self.names[k]: place for place, k in enumerate(mechanics.actuated)}
         self._source = source
-        self.inputs = Inputs(mechanics.inputs)
+        self._acting = Acting(mechanics.inputs, source, settings)
         self._pending: deque[_Partial] = deque()
         self.incomplete = 0  # stamps that never got all their joints
         self._before_ns = 0
-        self._check_scale(settings)
-
-    def _check_scale(self, settings: MechanismSettings) -> None:
-        count = self.functions.mechanics.inputs
-        if len(settings.input_scale) not in (1, count):
-            raise UsageError(f"mechanism '{self.name}': 'input_scale' has "
-                             f'{len(settings.input_scale)} numbers for {count} inputs')
-
-    def _scale(self, place: int) -> float:
-        scale = self.settings.input_scale
-        return scale[place] if len(scale) > 1 else scale[0]
+        settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
 
     def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
              efforts: Sequence[float]) -> bool:
@@ -155,7 +84,7 @@ class Mechanism(Joint):
             found.positions[index] = position
             place = self._input_of.get(joint)
             if has_effort and place is not None:
-                found.efforts[place] = efforts[k] * self._scale(place)
+                found.efforts[place] = efforts[k]
         if len(found.positions) < len(self.names):
             return False
         while self._pending and self._pending[0] is not found:
@@ -182,22 +111,9 @@ class Mechanism(Joint):
         return waiting
 
     def _complete(self, found: _Partial) -> bool:
-        settings, count = self.settings, self.functions.mechanics.inputs
-        stamp_ns, begin_ns = found.stamp_ns, self._before_ns
-        delay_ns = round(settings.input_delay * 1e9)
-        if not 0 < stamp_ns - begin_ns < 10 ** 10:
-            begin_ns = stamp_ns
-        if self._source == FIELD:
-            if delay_ns == 0:
-                given = tuple(found.efforts.get(k, math.nan) for k in range(count))
-            else:  # an effort was in force since the sample before it
-                for place, value in found.efforts.items():
-                    self.inputs.add(place, begin_ns, value)
-                given = self.inputs.mean(begin_ns - delay_ns, stamp_ns - delay_ns,
-                                         round(settings.input_timeout * 1e9) + delay_ns)
-        else:
-            given = self.inputs.mean(begin_ns - delay_ns, stamp_ns - delay_ns,
-                                     round(settings.input_timeout * 1e9))
+        stamp_ns, count = found.stamp_ns, self.functions.mechanics.inputs
+        given = self._acting.given(self._before_ns, stamp_ns, [
+            found.efforts.get(k, math.nan) for k in range(count)], self.settings)
         measurement = tuple(float(found.positions[k]) for k in range(len(self.names)))
         used = self.update(stamp_ns, measurement, given or (0.0,))
         if used:
@@ -205,11 +121,11 @@ class Mechanism(Joint):
         return used
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
-        """An effort_command: in force from its stamp on."""
+        """An effort_command."""
         for joint, value in zip(names, efforts):
             place = self._input_of.get(joint)
-            if place is not None and math.isfinite(value):
-                self.inputs.add(place, stamp_ns, value * self._scale(place))
+            if place is not None:
+                self._acting.command(place, stamp_ns, value)
 
     @property
     def actuated(self) -> tuple[str, ...]:
@@ -218,13 +134,13 @@ class Mechanism(Joint):
 
     def set_settings(self, settings: Any) -> None:
         """Other settings from the next sample on; the state is kept."""
-        self._check_scale(settings)
+        settings.check_inputs(self.functions.mechanics.inputs, f"mechanism '{self.name}'")
         super().set_settings(settings)
 
     def reset(self) -> None:
         """Start again, as if no sample had come; the counters go on."""
         super().reset()
-        self.inputs.clear()
+        self._acting.clear()
         self._pending.clear()
         self._before_ns = 0
 
@@ -323,6 +239,9 @@ class MechanismBank:
             if name not in self.joints:
                 raise UsageError(f"parameters are given for a mechanism '{name}': "
                                  f'{suggestion(name, self.joints)}')
+        self.orders = (  # names that numbers of an effort_command without names stand for
+            tuple(name for each in self.joints.values() for name in each.names),
+            tuple(name for each in self.joints.values() for name in each.actuated))
         self.only: frozenset[str] = frozenset()
         self.mismatched = 0
         self.empty = 0
@@ -347,6 +266,11 @@ class MechanismBank:
         for mechanism in self.joints.values():
             mechanism.command(stamp_ns, names, efforts)
 
+    def why_silent(self, name: str) -> str:
+        """Why a mechanism has no sample, in words, or ''."""
+        mechanism = self.joints[name]
+        return '' if mechanism.used else mechanism.why()
+
     def stddevs(self, names: Sequence[str]) -> list[tuple[float, float]]:
         """One standard deviation of position and velocity of these joints."""
         found: dict[str, tuple[float, float]] = {}
@@ -356,3 +280,7 @@ class MechanismBank:
                 found.update(zip(mechanism.names,
                                  zip(of_position, of_velocity)))  # type: ignore[call-overload]
         return [found[name] for name in names]
+
+
+__all__ = ['COMMAND', 'FIELD', 'Estimate', 'Inputs', 'Mechanism', 'MechanismBank',
+           'MechanismConfiguration', 'MechanismSettings']

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
 
@@ -107,24 +108,57 @@ class SwitchedBank:
     Parameters
     ----------
     joint : the system.
-    names : of its joints in the messages, in the order of the model's outputs.
-    scale : input of the model per unit of effort.
+    names : of its joints in the messages, in the order of the model's outputs; the first ones'
+        efforts are the inputs.
+    source : where efforts come from: FIELD (of joint states) or COMMAND (a topic of its own).
+
+    Raises
+    ------
+    UsageError : scales or delays for another number of inputs.
 
     Attributes
     ----------
     joints : the system by the name of its first joint.
     """
 
-    def __init__(self, joint: SwitchedJoint, names: tuple[str, ...], scale: float = 1.0) -> None:
+    def __init__(self, joint: SwitchedJoint, names: tuple[str, ...],
+                 source: str = FIELD) -> None:
         self.system = joint
         self.configuration: Any = None  # as of other banks; the joint is made already
         self.names = names
-        self.scale = scale
         self.joints: dict[str, Joint] = {names[0]: joint}
         self.only: frozenset[str] = frozenset()
         self.mismatched = 0
         self.empty = 0
         self._inputs = len(joint.functions.no_input)
+        settings: Any = joint.settings
+        settings.check_inputs(self._inputs, 'switched')
+        self._source = source
+        self._acting = Acting(self._inputs, source, settings)
+        self._unknown = False  # an input was not known at the newest sample
+
+    @property
+    def actuated(self) -> tuple[str, ...]:
+        """The joints whose efforts are the inputs."""
+        return self.names[:self._inputs]
+
+    @property
+    def orders(self) -> tuple[tuple[str, ...], ...]:
+        """Names that numbers of an effort_command without names stand for."""
+        return self.names, self.actuated
+
+    def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
+        """One effort_command in."""
+        for name, effort in zip(names, efforts):
+            if name in self.actuated:
+                self._acting.command(self.names.index(name), stamp_ns, effort)
+
+    def why_silent(self, name: str) -> str:
+        """Why no sample can be used, as far as the input is the reason."""
+        if not self._unknown:
+            return ''
+        return ('no effort_command is in force' if self._source == COMMAND
+                else 'an effort is not a number')
 
     def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
              efforts: Sequence[float]) -> list[tuple[float, float]]:
@@ -137,15 +171,19 @@ class SwitchedBank:
             self.empty += 1
             return []
         places = [names.index(name) for name in self.names if name in names]
-        needed = self._inputs > 0
+        needed = self._inputs > 0 and self._source == FIELD
         if (len(places) < len(self.names) or len(names) != len(positions)
                 or (needed and len(efforts) != len(names))):
             self.mismatched += 1
             return []
         measurement = tuple(positions[place] for place in places)
-        given = tuple(self.scale * efforts[place] for place in places[:self._inputs]) if (
-            needed) else ()
-        if not all(map(math.isfinite, given)):
+        system: Any = self.system
+        given = self._acting.given(
+            system.stamp_ns if system.used else 0, stamp_ns,
+            [efforts[place] if needed else math.nan for place in places[:self._inputs]],
+            system.settings)
+        self._unknown = not all(map(math.isfinite, given))
+        if self._unknown:
             measurement = (math.nan,) * len(measurement)  # counted as such: half a sample is none
         if not self.system.update(stamp_ns, measurement, given):
             return []

@@ -1,4 +1,4 @@
-"""std_msgs/Float64MultiArray of two dimensions from and to CDR bytes: a table of numbers."""
+"""std_msgs/Float64MultiArray from and to CDR bytes: plain numbers, or a table of two dimensions."""
 
 from __future__ import annotations
 
@@ -54,6 +54,24 @@ def decode(raw: bytes, labels: Sequence[str], columns: int) -> NDArray[np.float6
         raise MalformedMessageError('message is too short')
     table = np.frombuffer(raw, f'{reader.order}f8', rows * columns, start)
     return table.astype(np.float64, copy=False).reshape(rows, columns)
+
+
+def numbers(raw: bytes) -> tuple[float, ...]:
+    """All numbers behind the layout's offset, whatever its dimensions.
+
+    Raises
+    ------
+    MalformedMessageError : no Float64MultiArray, or an offset beyond its end.
+    """
+    reader = Reader(raw)
+    for _ in range(reader.number('I')):
+        reader.text()
+        reader.numbers('I', 2)
+    first = reader.number('I')
+    found = reader.doubles()
+    if first > len(found):
+        raise MalformedMessageError(f'the numbers begin at {first}, but there are {len(found)}')
+    return found[first:]
 
 
 def encode(table: NDArray[np.float64], labels: Sequence[str]) -> bytes:

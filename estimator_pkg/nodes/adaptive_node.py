@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg.nodes.base import ObserverNode  # first: settles what rclpy reads  # isort: skip
+from estimator_pkg.nodes.driven import DrivenNode  # first: settles what rclpy reads  # isort: skip
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter as RosParameter
@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from estimator_pkg.driver import adaptive_bank
 from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import Layout
 from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
@@ -24,7 +25,7 @@ from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.observers.contract import Observer
 
 
-class AdaptiveObserver(ObserverNode):
+class AdaptiveObserver(DrivenNode):
     """Estimates the velocity of joints of unknown parameters, and the parameters.
 
     Parameters, errors and attributes as of `ObserverNode`.
@@ -32,10 +33,12 @@ class AdaptiveObserver(ObserverNode):
 
     NAME = 'adaptive_observer'
     SETTINGS = AdaptiveNodeSettings
+    PER_JOINT = DrivenSettings
     settings: AdaptiveNodeSettings
     bank: AdaptiveBank
 
     def _find_observer(self) -> Observer:
+        self.settings.check()
         path = self.settings.parameters_file
         self._saved = adaptive_bank.load(path) if path and Path(path).exists() else {}
         return OBSERVER
@@ -47,13 +50,16 @@ class AdaptiveObserver(ObserverNode):
     def _make_bank(self, configuration: AdaptiveConfiguration) -> AdaptiveBank:
         for joint in ('', *configuration.overrides):
             self._build(configuration, joint)
-        return AdaptiveBank(configuration, self.settings.only, self.settings.input_scale)
+        return AdaptiveBank(configuration, self.settings.only, self.settings.input)
 
     def _connect(self) -> Subscription:
         self._identified = self._endpoints.on_demand(DiagnosticArray, '~/identified_parameters')
         self.create_service(Trigger, '~/save', self._save)
         self.create_service(SetBool, '~/freeze', self._freeze)
-        return self._listen_to_states('joint_states', self._states_came)
+        return self._connect_states(self._states_came)
+
+    def _orders(self) -> Sequence[Sequence[str]]:
+        return [self.settings.only]
 
     def _wanted(self) -> str:
         return ', '.join(self.settings.only) or super()._wanted()
@@ -78,9 +84,11 @@ class AdaptiveObserver(ObserverNode):
             values: dict[str, Any] = {
                 'state': said.phase, 'why': said.reason, 'trusted': said.trusted,
                 'adapted_s': said.adapted, 'excitation': said.excitation}
+            settings: Any = self.bank.joints[name].settings
+            unit = settings.input_unit or 'unit of input'
             for item in said.parameters:
                 values.update({item.name: item.value, f'{item.name}.stddev': item.stddev,
-                               f'{item.name}.unit': item.unit})
+                               f'{item.name}.unit': item.unit.replace('unit of input', unit)})
             message.status.append(entry(OK if said.trusted else WARN, name,
                                         f'{said.phase}: {said.reason}', values))
         self._identified.publish(message)

@@ -4,28 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from estimator_pkg.driver.effort_command import ARRAY
+from estimator_pkg.driver.efforts import COMMAND
+from estimator_pkg.errors import UsageError
+from estimator_pkg.nodes.effort_settings import EffortSettings
 from estimator_pkg.parameters import parameter
 
 
 @dataclass(frozen=True)
-class AdaptiveNodeSettings:
+class AdaptiveNodeSettings(EffortSettings):
     """Parameters of the node `adaptive_observer` beside those of its observer."""
 
     joints: tuple[str, ...] | None = parameter(
         None, unit='', kind=tuple, structural=True,
         description='names of the joints to estimate; unset: every joint that appears')
-    input_scale: float = parameter(
-        1.0, unit='', range=(-1e9, 1e9), structural=True,
-        description='the effort of the topic times this is the input u of the model; a negative '
-                    'one turns the sense round')
     parameters_file: str = parameter(
         '', unit='', structural=True,
         description='where ~/save writes what was learnt; read at start if it is there. With '
                     'adapt: false the node starts frozen on it')
-    stamp_source: str = parameter(
-        'header', unit='', choices=('header', 'publisher'), structural=True,
-        description='time of a message: its header stamp, or the time at which its publisher sent '
-                    'it')
+    def check(self) -> None:
+        """What a range cannot say; raises UsageError."""
+        if self.input == COMMAND and self.effort_command_type == ARRAY and not self.only:
+            raise UsageError("effort_command_type 'Float64MultiArray' has no names: set 'joints' "
+                             'to the joints in its order')
 
     @property
     def only(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.cdr import MalformedMessageError
@@ -151,6 +152,10 @@ class ObserverNode(Node):
         gains, settings = configuration.for_joint(joint)
         functions = self._observer.build(gains, Circle(settings.wrap_period, settings.unwrap))
         functions.design()
+        if isinstance(settings, DrivenSettings):
+            given = functions.no_input
+            settings.check_inputs(len(given) if isinstance(given, tuple) else 1,
+                                  f"joint '{joint}'" if joint else self._observer.name)
         return functions
 
     def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
@@ -234,8 +239,8 @@ class ObserverNode(Node):
     def _look_around(self) -> None:
         """Ten times a second, by the steady clock: who listens, and how the joints are."""
         self._endpoints.look()
-        self.health.look()
         self._look()
+        self.health.look()
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         for joint in self.bank.joints.values():

@@ -62,11 +62,17 @@ def counters(joints: Mapping[str, Joint]) -> dict[str, int]:
     return values
 
 
-def joint_status(name: str, joint: Joint, status: int, why: str) -> DiagnosticStatus:
-    """The entry of one joint in ~/status: its message is the status, with why after a colon."""
+def joint_status(name: str, joint: Joint, status: int, why: str,
+                 more: Mapping[str, Any] | None = None) -> DiagnosticStatus:
+    """The entry of one joint in ~/status: its message is the status, with why after a colon.
+
+    Parameters
+    ----------
+    more : values beside those that every joint has.
+    """
     why = why or _REASONS.get(status, '')
     said = STATUS_NAMES[status]
     values = {'status': said, 'why': why, 'group_delay_s': group_delay(joint),
               'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else math.nan,
-              **counters({name: joint}), 'resets': joint.reset_count}
+              **counters({name: joint}), 'resets': joint.reset_count, **(more or {})}
     return entry(_LEVELS[status], name, f'{said}: {why}' if why else said, values)

@@ -113,16 +113,26 @@ class Health:
             since = now
             self._used[name] = (used, now)
         if now - since > joint.settings.timeout:
-            return LOST, f'no usable sample for {joint.settings.timeout:g} s'
+            reason = self._why_silent(name)
+            return LOST, (f'no usable sample for {joint.settings.timeout:g} s'
+                          + (f'; {reason}' if reason else ''))
         status = joint.estimate()[3]
         return status, joint.why()
+
+    def _why_silent(self, name: str) -> str:
+        """Why there may be no usable sample of a joint, where that can be known; else ''."""
+        return ''
+
+    def _more(self, name: str) -> Mapping[str, Any]:
+        """What else a joint's status tells."""
+        return {}
 
     def _publish_status(self) -> None:
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         for name, joint in self._bank.joints.items():
             status, why = self._said.get(name, (INITIALISING, ''))
-            message.status.append(joint_status(name, joint, status, why))
+            message.status.append(joint_status(name, joint, status, why, self._more(name)))
         self._status.publish(message)
 
     def _report(self, now: float) -> None:

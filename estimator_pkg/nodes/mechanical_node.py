@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from estimator_pkg.nodes.base import ObserverNode  # first: settles what rclpy reads  # isort: skip
+from estimator_pkg.nodes.driven import DrivenNode  # first: settles what rclpy reads  # isort: skip
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.subscription import Subscription
 
 from estimator_pkg.driver.mechanism import (
-    COMMAND,
     Mechanism,
     MechanismBank,
     MechanismConfiguration,
@@ -27,7 +26,7 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanical_gains import in_words
 
 
-class MechanicalObserver(ObserverNode):
+class MechanicalObserver(DrivenNode):
     """Estimates the velocities of mechanisms from positions, inputs and a model.
 
     Parameters, errors and attributes as of `ObserverNode`; ``bank`` holds the mechanisms.
@@ -51,11 +50,11 @@ class MechanicalObserver(ObserverNode):
 
     def _connect(self) -> Subscription:
         self._gains = self._endpoints.publisher(DiagnosticArray, '~/gains', latched())
-        self._told: set[str] = set()
-        states = self._listen_to_states('joint_states', self._states_came)
-        if self.settings.input == COMMAND:
-            self._listen_to_states('effort_command', self._command_came, answered=False)
-        return states
+        self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
+        return self._connect_states(self._states_came)
+
+    def _orders(self) -> Sequence[Sequence[str]]:
+        return self.bank.orders
 
     def _wanted(self) -> str:
         return ', '.join(joint for mechanism in self.bank.joints.values()
@@ -75,7 +74,7 @@ class MechanicalObserver(ObserverNode):
                 raise UsageError(f"mechanism '{name}': {why}")
 
     def _gains_changed(self, name: str) -> None:
-        self._told.discard(name)
+        self._meaning.pop(name, None)
 
     # Messages
 
@@ -87,23 +86,23 @@ class MechanicalObserver(ObserverNode):
                      [(each.position, each.velocity) for each in valid],
                      lambda: self.bank.stddevs(names))
 
-    def _command_came(self, stamp_ns: int, layout: Layout, raw: bytes) -> None:
-        self.bank.command(stamp_ns, layout.names, layout.numbers(raw, 2))
-
     def _look(self) -> None:
-        if any(mechanism.mean_dt > 0.0 and name not in self._told
-               for name, mechanism in self.bank.joints.items()):
+        new = [name for name, mechanism in self.bank.joints.items()
+               if name not in self._meaning and mechanism.mean_dt > 0.0]
+        for name in new:
+            mechanism = self.bank.joints[name]
+            self._meaning[name] = in_words(mechanism.functions.describe(mechanism.mean_dt))
+        if new:
             self._tell_gains()
+
+    def about(self, name: str) -> Mapping[str, Any]:
+        """Of a mechanism: what its gains mean at the measured rate, too."""
+        return {**super().about(name), **self._meaning.get(name, {})}
 
     def _tell_gains(self) -> None:
         """Poles, limits and noise of the gains at the measured rate, on ~/gains."""
         message = DiagnosticArray()
         message.header.stamp = self.get_clock().now().to_msg()
-        for name, mechanism in self.bank.joints.items():
-            if mechanism.mean_dt > 0.0:
-                self._told.add(name)
-                found = mechanism.functions.describe(  # type: ignore[attr-defined]
-                    mechanism.mean_dt)
-                status: DiagnosticStatus = entry(OK, name, self._observer.name, in_words(found))
-                message.status.append(status)
+        message.status += [entry(OK, name, self._observer.name, words)
+                           for name, words in self._meaning.items()]
         self._gains.publish(message)

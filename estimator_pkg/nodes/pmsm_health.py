@@ -14,7 +14,6 @@ from estimator_pkg.nodes.diagnostics import WARN
 from estimator_pkg.nodes.endpoints import Endpoints
 from estimator_pkg.nodes.health import Health, WatchedBank
 from estimator_pkg.nodes.ros_parameters import RosParameters
-from estimator_pkg.observers.contract import LOST
 
 
 class PmsmHealth(Health):
@@ -33,9 +32,10 @@ class PmsmHealth(Health):
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
         if self._stream.joint.misfit:  # no sample is used then, and that is why
             return joint.estimate()[3], joint.why()
-        status, why = super()._judge(name, joint, now)
-        reason = self._stream.why_silent() if status == LOST else ''
-        return status, f'{why}; {reason}' if reason else why
+        return super()._judge(name, joint, now)
+
+    def _why_silent(self, name: str) -> str:
+        return self._stream.why_silent()
 
     def _of_node(self, name: str, totals: Any, new: Any, passed: float) -> DiagnosticStatus:
         stream = self._stream

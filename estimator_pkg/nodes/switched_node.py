@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from estimator_pkg.nodes.base import ObserverNode  # first: settles what rclpy reads  # isort: skip
+from estimator_pkg.nodes.driven import DrivenNode  # first: settles what rclpy reads  # isort: skip
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.switched_joint import REFUSED, SwitchedBank, SwitchedJoint
 from estimator_pkg.messages.joint_state import Decoder, Encoder, Layout
 from estimator_pkg.models.switched import load
@@ -20,7 +21,7 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.switched import OBSERVER
 
 
-class SwitchedObserver(ObserverNode):
+class SwitchedObserver(DrivenNode):
     """Estimates the velocities of a system that known events switch, and its discrete state.
 
     Parameters, errors and attributes as of `ObserverNode`; ``bank`` holds the system.
@@ -28,6 +29,7 @@ class SwitchedObserver(ObserverNode):
 
     NAME = 'switched_observer'
     SETTINGS = SwitchedNodeSettings
+    PER_JOINT = DrivenSettings
     OVERRIDES = False
     settings: SwitchedNodeSettings
     bank: SwitchedBank
@@ -39,16 +41,19 @@ class SwitchedObserver(ObserverNode):
         gains, settings = configuration.for_joint('')
         self._model = load(gains.model)
         return SwitchedBank(SwitchedJoint(OBSERVER, gains, settings),
-                            self.settings.names(self._model), self.settings.input_scale)
+                            self.settings.names(self._model), self.settings.input)
 
     def _connect(self) -> Subscription:
         self._discrete = self._endpoints.publisher(JointState, '~/discrete_state')
         self._encode_discrete, self._decode_event = Encoder().encode, Decoder().decode
-        states = self._listen_to_states('joint_states', self._states_came)
+        states = self._connect_states(self._states_came)
         # best effort too, so that every publisher of events matches
         self._listen(JointState, 'switch_event', self._event_came, answered=False, qos=QoSProfile(
             depth=50, reliability=ReliabilityPolicy.BEST_EFFORT))
         return states
+
+    def _orders(self) -> Sequence[Sequence[str]]:
+        return self.bank.orders
 
     def _wanted(self) -> str:
         return ', '.join(self.bank.names)

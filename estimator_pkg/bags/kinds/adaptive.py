@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.efforts import effort_topics
 from estimator_pkg.bags.kinds.one_by_one import MessageRecording, OneByOne, recorded
 from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
@@ -47,8 +48,9 @@ class AdaptiveKind(Kind):
         values = dict(values)
         if request.joints:
             values['joints'] = list(request.joints)
-        settled(values)
-        return Setup(values, (bag.topics[measurement_topic(bag, request.measurement)],))
+        settings, _ = settled(values)
+        return Setup(values, (bag.topics[measurement_topic(bag, request.measurement)],
+                              *effort_topics(bag, settings)))
 
     def start(self, setup: Setup) -> AdaptiveReplay:
         """See `Kind`."""
@@ -65,12 +67,13 @@ def settled(values: Mapping[str, Any]) -> tuple[AdaptiveNodeSettings, AdaptiveBa
     """Settings and joints; raises UserError or UsageError."""
     settings, common, overrides = apart(values, AdaptiveNodeSettings,
                                         Configuration(OBSERVER).parameters())
+    settings.check()
     path = settings.parameters_file
     saved = adaptive_bank.load(path) if path and Path(path).exists() else {}
     configuration = AdaptiveConfiguration(OBSERVER, common, overrides, saved)
     for joint in ('', *configuration.overrides):
         configuration.for_joint(joint)
-    return settings, AdaptiveBank(configuration, settings.only, settings.input_scale)
+    return settings, AdaptiveBank(configuration, settings.only, settings.input)
 
 
 class AdaptiveReplay(OneByOne):
@@ -81,6 +84,7 @@ class AdaptiveReplay(OneByOne):
         self.outputs = {**OUTPUTS, PARAMETERS: diagnostics.TYPE}
         self._settings, self.bank = settled(setup.values)
         self._topic = setup.topics[0].name
+        self._commands = self._settings.commands([self._settings.only])
         self._layout = Decoder().layout
         self._by_publisher = self._settings.stamp_source == 'publisher'
         self._systems: dict[str, System] = {}
@@ -90,6 +94,9 @@ class AdaptiveReplay(OneByOne):
 
     def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
         """See `OneByOne`."""
+        if topic != self._topic:
+            self.bank.command(*self._commands.decode(raw, publish_ns))
+            return []
         self.received += 1
         layout = self._layout(raw)
         positions, efforts = layout.numbers(raw, 0), layout.numbers(raw, 2)

@@ -7,19 +7,19 @@ from typing import Any
 
 from estimator_pkg import observers
 from estimator_pkg.bags.kinds.contract import ESTIMATE, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
 from estimator_pkg.bags.kinds.one_by_one import OneByOne, recorded
 from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series
-from estimator_pkg.driver.mechanism import COMMAND, MechanismBank, MechanismConfiguration
+from estimator_pkg.driver.mechanism import MechanismBank, MechanismConfiguration
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.nodes.mechanical_settings import MechanicalNodeSettings
 from estimator_pkg.parameters import Parameter
 
 NAME = 'mechanical'
-EFFORTS = '/effort_command'
 
 
 class MechanicalKind(Kind):
@@ -27,6 +27,7 @@ class MechanicalKind(Kind):
 
     node = 'mechanical_observer'
     settings = MechanicalNodeSettings
+    usual = ('/joint_states', EFFORTS)
     wraps = False   # a model says which of its positions are angles
 
     def parameters(self, observer: str) -> dict[str, Parameter]:
@@ -40,9 +41,7 @@ class MechanicalKind(Kind):
                              "joints of a mechanism with --set 'joints=[...]'")
         settings, _ = settled(values)
         topics = [bag.topics[measurement_topic(bag, request.measurement)]]
-        if settings.input == COMMAND:
-            topics.append(bag.require(EFFORTS, [TYPE]))
-        return Setup(dict(values), tuple(topics))
+        return Setup(dict(values), (*topics, *effort_topics(bag, settings)))
 
     def start(self, setup: Setup) -> MechanicalReplay:
         """See `Kind`."""
@@ -75,7 +74,8 @@ class MechanicalReplay(OneByOne):
         super().__init__()
         self._settings, self.bank = settled(setup.values)
         self._topic = setup.topics[0].name
-        self._layouts = {topic.name: Decoder().layout for topic in setup.topics}
+        self._layout = Decoder().layout
+        self._commands = self._settings.commands(self.bank.orders)
         self._by_publisher = self._settings.stamp_source == 'publisher'
         self._systems = {name: System(mechanism, mechanism.names)
                          for name, mechanism in self.bank.joints.items()}
@@ -83,13 +83,13 @@ class MechanicalReplay(OneByOne):
 
     def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
         """See `OneByOne`."""
-        self.received += topic == self._topic
-        layout = self._layouts[topic](raw)
+        if topic != self._topic:
+            self.bank.command(*self._commands.decode(raw, publish_ns))
+            return []
+        self.received += 1
+        layout = self._layout(raw)
         positions, efforts = layout.numbers(raw, 0), layout.numbers(raw, 2)
         stamp_ns = publish_ns if self._by_publisher else layout.stamp_ns(raw)
-        if topic != self._topic:
-            self.bank.command(stamp_ns, layout.names, efforts)
-            return []
         valid = self.bank.update(stamp_ns, layout.names, positions, efforts)
         for system in self._systems.values():
             system.note()

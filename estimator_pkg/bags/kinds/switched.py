@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
 from estimator_pkg.bags.kinds.one_by_one import OneByOne, recorded
 from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
@@ -30,6 +31,7 @@ class SwitchedKind(Kind):
 
     node = 'switched_observer'
     settings = SwitchedNodeSettings
+    usual = ('/joint_states', EVENTS)
 
     def parameters(self, observer: str) -> dict[str, Parameter]:
         """See `Kind`."""
@@ -40,11 +42,11 @@ class SwitchedKind(Kind):
         if request.angle or request.joints:
             raise UsageError('--angle and --joint are for observers of single angles: name the '
                              "joints of a switched system with --set 'joints=[...]'")
-        settled(values)
+        settings, _, _ = settled(values)
         topics = [bag.topics[measurement_topic(bag, request.measurement)]]
         if EVENTS in bag.topics:  # without one, nothing ever switches
             topics.append(bag.require(EVENTS, [TYPE]))
-        return Setup(dict(values), tuple(topics))
+        return Setup(dict(values), (*topics, *effort_topics(bag, settings)))
 
     def start(self, setup: Setup) -> SwitchedReplay:
         """See `Kind`."""
@@ -65,7 +67,7 @@ def settled(values: Mapping[str, Any]
     gains, of_joint = Configuration(OBSERVER, common).for_joint('')
     model = load(gains.model)
     return settings, SwitchedBank(SwitchedJoint(OBSERVER, gains, of_joint),
-                                  settings.names(model), settings.input_scale), model
+                                  settings.names(model), settings.input), model
 
 
 class SwitchedReplay(OneByOne):
@@ -81,11 +83,15 @@ class SwitchedReplay(OneByOne):
         self._layout, self._decode_event = Decoder().layout, Decoder().decode
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
         self._encode_discrete = Encoder().encode
-        self._has_events = len(setup.topics) > 1
+        self._has_events = any(topic.name == EVENTS for topic in setup.topics)
+        self._commands = self._settings.commands(self.bank.orders)
 
     def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
         """See `OneByOne`."""
         bank = self.bank
+        if topic == EFFORTS:
+            bank.command(*self._commands.decode(raw, publish_ns))
+            return []
         if topic != self._topic:
             event = self._decode_event(raw)
             bank.system.event(event.stamp_ns, event.names[0] if event.names else '',
