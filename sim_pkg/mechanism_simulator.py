@@ -18,10 +18,10 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.parameters import parameter
 from sim_pkg.contract import Message, Topic
-from sim_pkg.mechanism import make_plant
 from sim_pkg.sensor import SECOND, fixed, random_stream
 
 MEASURED = Topic('joint_states', JOINT_STATE)

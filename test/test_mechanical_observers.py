@@ -12,6 +12,7 @@ from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers import mechanical_gains, smo
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
@@ -19,7 +20,6 @@ from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_flow import make_flow
 from estimator_pkg.observers.mechanical_noise import discrete, exponential
 from estimator_pkg.parameters import build
-from sim_pkg.mechanism import make_plant
 
 NAMES = ('geso', 'hgo', 'ehgo', 'smo')
 MODELS = ('single_joint', 'cart_pendulum', 'robotic_leg')

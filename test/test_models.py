@@ -43,7 +43,7 @@ def test_the_check_sees_a_small_mistake_in_psi(module):
 
 def test_momenta_are_conserved_by_the_leg():
     """p1 and p2 of the leg stay what they are without input, though it moves."""
-    from sim_pkg.mechanism import make_plant
+    from estimator_pkg.models.motion import make_plant
     mechanics = load('robotic_leg')
     q, v = (2.0, 1.5, 0.2), (0.3, -0.4, 0.1)
 

@@ -3,125 +3,119 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg.bags.reader import Bag, open_bag
+from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
-from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.cli import Command
-from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import identify_joint
-from estimator_pkg.models import single_joint
-from estimator_pkg.models.mechanics import assignments_of
+from estimator_pkg.evaluation.identify_data import recording
+from estimator_pkg.evaluation.identify_fit import DELAY, ROUNDS, Found, fit
+from estimator_pkg.evaluation.identify_model import Unknowns, unknowns
+from estimator_pkg.evaluation.identify_pieces import Recording
+from estimator_pkg.models.mechanics import load
 from estimator_pkg.parameters import build, parse_assignments
+from estimator_pkg.progress import progress
 
-KNOWN = 'single_joint'
-GIVEN = ('torque_constant', 'gear_ratio', 'coulomb_speed', 'period')
-UNITS = {'inertia': 'kg m^2', 'damping': 'N m s/rad', 'coulomb': 'N m', 'gravity': 'N m',
-         'hanging': 'rad', 'bias': 'N m', 'input_delay': 's'}
+JOINT = 'single_joint'
+LITTLE = 0.5    # of the motion explained elsewhere: below it the model is not to be trusted
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
-    parser.add_argument('--model', metavar='NAME', default=KNOWN,
-                        help=f'which model (so far {KNOWN})')
+    parser.add_argument('--model', metavar='NAME', default=JOINT,
+                        help=f'which model: {JOINT} (the default), cart_pendulum, robotic_leg, or '
+                             'your own as package.module:Name')
     parser.add_argument('--out', metavar='YAML',
                         help='parameter file of mechanical_observer to write')
-    parser.add_argument('--joint', metavar='NAME', help='which joint, where there are several')
+    parser.add_argument('--joint', metavar='NAME', action='append', default=[],
+                        help="which joint of the topic; for a mechanism once for each of the "
+                             "model's positions, in their order")
     parser.add_argument('--measurement', metavar='TOPIC',
                         help='joint states with positions and efforts')
     parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
-                        help=f'what a recording cannot tell ({", ".join(GIVEN)})')
+                        help='a number of the model that is known, and held')
+    parser.add_argument('--start', metavar='KEY=VALUE', action='append', default=[],
+                        help="a number to start from, where the model's own is far off")
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Identifies, prints, writes."""
-    if parsed.model != KNOWN:
-        raise UsageError(f"'identify' knows the model {KNOWN}, not '{parsed.model}'")
-    given = parse_assignments(parsed.set)
-    for name in given:
-        if name not in GIVEN:
-            raise UsageError(f"'{name}' is not given but identified, or unknown: "
-                             f'{suggestion(name, GIVEN)}')
-    fixed = build(single_joint.Parameters, given, owner=f"model '{KNOWN}'")
+    given, start = parse_assignments(parsed.set), parse_assignments(parsed.start)
+    wanted = unknowns(parsed.model, given, start)
     out = Path(parsed.out) if parsed.out else None
     if out is not None and out.exists():
         raise UserError(f'{out} exists already')
     with open_bag(parsed.bag) as bag:
         topic = measurement_topic(bag, parsed.measurement)
-        name, series = _one_joint(bag, topic, parsed.joint)
-    time, position, effort = _clean(series, name, fixed.period)
-    constant, gear = fixed.torque_constant, fixed.gear_ratio
-    found = identify_joint.identify(time, position, effort * constant * gear,
-                                    fixed.coulomb_speed)
-    parameters = identify_joint.parameters_of(found, fixed.coulomb_speed, constant, gear,
-                                              fixed.period)
-    texts = assignments_of(single_joint.MODEL, parameters)
-    _print(parsed.bag, name, found)
+        samples, names = recording(bag, topic, wanted.make(wanted.start), parsed.joint)
+    delay = 0.0
+    if parsed.model == JOINT:
+        wanted, delay = _first_guess(samples, wanted, given, start)
+    with progress('identify', 2 * ROUNDS) as advance:
+        found = fit(samples, wanted, delay, advance)
+    texts = wanted.texts(found.values[:len(wanted.names)])
+    load(parsed.model, texts)  # what is found must pass the checks of every model
+    units = (*wanted.units, 's')
+    _print(parsed.bag, parsed.model, names, found, units)
     if out is not None:
-        _write(out, name, texts, found, str(parsed.bag))
+        _write(out, parsed.model, names, texts, found, str(parsed.bag))
         print(f'{out}: parameters of mechanical_observer')
-    return {'bag': str(parsed.bag), 'joint': name, 'model': KNOWN, 'values': found.values,
-            'stddev': found.deviations, 'explained': found.explained,
-            'explained_elsewhere': found.explained_elsewhere, 'residual': found.residual,
-            'windows': list(found.windows), 'out': parsed.out}
+    return {'bag': str(parsed.bag), 'joints': list(names), 'model': parsed.model,
+            'values': dict(zip(found.names, found.values.tolist())),
+            'stddev': dict(zip(found.names, found.deviations.tolist())),
+            'explained': found.explained, 'explained_elsewhere': found.explained_elsewhere,
+            'residual': found.residual.tolist(),
+            'residual_elsewhere': found.residual_elsewhere.tolist(),
+            'pieces': list(found.pieces), 'out': parsed.out}
 
 
-def _one_joint(bag: Bag, topic: str, wanted: str | None) -> tuple[str, Series]:
-    every = joint_series(bag, topic)
-    if wanted is None:
-        if len(every) > 1:
-            raise UsageError(f"topic '{topic}' has several joints: name one with --joint "
-                             f'({", ".join(every)})')
-        wanted = next(iter(every))
-    if wanted not in every:
-        raise UserError(f"topic '{topic}' of {bag.path} has no joint '{wanted}': "
-                        f'{suggestion(wanted, every)}')
-    return wanted, every[wanted]
+def _first_guess(samples: Recording, wanted: Unknowns, given: Mapping[str, Any],
+                 start: Mapping[str, Any]) -> tuple[Unknowns, float]:
+    """Where a single joint starts from, and the delay of its torque: the weak form is linear."""
+    from estimator_pkg.models.single_joint import Parameters
+    fixed = build(Parameters, {**start, **given})
+    guess = identify_joint.identify(
+        samples.time, samples.positions[:, 0],
+        samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio, fixed.coulomb_speed)
+    values = {name: value for name, value in guess.values.items() if name in wanted.names}
+    return (unknowns(JOINT, given, {**values, **start}), guess.values[DELAY])
 
 
-def _clean(series: Series, name: str, period: float) -> tuple[np.ndarray, ...]:
-    """(time [s], position unwrapped, effort), strictly increasing in time."""
-    good = np.isfinite(series.position) & np.isfinite(series.effort)
-    if np.count_nonzero(good) < 0.5 * len(good) or not good.any():
-        raise UserError(f"joint '{name}' has no efforts: identify needs positions and efforts in "
-                        'the same messages')
-    stamps = series.stamps_ns[good]
-    newer = np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
-    position, effort = series.position[good][newer], series.effort[good][newer]
-    if period > 0.0:
-        position = np.unwrap(position, period=period)
-    return (stamps[newer] - stamps[0]) * 1e-9, position, effort
-
-
-def _print(bag: Any, name: str, found: identify_joint.Identified) -> None:
-    print(f'{bag}: {KNOWN}, joint {name}, {found.windows[0]} windows to identify, '
-          f'{found.windows[1]} to judge')
-    for key, value in found.values.items():
-        print(f'  {key} = {value:.5g} +- {found.deviations[key]:.2g} {UNITS[key]}')
-    print(f'  explains {100.0 * found.explained:.1f} % of the torque there, '
-          f'{100.0 * found.explained_elsewhere:.1f} % in the other part, where '
-          f'{found.residual:.3g} N m rms are left')
-    if found.explained_elsewhere < 0.5:
+def _print(bag: Any, model: str, names: tuple[str, ...], found: Found, units: tuple[str, ...]
+           ) -> None:
+    print(f'{bag}: {model}, {", ".join(names)}; {found.pieces[0]} pieces to identify, '
+          f'{found.pieces[1]} to judge')
+    for name, value, spread, unit in zip(found.names, found.values, found.deviations, units):
+        print(f'  {name} = {value:.5g} +- {spread:.2g} {unit}'.rstrip())
+    print(f'  explains {100.0 * found.explained:.2f} % of the motion beyond constant velocity '
+          f'there, {100.0 * found.explained_elsewhere:.2f} % in the other part')
+    for name, here, there in zip(names, found.residual, found.residual_elsewhere):
+        print(f'  {name}: {here:.3g} rms are left there, {there:.3g} in the other part')
+    if found.explained_elsewhere < LITTLE:
         print('  the model explains little of what it was not fitted to: do not trust it beyond '
               'a low disturbance')
 
 
-def _write(path: Path, name: str, texts: tuple[str, ...], found: identify_joint.Identified,
+def _write(path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...], found: Found,
            bag: str) -> None:
-    lines = [f'# Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.1f} % of '
-             'the torque explained in the part that was not used.', '/**:', '  ros__parameters:',
-             f'    model: {KNOWN}', f'    joints: [{name}]',
-             f'    input_delay: {max(0.0, found.values["input_delay"]):.6g}',
+    spreads = dict(zip(found.names, found.deviations))
+    values = dict(zip(found.names, found.values))
+    lines = [f'# Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.2f} % of '
+             'the motion beyond constant', '# velocity explained in the part that was not used.',
+             '/**:', '  ros__parameters:', f"    model: '{model}'",
+             f'    joints: [{", ".join(names)}]',
+             f'    input_delay: {max(0.0, float(values.get(DELAY, 0.0))):.6g}',
              '    model_parameters:']
     for text in texts:
-        key = text.partition('=')[0]
-        spread = found.deviations.get(key)
-        lines.append(f'      - {text}' + (f'  # +- {spread:.2g}' if spread is not None else ''))
+        spread = spreads.get(text.partition('=')[0], np.nan)
+        lines.append(f'      - {text}' + (f'  # +- {spread:.2g}' if np.isfinite(spread) else ''))
     path.write_text('\n'.join(lines) + '\n')
 
 

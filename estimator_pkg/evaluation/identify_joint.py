@@ -138,7 +138,7 @@ def _solve(rows: Array, wanted: Array) -> tuple[Array, Array]:
     while True:
         part = rows[:, use]
         scale = np.linalg.norm(part, axis=0)
-        normal = (part / scale).T @ (part / scale)
+        normal = (part / np.maximum(scale, 1e-300)).T @ (part / np.maximum(scale, 1e-300))
         if not np.all(scale > 0.0) or np.linalg.cond(normal) > 1e8:
             raise UserError('the motion in the recording does not tell inertia, friction and '
                             'gravity apart: it needs to move more')

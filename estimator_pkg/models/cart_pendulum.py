@@ -118,4 +118,6 @@ def build(parameters: Parameters) -> Mechanics:
 MODEL = Model(
     name='cart_pendulum', parameters=Parameters, build=build,
     summary='a pendulum on a driven cart, with asymmetric friction',
-    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), sections 5.1 and 6, equation (24)')
+    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), sections 5.1 and 6, equation (24)',
+    identified=('pendulum_inertia', 'pendulum_moment', 'moving_mass', 'friction_forward',
+                'friction_backward', 'pendulum_damping', 'cart_damping'))

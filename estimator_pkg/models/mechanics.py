@@ -91,6 +91,8 @@ class Model:
     parameters : the frozen dataclass that declares its numbers (see `estimator_pkg.parameters`).
     build : (parameters) -> Mechanics.
     reference : where the equations come from.
+    identified : names of the parameters that a recording of positions and inputs tells; the others
+        are known beforehand, or only their product with one of these can be told.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Model:
     parameters: type
     build: Callable[[Any], Mechanics]
     reference: str = ''
+    identified: tuple[str, ...] = ()
 
 
 def everywhere(values: Vector, q: Vector) -> bool:
@@ -111,7 +114,7 @@ def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
     Parameters
     ----------
     name : a built-in model, or a user's own as ``package.module:Name``.
-    assignments : 'parameter=value' of a built-in model.
+    assignments : 'parameter=value'; of a user's model those that its `parameters` name.
 
     Raises
     ------
@@ -121,10 +124,7 @@ def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
     from estimator_pkg.models import check
     if ':' in name:
         from estimator_pkg.models.own import from_user
-        if assignments:
-            raise UsageError(f"model '{name}' takes no 'model_parameters': its numbers stand in "
-                             'its own module')
-        mechanics = from_user(name)
+        mechanics = from_user(name, parse_assignments(list(assignments)))
     else:
         model: Model = registry.find(registry.MODELS, name)
         if not isinstance(model, Model):

@@ -8,13 +8,15 @@ where everything else is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import copy
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.models import check
 from estimator_pkg.models.mechanics import Mechanics, everywhere
 from estimator_pkg.registry import load as load_object
@@ -24,22 +26,70 @@ COMPILED = ('joints', 'inertia', 'force', 'coriolis')
 DERIVATIVE_STEP = 1e-6  # of the Christoffel symbols, where the model gives no Coriolis forces
 
 
-def from_user(path: str) -> Mechanics:
-    """The model at ``package.module:Name``.
+def from_user(path: str, values: Mapping[str, Any] | None = None) -> Mechanics:
+    """The model at ``package.module:Name``, with these of its declared numbers.
 
     Raises
     ------
-    UsageError : it cannot be imported; the module is named.
+    UsageError : it cannot be imported (the module is named), or a number is none of its own.
     UserError : something is missing in it.
     """
+    model = instance(path, values)
+    if isinstance(model, Mechanics):
+        return model
+    mechanics = mechanics_of(model, path)
+    if mechanics.factors is None and not mechanics.compiles:
+        return _with_found_factors(mechanics)
+    return mechanics
+
+
+def instance(path: str, values: Mapping[str, Any] | None = None) -> Any:
+    """The user's object, with these numbers as attributes; raises as `from_user`."""
     named = load_object(path)
-    if isinstance(named, Mechanics):
-        return named
     try:
-        model = named() if isinstance(named, type) else named
+        model = named() if isinstance(named, type) else copy.copy(named)
     except Exception as error:  # a user's class may fail in any way
         raise UserError(f"model '{path}' cannot be made: {type(error).__name__}: {error}"
                         ) from error
+    known = numbers(model, path)
+    for name, value in (values or {}).items():
+        if not known:
+            raise UsageError(f"model '{path}' takes no 'model_parameters': its numbers stand in "
+                             "its own module, and no attribute 'parameters' names them")
+        if name not in known:
+            raise UsageError(f"model '{path}' has no parameter '{name}': "
+                             f'{suggestion(name, known)}')
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(
+                value):
+            raise UsageError(f"parameter '{name}' of model '{path}' must be a number, not "
+                             f'{value!r}')
+        setattr(model, name, float(value))
+    return model
+
+
+def numbers(model: Any, path: str) -> dict[str, float]:
+    """The numbers that the model's attribute `parameters` names, with their values now.
+
+    None of a model that compiles: what it computes with is settled when it is compiled.
+
+    Raises
+    ------
+    UserError : one of them is not there, or is no number.
+    """
+    found: dict[str, float] = {}
+    if getattr(model, 'compiles', False):
+        return found
+    for name in getattr(model, 'parameters', ()):
+        try:
+            found[str(name)] = float(getattr(model, name))
+        except (AttributeError, TypeError, ValueError) as error:
+            raise UserError(f"model '{path}': its 'parameters' name '{name}', which is no number "
+                            'of it') from error
+    return found
+
+
+def mechanics_of(model: Any, path: str) -> Mechanics:
+    """The functions around the user's object; raises UserError, UsageError."""
     needed = COMPILED if getattr(model, 'compiles', False) else NEEDED
     missing = [name for name in needed if not hasattr(model, name)]
     if missing:
@@ -55,16 +105,13 @@ def from_user(path: str) -> Mechanics:
         parts = _compilable(model)
     else:
         parts = _ordinary(model, count)
-    mechanics = Mechanics(
+    return Mechanics(
         name=path, joints=joints, values=(0.0,), actuated=actuated,
         periods=_numbers(model, path, 'periods', count, 2.0 * np.pi),
         centre=_numbers(model, path, 'centre', count, 0.0),
         reach=_numbers(model, path, 'reach', count, 1.0),
         speed_matters=hasattr(model, 'friction'),
         compiles=bool(getattr(model, 'compiles', False)), **parts)
-    if mechanics.factors is None and not mechanics.compiles:
-        return _with_found_factors(mechanics)
-    return mechanics
 
 
 def _with_found_factors(mechanics: Mechanics) -> Mechanics:

@@ -82,4 +82,5 @@ def build(parameters: Parameters) -> Mechanics:
 MODEL = Model(
     name='robotic_leg', parameters=Parameters, build=build,
     summary="the paper's robotic leg: radius, angle of the leg, angle of the body",
-    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), section 5.2')
+    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), section 5.2',
+    identified=('foot_mass', 'body_inertia'))

@@ -95,4 +95,5 @@ def build(parameters: Parameters) -> Mechanics:
 
 MODEL = Model(
     name='single_joint', parameters=Parameters, build=build,
-    summary='one joint with its motor: inertia, friction, gravity, torque constant, gear ratio')
+    summary='one joint with its motor: inertia, friction, gravity, torque constant, gear ratio',
+    identified=('inertia', 'damping', 'coulomb', 'gravity', 'hanging', 'bias'))

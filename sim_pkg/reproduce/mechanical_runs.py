@@ -17,11 +17,12 @@ from estimator_pkg import observers
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.models.motion import put_row, row_of
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.parameters import build
-from sim_pkg.mechanism import make_motion, put_row, row_of
+from sim_pkg.mechanism import make_motion
 
 Array = NDArray[np.float64]
 

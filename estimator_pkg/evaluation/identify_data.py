@@ -1,0 +1,90 @@
+"""From a bag to what `identify` needs: one mechanism's times, positions and inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.evaluation.identify_pieces import Recording
+from estimator_pkg.models.mechanics import Mechanics
+
+Array = NDArray[np.float64]
+
+
+def recording(bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str]
+              ) -> tuple[Recording, tuple[str, ...]]:
+    """The mechanism's samples, in order of time, and the names of its joints in the topic.
+
+    Stamps at which a joint is missing are left out, and so are those not newer than the one before.
+
+    Parameters
+    ----------
+    wanted : names of the joints, in the order of the model's positions; empty: the model's own, or
+        the only one that there is.
+
+    Raises
+    ------
+    UsageError : the joints must be named, or are too many or too few.
+    UserError : a joint is not there, or an input has no efforts.
+    """
+    every = joint_series(bag, topic)
+    names = _names(bag, topic, mechanics, wanted, every)
+    stamps, rows = _common(names, every)
+    positions = np.column_stack([every[name].position[row] for name, row in zip(names, rows)])
+    inputs = np.zeros((len(stamps), mechanics.inputs))
+    for place, joint in enumerate(mechanics.actuated):
+        inputs[:, place] = every[names[joint]].effort[rows[joint]]
+        if np.count_nonzero(np.isfinite(inputs[:, place])) < 0.5 * len(stamps):
+            raise UserError(f"joint '{names[joint]}' has no efforts: identify needs positions and "
+                            'efforts in the same messages')
+    good = np.all(np.isfinite(positions), axis=1) & np.all(np.isfinite(inputs), axis=1)
+    stamps, positions, inputs = stamps[good], positions[good], inputs[good]
+    if len(stamps) < 2:
+        raise UserError(f"topic '{topic}' of {bag.path} has no two usable samples of "
+                        f'{", ".join(names)} at the same stamps')
+    for column, period in enumerate(mechanics.periods):
+        if period > 0.0:
+            positions[:, column] = np.unwrap(positions[:, column], period=period)
+    return Recording((stamps - stamps[0]) * 1e-9, positions, inputs), names
+
+
+def _names(bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str],
+           every: dict[str, Series]) -> tuple[str, ...]:
+    count = mechanics.degrees
+    if not wanted:
+        if all(name in every for name in mechanics.joints):
+            return mechanics.joints
+        if len(every) == count == 1:
+            return tuple(every)
+        raise UsageError(f"topic '{topic}' has the joints {', '.join(every)}: name with --joint, "
+                         f"once for each, those that are {', '.join(mechanics.joints)} of model "
+                         f"'{mechanics.name}'")
+    for name in wanted:
+        if name not in every:
+            raise UserError(f"topic '{topic}' of {bag.path} has no joint '{name}': "
+                            f'{suggestion(name, every)}')
+    if len(wanted) != count or len(set(wanted)) != count:
+        raise UsageError(f"model '{mechanics.name}' has {count} joints "
+                         f"({', '.join(mechanics.joints)}): give --joint {count} times, not "
+                         f'{len(wanted)}')
+    return tuple(wanted)
+
+
+def _common(names: tuple[str, ...], every: dict[str, Series]
+            ) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
+    """(stamps that every joint has, rising; the rows of each joint at them)."""
+    rows = []
+    for name in names:
+        stamps = every[name].stamps_ns
+        newer = np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
+        rows.append(np.flatnonzero(newer))
+    shared = every[names[0]].stamps_ns[rows[0]]
+    for name, row in zip(names[1:], rows[1:]):
+        shared = np.intersect1d(shared, every[name].stamps_ns[row], assume_unique=True)
+    return shared, [row[np.searchsorted(every[name].stamps_ns[row], shared)]
+                    for name, row in zip(names, rows)]

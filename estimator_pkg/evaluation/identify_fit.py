@@ -1,0 +1,315 @@
+"""A model's numbers by output error: its motion under the recorded inputs against the positions.
+
+The recording is cut into pieces; in each the model starts at positions and velocities of its own,
+which are found with the numbers, and moves under the inputs as they were. The numbers make the
+squares of position minus measurement least, over the pieces of the first part (Gauss-Newton with
+the starts eliminated piece by piece, damped as by Levenberg and Marquardt). Nothing is
+differentiated, so that noise and quantisation of the measurement bias nothing.
+
+Standard deviations are those of the sandwich with a piece as the unit: what is left over may be
+correlated in any way within a piece, as it is where the encoder is coarse or the model wrong.
+Ljung, System Identification (1999), 7.4 and 9.2; MacKinnon and White (1985) for small samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.identify_model import Unknowns
+from estimator_pkg.evaluation.identify_pieces import (
+    COARSE,
+    Piece,
+    Recording,
+    accumulated,
+    cut,
+    first_guess,
+    thinned,
+)
+from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.models.motion import make_course
+
+Array = NDArray[np.float64]
+
+FINEST = 5e-4            # s, longest step of the integration where the model compiles
+ROUNDS = 60              # at most
+SETTLED = 1e-4           # of a standard deviation: a smaller change is none
+DELAY = 'input_delay'
+LATEST = 0.1             # s, of the delay of the inputs
+
+
+class Found(NamedTuple):
+    """Numbers with their standard deviations.
+
+    names : of the model's numbers, then input_delay if the model has inputs.
+    values, deviations : shape (p,).
+    residual, residual_elsewhere : rms of position minus measurement of each joint [rad or m], in
+        the part that the numbers are from and in the other.
+    explained, explained_elsewhere : part of the squares beyond motion at constant velocity that the
+        model explains there.
+    pieces : how many, in both parts.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    deviations: Array
+    residual: Array
+    residual_elsewhere: Array
+    explained: float
+    explained_elsewhere: float
+    pieces: tuple[int, int]
+
+
+Predict = Callable[[Array, 'Piece', Array], Array]  # (numbers, piece, start) -> positions
+
+
+def fit(recording: Recording, unknowns: Unknowns, delay: float = 0.0,
+        advance: Callable[[int], None] = lambda rounds: None) -> Found:
+    """The numbers that explain the recording best.
+
+    Parameters
+    ----------
+    delay : of the inputs, to start from [s].
+    advance : called with 1 after each round.
+
+    Raises
+    ------
+    UserError : too short a recording, or a motion that does not tell the numbers.
+    """
+    mechanics = unknowns.make(unknowns.start)
+    if not mechanics.compiles:
+        recording = thinned(recording)
+    first, second = cut(recording)
+    driven = mechanics.inputs > 0
+    names = unknowns.names + ((DELAY,) if driven else ())
+    numbers = np.append(unknowns.start, delay) if driven else unknowns.start.copy()
+    low = np.append(unknowns.lowest, -LATEST) if driven else unknowns.lowest
+    high = np.append(unknowns.highest, LATEST) if driven else unknowns.highest
+    predict = _predictor(recording, unknowns, driven)
+    weights = np.ones(recording.positions.shape[1])
+    starts = {piece: first_guess(recording, piece) for piece in (*first, *second)}
+    for _ in range(2):  # the joints' weights follow from what is left over
+        numbers = _minimise(recording, predict, first, starts, numbers, low, high, weights,
+                            advance)
+        weights = 1.0 / np.maximum(_rms(recording, predict, first, starts, numbers), 1e-12)
+    deviations = _deviations(recording, predict, first, starts, numbers, weights, names)
+    for piece in second:
+        _settle_start(recording, predict, piece, starts, numbers, weights)
+    return Found(names, numbers, deviations,
+                 _rms(recording, predict, first, starts, numbers),
+                 _rms(recording, predict, second, starts, numbers),
+                 _explained(recording, predict, first, starts, numbers, weights),
+                 _explained(recording, predict, second, starts, numbers, weights),
+                 (len(first), len(second)))
+
+
+def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predict:
+    """positions of a piece at numbers and a start (positions, then velocities)."""
+    time, n = recording.time, recording.positions.shape[1]
+    total = accumulated(time, recording.inputs)
+    made: dict[bytes, tuple[Mechanics, Callable]] = {}
+
+    def model(numbers: Array) -> tuple[Mechanics, Callable]:
+        key = numbers.tobytes()
+        if key not in made:
+            if len(made) > 64:
+                made.clear()
+            mechanics = unknowns.make(numbers)
+            course = make_course(mechanics)
+            made[key] = mechanics, compiled(course) if mechanics.compiles else course
+        return made[key]
+
+    def predict(numbers: Array, piece: Piece, start: Array) -> Array:
+        mechanics, course = model(numbers[:-1] if driven else numbers)
+        at = time[piece.begin:piece.end]
+        steps = np.diff(at)
+        inputs = np.zeros((len(steps), max(1, mechanics.inputs)))
+        if driven:
+            for column in range(mechanics.inputs):
+                inputs[:, column] = np.diff(np.interp(at - numbers[-1], time, total[:, column]))
+            inputs /= steps[:, None]
+        positions = np.zeros((len(at), n))
+        course(mechanics.values, tuple(start[:n].tolist()), tuple(start[n:].tolist()), inputs,
+               steps, FINEST if mechanics.compiles else COARSE, positions)
+        return positions
+
+    return predict
+
+
+def _rest(recording: Recording, predict: Predict, piece: Piece, start: Array, numbers: Array,
+          weights: Array) -> Array:
+    """Weighted position minus measurement, shape (rows * n,)."""
+    positions = predict(numbers, piece, start)
+    return ((positions - recording.positions[piece.begin:piece.end]) * weights).ravel()
+
+
+def _slopes(function: Callable[[Array], Array], at: Array, value: Array, step: Array) -> Array:
+    """The derivatives of `function` by each number, one-sided."""
+    columns = []
+    for index in range(len(at)):
+        moved = at.copy()
+        moved[index] += step[index]
+        columns.append((function(moved) - value) / step[index])
+    return np.array(columns).T.reshape(len(value), len(at))
+
+
+def _steps_of(numbers: Array) -> Array:
+    return 1e-4 * np.maximum(np.abs(numbers), 0.01)
+
+
+class _Linear(NamedTuple):
+    """A piece about the present numbers: what is left over, and what can be done about it."""
+
+    rest: Array        # without what another start would take away
+    by_number: Array   # likewise
+    start: Array       # (rest, slopes by number) -> change of the start
+
+
+def _linear(recording: Recording, predict: Predict, piece: Piece, starts: dict[Piece, Array],
+            numbers: Array, weights: Array) -> tuple[_Linear, Array, Array]:
+    """The piece, its plain residual, and its plain slopes by number."""
+    start = starts[piece]
+    rest = _rest(recording, predict, piece, start, numbers, weights)
+    by_start = _slopes(lambda x: _rest(recording, predict, piece, x, numbers, weights), start,
+                       rest, np.full(len(start), 1e-5))
+    by_number = _slopes(lambda x: _rest(recording, predict, piece, start, x, weights), numbers,
+                        rest, _steps_of(numbers))
+    basis, triangle = np.linalg.qr(by_start)
+
+    def without(values: Array) -> Array:
+        return values - basis @ (basis.T @ values)
+
+    return (_Linear(without(rest), without(by_number), np.linalg.pinv(triangle) @ basis.T), rest,
+            by_number)
+
+
+def _cost(rests: list[Array]) -> float:
+    total = sum(float(rest @ rest) for rest in rests)
+    return total if np.isfinite(total) else np.inf
+
+
+def _minimise(recording: Recording, predict: Predict, pieces: list[Piece],
+              starts: dict[Piece, Array], numbers: Array, low: Array, high: Array,
+              weights: Array, advance: Callable[[int], None]) -> Array:
+    """The best numbers; the starts are brought along."""
+    damping = 1e-3
+    fresh = True
+    for _ in range(ROUNDS):
+        if fresh:
+            lines = [_linear(recording, predict, piece, starts, numbers, weights)
+                     for piece in pieces]
+            cost = _cost([line[1] for line in lines])
+            square = sum(line[0].by_number.T @ line[0].by_number for line in lines)
+            slope = sum(line[0].by_number.T @ line[0].rest for line in lines)
+            if not np.all(np.isfinite(square)) or not np.isfinite(cost):
+                raise UserError('the model runs away from the recording with the numbers to start '
+                                'from: give better ones')
+        advance(1)
+        size = np.diag(square).copy()
+        size[size == 0.0] = 1.0
+        held = ((numbers <= low) & (slope > 0.0)) | ((numbers >= high) & (slope < 0.0))
+        free = ~held
+        change = np.zeros(len(numbers))
+        change[free] = -np.linalg.lstsq(
+            square[np.ix_(free, free)] + damping * np.diag(size[free]), slope[free],
+            rcond=None)[0]
+        wanted = np.clip(numbers + change, low, high)
+        change = wanted - numbers
+        moved = {piece: starts[piece] - line[0].start @ (line[1] + line[2] @ change)
+                 for piece, line in zip(pieces, lines)}
+        try:
+            after = _cost([_rest(recording, predict, piece, moved[piece], wanted, weights)
+                           for piece in pieces])
+        except UserError:  # numbers that make no sense
+            after = np.inf
+        fresh = after <= cost
+        if fresh:
+            numbers = wanted
+            starts.update(moved)
+            noise = cost / sum(len(line[1]) for line in lines)
+            damping = max(0.1 * damping, 1e-12)
+            # in units of what noise alone would make of it
+            if np.all(np.abs(change) * np.sqrt(size) <= SETTLED * np.sqrt(noise)):
+                return numbers
+        else:
+            damping = max(damping, 1e-9) * 10.0
+            if damping > 1e9:
+                return numbers
+    return numbers
+
+
+def _settle_start(recording: Recording, predict: Predict, piece: Piece,
+                  starts: dict[Piece, Array], numbers: Array, weights: Array) -> None:
+    """The best start of a piece at these numbers."""
+    for _ in range(5):
+        start = starts[piece]
+        rest = _rest(recording, predict, piece, start, numbers, weights)
+        by_start = _slopes(lambda x: _rest(recording, predict, piece, x, numbers, weights), start,
+                           rest, np.full(len(start), 1e-5))
+        if not np.all(np.isfinite(by_start)):
+            return
+        moved = start - np.linalg.lstsq(by_start, rest, rcond=None)[0]
+        after = _rest(recording, predict, piece, moved, numbers, weights)
+        if not _cost([after]) < _cost([rest]):
+            return
+        starts[piece] = moved
+
+
+def _deviations(recording: Recording, predict: Predict, pieces: list[Piece],
+                starts: dict[Piece, Array], numbers: Array, weights: Array,
+                names: tuple[str, ...]) -> Array:
+    """One standard deviation of each number; raises UserError."""
+    lines = [_linear(recording, predict, piece, starts, numbers, weights)[0] for piece in pieces]
+    square = np.array(sum(line.by_number.T @ line.by_number for line in lines))
+    scale = np.sqrt(np.diag(square))
+    if not np.all(scale > 0.0):
+        names_of = ', '.join(name for name, size in zip(names, scale) if not size > 0.0)
+        raise UserError(f'the motion in the recording does not depend on {names_of}: hold it with '
+                        '--set')
+    normal = square / np.outer(scale, scale)
+    sizes, axes = np.linalg.eigh(normal)
+    if sizes[0] < 1e-9:
+        mixed = [name for name, part in zip(names, np.abs(axes[:, 0])) if part > 0.3]
+        raise UserError(f'the motion in the recording does not tell {", ".join(mixed)} apart: it '
+                        'needs to move more, or hold some of them with --set')
+    inverse = np.linalg.inv(normal) / np.outer(scale, scale)
+    count = len(pieces)
+    middle = np.zeros_like(square)
+    for line in lines:
+        # the piece takes part in the fit, which makes what it leaves over too small
+        push = line.by_number.T @ line.rest
+        lever = line.by_number.T @ line.by_number @ inverse
+        push = np.linalg.solve(np.eye(len(push)) - lever, push)
+        middle += np.outer(push, push)
+    found: Array = np.sqrt(np.diag(inverse @ middle @ inverse) * (count - 1.0) / count)
+    return found
+
+
+def _rms(recording: Recording, predict: Predict, pieces: list[Piece],
+         starts: dict[Piece, Array], numbers: Array) -> Array:
+    """Rms of position minus measurement of each joint."""
+    n = recording.positions.shape[1]
+    rests = [_rest(recording, predict, piece, starts[piece], numbers, np.ones(n)).reshape(-1, n)
+             for piece in pieces]
+    found: Array = np.sqrt(np.mean(np.concatenate(rests) ** 2, axis=0))
+    return found
+
+
+def _explained(recording: Recording, predict: Predict, pieces: list[Piece],
+               starts: dict[Piece, Array], numbers: Array, weights: Array) -> float:
+    """1 minus the model's squares over those of motion at constant velocity."""
+    left = _cost([_rest(recording, predict, piece, starts[piece], numbers, weights)
+                  for piece in pieces])
+    straight = 0.0
+    for piece in pieces:
+        time = recording.time[piece.begin:piece.end]
+        powers = np.column_stack([np.ones(len(time)), time - time[0]])
+        measured = recording.positions[piece.begin:piece.end] * weights
+        rest = measured - powers @ np.linalg.lstsq(powers, measured, rcond=None)[0]
+        straight += float(np.sum(rest ** 2))
+    return 1.0 - left / straight if straight > 0.0 else -np.inf

@@ -1,0 +1,111 @@
+"""What `identify` can find of a model: its numbers, where they start, what they may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import registry
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.models import own
+from estimator_pkg.models.mechanics import Mechanics, Model, assignments_of
+from estimator_pkg.parameters import build, declared
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """A model with some of its numbers to be found.
+
+    Attributes
+    ----------
+    model : as users write it.
+    names, units : of the numbers.
+    start, lowest, highest : shape (p,).
+    make : (numbers) -> the model with them; raises UserError where they make no sense.
+    texts : (numbers) -> the assignments that `model_parameters` takes.
+    """
+
+    model: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    start: Array
+    lowest: Array
+    highest: Array
+    make: Callable[[Array], Mechanics]
+    texts: Callable[[Array], tuple[str, ...]]
+
+
+def unknowns(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
+    """The unknowns of a built-in model, or of a user's own.
+
+    Parameters
+    ----------
+    given : numbers that are known and held.
+    start : numbers to start from; the others start from the model's own.
+
+    Raises
+    ------
+    UsageError : no such model, no such number, or nothing left to find.
+    """
+    both = set(given) & set(start)
+    if both:
+        raise UsageError(f"'{both.pop()}' is both given and to be started from")
+    found = _own(name, given, start) if ':' in name else _built_in(name, given, start)
+    if not found.names:
+        raise UsageError(f"model '{name}' has nothing left to identify")
+    return found
+
+
+def _built_in(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
+    record = registry.find(registry.MODELS, name)
+    if not isinstance(record, Model) or not record.identified:
+        raise UsageError(f"model '{name}' is not one whose numbers can be identified")
+    about = declared(record.parameters)
+    for key in start:
+        if key not in record.identified:
+            raise UsageError(f"'{key}' of model '{name}' is not identified: "
+                             f'{suggestion(key, record.identified)}')
+    first: Any = build(record.parameters, {**given, **start}, owner=f"model '{name}'")
+    names = tuple(key for key in record.identified if key not in given)
+
+    def parameters(numbers: Array) -> Any:
+        values = dict(zip(names, numbers.tolist()))
+        return build(record.parameters, {**given, **values}, owner=f"model '{name}'")
+
+    return Unknowns(
+        name, names, tuple(about[key].unit for key in names),
+        np.array([float(getattr(first, key)) for key in names]),
+        np.array([_bound(about[key].minimum, -np.inf) for key in names]),
+        np.array([_bound(about[key].maximum, np.inf) for key in names]),
+        lambda numbers: record.build(parameters(numbers)),
+        lambda numbers: assignments_of(record, parameters(numbers)))
+
+
+def _own(path: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
+    first = own.numbers(own.instance(path, {**given, **start}), path)
+    if not first:
+        raise UsageError(f"model '{path}' does not say which of its numbers can be identified: "
+                         "give it an attribute 'parameters' with their names")
+    names = tuple(key for key in first if key not in given)
+
+    def make(numbers: Array) -> Mechanics:
+        return own.mechanics_of(own.instance(
+            path, {**given, **dict(zip(names, numbers.tolist()))}), path)
+
+    def texts(numbers: Array) -> tuple[str, ...]:
+        return tuple(f'{key}={float(value)!r}'
+                     for key, value in {**given, **dict(zip(names, numbers.tolist()))}.items())
+
+    size = len(names)
+    return Unknowns(path, names, ('',) * size, np.array([first[key] for key in names]),
+                    np.full(size, -np.inf), np.full(size, np.inf), make, texts)
+
+
+def _bound(value: float | None, usual: float) -> float:
+    return usual if value is None else float(value)

@@ -1,0 +1,92 @@
+"""A recording of a mechanism, and the pieces into which `identify` cuts it."""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UserError
+
+Array = NDArray[np.float64]
+
+PART = 0.6               # of the recording that the numbers are found from
+PIECES = 30              # of that part, if the recording is long enough
+SHORTEST, LONGEST = 0.2, 1.0   # s, of a piece
+FEWEST = 10              # pieces to find the numbers from
+GAP = 5.0                # median sample times: no piece reaches across a longer hole
+COARSE = 1e-2            # s, to which the samples of a model in ordinary Python are thinned
+
+
+class Recording(NamedTuple):
+    """One mechanism: times, shape (N,), positions, (N, n), not wrapped, and inputs, (N, m).
+
+    Row k of the inputs acted from sample k - 1 to sample k.
+    """
+
+    time: Array
+    positions: Array
+    inputs: Array
+
+
+class Piece(NamedTuple):
+    """Rows begin .. end - 1 of a recording."""
+
+    begin: int
+    end: int
+
+
+def thinned(recording: Recording) -> Recording:
+    """Samples at least `COARSE` apart: a model in ordinary Python is slow. Inputs are averaged."""
+    time = recording.time
+    every = max(1, round(COARSE / float(np.median(np.diff(time)))))
+    keep = np.arange(0, len(time), every)
+    total = accumulated(time, recording.inputs)[keep]
+    inputs = np.zeros((len(keep), recording.inputs.shape[1]))
+    inputs[1:] = np.diff(total, axis=0) / np.diff(time[keep])[:, None]
+    return Recording(time[keep], recording.positions[keep], inputs)
+
+
+def accumulated(time: Array, inputs: Array) -> Array:
+    """The integral of the inputs up to each sample."""
+    steps = np.diff(time, prepend=time[0])[:, None]
+    return np.cumsum(np.where(steps > 0.0, inputs * steps, 0.0), axis=0)
+
+
+def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
+    """Of the part that the numbers are from, and of the other; raises UserError."""
+    time = recording.time
+    if len(time) < 2:
+        raise UserError('the recording has fewer than two usable samples')
+    usual = float(np.median(np.diff(time)))
+    split = time[0] + PART * (time[-1] - time[0])
+    length = min(max((split - time[0]) / PIECES, SHORTEST), LONGEST)
+    holes = np.flatnonzero(np.diff(time) > GAP * usual) + 1
+    parts: tuple[list[Piece], list[Piece]] = ([], [])
+    for begin, end in zip([0, *holes], [*holes, len(time)]):
+        edges = np.arange(time[begin], time[end - 1] + 0.5 * usual, length)
+        rows = np.searchsorted(time[begin:end], edges) + begin
+        for left, right in itertools.pairwise(rows):
+            stop = min(int(right) + 1, end)  # neighbours share the sample between them
+            if stop - left < 8:
+                continue
+            if time[stop - 1] <= split:
+                parts[0].append(Piece(int(left), stop))
+            elif time[left] >= split:
+                parts[1].append(Piece(int(left), stop))
+    if len(parts[0]) < FEWEST or len(parts[1]) < FEWEST // 3:
+        raise UserError(f'the recording is too short to identify a model: {len(parts[0])} pieces '
+                        f'of {length:.2g} s without a hole; {FEWEST} are needed')
+    return parts
+
+
+def first_guess(recording: Recording, piece: Piece) -> Array:
+    """Positions and velocities at the begin of a piece: a parabola through its first samples."""
+    count = min(piece.end - piece.begin, max(8, (piece.end - piece.begin) // 4))
+    rows = slice(piece.begin, piece.begin + count)
+    time = recording.time[rows] - recording.time[piece.begin]
+    powers = np.column_stack([np.ones(count), time, time ** 2])
+    found = np.linalg.lstsq(powers, recording.positions[rows], rcond=None)[0]
+    return np.concatenate([found[0], found[1]])
