@@ -14,28 +14,25 @@ Barbot, Djemai, Manamanni (2007), equations (5) and (14), stand on order 1.
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle import AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
-from estimator_pkg.observers.steady_noise import steady_variances
-from estimator_pkg.observers.tracking import noise_of_three, noise_of_two
+from estimator_pkg.observers.super_twisting_gains import (
+    COEFFICIENTS,
+    MATCHED,
+    NOISE_GAINS,
+    SMALLEST,
+    noise_table,
+    roots,
+)
 from estimator_pkg.parameters import parameter
 
-# c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
-COEFFICIENTS = {1: (1.5, 1.1), 2: (2.0, 2.12, 1.1), 3: (3.0, 4.16, 3.06, 1.1)}
-
-SMALLEST = 1e-150   # innovations below this are zero: no power of them overflows
-TABLE = 48          # points of the noise table
-TABLE_FROM = -3.0   # log10 of the smallest speed of the error dynamics in it
-TABLE_STEP = 0.1
+REFRESH = 8.0       # samples between two looks at what noise makes of the gains
 
 
 @dataclass(frozen=True)
@@ -96,42 +93,6 @@ def power_terms(innovation: float, design: tuple, dt: float) -> tuple[float, flo
     return (c1 * fast, second, third, c4 * pace * pace * pace * fast)
 
 
-def matched_1(s: float, design: tuple) -> tuple[float, float, float, float]:
-    """Gains (of position, velocity dt, acceleration dt^2, jerk dt^3) of order 1; see `_matching`.
-
-    s : dt times the speed (L/|e|)^(1/2) of the error dynamics.
-    """
-    total, product = pair(s, design[7], design[8])
-    return total - product, product, 0.0, 0.0
-
-
-def matched_2(s: float, design: tuple) -> tuple[float, float, float, float]:
-    """The same of order 2."""
-    total, product = pair(s, design[7], design[8])
-    d = 1.0 - math.exp(design[6] * s)
-    e2, e3 = product + total * d, product * d
-    return total + d - e2 + e3, e2 - 1.5 * e3, e3, 0.0
-
-
-def matched_3(s: float, design: tuple) -> tuple[float, float, float, float]:
-    """The same of order 3."""
-    total, product = pair(s, design[7], design[8])
-    total_2, product_2 = pair(s, design[9], design[10])
-    e2, e3 = product + product_2 + total * total_2, total * product_2 + total_2 * product
-    e4 = product * product_2
-    return (total + total_2 - e2 + e3 - e4, e2 - 1.5 * e3 + 11.0 / 6.0 * e4, e3 - 2.0 * e4, e4)
-
-
-def pair(s: float, real: float, imaginary: float) -> tuple[float, float]:
-    """Sum and product of 1 - z for the eigenvalues z = exp(s (real +- i imaginary))."""
-    radius = math.exp(real * s)
-    kept = 2.0 * radius * math.cos(imaginary * s)
-    return 2.0 - kept, 1.0 - kept + radius * radius
-
-
-MATCHED = {1: matched_1, 2: matched_2, 3: matched_3}
-
-
 def prepare(design: tuple, dt: float) -> tuple:
     """(dt, design, powers of 1/dt, dt times the speed of the error dynamics at |e| = 1 rad).
 
@@ -142,35 +103,49 @@ def prepare(design: tuple, dt: float) -> tuple:
 
 
 def init(measurement: float, design: tuple) -> tuple:
-    """(position, velocity, acceleration, jerk, mean square innovation, started)."""
-    return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def begin(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-    """The second sample gives the speed: a cold start at any speed below half a turn a sample."""
-    dt, design = coefficients[0], coefficients[1]
-    change = wrap(measurement - state[0], design[11])
-    return (measurement, change / dt, 0.0, 0.0, 0.0, 1.0), 0.0
-
-
-def moved(state: tuple, k: tuple, innovation: float, design: tuple) -> tuple:
-    """The predicted state plus the correction; the position is kept on the circle."""
-    power = state[4] + 0.02 * (innovation * innovation - state[4])
-    return (wrap(state[0] + k[0], design[11]), state[1] + k[1], state[2] + k[2], state[3] + k[3],
-            power, 1.0), innovation
-
-
-def _matching(order: int) -> Callable[..., tuple]:
-    """One sample further, with eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error.
-
-    p_i are the roots of the coefficients. With d_i = 1 - eigenvalue and E_j their elementary
-    symmetric sums, the gains are those of a Taylor chain with these eigenvalues.
+    """(position, velocity, acceleration, jerk, mean square innovation, samples since the noise
+    gains were looked at (0: only one sample has come), noise gains).
     """
-    matched, root = MATCHED[order], 1.0 / (order + 1.0)
+    return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0))
+
+
+def at_rest(measurement: float) -> tuple:
+    """The state of a shaft that is known to rest at this angle [rad]."""
+    return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0))
+
+
+def correction(form: str, order: int) -> Callable[..., tuple]:
+    """The function of the core that takes one sample in: (state, innovation)."""
+    noise_gains = NOISE_GAINS[order]
+
+    def begin(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        """The second sample gives the speed, whatever it is below half a turn a sample."""
+        dt, design = coefficients[0], coefficients[1]
+        change = wrap(measurement - state[0], design[11])
+        return (measurement, change / dt, 0.0, 0.0, 0.0, 1.0, noise_gains(0.0, coefficients)), 0.0
+
+    def moved(state: tuple, k: tuple, innovation: float, coefficients: tuple) -> tuple:
+        """The predicted state plus the correction; the position is kept on the circle."""
+        power = state[4] + 0.02 * (innovation * innovation - state[4])
+        tick, noise = state[5] + 1.0, state[6]
+        if tick > REFRESH:
+            tick, noise = 1.0, noise_gains(power, coefficients)
+        return (wrap(state[0] + k[0], coefficients[1][11]), state[1] + k[1], state[2] + k[2],
+                state[3] + k[3], power, tick, noise), innovation
+
+    made = {'matching': _matching, 'implicit': _implicit, 'taylor': _taylor,
+            'explicit': _explicit}[form]
+    return made(order, begin, moved)
+
+
+def _matching(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
+              ) -> Callable[..., tuple]:
+    """With eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `super_twisting_gains`."""
+    matched, root, noise_gains = MATCHED[order], 1.0 / (order + 1.0), NOISE_GAINS[order]
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        x, v, a, j, power, started = state
-        if started == 0.0:
+        x, v, a, j, power, tick, noise = state
+        if tick == 0.0:
             return begin(state, coefficients, measurement)
         dt, design, rate, rate_2, rate_3, pace = coefficients
         period = design[11]
@@ -189,57 +164,70 @@ def _matching(order: int) -> Callable[..., tuple]:
             j += k3 * innovation * rate_3
         if not -period <= x + x < period:
             x = wrap(x, period)
-        return (x, v, a, j, power + 0.02 * (innovation * innovation - power), 1.0), innovation
+        power += 0.02 * (innovation * innovation - power)
+        if tick >= REFRESH:
+            return (x, v, a, j, power, 1.0, noise_gains(power, coefficients)), innovation
+        return (x, v, a, j, power, tick + 1.0, noise), innovation
 
     return correct
 
 
-CORRECT_MATCHING = {order: _matching(order) for order in MATCHED}
+def _taylor(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
+            ) -> Callable[..., tuple]:
+    """Explicit with Taylor terms."""
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        if state[5] == 0.0:
+            return begin(state, coefficients, measurement)
+        dt, design = coefficients[0], coefficients[1]
+        x, v, a, j = taylor(state, dt)
+        innovation = wrap(measurement - x, design[11])
+        k = moved_back(power_terms(innovation, design, dt), dt, 0.0)
+        return moved((x, v, a, j, state[4], state[5], state[6]), k, innovation, coefficients)
+
+    return correct
 
 
-def correct_taylor(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-    """One sample further, explicit with Taylor terms."""
-    if state[5] == 0.0:
-        return begin(state, coefficients, measurement)
-    dt, design = coefficients[0], coefficients[1]
-    x, v, a, j = taylor(state, dt)
-    innovation = wrap(measurement - x, design[11])
-    k = moved_back(power_terms(innovation, design, dt), dt, 0.0)
-    return moved((x, v, a, j, state[4]), k, innovation, design)
+def _explicit(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
+              ) -> Callable[..., tuple]:
+    """Forward Euler as printed in textbooks."""
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        if state[5] == 0.0:
+            return begin(state, coefficients, measurement)
+        dt, design = coefficients[0], coefficients[1]
+        x, v, a, j = euler(state, dt)
+        innovation = wrap(measurement - x, design[11])
+        k = moved_back(power_terms(innovation, design, dt), dt, 1.0)
+        return moved((x, v, a, j, state[4], state[5], state[6]), k, innovation, coefficients)
+
+    return correct
 
 
-def correct_explicit(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-    """One sample further, forward Euler as printed in textbooks."""
-    if state[5] == 0.0:
-        return begin(state, coefficients, measurement)
-    dt, design = coefficients[0], coefficients[1]
-    x, v, a, j = euler(state, dt)
-    innovation = wrap(measurement - x, design[11])
-    k = moved_back(power_terms(innovation, design, dt), dt, 1.0)
-    return moved((x, v, a, j, state[4]), k, innovation, design)
-
-
-def correct_implicit(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-    """One sample further by the implicit Euler form of order 1, in closed form.
+def _implicit(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
+              ) -> Callable[..., tuple]:
+    """The implicit Euler form of order 1, in closed form.
 
     In sliding (|e| <= dt^2 alpha) it is the backward difference; outside it the change of the
     velocity is clipped to dt alpha. It cannot chatter.
     """
-    if state[5] == 0.0:
-        return begin(state, coefficients, measurement)
-    dt, design = coefficients[0], coefficients[1]
-    x = state[0] + dt * state[1]
-    innovation = wrap(measurement - x, design[11])
-    root = design[1]  # sqrt(L)
-    gain, step = design[2] * root, dt * dt * design[3] * root * root
-    size = abs(innovation)
-    if size <= step:
-        k0, k1 = innovation, innovation / dt
-    else:
-        q = 0.5 * (math.sqrt(dt * dt * gain * gain + 4.0 * (size - step)) - dt * gain)
-        sign = 1.0 if innovation > 0.0 else -1.0
-        k0, k1 = innovation - sign * q * q, sign * step / dt
-    return moved((x, state[1], 0.0, 0.0, state[4]), (k0, k1, 0.0, 0.0), innovation, design)
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        if state[5] == 0.0:
+            return begin(state, coefficients, measurement)
+        dt, design = coefficients[0], coefficients[1]
+        x = state[0] + dt * state[1]
+        innovation = wrap(measurement - x, design[11])
+        root = design[1]  # sqrt(L)
+        gain, step = design[2] * root, dt * dt * design[3] * root * root
+        size = abs(innovation)
+        if size <= step:
+            k0, k1 = innovation, innovation / dt
+        else:
+            q = 0.5 * (math.sqrt(dt * dt * gain * gain + 4.0 * (size - step)) - dt * gain)
+            sign = 1.0 if innovation > 0.0 else -1.0
+            k0, k1 = innovation - sign * q * q, sign * step / dt
+        return moved((x, state[1], 0.0, 0.0, state[4], state[5], state[6]), (k0, k1, 0.0, 0.0),
+                     innovation, coefficients)
+
+    return correct
 
 
 def estimate_velocity(state: tuple) -> tuple[float, float, float]:
@@ -254,73 +242,12 @@ def estimate_acceleration(state: tuple) -> tuple[float, float, float]:
 
 def resume(state: tuple, measurement: float) -> tuple:
     """After a gap the speed is kept, higher derivatives are not."""
-    return (measurement, state[1], 0.0, 0.0, state[4], state[5])
+    return (measurement, state[1], 0.0, 0.0, state[4], state[5], state[6])
 
 
-def equivalent(state: tuple, coefficients: tuple) -> float:
-    """dt times the speed of the error dynamics at innovations of the rms size.
-
-    For one size of innovation the observer is linear; what noise makes of it is taken from there.
-    """
-    power = state[4] if state[4] > SMALLEST else SMALLEST
-    return coefficients[5] / power ** (0.5 / (coefficients[1][0] + 1.0))
-
-
-def noise_gains_1(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Variances of position, velocity and innovation per unit variance of white noise."""
-    k0, k1, k2, k3 = matched_1(equivalent(state, coefficients), coefficients[1])
-    return noise_of_two(k0, k1, coefficients[0])
-
-
-def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """The same of order 2."""
-    k0, k1, k2, k3 = matched_2(equivalent(state, coefficients), coefficients[1])
-    return noise_of_three(k0, k1, k2, coefficients[0])
-
-
-def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """The same of order 3, which has no short closed form, from a table."""
-    at = (math.log10(equivalent(state, coefficients)) - TABLE_FROM) / TABLE_STEP
-    if at < 0.0:
-        at = 0.0
-    elif at > TABLE - 1.001:
-        at = TABLE - 1.001
-    i = int(at)
-    part = at - i
-    here, next_one = coefficients[1][12][i], coefficients[1][12][i + 1]
-    return (math.exp(here[0] + part * (next_one[0] - here[0])),
-            math.exp(here[1] + part * (next_one[1] - here[1])) * coefficients[3],
-            math.exp(here[2] + part * (next_one[2] - here[2])))
-
-
-NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_3}
-
-
-def _roots(order: int) -> tuple[float, float, float, float, float]:
-    """Roots of p^m + c_1 p^(m-1) + ...: the real one (order 2), then one or two complex pairs."""
-    roots = np.roots((1.0, *COEFFICIENTS[order]))
-    pairs = [complex(root) for root in sorted(roots, key=cmath.phase) if root.imag > 1e-9]
-    reals = [float(root.real) for root in roots if abs(root.imag) <= 1e-9]
-    real = reals[0] if reals else 0.0
-    second = pairs[1] if len(pairs) > 1 else 0j
-    return real, pairs[0].real, pairs[0].imag, second.real, second.imag
-
-
-def _noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
-    """Logarithms of the noise gains of order 3 at dt = 1 over the speed of the error dynamics."""
-    chain = np.array([[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(4)]
-                      for i in range(4)])
-    return tuple(tuple(math.log(gain) for gain in steady_variances(
-        chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), design))))
-        for point in range(TABLE))
-
-
-def correction(form: str, order: int) -> Callable[..., tuple]:
-    """The function of the core that takes one sample in."""
-    if form == 'matching':
-        return CORRECT_MATCHING[order]
-    return {'implicit': correct_implicit, 'taylor': correct_taylor,
-            'explicit': correct_explicit}[form]
+def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """As they were looked at, REFRESH samples ago at most."""
+    return state[6]
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -338,9 +265,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     def design() -> tuple:
         coefficients = COEFFICIENTS[order] + (0.0,) * (3 - order)
-        numbers = (float(order), gains.bound ** (1.0 / (order + 1)), *coefficients, *_roots(order),
+        numbers = (float(order), gains.bound ** (1.0 / (order + 1)), *coefficients, *roots(order),
                    float(circle.period))
-        return (*numbers, _noise_table(numbers) if order == 3 else ((0.0,),))
+        return (*numbers, noise_table(numbers) if order == 3 else ((0.0,),))
 
     # Convergence from an error that one sample can hide: about the time that the bound needs to
     # make a speed of its own scale.
@@ -348,7 +275,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     return around(AngleCore(
         design=design, settle=settle, prepare=prepare, init=init, correct=correct,
         estimate=estimate_velocity if order == 1 else estimate_acceleration, resume=resume,
-        noise_gains=NOISE_GAINS[order], limits=lambda dt: None, group_delay=lambda dt: 0.0),
+        noise_gains=noise_gains, limits=lambda dt: None, group_delay=lambda dt: 0.0),
         gains, circle)
 
 

@@ -59,7 +59,7 @@ def estimated(form: str, order: int, dt: float, measured: Array, bound: float = 
     design = super_twisting.build(gains, Circle(0.0)).design()[0]
     v, a = np.empty(len(measured)), np.empty(len(measured))
     # one step before the first sample, at rest on it, so that the prediction is the start itself
-    first = (float(measured[0]), 0.0, 0.0, 0.0, 0.0, 1.0)
+    first = super_twisting.at_rest(float(measured[0]))
     compiled(_loop(form, order))(first, super_twisting.prepare(design, dt), dt,
                                  np.asarray(measured, float), v, a)
     return v, a
