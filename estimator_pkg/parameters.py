@@ -31,7 +31,8 @@ class Parameter:
 
     ``kind`` is float, int, bool, str, tuple (a list of texts) or list (of numbers, checked into a
     tuple of floats). ``default`` None means: follows from the others.
-    ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner varies.
+    ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner
+    varies, and between which numbers; ``among`` does so for a choice.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Parameter:
     structural: bool = False
     advanced: bool = False
     search: tuple[float, float] | None = None
+    among: tuple[str, ...] = ()
 
     def check(self, value: Any) -> Any:
         """`value` as this parameter's type.
@@ -116,7 +118,7 @@ def parameter(default: Any, *, unit: str, description: str,
               range: tuple[float | None, float | None] | None = None,
               choices: tuple[str, ...] = (), equation: str = '', structural: bool = False,
               advanced: bool = False, search: tuple[float, float] | None = None,
-              kind: type | None = None) -> Any:
+              among: tuple[str, ...] = (), kind: type | None = None) -> Any:
     """A dataclass field that carries its declaration.
 
     ``kind`` is needed only where the default is None (a value that follows from others).
@@ -125,7 +127,7 @@ def parameter(default: Any, *, unit: str, description: str,
     declared = dict(kind=kind or (float if default is None else type(default)), default=default,
                     unit=unit, description=description, minimum=low, maximum=high,
                     choices=choices, equation=equation, structural=structural,
-                    advanced=advanced, search=search)
+                    advanced=advanced, search=search, among=among)
     return dataclasses.field(default=default, metadata={'parameter': declared})
 
 

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from estimator_pkg.bags import record
-from estimator_pkg.errors import UserError
-
-if TYPE_CHECKING:
-    from rclpy.parameter import Parameter
-
-PATIENCE = 5.0  # [s] for a node to be found, and to answer
-TURN = 0.05     # [s] between looks
 
 
 @contextmanager
-def recorded(topic: str, truth: str, seconds: float) -> Iterator[str]:
-    """A bag of what comes on `topic` (and on `truth`, if anything does) for so long [s].
+def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]:
+    """A bag of what comes on `topics` (and on `truth`, if anything does) for so long [s].
 
     It is gone when the context ends.
 
@@ -32,16 +24,20 @@ def recorded(topic: str, truth: str, seconds: float) -> Iterator[str]:
     """
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
         path = str(Path(folder) / 'live')
-        record.run(argparse.Namespace(topics=[topic, truth], out=path, duration=seconds))
+        record.run(argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds))
         yield path
 
 
-def apply(node: str, gains: Mapping[str, float]) -> None:
+def apply(node: str, gains: Mapping[str, Any]) -> list[str]:
     """Sets parameters of a running node; its state goes on.
 
     Parameters
     ----------
     gains : by the node's own parameter names.
+
+    Returns
+    -------
+    What was changed, in words: each gain as it was in the node and as it is now.
 
     Raises
     ------
@@ -49,32 +45,23 @@ def apply(node: str, gains: Mapping[str, float]) -> None:
     """
     from estimator_pkg.bags.live import live
     with live('gain_setter') as here:
-        from rclpy.parameter import Parameter
-        from rclpy.parameter_client import AsyncParameterClient
-        name = node if node.startswith('/') else f'/{node}'
-        client = AsyncParameterClient(here.node, name)
-        end = time.monotonic() + PATIENCE
-        while not client.services_are_ready():
-            if time.monotonic() > end or here.stopping:
-                raise UserError(f"no node '{name}' whose parameters could be set")
-            here.spin(TURN)
-        asked: list[Parameter] = [Parameter(key, value=value) for key, value in gains.items()]
-        future = client.set_parameters_atomically(asked)
-        end = time.monotonic() + PATIENCE
-        while not future.done():
-            if time.monotonic() > end or here.stopping:
-                raise UserError(f"the node '{name}' does not answer")
-            here.spin(TURN)
-        answer: Any = future.result()
-        if not answer.result.successful:
-            raise UserError(f"the node '{name}' keeps its gains: {answer.result.reason}")
+        from estimator_pkg.nodes.remote_parameters import RemoteParameters
+        remote = RemoteParameters(here, node)
+        before = remote.get(list(gains))
+        remote.set(gains)
+        after = remote.get(list(gains))
+    return [f'{name}: {_text(before[name])} -> {_text(after[name])}' for name in gains]
 
 
-def node_names(tuned: list[dict[str, Any]]) -> dict[str, float]:
-    """The gains by the node's parameter names: common ones, and ``joints.<joint>.<gain>``."""
-    found = {}
-    for each in tuned:
-        prefix = f'joints.{each["joint"]}.' if each['joint'] else ''
-        found.update({prefix + name: float(f'{value:.6g}')
-                      for name, value in each['gains'].items()})
-    return found
+def _text(value: Any) -> str:
+    """A value as one would write it; None: the parameter was not set."""
+    if value is None:
+        return 'unset'
+    if isinstance(value, float):
+        return f'{value:.6g}'
+    if isinstance(value, str):
+        return value
+    try:
+        return '[' + ', '.join(map(_text, value)) + ']'
+    except TypeError:
+        return str(value).lower() if isinstance(value, bool) else str(value)

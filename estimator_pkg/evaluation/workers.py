@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -41,12 +43,11 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
         yield lambda function, items: (function(*item) for item in items)
     else:
         context = multiprocessing.get_context('spawn')  # threads and ROS do not survive a fork
-        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-            try:
-                yield lambda function, items: pool.map(_call, [(function, item) for item in items])
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts)
+        try:
+            yield lambda function, items: _mapped(pool, function, items)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def expanded(paths: Sequence[str]) -> list[str]:
@@ -70,15 +71,35 @@ def expanded(paths: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+def _leave_interrupts() -> None:
+    """Ctrl-C goes to every process of the terminal: the first one decides."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _mapped(pool: ProcessPoolExecutor, function: Callable[..., Any], items: Sequence[tuple]
+            ) -> Iterator[Any]:
+    try:
+        yield from pool.map(_call, [(function, item) for item in items])
+    except BrokenProcessPool as error:
+        raise UserError('a worker process died (was there enough memory?)') from error
+
+
 def _call(job: tuple[Callable[..., Any], tuple]) -> Any:
     function, item = job
     return function(*item)
 
 
 def _gathered(client: Any, function: Callable[..., Any], items: Sequence[tuple]) -> Iterator[Any]:
-    futures = [client.submit(function, *item, pure=False) for item in items]
-    for future in futures:
-        yield future.result()
+    from distributed import CancelledError, TimeoutError
+    from distributed.comm import CommClosedError
+    from distributed.scheduler import KilledWorker
+    try:
+        futures = [client.submit(function, *item, pure=False) for item in items]
+        for future in futures:
+            yield future.result()
+    except (CommClosedError, KilledWorker, CancelledError, TimeoutError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UserError(f'the Dask cluster failed: {reason}') from error
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
-from estimator_pkg.bags.kinds.efforts import effort_topics
+from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
 from estimator_pkg.bags.kinds.one_by_one import MessageRecording, OneByOne, recorded
 from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
@@ -35,6 +35,7 @@ class AdaptiveKind(Kind):
 
     node = 'adaptive_observer'
     settings = AdaptiveNodeSettings
+    usual = ('/joint_states', EFFORTS)
 
     def parameters(self, observer: str) -> dict[str, Parameter]:
         """See `Kind`."""

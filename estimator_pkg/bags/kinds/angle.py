@@ -199,7 +199,8 @@ class AngleRecording(Recording):
                 series.stamps_ns[valid], out.position[valid], out.velocity[valid],
                 out.velocity_stddev[valid],
                 {'received': joint.received, 'used': joint.used, 'dropped': joint.dropped()},
-                history.seconds, series.stamps_ns[used], out.status[used], series.stamps_ns)
+                history.seconds, series.stamps_ns[used], out.status[used],
+                series.stamps_ns[np.isfinite(series.position)])
         return found
 
     def split(self, held_out: float) -> tuple[Recording, Recording]:

@@ -201,7 +201,10 @@ class Recording(ABC):
 
     @abstractmethod
     def split(self, held_out: float) -> tuple[Recording, Recording]:
-        """All but the last part, and the last part."""
+        """All but the last part, and what gives the estimates of the last part.
+
+        The latter may begin earlier, for observers that have to run in.
+        """
 
     def apart(self) -> dict[str, Recording]:
         """What can have gains of its own, by joint; one without a name: only the whole."""
@@ -219,11 +222,13 @@ class Kind(ABC):
     ----------
     node : default name of the node, whose section of a parameter file is meant.
     settings : declares what is set of the node as a whole.
+    usual : names of the topics it listens to.
     wraps : whether its joints take `wrap_period`.
     """
 
     node: str
     settings: type
+    usual: tuple[str, ...] = ('/joint_states',)
     wraps: bool = True
 
     @abstractmethod

@@ -30,6 +30,7 @@ class DriveKind(Kind):
 
     node = 'pmsm_observer'
     settings = PmsmSettings
+    usual = ('/drive_samples', '/current', '/voltage')
     wraps = False
 
     def parameters(self, observer: str) -> dict[str, Parameter]:

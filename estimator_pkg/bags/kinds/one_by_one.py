@@ -105,16 +105,15 @@ class MessageRecording(Recording):
         return found
 
     def split(self, held_out: float) -> tuple[Recording, Recording]:
-        """See `Recording`."""
+        """See `Recording`. Observers that learn run through the first part to the last."""
         left = self.size() - round(held_out * self.size())
-        parts: tuple[list, list] = ([], [])
+        first = []
         for names, block in self.blocks:
-            cut = min(max(left, 0), len(block))
-            left -= len(block)
-            for part, rows in zip(parts, (slice(cut), slice(cut, None))):
-                if len(block.take(rows)):
-                    part.append((names, compact(block.take(rows))))
-        return replace(self, blocks=tuple(parts[0])), replace(self, blocks=tuple(parts[1]))
+            cut = min(left, len(block))
+            left -= cut
+            if cut:
+                first.append((names, compact(block.take(slice(cut)))))
+        return replace(self, blocks=tuple(first)), self
 
     def size(self) -> int:
         """Messages."""

@@ -31,7 +31,7 @@ class SwitchedKind(Kind):
 
     node = 'switched_observer'
     settings = SwitchedNodeSettings
-    usual = ('/joint_states', EVENTS)
+    usual = ('/joint_states', EVENTS, EFFORTS)
 
     def parameters(self, observer: str) -> dict[str, Parameter]:
         """See `Kind`."""

@@ -1,64 +1,26 @@
 """The search for gains: Optuna keeps and suggests the trials, batch by batch.
 
 Suggestions are asked for in batches of a fixed size and told in their order, so that the result
-depends on the seed and not on how many workers there are. The first batch holds the defaults and
-points spread evenly over the space; later ones are half suggested by Optuna's sampler and half from
-the bottom of a parabola through the best trials, which is what makes few trials enough.
+depends on the seed and not on how many workers there are. The first batch holds the defaults, the
+defaults with one gain changed after the other (which shows what each gain does), and points spread
+evenly over the space; later ones are half suggested by Optuna's sampler and half from the bottom of
+a parabola through the best trials, which is what makes few trials enough.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.tuning.study import BATCH, Dimension, Study, Trial, Value
 
-HINT = "tuning needs Optuna: pip install 'velocity_estimator[tune]'"
-BATCH = 8
 SPREAD = 2          # batches that look everywhere, before the parabola
 NEAREST = 10        # trials that the parabola goes through, at least
 GOLDEN = 0.6180339887498949
-
-
-@dataclass(frozen=True)
-class Dimension:
-    """A gain that is sought between two values, on a logarithmic scale where both are positive."""
-
-    name: str
-    low: float
-    high: float
-
-    @property
-    def logarithmic(self) -> bool:
-        """True if ratios count, not differences."""
-        return self.low > 0.0
-
-    def value(self, part: float) -> float:
-        """The gain at a place in [0, 1]."""
-        part = min(max(part, 0.0), 1.0)
-        if self.logarithmic:
-            return self.low * (self.high / self.low) ** part
-        return self.low + part * (self.high - self.low)
-
-    def place(self, value: float) -> float:
-        """Where in [0, 1] a gain lies."""
-        if self.logarithmic:
-            return math.log(value / self.low) / math.log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
-
-
-@dataclass
-class Trial:
-    """Gains that were tried; cost inf where they cannot work."""
-
-    values: dict[str, float]
-    cost: float
-    details: Any = None
 
 
 @dataclass
@@ -66,11 +28,13 @@ class Search:
     """All trials in their order, and the best of them.
 
     asked : how many of them are of this run; a stored study brings earlier ones.
+    probes : gain -> (trial at the start, the same with this gain changed).
     """
 
     trials: list[Trial] = field(default_factory=list)
     asked: int = 0
     interrupted: bool = False
+    probes: dict[str, tuple[Trial, Trial]] = field(default_factory=dict)
 
     @property
     def best(self) -> Trial | None:
@@ -79,10 +43,11 @@ class Search:
         return min(working, key=lambda trial: trial.cost) if working else None
 
 
-def search(dimensions: Sequence[Dimension], start: Mapping[str, float],
-           judge: Callable[[list[dict[str, float]]], list[tuple[float, Any]]], trials: int,
+def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
+           judge: Callable[[list[dict[str, Value]]], list[tuple[float, Any]]], trials: int,
            seed: int = 0, storage: str | None = None, name: str = 'velocity_estimator',
-           told: Callable[[int, Search], None] = lambda count, so_far: None) -> Search:
+           told: Callable[[int, Search], None] = lambda count, so_far: None,
+           about: str = '') -> Search:
     """Seeks the gains of the lowest cost.
 
     Parameters
@@ -92,40 +57,34 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, float],
     trials : how many at most.
     storage : of Optuna, a URL; None: in memory. An existing study of this name goes on.
     told : called after each batch with how many were new.
+    about : what the costs depend on beside the gains; a study of something else is not gone on.
 
     Raises
     ------
     UserError : Optuna is missing, or the storage cannot be used.
     """
-    study = _study(storage, name, seed, dimensions)
-    distributions = _distributions(dimensions)
-    found = Search([Trial({each.name: float(trial.params[each.name]) for each in dimensions},
-                          float(trial.value)) for trial in study.get_trials(deepcopy=False)
-                    if trial.value is not None and set(trial.params) == set(distributions)])
+    study = Study(storage, name, seed, dimensions, about)
+    found = Search(study.earlier())
     offsets = np.random.default_rng(seed).random(len(dimensions))
-    number = 0
+    number = len(found.trials) // BATCH
     try:
         while found.asked < trials:
             size = min(BATCH, trials - found.asked)
-            points: list[dict[str, float]] = []
-            if not found.asked:
-                points.append({each.name: float(start[each.name]) for each in dimensions})
-            if number < SPREAD:
+            points: list[dict[str, Value]] = []
+            if number == 0:
+                points = _first(dimensions, start)[:size]
+            if number < SPREAD:  # a study that goes on has had these
                 while len(points) < size:
                     points.append(_even(dimensions, offsets, number * BATCH + len(points)))
             else:
                 points += _parabola(dimensions, found, size // 2, number, seed)
-            for point in points:
-                study.enqueue_trial(point)
-            batch = [study.ask(distributions) for _ in range(size)]
-            asked = [{each.name: float(trial.params[each.name]) for each in dimensions}
-                     for trial in batch]
-            for trial, values, (cost, details) in zip(batch, asked, judge(asked)):
-                if math.isfinite(cost):
-                    study.tell(trial, cost)
-                else:
-                    study.tell(trial, state=_failed())
+            batch = study.ask(size, points)
+            first = len(found.trials)
+            for (trial, values), (cost, details) in zip(batch, judge([each for _, each in batch])):
+                study.tell(trial, cost)
                 found.trials.append(Trial(values, cost, details))
+            if number == 0:
+                _note_probes(dimensions, found, found.trials[first:])
             found.asked += size
             number += 1
             told(size, found)
@@ -134,36 +93,22 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, float],
     return found
 
 
-def _study(storage: str | None, name: str, seed: int, dimensions: Sequence[Dimension]) -> Any:
-    try:
-        import optuna
-    except ImportError as error:
-        raise UserError(HINT) from error
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore')  # that options are called experimental
-            sampler = optuna.samplers.TPESampler(seed=seed, multivariate=len(dimensions) > 1,
-                                                 n_startup_trials=BATCH, constant_liar=True)
-            return optuna.create_study(study_name=name, storage=storage, sampler=sampler,
-                                       load_if_exists=True)
-    except Exception as error:  # a database may fail in any way
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise UserError(f"the storage '{storage}' cannot be used: {reason}") from error
+def _first(dimensions: Sequence[Dimension], start: Mapping[str, Value]) -> list[dict[str, Value]]:
+    """The start, and the start with one gain changed after the other where there are several."""
+    begin = {each.name: start[each.name] for each in dimensions}
+    if len(dimensions) == 1:
+        return [begin]
+    return [begin, *({**begin, each.name: each.elsewhere(begin[each.name])}
+                     for each in dimensions)]
 
 
-def _distributions(dimensions: Sequence[Dimension]) -> dict[str, Any]:
-    from optuna.distributions import FloatDistribution
-    return {each.name: FloatDistribution(each.low, each.high, log=each.logarithmic)
-            for each in dimensions}
+def _note_probes(dimensions: Sequence[Dimension], found: Search, batch: Sequence[Trial]) -> None:
+    if len(dimensions) > 1:
+        for each, trial in zip(dimensions, batch[1:]):
+            found.probes[each.name] = batch[0], trial
 
 
-def _failed() -> Any:
-    from optuna.trial import TrialState
-    return TrialState.FAIL
-
-
-def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> dict[str, float]:
+def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> dict[str, Value]:
     """The n-th of points that fill the space evenly (an additive recurrence)."""
     ratio = 2.0
     for _ in range(30):  # the root of x^(d+1) = x + 1
@@ -174,7 +119,7 @@ def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> 
 
 
 def _parabola(dimensions: Sequence[Dimension], found: Search, count: int, number: int, seed: int
-              ) -> list[dict[str, float]]:
+              ) -> list[dict[str, Value]]:
     """Points at and around the lowest of a parabola through the best trials."""
     working = sorted((trial for trial in found.trials if math.isfinite(trial.cost)),
                      key=lambda trial: trial.cost)

@@ -1,0 +1,1 @@
+"""Gains from data: the command, what is minimised, the search, and what it leaves behind."""

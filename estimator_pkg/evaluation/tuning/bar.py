@@ -1,0 +1,40 @@
+"""A progress bar with the best so far, where a person looks."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from estimator_pkg.evaluation.tuning.search import Search
+from estimator_pkg.evaluation.tuning.study import Value
+
+
+@contextmanager
+def bar(label: str, trials: int) -> Iterator[Callable[[int, Search], None]]:
+    """What is to be told of each batch: how many trials it had, and the search so far."""
+    if not sys.stderr.isatty():
+        yield lambda count, found: None
+        return
+    from rich import progress as rich
+    from rich.console import Console
+    with rich.Progress(rich.TextColumn('{task.description}'), rich.BarColumn(),
+                       rich.MofNCompleteColumn(), rich.TextColumn('{task.fields[best]}'),
+                       console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task(label, total=trials, best='')
+
+        def told(count: int, found: Search) -> None:
+            best = found.best
+            text = '' if best is None else (
+                f'best {best.cost:.3f} of the defaults: '
+                + ', '.join(f'{name} {written(value)}' for name, value in best.values.items()))
+            shown.update(task, advance=count, best=text)
+
+        yield told
+
+
+def written(value: Value | None) -> str:
+    """A gain as a person reads it."""
+    if value is None:
+        return '-'
+    return value if isinstance(value, str) else f'{value:.4g}'

@@ -1,0 +1,194 @@
+"""``velocity_estimator tune``: gains from data, as a YAML that the node loads."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from estimator_pkg.bags import kinds
+from estimator_pkg.cli import Command
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation import tune_live
+from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.tuning import output, picture
+from estimator_pkg.evaluation.tuning.objective import PREFERENCES
+from estimator_pkg.evaluation.tuning.records import Record, records
+from estimator_pkg.evaluation.tuning.seek import seek
+from estimator_pkg.evaluation.tuning.wishes import WRAP_PERIOD, Wishes, wishes
+from estimator_pkg.evaluation.workers import Map, expanded, workers
+
+TRIALS = 40
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument('bags', nargs='*', metavar='BAG',
+                        help='bags to tune on, or folders with bags in them')
+    parser.add_argument('--live', type=float, metavar='SECONDS',
+                        help='in place of bags: record the measurement of the live graph for so '
+                             'long')
+    parser.add_argument('--apply', metavar='NODE',
+                        help='set the gains found on this running node (nothing is set without)')
+    parser.add_argument('--observer', required=True, metavar='NAME', help='whose gains')
+    parser.add_argument('--out', required=True, metavar='YAML', help='where the gains go')
+    parser.add_argument('--prefer', choices=tuple(PREFERENCES), default='balanced',
+                        help='what matters more: a quiet estimate, a prompt one, or the error '
+                             'alone with a little of both (default)')
+    parser.add_argument('--weights', metavar='E,D,N',
+                        help='in place of --prefer: how much count the rms error, the error that '
+                             'the delay makes, and the noise (all in rad/s)')
+    parser.add_argument('--search', action='append', default=[], metavar='GAIN=LOW:HIGH',
+                        help='seek this gain between these values (or NAME=ONE|OTHER, a choice); '
+                             'repeatable (default: what the observer names for it)')
+    parser.add_argument('--params', metavar='YAML',
+                        help="parameter file of the observer's node: what it says is held")
+    parser.add_argument('--set', action='append', default=[], metavar='KEY=VALUE',
+                        help='hold this parameter; repeatable')
+    parser.add_argument('--joint', action='append', default=[], metavar='NAME',
+                        help='only this joint; repeatable')
+    parser.add_argument('--per-joint', action='store_true',
+                        help='gains for each joint of its own, in place of common ones')
+    parser.add_argument('--held-out', type=float, default=0.3, metavar='PART',
+                        help='part of each record, at its end, that is kept for the judgement '
+                             '(default 0.3)')
+    parser.add_argument('--judge', action='append', default=[], metavar='BAG',
+                        help='judge the gains on this recording, or folder of recordings, that the '
+                             'search does not see, in place of a part held out; repeatable')
+    parser.add_argument('--trials', type=int, default=TRIALS, metavar='N',
+                        help=f'how many gains are tried (default {TRIALS})')
+    parser.add_argument('--seed', type=int, default=0, help='of the search (default 0)')
+    parser.add_argument('--measurement', metavar='TOPIC',
+                        help=f'topic of the measurement (default {MEASUREMENT}, or what the '
+                             'observer listens to)')
+    parser.add_argument('--truth', metavar='TOPIC',
+                        help=f'JointState with the true velocities (default {TRUTH})')
+    parser.add_argument('--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO,
+                        help='as of evaluate')
+    parser.add_argument('--wrap-period', type=float, default=2.0 * math.pi, metavar='RAD',
+                        help='period of the positions; 0 for prismatic joints (default 2 pi)')
+    parser.add_argument('--plot', metavar='FILE',
+                        help='picture of noise against delay (default: beside the YAML, where '
+                             'matplotlib is installed)')
+    parser.add_argument('--jobs', type=int, default=1, metavar='N', help='local processes')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
+    parser.add_argument('--storage', metavar='URL',
+                        help='Optuna storage that keeps the trials, e.g. sqlite:///study.db')
+    parser.add_argument('--study', default='velocity_estimator', metavar='NAME',
+                        help='name of the study in the storage; one that is there goes on')
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Searches, judges on what was held out, writes."""
+    wished = wishes(parsed)
+    out = Path(parsed.out)
+    if not out.parent.is_dir():
+        raise UserError(f'{out}: there is no folder {out.parent}')
+    if parsed.plot:
+        picture.check(parsed.plot)
+    options = Options(parsed.measurement, parsed.truth, observers=(wished.entry,),
+                      wrap_period=parsed.wrap_period, correct_reference=True,
+                      reference=parsed.reference)
+    with contextlib.ExitStack() as stack:
+        run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
+        if parsed.live is not None:
+            parsed.bags = [stack.enter_context(_recorded(parsed, wished))]
+        held_out = 0.0 if parsed.judge else parsed.held_out
+        seen = _records(parsed.bags, wished, options, held_out, parsed.joint, run_many)
+        judged = _records(parsed.judge, wished, options, 0.0, parsed.joint, run_many)
+        _check_apart(seen, judged)
+        tuned = []
+        for joint, chosen in _groups(seen, wished, parsed.per_joint).items():
+            name = f'{parsed.study}/{joint}' if joint else parsed.study
+            tuned.append(seek(joint, chosen, _of(judged, joint), wished, parsed.trials,
+                              parsed.seed, parsed.storage, name, run_many))
+            if tuned[-1]['interrupted']:
+                break
+    notes = _notes(seen)
+    out.write_text(output.as_yaml(wished, _held(parsed, wished), tuned, held_out),
+                   encoding='utf-8')
+    print(output.describe(tuned, notes))
+    print(f'gains: {out}')
+    drawn = picture.draw(tuned, parsed.plot, out.with_suffix('.png'), parsed.observer)
+    if drawn:
+        print(f'noise against delay: {drawn}')
+    if parsed.apply:
+        changed = tune_live.apply(parsed.apply, output.node_values(tuned))
+        print(f'set on {parsed.apply}: {", ".join(changed)}')
+    for each in tuned:
+        each.pop('trials')
+    return {'observer': parsed.observer, 'preference': wished.preference, 'out': str(out),
+            'notes': notes, 'tuned': tuned}
+
+
+def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
+    """A bag of what the observer listens to, from the live graph, as a context."""
+    usual = kinds.of_observer(wished.entry.observer).usual
+    return tune_live.recorded((parsed.measurement,) if parsed.measurement else usual,
+                              parsed.truth or TRUTH, parsed.live)
+
+
+def _records(paths: Sequence[str], wished: Wishes, options: Options, held_out: float,
+             joints: Sequence[str], run_many: Map) -> list[Record]:
+    """The records of these bags, and of the bags in these folders."""
+    if not paths:
+        return []
+    jobs = [(bag, wished.entry, options, held_out, tuple(joints)) for bag in expanded(paths)]
+    return [record for part in run_many(records, jobs) for record in part]
+
+
+def _check_apart(seen: Sequence[Record], judged: Sequence[Record]) -> None:
+    """A recording cannot be both; raises UsageError."""
+    both = ({Path(record.bag).resolve() for record in seen}
+            & {Path(record.bag).resolve() for record in judged})
+    if both:
+        raise UsageError(f'--judge {min(both)}: the gains are sought on this recording')
+
+
+def _groups(found: Sequence[Record], wished: Wishes, per_joint: bool) -> dict[str, list[Record]]:
+    """What gets gains of its own."""
+    if not per_joint:
+        return {'': list(found)}
+    groups: dict[str, list[Record]] = {}
+    for record in found:
+        if not record.label:
+            raise UsageError(f"--per-joint: '{wished.entry.observer}' estimates its joints "
+                             'together, so they share its gains')
+        groups.setdefault(record.label, []).append(record)
+    return groups
+
+
+def _of(judged: Sequence[Record], joint: str) -> list[Record]:
+    """What a group is judged on; raises UserError if nothing is left of it."""
+    found = [record for record in judged if not joint or record.label == joint]
+    if judged and not found:
+        raise UserError(f"no recording of --judge has a joint '{joint}'")
+    return found
+
+
+def _notes(seen: Sequence[Record]) -> list[str]:
+    """What a person should know of the bags."""
+    by_bag: dict[str, list[str]] = {}
+    for record in seen:
+        by_bag.setdefault(record.bag, []).extend(record.joints)
+    sets = {tuple(sorted(joints)) for joints in by_bag.values()}
+    if len(sets) < 2:
+        return []
+    return ['the bags have different joints (' + '; '.join(
+        ', '.join(joints) for joints in sorted(sets)) + '): every joint counts as much as any '
+        'other; --joint takes one, --per-joint gives each its own gains']
+
+
+def _held(parsed: argparse.Namespace, wished: Wishes) -> dict[str, Any]:
+    """The parameters that were held, which the node needs too."""
+    held = wished.held
+    wraps = kinds.of_observer(wished.entry.observer).wraps
+    if wraps and parsed.wrap_period != WRAP_PERIOD:
+        held.setdefault('wrap_period', parsed.wrap_period)
+    return held
+
+
+COMMAND = Command('gains from recorded bags, as a YAML that the node loads', arguments, run)

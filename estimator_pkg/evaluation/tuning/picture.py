@@ -1,0 +1,67 @@
+"""The picture of what was tried: noise against delay, and what was chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.plot import check
+
+
+def front(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Which of the (delay, noise) no other beats in both, by rising delay."""
+    order = sorted(range(len(points)), key=lambda i: (abs(points[i][0]), points[i][1]))
+    kept: list[int] = []
+    for i in order:
+        if not kept or points[i][1] < points[kept[-1]][1]:
+            kept.append(i)
+    return kept
+
+
+def draw(tuned: Sequence[Mapping[str, Any]], asked: str | None, usual: Path, observer: str
+         ) -> str | None:
+    """Draws every trial, the Pareto front of noise against delay, and what was chosen.
+
+    Where nobody asked and matplotlib is missing there is no picture.
+
+    Raises
+    ------
+    UserError : it was asked for and cannot be drawn.
+    """
+    try:
+        check(asked or str(usual))
+    except UserError:
+        if asked:
+            raise
+        return None
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(6.5 * len(tuned), 4.8), layout='constrained')
+    axes = figure.subplots(1, len(tuned), squeeze=False)[0]
+    for axis, each in zip(axes, tuned):
+        known = [(values, cost, point) for values, cost, point in each['trials'] if point]
+        points = [point for _, _, point in known]
+        delays = [abs(point[0]) * 1e3 for point in points]
+        noises = [point[1] for point in points]
+        axis.scatter(delays, noises, s=14, color='0.65', label='tried')
+        chosen = front(points)
+        axis.plot([delays[i] for i in chosen], [noises[i] for i in chosen], '-o', markersize=4,
+                  color='tab:blue', label='nothing is better in both')
+        best = min(range(len(known)), key=lambda i: known[i][1], default=None)
+        if best is not None:
+            axis.scatter([delays[best]], [noises[best]], s=130, marker='*', color='tab:red',
+                         zorder=5, label='chosen')
+        if each['default_point']:
+            late, noise = each['default_point']
+            axis.scatter([abs(late) * 1e3], [noise], s=50, marker='s', facecolors='none',
+                         edgecolors='black', zorder=4, label='defaults')
+        axis.set_xlabel('delay [ms]')
+        axis.set_ylabel('noise [rad/s rms]')
+        if noises and min(noises) > 0.0:
+            axis.set_yscale('log')
+        axis.set_title(f'{observer}: {each["joint"] or "all joints"}')
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize='small')
+    figure.savefig(asked or str(usual), dpi=120)
+    return asked or str(usual)

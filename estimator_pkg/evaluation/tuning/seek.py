@@ -1,0 +1,174 @@
+"""The best gains for a group of records, and how they do on what the search did not see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.options import SMOOTHER
+from estimator_pkg.evaluation.reference import CLEARLY
+from estimator_pkg.evaluation.text import number
+from estimator_pkg.evaluation.tuning.bar import bar
+from estimator_pkg.evaluation.tuning.objective import (
+    Part,
+    Results,
+    Weights,
+    costs,
+    mean,
+    measure,
+)
+from estimator_pkg.evaluation.tuning.records import Record
+from estimator_pkg.evaluation.tuning.search import Search, search
+from estimator_pkg.evaluation.tuning.study import Trial, Value
+from estimator_pkg.evaluation.tuning.wishes import Wishes
+from estimator_pkg.evaluation.workers import Map
+
+COMPILE_FROM = 400_000  # samples over all trials from which compiling pays
+SAME = 1e-6             # errors this close are equal [part, or rad/s]
+
+Details = Sequence[Results | None]  # of a trial, by part
+
+
+def seek(joint: str, chosen: Sequence[Record], judged: Sequence[Record], wishes: Wishes,
+         trials: int, seed: int, storage: str | None, study: str, run_many: Map) -> dict[str, Any]:
+    """The best gains for these records, as a dictionary for output and JSON.
+
+    Parameters
+    ----------
+    joint : whose gains these are; '' : of all.
+    judged : records that the search does not see; empty: what is held out of those chosen.
+    study : its name in the storage.
+
+    Raises
+    ------
+    UserError : no gains work; the reference is too coarse to judge; a gain changes nothing.
+    """
+    observer, weights = wishes.entry.observer, wishes.weights
+    seen = [record.seen for record in chosen]
+    fast = sum(part.recording.size() for part in seen) * trials >= COMPILE_FROM
+    first = list(run_many(measure, [(part, observer, {}, fast) for part in seen]))
+    units = [{name: value if math.isfinite(value) and value > 0.0 else 1.0
+              for name, value in costs(result, part, weights).items()}
+             for result, part in zip(first, seen)]
+
+    def judge(batch: list[dict[str, Value]]) -> list[tuple[float, Any]]:
+        results = list(run_many(measure, [(part, observer, values, fast)
+                                          for values in batch for part in seen]))
+        judged_ = []
+        for index in range(len(batch)):
+            details = results[index * len(seen):(index + 1) * len(seen)]
+            judged_.append((_total(details, seen, weights, units), details))
+        return judged_
+
+    with bar(f'{observer} {joint}'.strip(), trials) as told:
+        found = search(wishes.dimensions, wishes.start(), judge, trials, seed, storage, study, told,
+                       about=_about(chosen, wishes))
+    best = found.best
+    if best is None:
+        if found.interrupted:
+            raise KeyboardInterrupt
+        raise UserError(f"no gains of '{observer}' within the search work on these bags: widen "
+                        '--search, or look at the sample rate')
+    idle = _idle(found, wishes)
+    gains = {name: value for name, value in best.values.items() if name not in idle}
+    held = [record.held_out for record in chosen if record.held_out is not None]
+    parts = [record.seen for record in judged] or held or seen
+    default, better = ([measure(part, observer, values, fast) for part in parts]
+                       for values in ({}, gains))
+    _check_reference(chosen, best.details or [measure(part, observer, gains, fast)
+                                              for part in seen])
+    return {'joint': joint, 'gains': gains,
+            'default_gains': {name: value for name, value in wishes.defaults().items()
+                              if name not in idle},
+            'idle': idle, 'default_point': _point(first),
+            'relative_cost': best.cost, 'evaluations': found.asked,
+            'interrupted': found.interrupted, 'held_out': bool(held or judged),
+            'judged_on': sorted({record.bag for record in judged}),
+            'default': _summary(default, parts, weights),
+            'best': _summary(better, parts, weights),
+            'bags': sorted({record.bag for record in chosen}),
+            'joints': sorted({joint for record in chosen for joint in record.joints}),
+            'trials': [(trial.values, trial.cost, _point(trial.details)) for trial in found.trials]}
+
+
+def _about(chosen: Sequence[Record], wishes: Wishes) -> str:
+    """What the costs depend on beside the gains, for a storage that keeps them."""
+    parts = [f'{record.bag}:{record.label}:{record.seen.recording.size()}' for record in chosen]
+    return (f'{wishes.entry.observer} {sorted(wishes.held.items())} {wishes.weights} '
+            f'{" ".join(parts)}')
+
+
+def _total(results: Details, parts: Sequence[Part], weights: Weights,
+           units: Sequence[Mapping[str, float]]) -> float:
+    """The mean over records and joints of the cost in units of the defaults'; inf where one
+    fails.
+    """
+    return mean([value / unit[joint] for result, part, unit in zip(results, parts, units)
+                 for joint, value in costs(result, part, weights).items()])
+
+
+def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[str, Any] | None:
+    """Error, delay, noise and cost over all parts and joints, and by joint."""
+    if any(result is None for result in results):
+        return None
+    by_joint: dict[str, list[tuple[Any, float]]] = {}
+    for result, part in zip(results, parts):
+        worth = costs(result, part, weights)
+        for joint, one in (result or {}).items():
+            by_joint.setdefault(joint, []).append((one, worth[joint]))
+    every = [pair for pairs in by_joint.values() for pair in pairs]
+    return {**_of(every), 'by_joint': {joint: _of(pairs) for joint, pairs in by_joint.items()}}
+
+
+def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
+    return {'error': math.sqrt(mean([result.error ** 2 for result, _ in pairs])),
+            'delay_s': mean([result.delay for result, _ in pairs]),
+            'noise': math.sqrt(mean([result.noise ** 2 for result, _ in pairs])),
+            'published': mean([result.published for result, _ in pairs]),
+            'cost': mean([worth for _, worth in pairs])}
+
+
+def _point(details: Details | None) -> tuple[float, float] | None:
+    """(delay, noise) of a trial over its records."""
+    if not details or any(result is None for result in details):
+        return None
+    known = [one for result in details if result is not None for one in result.values()]
+    return (mean([one.delay for one in known]),
+            math.sqrt(mean([one.noise ** 2 for one in known])))
+
+
+def _check_reference(chosen: Sequence[Record], results: Details) -> None:
+    """A smoother that is no better than what it should judge must not choose."""
+    for record, result in zip(chosen, results):
+        for joint, one in (result or {}).items():
+            if (record.origin[joint] == SMOOTHER
+                    and one.error <= CLEARLY * record.uncertainty[joint]):
+                raise UserError(
+                    f'{record.bag}, {joint}: no truth, and the bag is too coarse to judge: the '
+                    f'reference may be wrong by {number(record.uncertainty[joint], 2)} rad/s, the '
+                    f'best estimate differs from it by {number(one.error, 2)}; tune on a recording '
+                    'with a truth or with more counts')
+
+
+def _idle(found: Search, wishes: Wishes) -> list[str]:
+    """The gains that the data never felt; raises UserError if all are."""
+    working = [trial for trial in found.trials if trial.details and None not in trial.details]
+    if len(working) >= 3 and _alike(working):
+        names = ' nor '.join(f"'{each.name}'" for each in wishes.dimensions)
+        raise UserError(f'nothing in these bags depends on {names}: hold it with --set, or tune '
+                        'on a bag with motion')
+    return [name for name, pair in found.probes.items()
+            if all(trial.details and None not in trial.details for trial in pair)
+            and _alike(pair)]
+
+
+def _alike(trials: Sequence[Trial]) -> bool:
+    """True if these trials gave the same errors."""
+    errors = np.array([[one.error for result in trial.details for one in result.values()]
+                       for trial in trials])
+    low, high = np.min(errors, axis=0), np.max(errors, axis=0)
+    return bool(np.all(high - low <= SAME * np.maximum(high, 1.0)))

@@ -1,0 +1,147 @@
+"""What is asked of the tuner, checked: whose gains, between which values, and what counts."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg import observers
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.evaluation import asked
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
+from estimator_pkg.evaluation.tuning.study import Dimension, Value
+from estimator_pkg.parameters import Parameter, declared
+
+WRAP_PERIOD = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Whose gains are sought, and what counts.
+
+    entry : the observer with what is held. weights : of error, delay and noise. preference : the
+    same in words. dimensions : what is sought.
+    """
+
+    entry: Entry
+    weights: Weights
+    preference: str
+    dimensions: tuple[Dimension, ...]
+
+    @property
+    def held(self) -> dict[str, Any]:
+        """The parameters that are held."""
+        return dict(self.entry.values)
+
+    @property
+    def gains(self) -> dict[str, Parameter]:
+        """The observer's parameters by name."""
+        return declared(observers.find(self.entry.observer).gains)
+
+    def start(self) -> dict[str, Value]:
+        """Where to begin: at the defaults within the search, in its middle where there is none."""
+        found: dict[str, Value] = {}
+        for each in self.dimensions:
+            default = single(self.gains[each.name].default)
+            if default is None:
+                found[each.name] = each.value(0.5)
+            elif isinstance(default, str):
+                found[each.name] = default
+            else:
+                found[each.name] = min(max(default, each.low), each.high)
+        return found
+
+    def defaults(self) -> dict[str, Value | None]:
+        """The defaults of what is sought; None: it follows from other parameters."""
+        return {each.name: single(self.gains[each.name].default) for each in self.dimensions}
+
+
+def single(default: Any) -> Any:
+    """A default as what is sought: of a list with one number for all, that number."""
+    if isinstance(default, (list, tuple)):
+        return float(default[0]) if len(set(default)) == 1 else None
+    return default if default is None or isinstance(default, str) else float(default)
+
+
+def wishes(parsed: argparse.Namespace) -> Wishes:
+    """The arguments of the command, checked; raises UsageError."""
+    if bool(parsed.bags) == (parsed.live is not None):
+        raise UsageError('name bags, or --live SECONDS without bags')
+    if parsed.live is not None and not 1.0 <= parsed.live < math.inf:
+        raise UsageError('--live must be 1 s or more')
+    if not 0.0 <= parsed.held_out < 0.9:
+        raise UsageError('--held-out must be a part from 0 to 0.9')
+    if parsed.trials < 1:
+        raise UsageError('--trials must be 1 or more')
+    if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
+        raise UsageError('--wrap-period must be an angle of 0 or more')
+    if parsed.observer == asked.ALL:
+        raise UsageError('--observer: name one observer')
+    entry, = asked.entries([parsed.observer], parsed.params, parsed.set)
+    known = declared(observers.find(entry.observer).gains)
+    for name, value in entry.values:
+        if name in known:
+            known[name].check(value)
+    return Wishes(entry, _weights(parsed),
+                  f'weights {parsed.weights}' if parsed.weights else parsed.prefer,
+                  _dimensions(entry.observer, known, parsed.search, dict(entry.values)))
+
+
+def _weights(parsed: argparse.Namespace) -> Weights:
+    if not parsed.weights:
+        return PREFERENCES[parsed.prefer]
+    try:
+        values = [float(text) for text in parsed.weights.split(',')]
+    except ValueError:
+        values = []
+    if len(values) != 3 or min(values) < 0.0 or not 0.0 < sum(values) < math.inf:
+        raise UsageError(f"--weights '{parsed.weights}' must be three numbers of 0 or more, as in "
+                         '1,0.5,0')
+    return Weights(*values)
+
+
+def _dimensions(observer: str, known: Mapping[str, Parameter], wanted: Sequence[str],
+                held: Mapping[str, Any]) -> tuple[Dimension, ...]:
+    if wanted:
+        found = {}
+        for text in wanted:
+            name, _, ends = text.partition('=')
+            if name not in known:
+                raise UsageError(f"unknown parameter '{name}' of {observer}: "
+                                 f'{suggestion(name, known)}')
+            found[name] = _asked(known[name], ends, text)
+    else:
+        found = {name: Dimension(name, *(each.search or (0.0, 1.0)), each.among)
+                 for name, each in known.items() if each.search is not None or each.among}
+    found = {name: each for name, each in found.items() if name not in held}
+    if not found:
+        raise UsageError(f"nothing to seek: '{observer}' names no gains for it, or --set and "
+                         '--params hold them all; name some with --search')
+    return tuple(found.values())
+
+
+def _asked(parameter: Parameter, ends: str, text: str) -> Dimension:
+    """What the user says."""
+    if parameter.kind is str:
+        choices = tuple(ends.split('|'))
+        for choice in choices:
+            parameter.check(choice)
+        if len(choices) < 2:
+            raise UsageError(f"--search '{text}' is not of the form NAME=ONE|OTHER")
+        return Dimension(parameter.name, choices=choices)
+    if parameter.kind not in (float, list):
+        raise UsageError(f"--search '{text}': only numbers and choices can be sought")
+    low, colon, high = ends.partition(':')
+    try:
+        bounds = float(low), float(high)
+    except ValueError:
+        bounds = (math.nan, math.nan)
+    if not colon or not -math.inf < bounds[0] < bounds[1] < math.inf:
+        raise UsageError(f"--search '{text}' is not of the form GAIN=LOW:HIGH")
+    for value in bounds:
+        parameter.check(value)
+    return Dimension(parameter.name, *bounds)
