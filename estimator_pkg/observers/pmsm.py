@@ -23,6 +23,7 @@ from estimator_pkg.observers.pmsm_equations import (
     aligned,
     emf,
     flux_linkage,
+    phase_signs,
     reflect,
     rotor_angle,
     wants_reflection,
@@ -143,7 +144,8 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         i, h, z, x, before, y = core
         integral, rho, span, ticks = clock
         velocity, slope, travel = out
-        scheme, noise, watching, window, low_pass, pace, k_eta, gamma, standing = coefficients
+        (scheme, noise, watching, window, low_pass, pace, k_eta, gamma, standing,
+         dead_time) = coefficients
         dt = scheme[0]
         i_alpha, i_beta, u_alpha, u_beta = measurement
         current, voltage = complex(i_alpha, i_beta), complex(u_alpha, u_beta)
@@ -154,6 +156,8 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             voltage = voltages[kept - late]
             if part > 0.0:
                 voltage = (1.0 - part) * voltage + part * voltages[0]
+        if dead_time > 0.0:
+            voltage -= dead_time * phase_signs(before + current)
         if standing != 0.0:
             voltage *= complex(1.0, -standing * velocity)
         last = watch[7]

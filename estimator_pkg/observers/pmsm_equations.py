@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import math
 
+HALF_ROOT_3 = 0.5 * math.sqrt(3.0)
+
 
 def frame_speed(h: complex, x: float, k_eta: float) -> float:
     """omega_hat_chi [rad/s], the speed of the estimated frame, below (4)."""
@@ -89,3 +91,12 @@ def flux_linkage(x: float, lowest: float, highest: float) -> float:
     if size * lowest >= 1.0:
         return lowest
     return 1.0 / size
+
+
+def phase_signs(current: complex) -> complex:
+    """The vector of the signs of the three phase currents: dead time takes voltage along it."""
+    half = HALF_ROOT_3 * current.imag
+    a = 1.0 if current.real > 0.0 else -1.0
+    b = 1.0 if half > 0.5 * current.real else -1.0
+    c = 1.0 if -half > 0.5 * current.real else -1.0
+    return complex((2.0 * a - b - c) / 3.0, (b - c) / (2.0 * HALF_ROOT_3))

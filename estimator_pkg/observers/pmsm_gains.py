@@ -76,6 +76,11 @@ class Gains(MotorData):
         description='the reported voltage acts so many samples later than over the interval that '
                     'ends at its stamp (2: a command computed at the stamp that acts over the next '
                     'but one period)')
+    dead_time_voltage: float = parameter(
+        0.0, unit='V', range=(0.0, 1e4),
+        description='mean phase voltage that the dead time of the bridge takes away, where the '
+                    'reported voltage does not know of it: dc voltage x dead time x carrier '
+                    'frequency; it is taken off by the signs of the phase currents')
     pwm_frequency: float | None = parameter(
         None, unit='Hz', range=(1.0, 1e7), advanced=True,
         description='carrier frequency of the drive: over a period the voltage stands still while '

@@ -64,6 +64,7 @@ class Design(NamedTuple):
     period: float          # of the published position [rad]; 0: none
     second_period: float
     standing: float        # by how much a voltage that stands still appears to lag [s]
+    dead_time: float       # phase voltage that dead time takes away [V]
     dead: float            # minus the time until the back-EMF has forgotten where it started [s]
 
 
@@ -75,7 +76,7 @@ class Coefficients(NamedTuple):
     window : how long the turning is watched before locking on [s].
     low_pass : transition of (speed output - speed, its slope) over one sample, row by row.
     pace : clock periods per sample.
-    k_eta, gamma, standing : of the design, so that one unpacking gives a step all it needs.
+    k_eta, gamma, standing, dead_time : of the design: one unpacking gives a step all it needs.
     """
 
     scheme: tuple
@@ -87,6 +88,7 @@ class Coefficients(NamedTuple):
     k_eta: float
     gamma: float
     standing: float
+    dead_time: float
 
 
 def natural_frequency(corner_hz: float) -> float:
@@ -118,7 +120,7 @@ def design_of(gains: Gains, circle: Circle) -> Design:
         second_period=gains.second_period,
         standing=resistance / (12.0 * inductance * gains.pwm_frequency ** 2)
         if gains.pwm_frequency else 0.0,
-        dead=-10.0 * tuned.epsilon)
+        dead_time=gains.dead_time_voltage, dead=-10.0 * tuned.epsilon)
 
 
 def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coefficients:
@@ -135,4 +137,4 @@ def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coeffici
     natural = design.natural
     low_pass = exponential(0.0, 1.0, -natural * natural, -2.0 * DAMPING * natural, dt)
     return Coefficients(scheme, noise, watching, slow, low_pass, design.clock_rate * dt,
-                        design.k_eta, design.gamma, design.standing)
+                        design.k_eta, design.gamma, design.standing, design.dead_time)

@@ -50,15 +50,19 @@ def status_references() -> tuple[Reference, ...]:
     return tuple(found)
 
 
-def verdict(scenario: str, plant: str, seed: int = 1, **gains: Any) -> Verdict:
-    """The status of the default observer in one run."""
-    profile = SCENARIOS[scenario]
-    record = Drive(PmsmParameters(**PLANTS[plant]), seed, profile=profile).run(
+def judged(profile: Profile, plant: dict[str, Any], seed: int = 1, **gains: Any) -> Verdict:
+    """The status of the default observer, but for `gains`, over a profile."""
+    record = Drive(PmsmParameters(**plant), seed, profile=profile).run(
         round(profile.duration * RATE))
     functions = functions_of(**{**ROBUST, **gains})
     first = functions.init(tuple(record.samples[0].tolist()), functions.design())
     log = run_log(functions, record.samples, 1.0 / RATE, first, fast=True)
     return judge(log, record.truth[1:, 1], record.truth[1:, 0], 1.0 / RATE)
+
+
+def verdict(scenario: str, plant: str, seed: int = 1) -> Verdict:
+    """The status in one of the 25 runs."""
+    return judged(SCENARIOS[scenario], PLANTS[plant], seed)
 
 
 def status_values() -> Values:
