@@ -63,6 +63,7 @@ def load(path: str) -> Any:
     except Exception as error:  # a user's module may fail in any way while it is imported
         raise UsageError(f"cannot import '{module_name}': {error}") from error
     if not hasattr(module, attribute):
+        public = [name for name in vars(module) if not name.startswith('_')]
         raise UsageError(f"module '{module_name}' has no '{attribute}': "
-                         f'{suggestion(attribute, vars(module))}')
+                         f'{suggestion(attribute, public)}')
     return getattr(module, attribute)

@@ -126,6 +126,8 @@ def test_several_mechanisms_in_one_stream():
     ({'model': 'cart_pendulum', 'joints': ['a']}, "has 2 joints (pendulum, cart), but 'joints'"),
     ({'model': 'cart_pendulum', 'joints': ['a', 'a']}, 'names a joint twice'),
     ({'input_scale': [1.0, 2.0]}, "'input_scale' has 2 numbers for 1 inputs"),
+    ({'names': ('a', 'a')}, "'mechanisms' names 'a' twice"),
+    ({'names': ('a', 'b')}, "'a' and 'b' both have the joint 'joint'"),
     ({'bandwith_hz': 3.0}, "did you mean 'bandwidth_hz'?"),
     ({'overrides': {'arn': {'bandwidth_hz': 3.0}}}, "a mechanism 'arn'")])
 def test_wrong_settings_are_refused_in_one_line(values, words):

@@ -230,9 +230,18 @@ class MechanismBank:
                  source: str = FIELD) -> None:
         self.configuration = configuration
         self.joints: dict[str, Mechanism] = {}
+        of_joint: dict[str, str] = {}  # joint -> its mechanism
         for name in names:
+            if name in self.joints:
+                raise UsageError(f"parameter 'mechanisms' names '{name}' twice")
             gains, settings = configuration.for_joint(name)
-            self.joints[name] = Mechanism(name, configuration.observer, gains, settings, source)
+            made = Mechanism(name, configuration.observer, gains, settings, source)
+            for joint in made.names:
+                if joint in of_joint:
+                    raise UsageError(f"mechanisms '{of_joint[joint]}' and '{name}' both have the "
+                                     f"joint '{joint}': name theirs with 'joints.{name}.joints'")
+                of_joint[joint] = name
+            self.joints[name] = made
         if not self.joints:
             raise UsageError("parameter 'mechanisms' names no mechanism")
         for name in configuration.overrides:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from estimator_pkg.driver.effort_command import ARRAY
 from estimator_pkg.driver.efforts import COMMAND
@@ -27,6 +28,10 @@ class AdaptiveNodeSettings(EffortSettings):
         if self.input == COMMAND and self.effort_command_type == ARRAY and not self.only:
             raise UsageError("effort_command_type 'Float64MultiArray' has no names: set 'joints' "
                              'to the joints in its order')
+        folder = Path(self.parameters_file).parent
+        if not folder.is_dir():
+            raise UsageError(f"parameters_file '{self.parameters_file}': there is no folder "
+                             f'{folder}')
 
     @property
     def only(self) -> tuple[str, ...]:
