@@ -12,7 +12,7 @@ import pytest
 from estimator_pkg.bags.series import Series
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import findings, spectrum
-from estimator_pkg.evaluation.thinning import changes, extremes
+from estimator_pkg.evaluation.thinning import broken, changes, extremes, limits
 
 BAGS = Path(__file__).resolve().parent.parent / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -75,8 +75,9 @@ def test_in_a_browser_without_network(page):
 
         plots = '[...Bokeh.index].filter(view => view.model.title && view.model.x_range)'
         views = driver.execute_script(f'return {plots}.map(view => view.model.title.text);')
-        for title in ('velocity against', 'error and its', 'status', 'error against speed',
-                      'spectrum', 'standard deviation', 'sample times', 'measured position'):
+        for title in ('velocity against', 'error, and its', 'status', 'every sample around',
+                      'error against speed', 'spectrum', 'standard deviation', 'sample times',
+                      'measured position'):
             assert sum(title in each for each in views) == 2, (title, views)
         painted = driver.execute_script(f'const plots = {plots};' + '''
             const roots = plots.map(view => view.shadow_el || view.el);
@@ -96,7 +97,7 @@ def test_in_a_browser_without_network(page):
                     colours.add(pixels[i] << 16 | pixels[i + 1] << 8 | pixels[i + 2]);
                 return colours.size > 8;
             }));''')
-        assert len(painted) == 16 and all(painted)
+        assert len(painted) == 18 and all(painted)
 
         ranges = f'''return {plots}.map(view => view.model)
             .map(plot => [plot.title.text, plot.x_range.start, plot.x_range.end]);'''
@@ -114,7 +115,19 @@ def test_in_a_browser_without_network(page):
         assert len(linked) == 1, after[:4]
         (low, high), = linked
         assert high - low < 0.5 * (before[1][2] - before[1][1])
-        assert after[8:] == before[8:]  # the other bag stays as it was
+        assert after[9:] == before[9:]  # the other bag stays as it was
+        assert after[4] == before[4]    # so does the look at the worst moment
+        driver.execute_script(f'''const legend = {plots}[1].model.above
+                .find(each => each.items !== undefined);
+            legend.items.find(each => each.label.value == "hybrid_angle")
+                .renderers[0].visible = false;''')
+        shown = f'''return {plots}.slice(0, 9).map(plot => plot.model.renderers
+            .filter(each => each.name == "hybrid_angle").map(each => each.visible));'''
+        until = time.monotonic() + 10.0
+        while any(map(any, driver.execute_script(shown))) and time.monotonic() < until:
+            time.sleep(0.1)
+        hidden = driver.execute_script(shown)
+        assert sum(len(each) for each in hidden) > 6 and not any(map(any, hidden))
     finally:
         driver.quit()
 
@@ -195,6 +208,26 @@ def test_thinning_keeps_the_extremes():
     assert np.array_equal(extremes(values[:500], 600), np.arange(500))
     steps = np.repeat([0, 1, 2, 1], 50)
     assert changes(steps, 100).tolist() == [0, 50, 100, 150, 199]
+
+
+def test_lines_end_at_holes():
+    time = np.concatenate([np.arange(500), np.arange(600, 1000)]) * 1e-3
+    values = np.arange(900.0)
+    for points in (50, 900):
+        at, drawn = broken(time, values, extremes(values, points))
+        hole, = np.flatnonzero(np.isnan(drawn))
+        assert np.nanmax(drawn[:hole]) < 500.0 <= np.nanmin(drawn[hole + 1:])
+        assert len(at) == len(drawn) and np.all(np.diff(at) >= 0.0)
+    whole = broken(time[:500], values[:500], np.arange(500))
+    assert np.array_equal(whole[1], values[:500])
+
+
+def test_outliers_do_not_crush_the_picture():
+    line = np.sin(np.linspace(0.0, 20.0, 5000))
+    assert limits([line]) is None
+    low, high = limits([line, np.where(np.arange(5000) == 77, 500.0, line)])
+    assert -5.0 < low <= -1.0 and 1.0 <= high < 5.0
+    assert limits([np.full(10, np.nan)]) is None
 
 
 def test_the_spectrum_holds_the_power():

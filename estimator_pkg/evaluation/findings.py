@@ -27,6 +27,7 @@ MOVING = 3.0        # a joint moves if it passes so many quanta per sample
 REPEATS = 0.2       # so many equal readings in motion are no chance
 HOLES_NAMED = 5     # holes that are told one by one
 JITTER_SEEN = 3.0   # jitter is told if the error at speed is so many times that at rest
+JITTER_MATTERS = 1e-3   # and if it is more than this part of a sample time
 FEWEST = 200        # samples below which nothing is said of jitter
 USUAL = Entry('', 'hybrid_angle')  # whose noise the jitter is turned into
 SETTLED = 400       # samples after which its noise gain is steady
@@ -141,7 +142,8 @@ def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float)
     top = float(np.median(speed[1:][fast]))
     if high < JITTER_SEEN * floor or top <= 0.0:
         return 0.0
-    return math.sqrt(high * high - floor * floor) / top
+    jitter = math.sqrt(high * high - floor * floor) / top
+    return jitter if jitter > JITTER_MATTERS * float(np.median(before)) else 0.0
 
 
 def speed_noise(position_noise: float, step: float) -> float:
@@ -184,7 +186,8 @@ def _of_measurement(joint: str, seen: Measurement) -> list[str]:
         found.append(f'{joint}: stamps jitter by {_time(seen.jitter_s)}{expect}; stamp readings '
                      'where they are taken')
     for when, length in seen.holes[:HOLES_NAMED]:
-        found.append(f'{joint}: gap of {_time(length)} at {when:.1f} s')
+        found.append(f'{joint}: gap of {_time(length)} at '
+                     + (f'{when:.1f} s' if when >= 0.1 else _time(when)))
     if len(seen.holes) > HOLES_NAMED:
         found.append(f'{joint}: {len(seen.holes)} gaps in all')
     if seen.quantum:

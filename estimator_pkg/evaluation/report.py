@@ -21,19 +21,27 @@ from estimator_pkg.evaluation.text import fixed, number
 
 HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
 POINTS_OF_A_PAGE = 160_000  # of all lines over time: a browser still draws them at once,
-POINTS = (600, 6000)        # and fewest and most of one line
-LINES = 3                   # per estimate: velocity, error, status
+POINTS = (600, 16000)       # and fewest and most of one line
+LINES = 3                   # per estimate: velocity, error, band
 
 STYLE = """
-body { font: 14px/1.45 system-ui, sans-serif; color: #222; max-width: 1120px; margin: 1.5em auto;
-       padding: 0 1em; }
+:root { color-scheme: light dark; }
+body { font: 14px/1.45 system-ui, sans-serif; color: #222; background: #fff; max-width: 1120px;
+       margin: 1.5em auto; padding: 0 1em; overflow-wrap: anywhere; }
 h1 { font-size: 1.5em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #ccc; }
 h3 { font-size: 1.05em; margin-top: 1.4em; }
-table { border-collapse: collapse; font-size: 13px; } th, td { padding: .2em .6em;
-       text-align: right; border-bottom: 1px solid #e4e4e4; } th { background: #f4f4f4; }
+table { border-collapse: collapse; font-size: 13px; } th, td { padding: .2em .5em;
+       text-align: right; border-bottom: 1px solid #e4e4e4; white-space: nowrap; }
+th { background: #f4f4f4; vertical-align: top; }
 td:first-child, td:nth-child(2), th:first-child, th:nth-child(2) { text-align: left; }
-tr.best td { font-weight: 600; } .plots { display: flex; flex-wrap: wrap; }
-.note { color: #666; font-size: 13px; } .scroll { overflow-x: auto; }
+tr.best td { font-weight: 600; } .note { color: #666; font-size: 13px; }
+.scroll { overflow-x: auto; } .closer { display: flex; flex-wrap: wrap; }
+.plot { overflow-x: auto; } .closer .plot { flex: 1 1 420px; min-width: 0; }
+@media (prefers-color-scheme: dark) {
+  body { color: #ddd; background: #1b1b1b; } h2 { border-color: #555; }
+  th { background: #2a2a2a; } th, td { border-color: #3a3a3a; } .note { color: #aaa; }
+  .plot { filter: invert(.894) hue-rotate(180deg); }
+}
 """
 
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'worst', 'worst at', 'bias', 'delay', 'noise',
@@ -89,7 +97,8 @@ class Report:
                 if found is not None:
                     seen[joint] = found
         said = sentences(comparison, seen)
-        parts = [f'<h2>{html.escape(comparison.bag)}</h2>',
+        bag = Path(comparison.bag)
+        parts = [f'<h2>{html.escape(bag.name)}</h2><p class="note">{html.escape(str(bag))}</p>',
                  f'<p>Velocity errors against {html.escape(_against(comparison))}, at zero shift; '
                  'the delay stands beside them.</p>', _table(comparison),
                  '<h3>What to know, and what to do next</h3>',
@@ -113,12 +122,15 @@ class Report:
         from estimator_pkg.evaluation import report_figures as figures
         wide = figures.over_time(comparison, joint, rows, points)
         small = figures.closer(comparison, rows)
+        wide.append(figures.around_the_worst(rows))
+        figures.link(wide + small)
         if seen is not None:
             small.append(figures.sample_times(seen))
-        return [self._place('', wide), self._place('plots', small),
+        return [self._place('over_time', wide), self._place('closer', small),
                 '<p class="note">Drag a box over a plot to zoom: time moves together in all that '
-                'show it. The tools beside a plot pan, zoom with the wheel, go back and save. A '
-                'click on a name hides its line.</p>']
+                'show it. The tools above a plot pan, zoom with the wheel, go back and save. A '
+                'click on a name hides it in all plots of the joint. A triangle at the edge: a '
+                'value beyond the picture.</p>']
 
     def _place(self, kind: str, drawn: Sequence[Any]) -> str:
         names = []
@@ -126,7 +138,8 @@ class Report:
             name = f'figure_{len(self._figures)}'
             self._figures[name] = figure
             names.append(name)
-        slots = ''.join(f'<div data-figure="{name}"></div>' for name in names)
+        slots = ''.join(f'<div class="plot"><div data-figure="{name}"></div></div>'
+                        for name in names)
         return f'<div class="{kind}">{slots}</div>'
 
     def _keep(self, comparison: Comparison, joint: str, rows: Sequence[Row]) -> None:
@@ -200,11 +213,12 @@ def _line(row: Row, best: bool) -> str:
     total = sum(row.validity.values())
     valid = row.validity.get('tracking', 0.0) + row.validity.get('coasting', 0.0) + (
         row.validity.get('published', 0.0))
+    places = 2 if total < 1000.0 else 0
     cells = (row.source, row.joint, fixed(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
              fixed(v['mean_abs'], 4), fixed(v['max_abs'], 3), fixed(worst, 2), fixed(v['bias'], 4),
              fixed(v['delay_s'] * 1e3, 2), number(v['noise'], 3),
              f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
-             f'{valid:.2f} of {total:.2f}' if total else '-',
+             f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
              f'{row.samples["used"]} of {row.samples["received"]}', dropped or '0')
     made = ''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)
     return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'

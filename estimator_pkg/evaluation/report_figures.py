@@ -12,15 +12,19 @@ from numpy.typing import NDArray
 from estimator_pkg.evaluation.comparison import BAND, Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement
 from estimator_pkg.evaluation.spectrum import by_speed, density, normalised
-from estimator_pkg.evaluation.thinning import changes, extremes
+from estimator_pkg.evaluation.thinning import broken, changes, extremes, limits
 from estimator_pkg.observers.contract import STATUS_NAMES
 
 COLOURS = ('#1f77b4', '#d62728', '#2ca02c', '#9467bd', '#ff7f0e', '#17becf', '#8c564b', '#e377c2',
            '#7f7f7f', '#bcbd22')
+DASHES = ('solid', 'dashed', 'dotted')  # for more estimates than there are colours
 INK = '#222222'
-WIDE, HALF, HIGH, LOW = 1080, 535, 260, 150
+HIGH, LOW = 260, 150
+COLUMNS = 3             # of the legend
+LEFT = 78               # room for the axes, so that frames stand above each other
 HOLES_MARKED = 200
 TOOLS = 'box_zoom,pan,xwheel_zoom,reset,save'
+AROUND = 400            # samples on either side of the worst error
 
 
 def _short(values: NDArray) -> NDArray:
@@ -47,6 +51,43 @@ def over_time(comparison: Comparison, joint: str, rows: Sequence[Row], points: i
     return figures
 
 
+def around_the_worst(rows: Sequence[Row]) -> Any:
+    """Every sample around the worst error of the best estimate: what is thinned out elsewhere."""
+    from bokeh.models import Range1d
+    best = min(rows, key=lambda row: row.velocity['rms'])
+    worst = int(np.nanargmax(np.abs(best.estimate - best.truth)))
+    window = (float(best.time[max(0, worst - AROUND)]),
+              float(best.time[min(len(best.time) - 1, worst + AROUND)]))
+    shown = _figure(f'every sample around the worst error of {best.source} [rad/s]', HIGH,
+                    x_range=Range1d(start=window[0], end=window[1]))
+    parts = [(row, style, slice(*np.searchsorted(row.time, window)))
+             for row, style in _lookup(rows)]
+    here = slice(*np.searchsorted(best.time, window))
+    _line(shown, best.time[here], best.truth[here], np.arange(here.stop - here.start), color=INK,
+          line_width=3, alpha=0.4, name='reference')
+    outer = limits([best.truth[here], *(row.estimate[part] for row, _, part in parts)])
+    for row, style, part in parts:
+        time, estimate = row.time[part], row.estimate[part]
+        if not len(time):
+            continue
+        _line(shown, time, estimate, np.arange(len(time)), line_width=1.2, **style)
+        if outer:
+            _mark_outside(shown, outer, time, estimate, style)
+    shown.xaxis.axis_label = 'time [s]'
+    return shown
+
+
+def link(figures: Sequence[Any]) -> None:
+    """A click on a name in the legend, which is in one of them, hides that estimate in all."""
+    for item in next(figure.legend[0] for figure in figures if figure.legend).items:
+        name = item.label.value
+        leader = item.renderers[0]
+        for figure in figures:
+            for renderer in figure.renderers:
+                if renderer.name == name and renderer is not leader:
+                    leader.js_link('visible', renderer, 'visible')
+
+
 def closer(comparison: Comparison, rows: Sequence[Row]) -> list[Any]:
     """Error against speed, its spectrum and its distribution in units of its deviation."""
     return [_by_speed(rows), _spectrum(rows), _distribution(rows)]
@@ -54,139 +95,176 @@ def closer(comparison: Comparison, rows: Sequence[Row]) -> list[Any]:
 
 def sample_times(seen: Measurement) -> Any:
     """Histogram of sample times, the holes marked."""
-    shown = _figure('sample times', HALF, HIGH, x_axis_type='log', y_axis_type='log')
+    holes = np.array([length for _, length in seen.holes[:HOLES_MARKED]]) * 1e3
+    title = 'sample times' + (' (triangles: holes)' if len(holes) else '')
+    shown = _figure(title, HIGH, x_axis_type='log', y_axis_type='log')
     milliseconds = seen.steps[seen.steps > 0.0] * 1e3
     low, high = float(np.min(milliseconds)), float(np.max(milliseconds))
-    edges = np.geomspace(low * 0.9, high * 1.1, 80)
+    usual = 1e3 / seen.rate
+    edges = np.geomspace(min(low * 0.9, 0.5 * usual), max(high * 1.1, 2.0 * usual), 81)
     heights, _ = np.histogram(milliseconds, edges)
     full = heights > 0
     shown.quad(top=heights[full].astype(float), bottom=0.5, left=edges[:-1][full],
                right=edges[1:][full], color=COLOURS[0], alpha=0.7)
-    holes = np.array([length for _, length in seen.holes[:HOLES_MARKED]]) * 1e3
     if len(holes):
         shown.scatter(holes, np.full(len(holes), 0.75), marker='triangle', size=9,
-                      color=COLOURS[1], legend_label='holes')
+                      color=COLOURS[1])
     shown.xaxis.axis_label = 'sample time [ms]'
     shown.yaxis.axis_label = 'samples'
     return shown
 
 
-def _figure(title: str, width: int, height: int, **options: Any) -> Any:
+def _figure(title: str, height: int, **options: Any) -> Any:
     from bokeh.plotting import figure
-    made = figure(title=title, width=width, height=height, tools=TOOLS, active_drag='box_zoom',
-                  toolbar_location='right', **options)
+    made = figure(title=title, height=height, sizing_mode='stretch_width', tools=TOOLS,
+                  active_drag='box_zoom', toolbar_location='above', **options)
     made.toolbar.logo = None
     made.grid.grid_line_alpha = 0.4
-    made.min_border_left = 70
+    made.min_border_left = LEFT
+    made.min_border_right = 20
     return made
 
 
-def _finish(figure: Any) -> Any:
-    """The legend in a place where it hides no data, each line switched by a click."""
-    if figure.legend:
-        legend = figure.legend[0]
-        legend.click_policy = 'hide'
-        legend.label_text_font_size = '8pt'
-        legend.spacing = 0
-        legend.padding = 4
-        legend.background_fill_alpha = 0.7
-        legend.location = 'top_right'
+def _legend(figure: Any) -> Any:
+    """The legend above the frame, where it hides no data, in columns that a narrow page holds."""
+    legend = figure.legend[0]
+    figure.center.remove(legend)
+    figure.add_layout(legend, 'above')
+    legend.click_policy = 'hide'
+    legend.label_text_font_size = '9pt'
+    legend.orientation = 'horizontal'
+    legend.ncols = min(len(legend.items), COLUMNS)
+    legend.border_line_alpha = 0.0
+    legend.padding = 2
+    legend.margin = 0
+    figure.height += 20 * -(-len(legend.items) // COLUMNS)
     return figure
+
+
+def _line(figure: Any, time: NDArray, values: NDArray, chosen: NDArray[np.int64],
+          **style: Any) -> None:
+    at, drawn = broken(time, values, chosen)
+    figure.line(at, _short(drawn), **style)
+
+
+def _lookup(rows: Sequence[Row]) -> list[tuple[Row, dict[str, Any]]]:
+    """Each row with how its lines are drawn."""
+    return [(row, {'color': COLOURS[i % len(COLOURS)], 'name': row.source,
+                   'line_dash': DASHES[i // len(COLOURS) % len(DASHES)]})
+            for i, row in enumerate(rows)]
+
+
+def _mark_outside(figure: Any, outer: tuple[float, float], time: NDArray, values: NDArray,
+                  style: dict[str, Any]) -> None:
+    """Small triangles at the edge of the picture, where a line leaves it."""
+    from bokeh.models import Range1d
+    low, high = outer
+    figure.y_range = Range1d(start=low, end=high)
+    for outside, edge, marker in ((values > high, high, 'triangle'),
+                                  (values < low, low, 'inverted_triangle')):
+        if outside.any():
+            figure.scatter(time[outside], np.full(int(outside.sum()), edge), marker=marker, size=8,
+                           color=style['color'], name=style['name'])
 
 
 def _angle(comparison: Comparison, joint: str, points: int, shared: Any) -> Any:
     series = comparison.measurement[joint]
-    shown = _figure(f'{joint}: measured position [rad]', WIDE, LOW, x_range=shared)
+    shown = _figure('measured position [rad]', LOW, x_range=shared)
     good = np.isfinite(series.position) & (series.stamps_ns > 0)
     time = (series.stamps_ns[good] - comparison.starts[joint]) * 1e-9
     position = series.position[good]
     chosen = extremes(position, points)
-    shown.line(time[chosen], _short(position[chosen]), color=INK, line_width=1)
+    _line(shown, time, position, chosen, color=INK, line_width=1)
     return shown
 
 
 def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
-    shown = _figure('velocity against the reference [rad/s]', WIDE, HIGH, x_range=shared)
+    shown = _figure('velocity against the reference [rad/s]', HIGH, x_range=shared)
     chosen = extremes(rows[0].truth, points)
-    shown.line(rows[0].time[chosen], _short(rows[0].truth[chosen]), color=INK, line_width=3,
-               alpha=0.4, legend_label='reference')
-    for row, colour in zip(rows, _colours(rows)):
+    _line(shown, rows[0].time, rows[0].truth, chosen, color=INK, line_width=3, alpha=0.4,
+          legend_label='reference', name='reference')
+    outer = limits([rows[0].truth, *(row.estimate for row in rows)])
+    for row, style in _lookup(rows):
         chosen = extremes(row.estimate, points)
-        time = row.time[chosen]
+        time, estimate = row.time[chosen], row.estimate[chosen]
         if len(rows) == 1 and np.isfinite(row.stddev).any():
             band = BAND * row.stddev[chosen]
-            shown.varea(time, _short(row.estimate[chosen] - band),
-                        _short(row.estimate[chosen] + band), color=colour, alpha=0.25,
-                        legend_label='95 % band')
-        shown.line(time, _short(row.estimate[chosen]), color=colour, line_width=1.2,
-                   legend_label=row.source)
-    return _finish(shown)
+            shown.varea(time, _short(estimate - band), _short(estimate + band),
+                        color=style['color'], alpha=0.25, legend_label='95 % band',
+                        name='95 % band')
+        _line(shown, row.time, row.estimate, chosen, line_width=1.2, legend_label=row.source,
+              **style)
+        if outer:
+            _mark_outside(shown, outer, time, estimate, style)
+    return _legend(shown)
 
 
 def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
-    shown = _figure('error and its 95 % band [rad/s]', WIDE, HIGH, x_range=shared)
-    for row, colour in zip(rows, _colours(rows)):
-        error = row.estimate - row.truth
+    errors = [row.estimate - row.truth for row in rows]
+    outer = limits(errors) or (min(float(np.nanmin(each)) for each in errors),
+                               max(float(np.nanmax(each)) for each in errors))
+    room = 0.05 * max(outer[1] - outer[0], 1e-9)
+    outer = outer[0] - room, outer[1] + room  # of the errors: the bands may be wider
+    shown = _figure('error, and its 95 % band as a shade [rad/s]', HIGH, x_range=shared)
+    for (row, style), error in zip(_lookup(rows), errors):
         chosen = extremes(error, points)
         time = row.time[chosen]
         if np.isfinite(row.stddev).any():
             band = _short(BAND * row.stddev[chosen])
-            shown.varea(time, -band, band, color=colour, alpha=0.15, legend_label=row.source)
-        shown.line(time, _short(error[chosen]), color=colour, line_width=1,
-                   legend_label=row.source)
-    return _finish(shown)
+            shown.varea(time, -band, band, color=style['color'], alpha=0.15, name=row.source)
+        _line(shown, row.time, error, chosen, line_width=1, **style)
+        _mark_outside(shown, outer, time, error[chosen], style)
+    return shown
 
 
 def _status(rows: Sequence[Row], points: int, shared: Any) -> Any:
+    """Each estimate a little beside the other, so that none hides behind another."""
     from bokeh.models import FixedTicker
-    shown = _figure('status', WIDE, LOW, x_range=shared)
-    for row, colour in zip(rows, _colours(rows)):
+    shown = _figure('status', LOW, x_range=shared)
+    for i, (row, style) in enumerate(_lookup(rows)):
         if len(row.status):
             chosen = changes(row.status, points)
-            shown.step(row.status_time[chosen], row.status[chosen].astype(float), mode='after',
-                       color=colour, line_width=1.5, legend_label=row.source)
+            beside = 0.5 * (i / max(1, len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
+            shown.step(row.status_time[chosen], row.status[chosen] + beside, mode='after',
+                       line_width=1.5, **style)
     shown.yaxis.ticker = FixedTicker(ticks=list(range(len(STATUS_NAMES))))
     shown.yaxis.major_label_overrides = dict(enumerate(STATUS_NAMES))
-    return _finish(shown)
+    return shown
 
 
 def _by_speed(rows: Sequence[Row]) -> Any:
-    shown = _figure('error against speed', HALF, HIGH)
-    for row, colour in zip(rows, _colours(rows)):
+    shown = _figure('error against speed', HIGH)
+    for row, style in _lookup(rows):
         speed, rms, _ = by_speed(row.truth, row.estimate - row.truth)
-        shown.line(speed, rms, color=colour, legend_label=row.source)
-        shown.scatter(speed, rms, color=colour, size=4, legend_label=row.source)
+        shown.line(speed, rms, **style)
+        shown.scatter(speed, rms, color=style['color'], size=4, name=row.source)
     shown.y_range.start = 0.0
     shown.xaxis.axis_label = 'speed of the reference [rad/s]'
     shown.yaxis.axis_label = 'rms error [rad/s]'
-    return _finish(shown)
+    return shown
 
 
 def _spectrum(rows: Sequence[Row]) -> Any:
-    shown = _figure('spectrum of the error', HALF, HIGH, x_axis_type='log', y_axis_type='log')
-    for row, colour in zip(rows, _colours(rows)):
+    shown = _figure('spectrum of the error', HIGH, x_axis_type='log', y_axis_type='log')
+    for row, style in _lookup(rows):
         frequency, root = density(row.time, row.estimate - row.truth)
         known = root > 0.0
-        shown.line(frequency[known], root[known], color=colour, legend_label=row.source)
+        shown.line(frequency[known], root[known], **style)
     shown.xaxis.axis_label = 'frequency [Hz]'
     shown.yaxis.axis_label = '(rad/s) / root Hz'
-    return _finish(shown)
+    return shown
 
 
 def _distribution(rows: Sequence[Row]) -> Any:
-    shown = _figure('error in units of its standard deviation', HALF, HIGH)
-    for row, colour in zip(rows, _colours(rows)):
+    shown = _figure('error / standard deviation (dashed: expected)', HIGH)
+    for row, style in _lookup(rows):
         middles, heights = normalised(row.estimate - row.truth,
                                        np.hypot(row.stddev, row.reference_noise))
         if len(middles):
-            shown.step(middles, heights, mode='center', color=colour,
-                       legend_label=f'{row.source} ({row.coverage:.0%} within 95 %)')
+            shown.step(middles, heights, mode='center', **style)
     at = np.linspace(-5.0, 5.0, 101)
-    shown.line(at, np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi), color=INK, line_dash='4 2',
-               legend_label='as it should be')
-    shown.xaxis.axis_label = 'error / standard deviation (beyond 5: in the last cell)'
-    return _finish(shown)
-
-
-def _colours(rows: Sequence[Row]) -> list[str]:
-    return [COLOURS[i % len(COLOURS)] for i in range(len(rows))]
+    shown.line(at, np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi), color=INK, line_width=2,
+               line_dash='6 3')
+    shown.xaxis.axis_label = 'in standard deviations (beyond 5: in the last cell)'
+    shown.yaxis.axis_label = 'density'
+    return shown

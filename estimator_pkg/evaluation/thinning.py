@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+HOLE = 10.0             # median sample times: a line is not drawn across a longer hole
+MOST, ROOM = 99.5, 2.5  # an outlier beyond so many times this percentile is not drawn but marked
 
 
 def extremes(values: Array, points: int) -> NDArray[np.int64]:
@@ -39,3 +44,29 @@ def changes(values: NDArray, points: int) -> NDArray[np.int64]:
     if len(chosen) > points:
         chosen = chosen[np.linspace(0, len(chosen) - 1, points).astype(np.int64)]
     return chosen
+
+
+def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Array, NDArray]:
+    """What to draw of a line: its chosen samples, with nan where the record has a hole."""
+    steps = np.diff(time)
+    known = steps[np.isfinite(steps)]
+    if not len(known):
+        return time[chosen], values[chosen]
+    holes = np.flatnonzero(steps > HOLE * float(np.median(known)))
+    at = np.unique(np.searchsorted(chosen, holes, side='right'))
+    at = at[(at > 0) & (at < len(chosen))]
+    return (np.insert(time[chosen], at, time[chosen[at - 1]]),
+            np.insert(np.asarray(values[chosen], float), at, np.nan))
+
+
+def limits(lines: Sequence[Array]) -> tuple[float, float] | None:
+    """The range to draw, where outliers would otherwise crush all the rest; None where not."""
+    known = np.concatenate([line[np.isfinite(line)] for line in lines])
+    if not len(known):
+        return None
+    low, high = np.percentile(known, [100.0 - MOST, MOST])
+    room = 0.5 * (ROOM - 1.0) * max(float(high - low), 1e-9)
+    least, most = float(np.min(known)), float(np.max(known))
+    if least >= low - room and most <= high + room:
+        return None
+    return max(float(low) - room, least - 0.1 * room), min(float(high) + room, most + 0.1 * room)
