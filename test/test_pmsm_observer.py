@@ -538,8 +538,8 @@ def test_no_live_parameter_needs_compiling():
     other = {'relative_bandwidth': 0.2, 'epsilon': 1e-4, 'speed_max': 700.0, 'k_p': 2e4,
              'k_i': 9e3, 'k_eta': 90.0, 'gamma': 4000.0, 'clock_rate': 150.0, 'second_period': 0.7,
              'dead_time_voltage': 0.2, 'pwm_frequency': 2e4, 'initial_flux': 2e-3,
-             'flux_min': 1e-3, 'flux_max': 4e-3, 'emf_min': 0.2, 'resistance_error': 0.1, 'current_noise': 0.2,
-             'speed_filter_hz': 50.0, 'hold': 0.02}
+             'flux_min': 1e-3, 'flux_max': 4e-3, 'emf_min': 0.2, 'resistance_error': 0.1,
+             'current_noise': 0.2, 'speed_filter_hz': 50.0, 'hold': 0.02}
     live = {name for name, each in declared(Gains).items() if not each.structural}
     assert set(other) == live
     first = compiled(drive.make_drive_batch(made()))

@@ -62,7 +62,7 @@ def test_the_status_is_honest(scenario, plant):
 
 
 def test_on_a_slow_ramp_too():
-    profile = Profile([(0.1, 0, 0), (1.5, 0, 2000), (0.1, 2000, 2000), (1.5, 2000, 0)])
+    profile = Profile([(0.1, 0, 0), (2.0, 0, 2000), (0.1, 2000, 2000), (2.0, 2000, 0)])
     for plant in pmsm_drive_rows.PLANTS.values():
         found = pmsm_drive_rows.judged(profile, plant, seed=2)
         assert found.wrong <= 3.0 and found.withheld <= 80.0, plant
