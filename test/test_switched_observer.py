@@ -172,3 +172,87 @@ def test_the_misprint_of_the_paper_is_found():
     with pytest.raises(UsageError, match=r'zeta\[3\]'):
         check(printed)
     assert check(model) > 0.2
+
+
+def example_run(steps, z=(0.5, 0.5, 0.2), until=12):
+    """(Z as shown after each event, converged, true Z) of the paper's example at 1 ms."""
+    model = dataclasses.replace(load('example'), start=((1.0, 0.5, 0.5, 0.0), z))
+    times, states, true = trajectory(model, until)
+    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
+                                     steps=steps), Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
+    rows = []
+    for i in range(1, len(times)):
+        state = functions.step(state, coefficients, (),
+                               (float(states[i, 0]), float(states[i, 2])), ())
+        if i % 500 == 0:
+            state = functions.jump(state, ('', ()))
+            shown, _, converged = functions.discrete(state)
+            rows.append((shown, converged, true[i]))
+    return rows, state
+
+
+@pytest.mark.parametrize('steps', [1, 2, 3])
+def test_the_fifo_of_n_intervals_and_the_prediction_of_n_plus_1_steps(steps):
+    """Z(k+1) is right at event k+1, from the outputs of the intervals k-N .. k: not an event
+    earlier, as the prediction of N steps in print would be late by one.
+    """
+    rows, state = example_run(steps)
+    assert [converged for _, converged, _ in rows[:steps]] == [False] * steps
+    assert len(state.history) == steps + 1
+    for shown, converged, true in rows[steps:]:
+        assert converged and shown == pytest.approx(true, abs=0.05)
+
+
+def test_the_inversion_is_not_used_below_its_singular_value():
+    model = load('example')
+    times, states, true = trajectory(model, 4)
+    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
+                                     singular_value=20.0), Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state = functions.init((1.0, 0.5), ())
+    shown, beta = (0.0, 0.0, 0.0), (1.0, 0.5)
+    for i in range(1, len(times)):
+        state = functions.step(state, coefficients, (),
+                               (float(states[i, 0]), float(states[i, 2])), ())
+        if i % 500 == 0:
+            shown = np.array(model.transition('')) @ shown + model.offset('', (), beta)
+            beta = tuple(states[i, [0, 2]])
+            state = functions.jump(state, ('', ()))
+            # A_d Z + beta_d alone, and said to be so
+            assert not functions.discrete(state)[2]
+            assert functions.discrete(state)[0] == pytest.approx(shown, abs=1e-9)
+
+
+def test_every_output_has_a_standard_deviation_of_its_own():
+    _, state = example_run(1, until=2)
+    functions = OBSERVER.build(Gains(model='example', noise=1e-4), Circle(0.0))
+    (first, speed), (second, other) = functions.deviations(state)
+    assert first == second == pytest.approx(1e-4)
+    assert speed == pytest.approx(math.sqrt(120.0 * 1e-4))
+    assert other == pytest.approx(math.sqrt(60.0 * 1e-4))
+    assert functions.stddev(state, (), ()) == (first, speed)
+
+
+def test_the_deviation_of_the_velocity_is_that_of_the_errors():
+    angles, velocities, torques = gripped(4000, loads=())
+    joint = made(quantum=QUANTUM)
+    rows = run(joint, angles, torques)
+    error = np.sqrt(np.mean(np.square([row[2] for row in rows] - velocities)[1000:]))
+    assert 0.4 < error / joint.stddev()[1] < 2.5
+
+
+def test_the_acceleration_is_that_of_the_model_once_it_is_known():
+    angles, velocities, torques = gripped(4000, loads=())
+    joint = made(quantum=QUANTUM)
+    found = []
+    for i, angle in enumerate(angles.tolist()):
+        reading = math.remainder(round(angle / QUANTUM) * QUANTUM, 2.0 * math.pi)
+        joint.update(10 ** 18 + i * 10 ** 6, (reading,), torques[i - 1] if i else (0.0,))
+        found.append(joint.estimate()[2])
+    true = [gripper.dynamics(x, gripper.OPEN, torques[i - 1])[1]
+            for i, x in enumerate(zip(angles, velocities))]
+    error = np.array(found) - true
+    assert np.sqrt(np.mean(error[2000:] ** 2)) < 0.02 * np.std(true)
+    assert math.isfinite(found[100])  # from the chain, before Z is known
