@@ -42,7 +42,7 @@ class Gains:
         description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; unset: '
                     'from bandwidth_hz')
     bandwidth_hz: float = parameter(
-        5.0, unit='Hz', range=(1e-3, 1e4), structural=True,
+        5.0, unit='Hz', range=(1e-3, 1e4), search=(0.5, 100.0), structural=True,
         description='magnitude of the observer poles where observer_poles is unset; well above the '
                     'frequencies of the motion, and as low as the noise asks')
     model_poles: tuple[float, ...] | None = parameter(

@@ -73,6 +73,7 @@ class Gains:
                     'step seen')
     prefer: str = parameter(
         'balanced', unit='', choices=('smooth', 'balanced', 'fast'),
+        among=('smooth', 'balanced', 'fast'),
         description='what to give way to where noise and delay are at odds',
         equation='slack of the bandwidth law: 0.6, 0.3 or 0')
 

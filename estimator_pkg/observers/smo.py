@@ -60,7 +60,7 @@ class Gains(MechanicalGains):
         SUPER_TWISTING, unit='', choices=(SUPER_TWISTING, UNIFORM), structural=True,
         description='which injections')
     mu: tuple[float, ...] = parameter(
-        (10.0,), unit='rad/s^2 or m/s^2', kind=list, range=(1e-9, 1e9),
+        (10.0,), unit='rad/s^2 or m/s^2', kind=list, range=(1e-9, 1e9), search=(0.1, 1e4),
         description='super_twisting: about the largest acceleration that the model does not '
                     'explain, for all positions or each')
     k1: tuple[float, ...] = parameter(

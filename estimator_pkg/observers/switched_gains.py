@@ -47,7 +47,7 @@ class Gains:
         0.0, unit='s', range=(0.0, 1e9),
         description='the regression forgets with this time constant within an interval; 0: never')
     bound_scale: float = parameter(
-        1.0, unit='', range=(1e-6, 1e6),
+        1.0, unit='', range=(1e-6, 1e6), search=(0.05, 20.0),
         description="factor on the model's bounds L of the outputs' derivatives")
     quantum: float = parameter(
         0.0, unit='rad', range=(0.0, 10.0),
