@@ -103,6 +103,7 @@ setup(
             'single_joint = estimator_pkg.models.single_joint:MODEL',
             'cart_pendulum = estimator_pkg.models.cart_pendulum:MODEL',
             'robotic_leg = estimator_pkg.models.robotic_leg:MODEL',
+            'two_links = estimator_pkg.models.two_links:MODEL',
         ],
         'velocity_estimator.commands': [
             'demo = sim_pkg.demo.command:COMMAND',

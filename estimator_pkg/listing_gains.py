@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from estimator_pkg import observers, registry
-from estimator_pkg.errors import UsageError
+from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models.mechanics import Model
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanical import MechanicalFunctions
@@ -39,10 +39,16 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
     models = [str(values['model'])] if 'model' in values else [
         model for model in registry.names(registry.MODELS)
         if isinstance(registry.find(registry.MODELS, model), Model)]
-    found = {}
+    found: dict[str, dict[str, str]] = {}
     for model in models:
-        functions = record.build(build(record.gains, {**values, 'model': model}, owner=name),
-                                 Circle())
+        gains: Any = build(record.gains, {**values, 'model': model}, owner=name)
+        try:
+            functions = record.build(gains, Circle())
+        except UserError as error:
+            if len(models) == 1:
+                raise
+            found[model] = {'refused': str(error)}
+            continue
         assert isinstance(functions, MechanicalFunctions)
         words = in_words(functions.describe(1.0 / rate))
         why = functions.limits(1.0 / rate)

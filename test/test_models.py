@@ -10,8 +10,9 @@ import pytest
 
 from estimator_pkg import observers
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint
+from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint, two_links
 from estimator_pkg.models.mechanics import assignments_of, load
+from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import Circle
 
 MODELS = (single_joint, cart_pendulum, robotic_leg)
@@ -43,7 +44,6 @@ def test_the_check_sees_a_small_mistake_in_psi(module):
 
 def test_momenta_are_conserved_by_the_leg():
     """p1 and p2 of the leg stay what they are without input, though it moves."""
-    from estimator_pkg.models.motion import make_plant
     mechanics = load('robotic_leg')
     q, v = (2.0, 1.5, 0.2), (0.3, -0.4, 0.1)
 
@@ -55,6 +55,26 @@ def test_momenta_are_conserved_by_the_leg():
     q2, v2 = make_plant(mechanics)(mechanics.values, q, v, (0.0, 0.0), 0.5, 500)
     assert abs(q2[1] - q[1]) > 0.05
     np.testing.assert_allclose(momenta(q2, v2), before, rtol=1e-9)
+
+
+def test_two_links_keep_their_energy_and_are_not_for_geso():
+    """Without friction and torque: inertia, Coriolis forces and gravity belong together."""
+    p = two_links.Parameters(shoulder_damping=0.0, elbow_damping=0.0, shoulder_coulomb=0.0,
+                             elbow_coulomb=0.0)
+    mechanics = two_links.build(p)
+
+    def energy(q, v):
+        v = np.array(v)
+        return (0.5 * v @ check.matrix(mechanics.inertia, mechanics, np.array(q)) @ v
+                - p.shoulder_gravity * np.cos(q[0]) - p.elbow_gravity * np.cos(q[0] + q[1]))
+
+    q, v = (2.0, -1.0), (3.0, -5.0)
+    q2, v2 = make_plant(mechanics)(mechanics.values, q, v, (0.0, 0.0), 1.0, 4000)
+    assert abs(q2[0] - q[0]) > 0.5
+    assert energy(q2, v2) == pytest.approx(energy(q, v), rel=1e-9)
+    assert load('two_links').factors is None
+    with pytest.raises(UsageError, match='mass matrix is not positive'):
+        load('two_links', ('coupling=0.2',))
 
 
 def test_own_model_without_psi_and_coriolis_gets_both():

@@ -50,7 +50,8 @@ class MechanicalGains:
 
     model: str = parameter(
         'single_joint', unit='', structural=True,
-        choices=('single_joint', 'cart_pendulum', 'robotic_leg', 'package.module:name'),
+        choices=('single_joint', 'cart_pendulum', 'robotic_leg', 'two_links',
+                 'package.module:name'),
         description="the mechanism; 'velocity_estimator list' shows what each takes, "
                     'docs/own_model.md how to write one')
     model_parameters: tuple[str, ...] = parameter(

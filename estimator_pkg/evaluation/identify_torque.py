@@ -1,0 +1,243 @@
+"""Is a reported torque worth anything? Observers with and without it on recorded pendulums.
+
+    python -m estimator_pkg.evaluation.identify_torque bags
+
+A model is identified on one recording and serves the observer on another, against the drive's own
+velocity (its lag, bias and noise taken off, the noise in quadrature). Every observer has the best
+setting of its grid in hindsight; those that use the torque only settings whose delay is no longer
+than that of the best angle-only one. The same model with the torque set to zero says whether it is
+the torque that helps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import observers
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.evaluation import identify_joint
+from estimator_pkg.evaluation.delay import delay
+from estimator_pkg.evaluation.identify_data import recording
+from estimator_pkg.evaluation.identify_fit import DELAY, fit
+from estimator_pkg.evaluation.identify_model import unknowns
+from estimator_pkg.evaluation.identify_pieces import Recording, accumulated
+from estimator_pkg.evaluation.matching import match
+from estimator_pkg.evaluation.options import MEASUREMENT, Options
+from estimator_pkg.evaluation.text import table
+from estimator_pkg.evaluation.truth import truth
+from estimator_pkg.models.mechanics import load
+from estimator_pkg.parameters import build
+
+Array = NDArray[np.float64]
+
+SKIPPED = 2.0           # s at the begin that are not judged
+CLOSE = 1e-4            # s: delays are not known better
+TURN = 2.0 * math.pi
+WIDTH = 'coulomb_speed=0.05'    # rad/s: at the quantum of these recordings no finer can be told
+ANGLE_ONLY = ('hybrid_angle', 'kalman', 'pll')
+
+
+@dataclass(frozen=True)
+class Study:
+    """A pair of recordings and what is tried on it.
+
+    Attributes
+    ----------
+    identified, judged : bags.
+    observer, model : that use the torque.
+    bandwidths, disturbances : the grid [Hz].
+    """
+
+    identified: str
+    judged: str
+    observer: str
+    model: str
+    bandwidths: tuple[float, ...]
+    disturbances: tuple[float, ...]
+
+
+SLOW = (8.0, 11.0, 15.0, 18.0, 22.0, 27.0, 36.0, 50.0)
+FAST = (27.0, 40.0, 55.0, 70.0, 90.0)
+_SIMPLE, _DOUBLE = 'dfki_simple_pendulum/', 'dfki_double_pendulum/'
+STUDIES = (
+    Study(_SIMPLE + 'system_identification_300hz', _SIMPLE + 'sac_200hz_multiturn', 'geso',
+          'single_joint', SLOW, (0.0, 2.0, 8.0)),
+    Study(_SIMPLE + 'energy_shaping_200hz', _SIMPLE + 'sac_200hz_multiturn', 'geso',
+          'single_joint', SLOW, (0.0, 2.0, 8.0)),
+    Study(_DOUBLE + 'sys_id_500hz', _DOUBLE + 'trajectory_665hz', 'hgo', 'two_links', FAST,
+          (0.0, 4.0, 8.0)),
+    Study(_DOUBLE + 'trajectory_665hz', _DOUBLE + 'sys_id_500hz', 'hgo', 'two_links', FAST,
+          (0.0, 4.0, 8.0)))
+
+
+class Result(NamedTuple):
+    """An observer at one setting on one joint: rms error without the reference's noise, delay."""
+
+    error: float   # rad/s
+    delay: float   # s
+    what: str
+
+
+class Line(NamedTuple):
+    """What came out for one joint of a pair."""
+
+    study: Study
+    joint: str
+    noise: float            # of the reference, rad/s
+    explained: float        # by the model, where it was not fitted
+    angle: Result
+    torque: Result
+    without: Result         # the same observer, the torque set to zero
+
+    @property
+    def ratio(self) -> float:
+        """Error with the torque over error without."""
+        return self.torque.error / self.angle.error
+
+
+class _Judged:
+    """A recording with its reference."""
+
+    def __init__(self, path: Path, model: str) -> None:
+        with open_bag(path) as bag:
+            measured = joint_series(bag, MEASUREMENT)
+            self.samples, self.names = recording(bag, MEASUREMENT, load(model), tuple(measured))
+            known = truth(bag, str(path), measured, Options(correct_reference=True))
+        first = measured[self.names[0]].stamps_ns[0]
+        self.stamps = np.round(self.samples.time * 1e9).astype(np.int64) + int(first)
+        self.noise = [float(known.references[name].noise) for name in self.names]
+        self._matched = [match(self.stamps, known.series[name].stamps_ns,
+                               known.series[name].velocity, known.series[name].position, TURN)
+                         for name in self.names]
+
+    def judge(self, velocities: Array, what: str) -> list[Result]:
+        """Of every joint; `velocities` has shape (N, n), nan where nothing was estimated."""
+        found = []
+        for column, at in enumerate(self._matched):
+            estimate = velocities[at.rows, column]
+            good = np.isfinite(estimate) & (self.samples.time[at.rows] > SKIPPED)
+            error = float(np.mean((estimate[good] - at.velocity[good]) ** 2))
+            found.append(Result(
+                math.sqrt(max(error - self.noise[column] ** 2, 0.0)),
+                delay(self.samples.time[at.rows][good], estimate[good], at.velocity[good]), what))
+        return found
+
+
+def _late(samples: Recording, lag: float) -> Array:
+    """The inputs as they acted, `lag` [s] after they were reported."""
+    time, total = samples.time, accumulated(samples.time, samples.inputs)
+    found = np.zeros_like(samples.inputs)
+    for column in range(found.shape[1]):
+        found[1:, column] = np.diff(np.interp(time - lag, time, total[:, column])) / np.diff(time)
+    return found
+
+
+def _run(observer: str, gains: dict[str, Any], judged: _Judged, inputs: Array | None) -> Array:
+    """Velocities, shape (N, n): of the mechanism, or of each joint alone where there are none."""
+    record = observers.find(observer)
+    positions = judged.samples.positions
+    velocities = np.full_like(positions, np.nan)
+    settings: Any = build(record.gains, gains, owner=observer)
+    if inputs is not None:
+        joint = Joint(record, settings, JointSettings())
+        for k, stamp in enumerate(judged.stamps.tolist()):
+            if joint.update(stamp, tuple(positions[k].tolist()), tuple(inputs[k].tolist())):
+                velocities[k] = joint.estimate()[1]
+        return velocities
+    for column in range(positions.shape[1]):
+        joint = Joint(record, settings, JointSettings())
+        for k, stamp in enumerate(judged.stamps.tolist()):
+            if joint.update(stamp, float(positions[k, column])):
+                velocities[k, column] = joint.estimate()[1]
+    return velocities
+
+
+@lru_cache
+def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
+    """(assignments, delay of the inputs [s], explained elsewhere)."""
+    given = {'coulomb_speed': float(WIDTH.partition('=')[2])}
+    wanted, lag = unknowns(model, given, {}), 0.0
+    with open_bag(path) as bag:
+        samples, _ = recording(bag, MEASUREMENT, wanted.make(wanted.start),
+                               tuple(joint_series(bag, MEASUREMENT)))
+    if model == 'single_joint':
+        guess = identify_joint.identify(samples.time, samples.positions[:, 0],
+                                        samples.inputs[:, 0], given['coulomb_speed']).values
+        lag = guess[DELAY]
+        wanted = unknowns(model, given, {name: guess[name] for name in wanted.names})
+    found = fit(samples, wanted, lag)
+    return (wanted.texts(found.values[:-1]), max(0.0, float(found.values[-1])),
+            found.explained_elsewhere)
+
+
+def study(folder: Path, which: Study, angle_only: tuple[str, ...] = ANGLE_ONLY) -> Iterator[Line]:
+    """A line for each joint.
+
+    Raises
+    ------
+    UserError : a recording is not there, or its model cannot be identified.
+    """
+    judged = _Judged(folder / which.judged, which.model)
+    texts, lag, explained = _identified(folder / which.identified, which.model)
+    alone = [judged.judge(_run(name, {'bandwidth_hz': hertz}, judged, None),
+                          f'{name}, {hertz:g} Hz')
+             for name in angle_only for hertz in which.bandwidths]
+    driven, idle = [], []
+    lags = sorted({0.0, round(lag, 6)})
+    for hertz in which.bandwidths:
+        for disturbance in which.disturbances:
+            gains = {'model': which.model, 'model_parameters': list(texts), 'bandwidth_hz': hertz,
+                     'disturbance_hz': disturbance}
+            what = f'{which.observer}, {hertz:g} Hz, disturbance {disturbance:g} Hz'
+            for late in lags:
+                driven.append(judged.judge(
+                    _run(which.observer, gains, judged, _late(judged.samples, late)),
+                    f'{what}, {1e3 * late:.1f} ms late'))
+            idle.append(judged.judge(_run(
+                which.observer, gains, judged, np.zeros_like(judged.samples.inputs)), what))
+    for column, name in enumerate(judged.names):
+        best = min(row[column] for row in alone)
+        yield Line(which, name, judged.noise[column], explained, best,
+                   _best([row[column] for row in driven], best.delay),
+                   _best([row[column] for row in idle], best.delay))
+
+
+def _best(results: list[Result], longest: float) -> Result:
+    """The least error at no longer a delay; of all where none is so fast."""
+    fast = [result for result in results if result.delay <= longest + CLOSE]
+    return min(fast or results)
+
+
+def text(lines: list[Line]) -> str:
+    """For a terminal."""
+    head = ('judged on', 'joint', 'identified on', 'explained', 'reference noise', 'angle alone',
+            'by', 'delay [ms]', 'with torque', 'by', 'delay [ms]', 'torque 0', 'ratio')
+    return table(head, [(
+        line.study.judged.partition('/')[2], line.joint, line.study.identified.partition('/')[2],
+        f'{100.0 * line.explained:.1f} %', f'{line.noise:.3f}', f'{line.angle.error:.3f}',
+        line.angle.what, f'{1e3 * line.angle.delay:.2f}', f'{line.torque.error:.3f}',
+        line.torque.what, f'{1e3 * line.torque.delay:.2f}', f'{line.without.error:.3f}',
+        f'{line.ratio:.2f}' if line.angle.error > 0.0 else '-') for line in lines])
+
+
+def main() -> None:
+    """Every study on the bags below a folder."""
+    parser = argparse.ArgumentParser(description=(__doc__ or '').partition('\n')[0])
+    parser.add_argument('folder', type=Path, help='where the recordings are: bags')
+    folder = parser.parse_args().folder
+    print(text([line for each in STUDIES for line in study(folder, each)]))
+
+
+if __name__ == '__main__':
+    main()
