@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from estimator_pkg.driver.configuration import settings_of
 from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.switched_joint import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import check, load, trajectory
@@ -233,6 +235,17 @@ def test_every_output_has_a_standard_deviation_of_its_own():
     assert speed == pytest.approx(math.sqrt(120.0 * 1e-4))
     assert other == pytest.approx(math.sqrt(60.0 * 1e-4))
     assert functions.stddev(state, (), ()) == (first, speed)
+
+
+def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
+    settings = build(settings_of(OBSERVER), {'wrap_period': 0.0})
+    system = SwitchedJoint(OBSERVER, build(Gains, {'model': 'example', 'noise': 1e-4}), settings)
+    bank = SwitchedBank(system, ('y1', 'y2'))
+    _, states, _ = trajectory(load('example'), 1)
+    for i, (x1, _, x3, _) in enumerate(states.tolist()):
+        found = bank.take(10 ** 18 + i * 10 ** 6, ('y2', 'other', 'y1'), (x3, 0.0, x1), ())
+    assert [position for position, _ in found] == pytest.approx(states[-1, [0, 2]], abs=1e-3)
+    assert [round(speed, 3) for _, speed in bank.deviations()] == [0.110, 0.077]
 
 
 def test_the_deviation_of_the_velocity_is_that_of_the_errors():

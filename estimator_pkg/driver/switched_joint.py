@@ -105,6 +105,11 @@ class SwitchedJoint(Joint):
 class SwitchedBank:
     """The joints of one hybrid system, as one; messages carry all its outputs.
 
+    What a node or a replay calls: `take` once for each message of joint states and `system.event`
+    once for each of switch_event, each in the order in which they came; an event that comes before
+    the samples around it waits for them. After `take`, `deviations()` gives the standard
+    deviations and `system.discrete()` the discrete state.
+
     Parameters
     ----------
     joint : the system.
@@ -191,3 +196,8 @@ class SwitchedBank:
             return []
         functions: Any = self.system.functions
         return functions.outputs(self.system._track[6], measurement)
+
+    def deviations(self) -> list[tuple[float, float]]:
+        """One standard deviation of (position, velocity) of each joint."""
+        functions: Any = self.system.functions
+        return functions.deviations(self.system._track[6])

@@ -68,7 +68,7 @@ class SwitchedObserver(DrivenNode):
                                layout.numbers(raw, 2))
         names = self.bank.names if pairs else ()
         self._answer(stamp_ns, layout.frame_id, names, pairs,
-                     lambda: [self.bank.system.stddev()] if pairs else [])
+                     lambda: self.bank.deviations() if pairs else [])
         if pairs:
             z, _, _ = self.bank.system.discrete()
             self._discrete.publish(self._encode_discrete(

@@ -289,7 +289,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return None
 
     return Functions(design, prepare, init, step, output, stddev, resume, limits,
-                     lambda dt: math.nan, is_angle)
+                     lambda dt: 0.0, is_angle)  # with the plant's parameters it lags nothing
 
 
 OBSERVER = Observer(

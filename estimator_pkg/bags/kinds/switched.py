@@ -104,11 +104,11 @@ class SwitchedReplay(OneByOne):
         pairs = bank.take(stamp_ns, layout.names, positions, efforts)
         self._system.note()
         names = bank.names if pairs else ()
-        deviations = [bank.system.stddev()] if pairs else []
+        deviations = bank.deviations() if pairs else []
         answer = {
             0: self._encode(stamp_ns, layout.frame_id, names, [pair[0] for pair in pairs],
                             [pair[1] for pair in pairs]),
-            1: self._encode_stddev(stamp_ns, layout.frame_id, names[:1],
+            1: self._encode_stddev(stamp_ns, layout.frame_id, names,
                                    [pair[0] for pair in deviations],
                                    [pair[1] for pair in deviations])}
         if pairs:
