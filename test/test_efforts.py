@@ -7,7 +7,9 @@ import struct
 
 import pytest
 
-from estimator_pkg import observers
+from estimator_pkg import cli, observers
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.effort_command import ARRAY, JOINT_STATE, EffortCommands
@@ -21,9 +23,12 @@ from estimator_pkg.driver.efforts import (
 )
 from estimator_pkg.driver.switched_joint import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
+from estimator_pkg.messages import joint_state, multi_array
 from estimator_pkg.messages.cdr import MalformedMessageError
-from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
+from estimator_pkg.parameters import build
+from sim_pkg.dc_motor import SIMULATOR, MotorParameters
 
 MS = 1_000_000
 START = 10 ** 15
@@ -192,3 +197,54 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
     assert silent.why_silent('joint') == 'no effort_command is in force'
     with pytest.raises(UsageError, match="'input_delay' has 2 numbers for 1 inputs"):
         bank(FIELD, input_delay=[0.1, 0.2])
+
+
+# Replay
+
+def motion(observer):
+    """(position, effort) every 2 ms, in which this observer finds its way."""
+    if observer != 'adaptive':
+        return [(0.3 + 1e-4 * k, turning(k)[1]) for k in range(600)]
+    decode = Decoder().decode
+    states = [decode(bytes(message.encode(START))) for chunk in SIMULATOR.generate(
+        build(MotorParameters, {'rate': 500.0}), 6.0, 1) for message in chunk
+        if message.topic == 'joint_states']
+    return [(state.positions[0], state.efforts[0]) for state in states]
+
+
+@pytest.mark.parametrize('observer, node, joint', [
+    ('adaptive', 'adaptive_observer', 'joint'), ('switched', 'switched_observer', 'joint'),
+    ('geso', 'mechanical_observer', 'joint')])
+def test_replay_takes_the_topic_as_the_node_does(observer, node, joint, tmp_path, capsys):
+    """Arrays at the time of sending, and by name: the same estimates as from the effort field."""
+    encode, decode, estimates = Encoder().encode, Decoder().decode, {}
+    for kind in ('field', 'by_name', 'array'):
+        with BagWriter(tmp_path / kind) as bag:
+            bag.add_topic('/joint_states', joint_state.TYPE)
+            if kind != 'field':
+                bag.add_topic('/effort_command',
+                              multi_array.TYPE if kind == 'array' else joint_state.TYPE)
+            for k, (position, effort) in enumerate(motion(observer)):
+                stamp, since = START + 2 * k * MS, START + 2 * (k - 1) * MS
+                if kind != 'field':  # from the sample before on
+                    bag.write('/effort_command', since, array([effort]) if kind == 'array' else
+                              encode(since, '', (joint,), (), (), (effort,)))
+                bag.write('/joint_states', stamp, encode(
+                    stamp, '', (joint,), (position,), (),
+                    (effort,) if kind == 'field' else ()))
+        words = [] if kind == 'field' else ['--set', 'input=effort_command']
+        if kind == 'array':
+            words += ['--set', 'effort_command_type=Float64MultiArray']
+        if observer == 'adaptive':
+            words += ['--set', f'joints=[{joint}]']
+        assert cli.main(['replay', str(tmp_path / kind), '--observer', observer, *words, '--out',
+                         str(tmp_path / f'{kind}_out')]) == 0
+        with open_bag(tmp_path / f'{kind}_out') as bag:
+            estimates[kind] = [decode(bytes(message.raw)) for message in
+                               bag.messages([f'/{node}/estimate'])]
+    assert sum(bool(each.names) for each in estimates['field']) > 100
+    assert estimates['field'] == estimates['by_name'] == estimates['array']
+    capsys.readouterr()
+    assert cli.main(['replay', str(tmp_path / 'field'), '--observer', observer,
+                     '--set', 'input=effort_command', '--out', str(tmp_path / 'none')]) == 1
+    assert "has no topic '/effort_command'" in capsys.readouterr().err

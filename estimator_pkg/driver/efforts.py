@@ -100,8 +100,8 @@ class Inputs:
         if not steps or steps[0][0] > begin_ns or end_ns - steps[0][0] > oldest_ns + (
                 end_ns - begin_ns):
             return math.nan
-        if end_ns <= begin_ns:
-            return steps[0][1]
+        if end_ns <= begin_ns or len(steps) == 1 or steps[1][0] >= end_ns:
+            return steps[0][1]  # as it is, without a rounding error
         total, since, value = 0.0, begin_ns, steps[0][1]
         for stamp_ns, following in steps:
             if stamp_ns <= begin_ns:
