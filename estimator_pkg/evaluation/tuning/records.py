@@ -20,7 +20,7 @@ from estimator_pkg.evaluation.sources import measured, recording
 from estimator_pkg.evaluation.truth import truth
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
 
-SHORTEST = 40       # samples of a part with a truth, below which it says nothing
+SHORTEST = 20       # samples of a part with a truth, below which it says nothing
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def records(path: str, entry: Entry, options: Options, held_out: float,
                             {joint: true.references[joint].noise for joint in seen.known},
                             {joint: true.references[joint].origin for joint in seen.known}))
     if not found:
-        raise UserError(f'{path}: too few samples with a truth to tune on')
+        raise UserError(f'{path}: too few samples with a truth to tune on (fewer than {SHORTEST})')
     return found
 
 

@@ -28,13 +28,13 @@ class Search:
     """All trials in their order, and the best of them.
 
     asked : how many of them are of this run; a stored study brings earlier ones.
-    probes : gain -> (trial at the start, the same with this gain changed).
+    idle : the gains that change nothing; they are not sought any further.
     """
 
     trials: list[Trial] = field(default_factory=list)
     asked: int = 0
     interrupted: bool = False
-    probes: dict[str, tuple[Trial, Trial]] = field(default_factory=dict)
+    idle: list[str] = field(default_factory=list)
 
     @property
     def best(self) -> Trial | None:
@@ -47,7 +47,8 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
            judge: Callable[[list[dict[str, Value]]], list[tuple[float, Any]]], trials: int,
            seed: int = 0, storage: str | None = None, name: str = 'velocity_estimator',
            told: Callable[[int, Search], None] = lambda count, so_far: None,
-           about: str = '') -> Search:
+           about: str = '',
+           same: Callable[[Trial, Trial], bool] = lambda one, other: False) -> Search:
     """Seeks the gains of the lowest cost.
 
     Parameters
@@ -58,6 +59,7 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
     storage : of Optuna, a URL; None: in memory. An existing study of this name goes on.
     told : called after each batch with how many were new.
     about : what the costs depend on beside the gains; a study of something else is not gone on.
+    same : whether two trials gave the same. A gain that changes nothing at the start is dropped.
 
     Raises
     ------
@@ -65,6 +67,9 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
     """
     study = Study(storage, name, seed, dimensions, about)
     found = Search(study.earlier())
+    found.idle = [each.name for each in dimensions
+                  if any(each.name not in trial.values for trial in found.trials)]
+    dimensions = study.leave_out(found.idle)
     offsets = np.random.default_rng(seed).random(len(dimensions))
     number = len(found.trials) // BATCH
     try:
@@ -83,8 +88,10 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
             for (trial, values), (cost, details) in zip(batch, judge([each for _, each in batch])):
                 study.tell(trial, cost)
                 found.trials.append(Trial(values, cost, details))
-            if number == 0:
-                _note_probes(dimensions, found, found.trials[first:])
+            if number == 0 and size > len(dimensions):
+                found.idle = _idle(dimensions, found.trials[first:], same)
+                dimensions = study.leave_out(found.idle)
+                offsets = offsets[:len(dimensions)]
             found.asked += size
             number += 1
             told(size, found)
@@ -102,10 +109,13 @@ def _first(dimensions: Sequence[Dimension], start: Mapping[str, Value]) -> list[
                      for each in dimensions)]
 
 
-def _note_probes(dimensions: Sequence[Dimension], found: Search, batch: Sequence[Trial]) -> None:
-    if len(dimensions) > 1:
-        for each, trial in zip(dimensions, batch[1:]):
-            found.probes[each.name] = batch[0], trial
+def _idle(dimensions: Sequence[Dimension], batch: Sequence[Trial],
+          same: Callable[[Trial, Trial], bool]) -> list[str]:
+    """The gains that changed nothing when they were changed alone; none if that holds for all."""
+    if len(dimensions) == 1:
+        return []
+    found = [each.name for each, trial in zip(dimensions, batch[1:]) if same(batch[0], trial)]
+    return found if len(found) < len(dimensions) else []
 
 
 def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> dict[str, Value]:

@@ -66,14 +66,15 @@ def seek(joint: str, chosen: Sequence[Record], judged: Sequence[Record], wishes:
 
     with bar(f'{observer} {joint}'.strip(), trials) as told:
         found = search(wishes.dimensions, wishes.start(), judge, trials, seed, storage, study, told,
-                       about=_about(chosen, wishes))
+                       about=_about(chosen, wishes), same=_same)
     best = found.best
     if best is None:
         if found.interrupted:
             raise KeyboardInterrupt
         raise UserError(f"no gains of '{observer}' within the search work on these bags: widen "
                         '--search, or look at the sample rate')
-    idle = _idle(found, wishes)
+    _check_effect(found, wishes)
+    idle = found.idle
     gains = {name: value for name, value in best.values.items() if name not in idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
     parts = [record.seen for record in judged] or held or seen
@@ -154,16 +155,21 @@ def _check_reference(chosen: Sequence[Record], results: Details) -> None:
                     'with a truth or with more counts')
 
 
-def _idle(found: Search, wishes: Wishes) -> list[str]:
-    """The gains that the data never felt; raises UserError if all are."""
-    working = [trial for trial in found.trials if trial.details and None not in trial.details]
+def _check_effect(found: Search, wishes: Wishes) -> None:
+    """Raises UserError if the gains were varied and the data never felt it."""
+    working = [trial for trial in found.trials if _works(trial)]
     if len(working) >= 3 and _alike(working):
         names = ' nor '.join(f"'{each.name}'" for each in wishes.dimensions)
         raise UserError(f'nothing in these bags depends on {names}: hold it with --set, or tune '
                         'on a bag with motion')
-    return [name for name, pair in found.probes.items()
-            if all(trial.details and None not in trial.details for trial in pair)
-            and _alike(pair)]
+
+
+def _same(one: Trial, other: Trial) -> bool:
+    return _works(one) and _works(other) and _alike([one, other])
+
+
+def _works(trial: Trial) -> bool:
+    return bool(trial.details) and None not in trial.details
 
 
 def _alike(trials: Sequence[Trial]) -> bool:

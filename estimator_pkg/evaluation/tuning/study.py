@@ -90,7 +90,7 @@ class Study:
         except ImportError as error:
             raise UserError(HINT) from error
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        self._storage, self._dimensions = storage, dimensions
+        self._storage, self._dimensions = storage, list(dimensions)
         self._distributions = {each.name: _distribution(each) for each in dimensions}
         self._failed = optuna.trial.TrialState.FAIL
         with warnings.catch_warnings():
@@ -119,7 +119,15 @@ class Study:
         """Trials of the same gains that the storage has."""
         known = self._guarded(lambda: self._study.get_trials(deepcopy=False))
         return [Trial(self._values(trial.params), float(trial.value)) for trial in known
-                if trial.value is not None and set(trial.params) == set(self._distributions)]
+                if trial.value is not None and trial.params
+                and set(trial.params) <= set(self._distributions)]
+
+    def leave_out(self, names: Sequence[str]) -> list[Dimension]:
+        """Seek these no longer; what is left."""
+        self._dimensions = [each for each in self._dimensions if each.name not in names]
+        self._distributions = {each.name: self._distributions[each.name]
+                               for each in self._dimensions}
+        return self._dimensions
 
     def ask(self, count: int, points: Sequence[Mapping[str, Value]]
             ) -> list[tuple[Any, dict[str, Value]]]:
@@ -140,7 +148,7 @@ class Study:
 
     def _values(self, params: Mapping[str, Any]) -> dict[str, Value]:
         return {each.name: params[each.name] if each.choices else float(params[each.name])
-                for each in self._dimensions}
+                for each in self._dimensions if each.name in params}
 
 
 def _distribution(dimension: Dimension) -> Any:
