@@ -171,6 +171,17 @@ def recording(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope='module')
+def reliable(tmp_path_factory):
+    """The joint states again, sent reliably: none of them can be lost on the way."""
+    path = tmp_path_factory.mktemp('play') / 'reliable'
+    with BagWriter(path) as bag:
+        bag.add_topic(STATES, TYPE, qos.profile(depth=1000))
+        for i, raw in enumerate(raws(150)):
+            bag.write(STATES, START + i * 2_000_000, raw)
+    return path
+
+
 def test_play_gives_bytes_timing_and_qos(probe, recording, tmp_path):
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
@@ -219,11 +230,11 @@ def test_play_tells_the_time_and_loops(probe, recording):
     assert len(clocks) > 60  # 0.7 s at 200 Hz
 
 
-def test_play_starts_paused_and_resumes_by_service(probe, recording):
+def test_play_starts_paused_and_resumes_by_service(probe, reliable):
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
-    states, subscription = listen(probe, JointState, '/rp7/states', best_effort())
-    with command('play', recording, '--start-paused', '--rate', '0.2', '--topics', STATES,
+    states, subscription = listen(probe, JointState, '/rp7/states', 1000)
+    with command('play', reliable, '--start-paused', '--rate', '0.2', '--topics', STATES,
                  '--remap', f'{STATES}:=/rp7/states') as process:
         process.prints('paused')
         probe.spin(0.5)
@@ -242,17 +253,17 @@ def test_play_starts_paused_and_resumes_by_service(probe, recording):
     assert [raw for _, raw in states] == raws(150)
 
 
-def test_play_is_paused_by_the_space_bar(recording, probe):
+def test_play_is_paused_by_the_space_bar(reliable, probe):
     import os
     import pty
     import subprocess
     import sys
 
     from sensor_msgs.msg import JointState
-    states, subscription = listen(probe, JointState, '/rp8/states', best_effort())
+    states, subscription = listen(probe, JointState, '/rp8/states', 1000)
     master, slave = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, '-m', CLI, 'play', str(recording), '--start-paused', '--topics', STATES,
+        [sys.executable, '-m', CLI, 'play', str(reliable), '--start-paused', '--topics', STATES,
          '--remap', f'{STATES}:=/rp8/states'],
         stdin=slave, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         preexec_fn=lambda: (os.setsid(), os.tcsetpgrp(_own_terminal(slave), os.getpgrp())))
