@@ -27,7 +27,7 @@ from estimator_pkg.observers.contract import (
     Functions,
 )
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
-from estimator_pkg.observers.mechanical_noise import noise_gains
+from estimator_pkg.observers.mechanical_noise import NoiseGains, make_stddev
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
@@ -118,6 +118,9 @@ class MechanicalCore:
         velocities = V x. For standard deviations, status and limits.
     slowest : slowest pole at the operating point [1/s], positive.
     lag : delay at low frequency of motion that the model does not foresee [s].
+    noise : (at, mean squares of the innovation, dt) -> what noise does, for a core that is not
+        linear; None: as `linear` says.
+    seen : which part of the core's state is the innovation: 0, e itself, or 2, where d holds it.
     """
 
     design: Callable[[], tuple]
@@ -129,6 +132,8 @@ class MechanicalCore:
     limits: Callable[[float], str | None]
     slowest: float
     lag: float
+    noise: Callable[[Array, Array, float], NoiseGains] | None = None
+    seen: int = 0
 
 
 @dataclass(frozen=True)
@@ -239,11 +244,11 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
     needs_input = mechanics.inputs > 0
     prepare_core, advance, rejoin, begin_core = (core.prepare, core.advance, core.rejoin,
                                                  core.begin)
-    unknown = (math.nan,) * n
-    noise = per_joint('noise', gains.noise, n)
-    quantum = per_joint('quantum', gains.quantum, n)
-    floor = np.array(quantum) ** 2 / 12.0
-    variance = np.array(noise) ** 2 + floor
+    unknown, seen = (math.nan,) * n, core.seen
+    stddev = make_stddev(core, mechanics, per_joint('noise', gains.noise, n),
+                         per_joint('quantum', gains.quantum, n), measured=gains.noise is None,
+                         euler=gains.form == PAPER,
+                         linear_hold=gains.form == EXACT and gains.hold == LINEAR)
     linear_hold = gains.form == EXACT and gains.hold == LINEAR
     settle = SETTLED / core.slowest if core.slowest > 0.0 else math.inf
 
@@ -289,7 +294,7 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
                 status = TRACKING
                 astray = 0.0
             weight = dt / clear if clear < MEMORY * dt else 1.0 / MEMORY
-            power = squares(power, weight, inner[0])
+            power = squares(power, weight, inner[seen])
             return (inner, measurement, conventions, power, (status, clear, astray, 0))
         astray += dt
         if found != 3:  # carried by the last velocity, from the measurement
@@ -318,20 +323,6 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
         status = COASTING if lock[0] == TRACKING else lock[0]
         return (inner, measurement, follow_all(conventions, measurement, design[1]), power,
                 (status, 0.0, 0.0, 0))
-
-    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple:
-        at = np.array(state[1], float)
-        mean_square = np.array(state[3], float)
-        if not mechanics.admits(mechanics.values, tuple(at.tolist())):
-            return (math.inf,) * n, (math.inf,) * n
-        matrix, shown = core.linear(at, mean_square)
-        of_position, of_velocity, of_offset = noise_gains(
-            matrix, shown, n, coefficients[1], euler=gains.form == PAPER, linear_hold=linear_hold)
-        known = variance
-        if gains.noise is None:
-            known = np.maximum(np.linalg.lstsq(of_offset, mean_square, rcond=None)[0], floor)
-        return (tuple(np.sqrt(of_position @ known).tolist()),
-                tuple(np.sqrt(of_velocity @ known).tolist()))
 
     def why(state: tuple, design: tuple) -> str:
         status, clear, astray, trouble = state[4]

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.models.mechanics import Mechanics
+
 Array = NDArray[np.float64]
+
+GRID = 0.01  # of a position's reach, of dt and of noise: variances nearer than that are not redone
+KEPT = 4096  # of them
 
 
 def exponential(matrix: Array) -> Array:
@@ -44,39 +54,116 @@ def discrete(matrix: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
     return whole[:size, :size], whole[:size, size:]
 
 
-def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
-                ) -> tuple[Array, Array, Array]:
-    """Variances per variance of the noise of each position, in steady state.
+class NoiseGains(NamedTuple):
+    """Variances of an observer in steady state; infinite where it is unstable.
 
-    Returns
-    -------
-    of the estimated position, of the velocity, of e = estimate minus measurement; each (n, n):
-    row what, column whose noise. Infinite where the observer is unstable.
+    position, velocity, innovation : per variance of the noise of each position, shape (n, n): row
+        what, column whose noise.
+    own_position, own_velocity, own_innovation : what the observer adds by itself (the chattering of
+        a sliding mode), shape (n,).
+    """
+
+    position: Array
+    velocity: Array
+    innovation: Array
+    own_position: Array
+    own_velocity: Array
+    own_innovation: Array
+
+
+def settled(step: Array, entering: Array) -> Array:
+    """P = step P step^T + entering: the covariance that white disturbances lead to.
+
+    Infinite where `step` is not stable.
+    """
+    if max(abs(np.linalg.eigvals(step))) >= 1.0:
+        return np.full_like(entering, np.inf)
+    covariance, power = entering, step
+    for _ in range(60):
+        added = power @ covariance @ power.T
+        covariance = covariance + added
+        if np.max(np.abs(added)) <= 1e-14 * np.max(np.abs(covariance)):
+            break
+        power = power @ power
+    return covariance
+
+
+def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
+                ) -> NoiseGains:
+    """Those of an observer whose error is linear; the innovation is e = estimate minus measurement.
+
+    Parameters
+    ----------
+    matrix : A of (e, x, d)' = A (e, x, d).
+    shown : velocities = shown x.
     """
     step, arrival = discrete(matrix, n, dt, euler=euler, linear_hold=linear_hold)
     size = len(matrix)
+    nothing = np.zeros(n)
+    # e and the measurement's own level drift together where the mechanism is at rest; the error of
+    # the estimate is e + n_k, so what matters is bounded when Phi is
+    if max(abs(np.linalg.eigvals(step))) >= 1.0:
+        without = np.full((n, n), np.inf)
+        return NoiseGains(without, without, without, nothing, nothing, nothing)
     # the noise of the sample before is a state: z+ = Phi z + W (n_k - n_{k-1})
     transition = np.zeros((size + n, size + n))
     transition[:size, :size], transition[:size, size:] = step, -arrival
     entering = np.vstack([arrival, np.eye(n)])
-    gains = np.full((3, n, n), np.inf)
-    # e and the measurement's own level drift together where the mechanism is at rest; the error of
-    # the estimate is e + n_k, so what matters is bounded when Phi is
-    if max(abs(np.linalg.eigvals(step))) >= 1.0:
-        return gains[0], gains[1], gains[2]
     inward = np.hstack([np.eye(n), np.zeros((n, size - n)), np.eye(n)])
     velocity = np.hstack([np.zeros((n, n)), shown, np.zeros((n, size - n - shown.shape[1])),
                           np.zeros((n, n))])
     offset = np.hstack([np.eye(n), np.zeros((n, size))])
+    gains = np.zeros((3, n, n))
     for joint in range(n):
         column = entering[:, joint:joint + 1]
-        covariance, power = column @ column.T, transition
-        for _ in range(60):
-            added = power @ covariance @ power.T
-            covariance = covariance + added
-            if np.max(np.abs(added)) <= 1e-14 * np.max(np.abs(covariance)):
-                break
-            power = power @ power
+        covariance = settled(transition, column @ column.T)
         for kind, rows in enumerate((inward, velocity, offset)):
             gains[kind, :, joint] = np.einsum('ij,jk,ik->i', rows, covariance, rows)
-    return gains[0], gains[1], gains[2]
+    return NoiseGains(gains[0], gains[1], gains[2], nothing, nothing, nothing)
+
+
+def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
+                quantum: tuple[float, ...], *, measured: bool, euler: bool, linear_hold: bool
+                ) -> Callable[[tuple, tuple, tuple], tuple]:
+    """`stddev` of the contract for a `MechanicalCore`.
+
+    The variances per noise depend on the configuration and on dt alone (and, where the core is not
+    linear, on the size of the innovation): they are worked out on a grid of these and kept.
+
+    Parameters
+    ----------
+    noise, quantum : of each position [rad or m].
+    measured : the noise is not given, but follows from the innovation.
+    """
+    n = mechanics.degrees
+    floor = np.array(quantum) ** 2 / 12.0
+    given = np.array(noise) ** 2 + floor
+    reach = GRID * np.array(mechanics.reach)
+
+    @lru_cache(KEPT)
+    def gains(place: tuple[int, ...], sizes: tuple[int, ...], period: int) -> NoiseGains | None:
+        at, dt = reach * np.array(place), math.exp(GRID * period)
+        if not mechanics.admits(mechanics.values, tuple(at.tolist())):
+            return None
+        if core.noise is not None:
+            found: NoiseGains = core.noise(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
+            return found
+        matrix, shown = core.linear(at, np.zeros(n))
+        return noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
+
+    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple:
+        power = np.maximum(np.array(state[3], float), 1e-300)
+        sizes = (() if core.noise is None else
+                 tuple(np.round(0.5 * np.log(power) / GRID).astype(int).tolist()))
+        found = gains(tuple(np.round(np.array(state[1], float) / reach).astype(int).tolist()),
+                      sizes, round(math.log(coefficients[1]) / GRID))
+        if found is None:
+            return (math.inf,) * n, (math.inf,) * n
+        known = given
+        if measured:
+            solved = np.linalg.lstsq(found.innovation, power - found.own_innovation, rcond=None)
+            known = np.maximum(solved[0], floor)
+        return (tuple(np.sqrt(found.position @ known + found.own_position).tolist()),
+                tuple(np.sqrt(found.velocity @ known + found.own_velocity).tolist()))
+
+    return stddev

@@ -34,22 +34,28 @@ from estimator_pkg.observers.mechanical import (
     model_of,
     per_joint,
 )
-from estimator_pkg.observers.mechanical_algebra import column, mechanical_algebra
+from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_velocity import (
     linear_matrix,
     make_acceleration,
     make_place,
 )
+from estimator_pkg.observers.smo_injections import (
+    implicit_twisting,
+    implicit_uniform,
+    make_inject,
+    make_settle,
+    twisting,
+    uniform,
+)
+from estimator_pkg.observers.smo_noise import NoiseGains, describing, scatter
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
 
 SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
 FIRST, SECOND = 1.5, 1.1    # of (22)
-NEWTON = 60                 # steps at most; from above they fall monotonically
-# describing functions: a Gaussian e of deviation s through sqrt(|e|) sgn e and through sgn e, per s
-OF_ROOT = 2.0 ** 0.75 * math.gamma(1.25) / math.sqrt(math.pi)
-OF_SIGN = math.sqrt(2.0 / math.pi)
+SMALLEST = 1e-18            # rad^2 or m^2: no innovation is taken for smaller
 
 
 @dataclass(frozen=True)
@@ -71,91 +77,6 @@ class Gains(MechanicalGains):
         1.86, unit='', range=(1e-9, 1e6), description='uniform: of the root, and of the sign')
     mu2: float = parameter(
         0.303, unit='', range=(0.0, 1e6), description='uniform: of the powers 3/2 and 2')
-
-
-def twisting(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
-    """The two injections of super_twisting at e."""
-    if e == 0.0:
-        return 0.0, 0.0
-    root = math.sqrt(abs(e))
-    if e > 0.0:
-        return first * root, second
-    return -first * root, -second
-
-
-def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
-    """The two injections of uniform at e."""
-    if e == 0.0:
-        return 0.0, 0.0
-    size = abs(e)
-    root = math.sqrt(size)
-    one = first * (m1 * root + m2 * root * size)
-    two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * size + 1.5 * m2 * m2 * size * size)
-    return (one, two) if e > 0.0 else (-one, -two)
-
-
-def implicit_twisting(free: float, h: float, first: float, second: float, m1: float, m2: float
-                      ) -> tuple[float, float]:
-    """(e, second injection) after an implicit step: e + h first sqrt|e| sgn e + h^2 second sgn e
-    = free, with sgn 0 anything in [-1, 1].
-    """
-    size = abs(free)
-    held = h * h * second
-    if size <= held:
-        return 0.0, free / (h * h)
-    half = 0.5 * h * first
-    over = size - held
-    root = over / (half + math.sqrt(half * half + over))
-    if free > 0.0:
-        return root * root, second
-    return -root * root, -second
-
-
-def implicit_uniform(free: float, h: float, first: float, second: float, m1: float, m2: float
-                     ) -> tuple[float, float]:
-    """As `implicit_twisting`, for `uniform`: a quartic in sqrt|e|, by Newton from above."""
-    size = abs(free)
-    held = h * h * second * 0.5 * m1 * m1
-    if size <= held:
-        return 0.0, free / (h * h)
-    over = size - held
-    a1, a3 = h * first * m1, h * first * m2
-    a2 = 1.0 + h * h * second * 2.0 * m1 * m2
-    a4 = h * h * second * 1.5 * m2 * m2
-    root = math.sqrt(over)
-    for _ in range(NEWTON):
-        value = root * (a1 + root * (a2 + root * (a3 + root * a4))) - over
-        slope = a1 + root * (2.0 * a2 + root * (3.0 * a3 + root * 4.0 * a4))
-        change = value / slope
-        root -= change
-        if change <= 1e-16 * root:
-            break
-    e = root * root
-    two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * e + 1.5 * m2 * m2 * e * e)
-    return (e, two) if free > 0.0 else (-e, -two)
-
-
-def make_inject(n: int, one: Any) -> Any:
-    """inject(e, first, second, m1, m2) -> two vectors, of one channel's injections `one`."""
-    body = '\n'.join(['def inject(e, first, second, m1, m2):']
-                     + [f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
-                        for i in range(n)]
-                     + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
-    names: dict[str, Any] = {one.__name__: one}
-    exec(compile(body, f'<injections of {n}, {one.__name__}>', 'exec'), names)
-    return names['inject']
-
-
-def make_settle(n: int, one: Any) -> Any:
-    """settle(free, h, first, second, m1, m2) -> (e, second injections): `one` for each channel."""
-    body = '\n'.join(['def settle(free, h, first, second, m1, m2):']
-                     + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], '
-                        'm1, m2)'
-                        for i in range(n)]
-                     + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
-    names: dict[str, Any] = {one.__name__: one}
-    exec(compile(body, f'<implicit steps of {n}, {one.__name__}>', 'exec'), names)
-    return names['settle']
 
 
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
@@ -191,11 +112,11 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         return (dt, 1.0 / dt)
 
     def begin() -> tuple:
-        return (zeros, zeros, (), zeros)
+        return (zeros, zeros, zeros, zeros)
 
     def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
                 measurement: tuple, given: tuple) -> tuple:
-        e, x, d, v = core
+        e, x, _, _ = core
         values, gain_1, gain_2, m1, m2 = design
         dt = coefficients[0]
         at = place(before, moved, e)
@@ -206,31 +127,39 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             a, b = inject(e, gain_1, gain_2, m1, m2)
             e = minus(towards(e, dt, minus(x, a)), moved)
             x = towards(x, dt, minus(f, b))
+            seen = e
         else:
             free = towards(e, dt, towards(x, dt, f))
             if linear_hold:
                 free = minus(free, moved)
+            seen = free
             e, b = settle(free, dt, gain_1, gain_2, m1, m2)
             x = towards(x, dt, minus(f, b))
             if not linear_hold:
                 e = minus(e, moved)
-        return (e, x, d, x), True
+        return (e, x, seen, x), True
 
     def rejoin(core: tuple, design: tuple, at: tuple) -> tuple:
         return (core[0], core[3], core[2], core[3])
 
+    inject_one = twisting if twists else uniform
+    settle_one = implicit_twisting if twists else implicit_uniform
+
+    def noise(at: Array, power: Array, dt: float) -> NoiseGains:
+        damped = linear_matrix(mechanics, np.eye(n), np.eye(n), None, at)[n:, n:]
+        of_one = inject_one if paper else settle_one
+        pairs = [describing(of_one, float(first[i]), float(second[i]), gains.mu1, gains.mu2, dt,
+                            math.sqrt(max(float(power[i]), SMALLEST)), implicit=not paper)
+                 for i in range(n)]
+        return scatter(pairs, damped, dt, implicit=not paper, linear_hold=linear_hold)
+
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
-        """By describing functions, at the present size of e; it tells some 30 % too little, because
-        the harmonics of the switching are left out.
-        """
-        size = np.sqrt(np.maximum(power, 1e-18))
-        if twists:
-            one, two = first * OF_ROOT / np.sqrt(size), second * OF_SIGN / size
-        else:
-            one = first * (gains.mu1 * OF_ROOT / np.sqrt(size) + gains.mu2 * np.sqrt(size))
-            two = second * (0.5 * gains.mu1 ** 2 * OF_SIGN / size + 2.0 * gains.mu1 * gains.mu2
-                            + 1.5 * gains.mu2 ** 2 * size)
-        return linear_matrix(mechanics, np.diag(one), np.diag(two), None, at), np.eye(n)
+        """By the gains that noise of the present size sees, for steps that are short for them."""
+        pairs = [describing(inject_one, float(first[i]), float(second[i]), gains.mu1, gains.mu2,
+                            1.0, math.sqrt(max(float(power[i]), SMALLEST)), implicit=False)
+                 for i in range(n)]
+        return (linear_matrix(mechanics, np.diag([pair.position for pair in pairs]),
+                              np.diag([pair.velocity for pair in pairs]), None, at), np.eye(n))
 
     def describe(dt: float) -> dict[str, Any]:
         return {'acceleration_limit': acceleration_limit.tolist(),
@@ -238,7 +167,8 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
 
     core = MechanicalCore(
         design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin, linear=linear,
-        limits=mechanical_gains.never, slowest=4.0 * float(np.min(acceleration_limit)), lag=0.0)
+        limits=mechanical_gains.never, slowest=4.0 * float(np.min(acceleration_limit)), lag=0.0,
+        noise=noise, seen=2)
     return around(core, gains, mechanics, circle, describe)
 
 

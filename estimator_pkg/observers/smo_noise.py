@@ -1,0 +1,123 @@
+"""What white measurement noise does to a sliding-mode observer.
+
+An injection f(e) at a Gaussian innovation e of deviation s is a gain times e plus a remnant that is
+uncorrelated with e (statistical linearisation; Gelb and Vander Velde, Multiple-Input Describing
+Functions, 1968, chapter 7). The gain makes a linear observer; the remnant, the chattering about it,
+acts on that as a further white noise, because the innovation itself is nearly white. Both follow
+from the functions as they are stepped, so that a step so long that the sliding mode is met in one
+sample, where the observer is a finite difference, comes out right too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.observers.mechanical_noise import NoiseGains, settled
+
+Array = NDArray[np.float64]
+
+POINTS = 200  # of the half of a Gaussian over which the injections are averaged
+
+
+class Describing(NamedTuple):
+    """An injection at innovations of one size.
+
+    position, velocity : its gains. Of an implicit step `position` is that from the innovation to
+        the offset after the step.
+    remnant : covariance of what the gains do not tell, shape (2, 2).
+    """
+
+    position: float
+    velocity: float
+    remnant: Array
+
+
+@lru_cache
+def _half() -> tuple[float, ...]:
+    """The quantiles of the positive half of a Gaussian: the injections are odd."""
+    inverse = NormalDist().inv_cdf
+    return tuple(inverse(0.5 + 0.5 * (k + 0.5) / POINTS) for k in range(POINTS))
+
+
+def describing(inject: Callable[..., tuple[float, float]], first: float, second: float, m1: float,
+               m2: float, dt: float, size: float, *, implicit: bool) -> Describing:
+    """The injection at innovations of deviation `size`.
+
+    Parameters
+    ----------
+    inject : (e, first, second, m1, m2) -> two injections; of an implicit step
+        (e, dt, first, second, m1, m2) -> the offset after the step, and the second injection.
+    """
+    points = np.array(_half())
+    points *= size / np.sqrt(np.mean(points ** 2))
+    if implicit:
+        found = np.array([inject(e, dt, first, second, m1, m2) for e in points.tolist()])
+    else:
+        found = np.array([inject(e, first, second, m1, m2) for e in points.tolist()])
+    gains = points @ found / np.sum(points ** 2)
+    left = found - points[:, None] * gains
+    return Describing(float(gains[0]), float(gains[1]), left.T @ left / len(points))
+
+
+def scatter(pairs: Sequence[Describing], damping: Array, dt: float, *, implicit: bool,
+            linear_hold: bool) -> NoiseGains:
+    """Variances of estimate and innovation, per variance of noise and by the remnants.
+
+    Parameters
+    ----------
+    pairs : one per position.
+    damping : the velocities' own rates -M^-1 D, shape (n, n).
+    implicit, linear_hold : how a step is made.
+    """
+    n = len(pairs)
+    eye, nought = np.eye(n), np.zeros((n, n))
+    glide = eye + dt * damping           # of the velocity over a sample
+    position = np.diag([pair.position for pair in pairs])
+    velocity = np.diag([pair.velocity for pair in pairs])
+    # the state is (offset e, velocity, noise of the sample before); with it the innovation
+    if implicit:
+        ahead = dt * glide
+        seen = np.hstack([eye, ahead, eye if linear_hold else nought])
+        of_noise = -eye if linear_hold else nought
+        offset = position @ seen
+        entering = position @ of_noise
+        if not linear_hold:
+            offset = offset + np.hstack([nought, nought, eye])
+            entering = entering - eye
+        speed = np.hstack([nought, glide, nought]) - dt * velocity @ seen
+        of_speed = -dt * velocity @ of_noise
+    else:
+        seen, of_noise = np.hstack([eye, nought, nought]), nought
+        offset = np.hstack([eye - dt * position, dt * eye, eye])
+        entering = -eye
+        speed = np.hstack([-dt * velocity, glide, nought])
+        of_speed = nought
+    step = np.vstack([offset, speed, np.zeros((n, 3 * n))])
+    arrival = np.vstack([entering, of_speed, eye])
+    remnant = np.zeros((3 * n, 3 * n))
+    turn = np.diag([1.0, -dt]) if implicit else np.diag([-dt, -dt])
+    for index, pair in enumerate(pairs):
+        rows = np.ix_((index, n + index), (index, n + index))
+        remnant[rows] = turn @ pair.remnant @ turn
+    shown = np.hstack([eye, nought, eye])  # the estimate's own error: offset plus noise of y
+    speeds = np.hstack([nought, eye, nought])
+
+    def variances(rows: Array, covariance: Array) -> Array:
+        found: Array = np.einsum('ij,jk,ik->i', rows, covariance, rows)
+        return found
+
+    per_noise = np.zeros((3, n, n))
+    for joint in range(n):
+        covariance = settled(step, np.outer(arrival[:, joint], arrival[:, joint]))
+        per_noise[0, :, joint] = variances(shown, covariance)
+        per_noise[1, :, joint] = variances(speeds, covariance)
+        per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2
+    chatter = settled(step, remnant)
+    return NoiseGains(per_noise[0], per_noise[1], per_noise[2], variances(shown, chatter),
+                      variances(speeds, chatter), variances(seen, chatter))
