@@ -61,7 +61,7 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
     subscription = probe.node.create_subscription(
         DiagnosticArray, '/adaptive_observer/identified_parameters', told.append, 10)
     common = ('--ros-args', '-r', 'joint_states:=/motor', '-p', f'parameters_file:={path}',
-              '-p', 'torque_constant:=0.6')
+              '-p', 'torque_constant:=0.6', '-p', 'input_unit:=V')
     with dds.NodeProcess(MODULE, *common), \
             dds.Observer(probe, '/adaptive_observer', '/motor') as node:
         answer = node.connect() and probe.call(Trigger, '/adaptive_observer/save',
@@ -78,6 +78,7 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         assert values['state'] == 'ADAPTING' and values['trusted'] == 'True'
         assert float(values['b/J']) == pytest.approx(2.0, rel=0.02)
         assert float(values['J']) == pytest.approx(0.02, rel=0.02)
+        assert values['b2.unit'] == 'rad/s^2 per V'
         assert values['J.unit'] == 'kg m^2' and 0.0 < float(values['J.stddev']) < 1e-3
         assert probe.call(SetBool, '/adaptive_observer/freeze',
                           SetBool.Request(data=True)).success

@@ -158,6 +158,11 @@ class AdaptiveBank(Bank):
         return ('no effort_command is in force for it' if self._source == COMMAND
                 else 'its effort is not a number')
 
+    def unit(self, name: str) -> str:
+        """Of the input of this joint; empty: not known."""
+        settings: Any = self.joints[name].settings
+        return settings.input_unit
+
     def reports(self) -> dict[str, Report]:
         """What each joint has identified."""
         return {name: joint.report() for name, joint in self.joints.items()

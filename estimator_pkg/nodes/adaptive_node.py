@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from estimator_pkg.driver import adaptive_bank
 from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.efforts import DrivenSettings
+from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import Layout
 from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
@@ -81,16 +82,9 @@ class AdaptiveObserver(DrivenNode):
         message = DiagnosticArray()
         message.header.stamp = self.get_clock().now().to_msg()
         for name, said in self.bank.reports().items():
-            values: dict[str, Any] = {
-                'state': said.phase, 'why': said.reason, 'trusted': said.trusted,
-                'adapted_s': said.adapted, 'excitation': said.excitation}
-            settings: Any = self.bank.joints[name].settings
-            unit = settings.input_unit or 'unit of input'
-            for item in said.parameters:
-                values.update({item.name: item.value, f'{item.name}.stddev': item.stddev,
-                               f'{item.name}.unit': item.unit.replace('unit of input', unit)})
             message.status.append(entry(OK if said.trusted else WARN, name,
-                                        f'{said.phase}: {said.reason}', values))
+                                        f'{said.phase}: {said.reason}',
+                                        values_of(said, self.bank.unit(name))))
         self._identified.publish(message)
 
     # Services

@@ -225,14 +225,14 @@ class ObserverNode(Node):
         Parameters
         ----------
         estimates : position, velocity and maybe more of each name.
-        stddevs : makes position's and velocity's standard deviation of each name, or of the first.
+        stddevs : makes position's and velocity's standard deviation of each name.
         """
         self._estimate.publish(self._encode(stamp_ns, frame_id, names,
                                             [each[0] for each in estimates],
                                             [each[1] for each in estimates]))
         if self._stddev.wanted:
             pairs = stddevs()
-            self._stddev.publish(self._encode_stddev(stamp_ns, frame_id, names[:len(pairs)],
+            self._stddev.publish(self._encode_stddev(stamp_ns, frame_id, names,
                                                      [pair[0] for pair in pairs],
                                                      [pair[1] for pair in pairs]))
 

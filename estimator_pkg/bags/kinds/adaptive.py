@@ -17,12 +17,12 @@ from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.driver import adaptive_bank
 from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
 from estimator_pkg.observers.adaptive import OBSERVER
-from estimator_pkg.observers.adaptive_report import Report
 from estimator_pkg.parameters import Parameter
 
 NAME = 'angle_and_input'
@@ -122,7 +122,8 @@ class AdaptiveReplay(OneByOne):
 
     def _told(self) -> list[diagnostics.Status]:
         return [diagnostics.Status(
-            said.trusted, name, f'{said.phase}: {said.reason}', values_of(said))
+            said.trusted, name, f'{said.phase}: {said.reason}',
+            values_of(said, self.bank.unit(name)))
             for name, said in self.bank.reports().items()]
 
     def systems(self) -> dict[str, System]:
@@ -139,7 +140,7 @@ class AdaptiveReplay(OneByOne):
         """See `Replay`."""
         found = super().summary()
         for name, said in self.bank.reports().items():
-            found['joints'][name]['identified'] = values_of(said)
+            found['joints'][name]['identified'] = values_of(said, self.bank.unit(name))
         return found
 
     def why(self) -> str:
@@ -159,16 +160,6 @@ class AdaptiveReplay(OneByOne):
         if self.answered:
             return []
         return [f'no estimate was given: {self.why()}']
-
-
-def values_of(said: Report) -> dict[str, Any]:
-    """What a joint has identified, as the node tells it."""
-    values: dict[str, Any] = {'state': said.phase, 'why': said.reason, 'trusted': said.trusted,
-                              'adapted_s': said.adapted, 'excitation': said.excitation}
-    for item in said.parameters:
-        values.update({item.name: item.value, f'{item.name}.stddev': item.stddev,
-                       f'{item.name}.unit': item.unit})
-    return values
 
 
 @dataclass(frozen=True)
