@@ -14,7 +14,7 @@ from estimator_pkg.models.mechanics import Mechanics
 
 Array = NDArray[np.float64]
 
-GRID = 0.01  # of a position's reach, of dt and of noise: variances nearer than that are not redone
+GRID = 0.03  # of a position's reach, of dt, of noise: variances nearer than that are not redone
 KEPT = 4096  # of them
 
 
@@ -138,31 +138,36 @@ def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
     n = mechanics.degrees
     floor = np.array(quantum) ** 2 / 12.0
     given = np.array(noise) ** 2 + floor
-    reach = GRID * np.array(mechanics.reach)
+    reach = [GRID * each for each in mechanics.reach]
 
     @lru_cache(KEPT)
-    def gains(place: tuple[int, ...], sizes: tuple[int, ...], period: int) -> NoiseGains | None:
-        at, dt = reach * np.array(place), math.exp(GRID * period)
+    def gains(place: tuple[int, ...], sizes: tuple[int, ...], period: int
+              ) -> tuple[NoiseGains, Array] | None:
+        """(variances, inverse of those of the innovation); None where nothing holds."""
+        at, dt = np.array(reach) * np.array(place), math.exp(GRID * period)
         if not mechanics.admits(mechanics.values, tuple(at.tolist())):
             return None
         if core.noise is not None:
             found: NoiseGains = core.noise(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
-            return found
-        matrix, shown = core.linear(at, np.zeros(n))
-        return noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
+        else:
+            matrix, shown = core.linear(at, np.zeros(n))
+            found = noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
+        if not np.all(np.isfinite(found.innovation)):
+            return None
+        return found, np.linalg.pinv(found.innovation)
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple:
-        power = np.maximum(np.array(state[3], float), 1e-300)
-        sizes = (() if core.noise is None else
-                 tuple(np.round(0.5 * np.log(power) / GRID).astype(int).tolist()))
-        found = gains(tuple(np.round(np.array(state[1], float) / reach).astype(int).tolist()),
-                      sizes, round(math.log(coefficients[1]) / GRID))
-        if found is None:
+        power = [max(each, 1e-300) for each in state[3]]
+        sizes = () if core.noise is None else tuple(
+            round(0.5 * math.log(each) / GRID) for each in power)
+        kept = gains(tuple(round(at / each) for at, each in zip(state[1], reach)), sizes,
+                     round(math.log(coefficients[1]) / GRID))
+        if kept is None:
             return (math.inf,) * n, (math.inf,) * n
+        found, back = kept
         known = given
         if measured:
-            solved = np.linalg.lstsq(found.innovation, power - found.own_innovation, rcond=None)
-            known = np.maximum(solved[0], floor)
+            known = np.maximum(back @ (np.array(power) - found.own_innovation), floor)
         return (tuple(np.sqrt(found.position @ known + found.own_position).tolist()),
                 tuple(np.sqrt(found.velocity @ known + found.own_velocity).tolist()))
 
