@@ -1,17 +1,22 @@
 """The documentation: a page for every observer, tables from the declarations, layouts that hold."""
 
+import argparse
 import importlib.util
 import json
+import math
 import re
+import shlex
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation import capabilities
 from estimator_pkg.parameters import declared
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -63,11 +68,114 @@ def test_the_tables_come_from_the_declarations():
     assert '{{' not in text
 
 
+def matrix():
+    return [line for line in (DOCS / 'choosing.md').read_text().splitlines()
+            if line.startswith('| [')]
+
+
 def test_the_matrix_has_a_cell_for_everything():
-    lines = [line for line in (DOCS / 'choosing.md').read_text().splitlines()
-             if line.startswith('| [')]
-    assert len(lines) >= 12
-    assert {line.count('|') for line in lines} == {11}
+    assert {line[3:line.index(']')] for line in matrix()} == set(registry.names(registry.OBSERVERS))
+    for line in matrix():
+        cells = [cell.strip() for cell in line.strip('|').split('|')]
+        assert len(cells) == 10 and all(cells)
+        assert float(cells[8]) > 0.0 and math.isfinite(float(cells[9]))  # cost and delay
+
+
+def test_the_matrix_is_filled_with_what_was_measured():
+    page = '\n'.join(['text', *matrix(), 'end'])
+    filled = capabilities.filled(page, [capabilities.Result('pll', 3.14, 0.00628, 0.1, '')])
+    old, new = page.split('\n'), filled.split('\n')
+    changed = [i for i in range(len(old)) if old[i] != new[i]]
+    assert [old[i][3:6] for i in changed] == ['pll']
+    assert new[changed[0]].endswith('| 3.1 | 6.3 |')
+
+
+def test_every_observer_is_measured_on_some_recording():
+    measured = {name for case in capabilities.CASES for name in case.observers}
+    assert measured == set(registry.names(registry.OBSERVERS))
+
+
+@pytest.mark.slow
+def test_cost_and_delay_can_be_measured(capsys, monkeypatch):
+    monkeypatch.setattr(sys, 'argv', ['capabilities'])
+    capabilities.main()
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith('| ')]
+    assert len(rows) == 1 + len(registry.names(registry.OBSERVERS))
+
+
+# ---------------------------------------------------------------- links, pictures, commands
+
+def pages():
+    return [ROOT / 'README.md', ROOT / 'bags' / 'README.md', *sorted(DOCS.glob('**/*.md'))]
+
+
+def prose(path):
+    """The text of a page without its code."""
+    text = re.sub(r'```.*?```', '', path.read_text(), flags=re.DOTALL)
+    return re.sub(r'`[^`\n]*`', '', re.sub(r'(?m)^ {4}.*$', '', text))
+
+
+def anchors(path):
+    """What can be linked to on a page."""
+    heads = re.findall(r'(?m)^#+ +(.*)$', path.read_text())
+    return {re.sub(r'[ -]+', '-', re.sub(r'[^\w\- ]', '', head.lower()).strip()) for head in heads}
+
+
+@pytest.mark.parametrize('page', pages(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_and_pictures_lead_somewhere(page):
+    for target in re.findall(r'\]\(([^)\s]+)\)', prose(page)):
+        if re.match(r'https?://|mailto:', target):
+            continue
+        name, _, anchor = target.partition('#')
+        there = (page.parent / name).resolve() if name else page
+        assert there.exists(), f'{target} in {page.name}'
+        assert there.is_relative_to(ROOT), target
+        if anchor:
+            assert anchor in anchors(there), f'{target} in {page.name}'
+
+
+def test_every_page_is_in_the_site():
+    nav = (ROOT / 'mkdocs.yml').read_text()
+    for page in DOCS.glob('**/*.md'):
+        assert str(page.relative_to(DOCS)) in nav, page
+
+
+def commands():
+    """(page, words) of every line of code that calls our command line."""
+    found = []
+    for page in pages():
+        text = page.read_text().replace('\\\n', ' ')
+        for line in re.findall(r'(?m)^(?: {4})?(velocity_estimator .*)$', text):
+            found.append((page.name, shlex.split(line, comments=True)[1:]))
+    return found
+
+
+@pytest.mark.parametrize(('page', 'words'), commands(), ids=lambda each: str(each)[:60])
+def test_commands_in_the_documentation_are_understood(page, words):
+    command = registry.find(registry.COMMANDS, words[0])
+    parser = argparse.ArgumentParser()
+    command.arguments(parser)
+    parser.add_argument('--json')
+    parsed = parser.parse_args(words[1:])  # ends the test where an option is unknown
+    for name in getattr(parsed, 'observer', None) or []:
+        names = [name] if len(name) > 1 else [parsed.observer]
+        assert all(each in {*registry.names(registry.OBSERVERS), 'all'} for each in names)
+    bag = getattr(parsed, 'bag', None) or (getattr(parsed, 'bags', None) or [''])[0]
+    if bag.startswith('bags/'):
+        assert (ROOT / bag).exists()
+
+
+def test_modules_and_nodes_in_the_documentation_exist():
+    text = ''.join(page.read_text() for page in pages())
+    for module in set(re.findall(r'python -m ([\w.]+)', text)):
+        assert importlib.util.find_spec(module) is not None, module
+    for script in set(re.findall(r'python ((?:test|bags)/\w+\.py)', text)):
+        assert (ROOT / script).is_file(), script
+    scripts = {point.name for point in entry_points(group='console_scripts')}
+    for node in set(re.findall(r'ros2 run velocity_estimator (\w+)', text)):
+        assert node in scripts, node
+    for launch in set(re.findall(r'ros2 launch velocity_estimator (\S+\.py)', text)):
+        assert (ROOT / 'launch' / launch).is_file(), launch
 
 
 def test_the_site_is_built(tmp_path):

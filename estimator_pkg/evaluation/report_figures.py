@@ -97,12 +97,13 @@ def sample_times(seen: Measurement) -> Any:
     """Histogram of sample times, the holes marked."""
     holes = np.array([length for _, length in seen.holes[:HOLES_MARKED]]) * 1e3
     title = 'sample times' + (' (triangles: holes)' if len(holes) else '')
-    shown = _figure(title, HIGH, x_axis_type='log', y_axis_type='log')
     milliseconds = seen.steps[seen.steps > 0.0] * 1e3
     low, high = float(np.min(milliseconds)), float(np.max(milliseconds))
     usual = 1e3 / seen.rate
     edges = np.geomspace(min(low * 0.9, 0.5 * usual), max(high * 1.1, 2.0 * usual), 81)
     heights, _ = np.histogram(milliseconds, edges)
+    shown = _figure(title, HIGH, x_axis_type='log', y_axis_type='log',
+                    x_range=(float(edges[0]), float(edges[-1])))
     full = heights > 0
     shown.quad(top=heights[full].astype(float), bottom=0.5, left=edges[:-1][full],
                right=edges[1:][full], color=COLOURS[0], alpha=0.7)
