@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sim_pkg.reproduce import adaptive_limit_rows, adaptive_recorded_rows, adaptive_rows
+from sim_pkg.reproduce import (
+    adaptive_excitation_rows,
+    adaptive_recorded_rows,
+    adaptive_rows,
+    adaptive_sampling_rows,
+)
 from sim_pkg.reproduce.contract import Reproduction
 
 
@@ -17,7 +22,8 @@ def figures(folder: Path) -> list[Path]:
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
-    parts=(*adaptive_rows.PARTS, *adaptive_limit_rows.PARTS, *adaptive_recorded_rows.PARTS),
+    parts=(*adaptive_rows.PARTS, *adaptive_sampling_rows.PARTS, *adaptive_excitation_rows.PARTS,
+           *adaptive_recorded_rows.PARTS),
     figures=figures,
     tables=adaptive_recorded_rows.table,
     notes=('The inputs, the start values and the gains of example 4.1 are not published: ours are '

@@ -126,8 +126,8 @@ A2 = (
     *family('A2 parallel', 'rms of y, model beside plant for 100 s of another input [rad]',
             {'300 s': 8.1e-2, '400 s': 1.56e-3}, 2.0, PERCENT, {'400 s': 0.0048}),
     *family('A2 time to 0.002', 'all parameters within 0.002, over 12 seeds, FOH 5 ms [s]',
-            {'uniform min': 145, 'uniform max': 406, 'Gauss min': 170, 'Gauss median': 250,
-             'Gauss max': 413}, 10.0, PERCENT),
+            {'uniform min': 145, 'uniform median': 235, 'uniform max': 406, 'Gauss min': 170,
+             'Gauss median': 250, 'Gauss max': 413}, 10.0, PERCENT),
     Reference('A2 least squares time', 'parameters within 0.01, 1 ms [s]', 1.52, 0.02),
     Reference('A2 least squares error', 'largest parameter error after 60 s', 2.8e-6, 10.0,
               PERCENT),
@@ -174,10 +174,9 @@ def a2_values() -> Values:
     for t in (300, 400):
         yield f'A2 parallel {t} s', parallel_error(whole.theta[whole.at(t)])
     for kind in ('uniform', 'Gauss'):
-        times = sorted(_time_to_converge(kind, seed) for seed in range(1, 13))
+        times = sorted(_time_to_converge(kind, seed) for seed in range(12))
         yield f'A2 time to 0.002 {kind} min', times[0]
-        if kind == 'Gauss':
-            yield 'A2 time to 0.002 Gauss median', np.median(times)
+        yield f'A2 time to 0.002 {kind} median', np.median(times)
         yield f'A2 time to 0.002 {kind} max', times[-1]
     inputs = random_input(example, 1e-3, 60.0)
     found = run(gains(example, law='least_squares'), response(example, inputs, 1e-3)[0], inputs,

@@ -14,6 +14,7 @@ from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.observers.adaptive_gains import Gains
 from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.unrolled import algebra
 from sim_pkg.reproduce.adaptive_plant import Array, Example
 
 COMPILE_FROM = 50_000  # samples from which compiling pays
@@ -43,11 +44,24 @@ def gains(example: Example, **changes: Any) -> Gains:
 
 
 @lru_cache
-def _loop(step: Callable, output: Callable) -> Callable:
+def _loop(step: Callable, output: Callable, size: int) -> Callable:
+    add, scale = algebra(size).add, algebra(size).scale
+
     def loop(state: tuple, coefficients: tuple, design: tuple, angles: Array, inputs: Array,
-             every: int, kept: Array) -> tuple:
+             every: int, kept: Array, leak: float, dead: float) -> tuple:
         for k in range(1, len(angles)):
+            before = state[2]
             state = step(state, coefficients, design, angles[k], inputs[k - 1])
+            if dead > 0.0:
+                unmoved = (state[0], state[1], before, state[3], state[4], state[5], state[6],
+                           state[7], state[8], state[9])
+                e = angles[k] - output(unmoved, coefficients, design, angles[k], inputs[k - 1])[0]
+                if -dead <= e <= dead:
+                    state = unmoved
+            elif leak > 0.0:
+                theta = add(scale(1.0 - leak, state[2]), leak, design[5])
+                state = (state[0], state[1], theta, state[3], state[4], state[5], state[6],
+                         state[7], state[8], state[9])
             if k % every == 0:
                 position, speed, acceleration, status = output(state, coefficients, design,
                                                                angles[k], inputs[k - 1])
@@ -63,7 +77,7 @@ def _loop(step: Callable, output: Callable) -> Callable:
 
 
 def run(settings: Gains, angles: Array, inputs: Array, dt: float, every: int = 1, *,
-        from_zero: bool = False) -> Run:
+        from_zero: bool = False, leak: float = 0.0, dead_zone: float = 0.0) -> Run:
     """The observer on these samples.
 
     Parameters
@@ -71,6 +85,9 @@ def run(settings: Gains, angles: Array, inputs: Array, dt: float, every: int = 1
     angles : shape (n + 1,) [rad]; inputs : shape (n,), held between the samples.
     every : how many samples pass between two that are kept.
     from_zero : regressor and x start at zero, not settled on the first angle.
+    leak : the parameters fall back to where they started at this rate [1/s]. dead_zone : nothing is
+        learnt from an innovation below it [rad]. Both are others' remedies, which the observer
+        does not have; they need the sampled form, where x follows theta by itself.
     """
     functions = OBSERVER.build(settings, Circle(0.0))
     design = functions.design()
@@ -80,13 +97,15 @@ def run(settings: Gains, angles: Array, inputs: Array, dt: float, every: int = 1
     coefficients = functions.prepare(design, dt)
     count = len(inputs) // every
     kept = np.full((count, 3 + len(state[2])), math.nan)
-    loop = _loop(functions.step, functions.output)
+    loop = _loop(functions.step, functions.output, len(state[2]))
+    remedies = (leak * dt, dead_zone)
     with np.errstate(over='ignore', invalid='ignore'):
         if len(inputs) >= COMPILE_FROM and available():
-            compiled(loop)(state, coefficients, design, angles, inputs, every, kept)
+            compiled(loop)(state, coefficients, design, angles, inputs, every, kept, *remedies)
         else:
             try:
-                loop(state, coefficients, design, angles.tolist(), inputs.tolist(), every, kept)
+                loop(state, coefficients, design, angles.tolist(), inputs.tolist(), every, kept,
+                     *remedies)
             except OverflowError:
                 kept[:, :] = math.nan  # diverged
     rows = np.arange(1, count + 1) * every
