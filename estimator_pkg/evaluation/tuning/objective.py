@@ -63,7 +63,8 @@ class Part:
 class Result(NamedTuple):
     """Error [rad/s], delay [s] and noise [rad/s] of an observer on one joint of a part.
 
-    published : the share of the samples with an estimate.
+    delay is nan where the motion does not tell it. published : the share of the samples with an
+    estimate.
     """
 
     error: float
@@ -106,16 +107,19 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
         return None
     width = averaged(time)
     slow = np.convolve(velocity, np.ones(width) / width, 'same')
-    late = delay(time, velocity, true)
-    return Result(float(np.sqrt(np.mean(error ** 2))), late if late == late else 0.0,
+    return Result(float(np.sqrt(np.mean(error ** 2))), delay(time, velocity, true),
                   float(np.sqrt(np.mean((velocity - slow)[width:-width] ** 2))),
                   float(len(rows) / np.count_nonzero(counted)))
 
 
 def cost(result: Result, known: Known, weights: Weights) -> float:
-    """The weighted sum [rad/s]; samples without an estimate make it dearer."""
-    total = (weights.error * result.error + weights.noise * result.noise
-             + weights.delay * abs(result.delay) * known.acceleration)
+    """The weighted sum [rad/s]; samples without an estimate make it dearer.
+
+    Where the delay cannot be told, the whole error may come from it.
+    """
+    late = (abs(result.delay) * known.acceleration if math.isfinite(result.delay)
+            else result.error)
+    total = weights.error * result.error + weights.noise * result.noise + weights.delay * late
     return total / max(result.published, 1e-3)
 
 

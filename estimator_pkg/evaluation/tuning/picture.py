@@ -42,26 +42,30 @@ def draw(tuned: Sequence[Mapping[str, Any]], asked: str | None, usual: Path, obs
     for axis, each in zip(axes, tuned):
         known = [(values, cost, point) for values, cost, point in each['trials'] if point]
         points = [point for _, _, point in known]
-        delays = [abs(point[0]) * 1e3 for point in points]
+        delays = [point[0] * 1e3 for point in points]
         noises = [point[1] for point in points]
         axis.scatter(delays, noises, s=14, color='0.65', label='tried')
         chosen = front(points)
         axis.plot([delays[i] for i in chosen], [noises[i] for i in chosen], '-o', markersize=4,
                   color='tab:blue', label='nothing is better in both')
-        best = min(range(len(known)), key=lambda i: known[i][1], default=None)
-        if best is not None:
-            axis.scatter([delays[best]], [noises[best]], s=130, marker='*', color='tab:red',
+        _, _, best = min(each['trials'], key=lambda trial: trial[1])
+        if best:
+            axis.scatter([best[0] * 1e3], [best[1]], s=130, marker='*', color='tab:red',
                          zorder=5, label='chosen')
         if each['default_point']:
             late, noise = each['default_point']
-            axis.scatter([abs(late) * 1e3], [noise], s=50, marker='s', facecolors='none',
+            axis.scatter([late * 1e3], [noise], s=50, marker='s', facecolors='none',
                          edgecolors='black', zorder=4, label='defaults')
         axis.set_xlabel('delay [ms]')
         axis.set_ylabel('noise [rad/s rms]')
         if noises and min(noises) > 0.0:
             axis.set_yscale('log')
+        if not points:
+            axis.text(0.5, 0.5, 'the motion tells no delay', ha='center',
+                      transform=axis.transAxes)
         axis.set_title(f'{observer}: {each["joint"] or "all joints"}')
         axis.grid(alpha=0.3)
-        axis.legend(fontsize='small')
+        if points:
+            axis.legend(fontsize='small')
     figure.savefig(asked or str(usual), dpi=120)
     return asked or str(usual)

@@ -15,6 +15,7 @@ from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.bar import bar
 from estimator_pkg.evaluation.tuning.objective import (
     Part,
+    Result,
     Results,
     Weights,
     costs,
@@ -82,10 +83,11 @@ def seek(joint: str, chosen: Sequence[Record], judged: Sequence[Record], wishes:
                        for values in ({}, gains))
     _check_reference(chosen, best.details or [measure(part, observer, gains, fast)
                                               for part in seen])
+    points = _points([first, *(trial.details for trial in found.trials)])
     return {'joint': joint, 'gains': gains,
             'default_gains': {name: value for name, value in wishes.defaults().items()
                               if name not in idle},
-            'idle': idle, 'default_point': _point(first),
+            'idle': idle, 'default_point': points[0],
             'relative_cost': best.cost, 'evaluations': found.asked,
             'interrupted': found.interrupted, 'held_out': bool(held or judged),
             'judged_on': sorted({record.bag for record in judged}),
@@ -93,7 +95,8 @@ def seek(joint: str, chosen: Sequence[Record], judged: Sequence[Record], wishes:
             'best': _summary(better, parts, weights),
             'bags': sorted({record.bag for record in chosen}),
             'joints': sorted({joint for record in chosen for joint in record.joints}),
-            'trials': [(trial.values, trial.cost, _point(trial.details)) for trial in found.trials]}
+            'trials': [(trial.values, trial.cost, point)
+                       for trial, point in zip(found.trials, points[1:])]}
 
 
 def _about(chosen: Sequence[Record], wishes: Wishes) -> str:
@@ -126,20 +129,38 @@ def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[
 
 
 def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
+    delays = [result.delay for result, _ in pairs if math.isfinite(result.delay)]
     return {'error': math.sqrt(mean([result.error ** 2 for result, _ in pairs])),
-            'delay_s': mean([result.delay for result, _ in pairs]),
+            'delay_s': mean(delays) if delays else math.nan,
             'noise': math.sqrt(mean([result.noise ** 2 for result, _ in pairs])),
             'published': mean([result.published for result, _ in pairs]),
             'cost': mean([worth for _, worth in pairs])}
 
 
-def _point(details: Details | None) -> tuple[float, float] | None:
-    """(delay, noise) of a trial over its records."""
-    if not details or any(result is None for result in details):
-        return None
-    known = [one for result in details if result is not None for one in result.values()]
-    return (mean([one.delay for one in known]),
-            math.sqrt(mean([one.noise ** 2 for one in known])))
+def _points(trials: Sequence[Details | None]) -> list[tuple[float, float] | None]:
+    """(delay, noise) of each over its records; None where it does not tell.
+
+    A record that never tells a delay (constant speed) is left out.
+    """
+    every = [_flat(details) for details in trials]
+    delays = np.array([[abs(one.delay) for one in results] for results in every if results])
+    telling = np.isfinite(delays).any(axis=0) if delays.size else np.zeros(0, bool)
+    found: list[tuple[float, float] | None] = []
+    for results in every:
+        late = np.array([abs(one.delay) for one in results])[telling] if results else np.zeros(0)
+        if not len(late) or not np.isfinite(late).all():
+            found.append(None)
+        else:
+            found.append((float(np.mean(late)),
+                          math.sqrt(mean([one.noise ** 2 for one in results]))))
+    return found
+
+
+def _flat(details: Details | None) -> list[Result]:
+    """The results of all records and joints; none where one is missing."""
+    if not details or None in details:
+        return []
+    return [one for result in details if result is not None for one in result.values()]
 
 
 def _check_reference(chosen: Sequence[Record], results: Details) -> None:
@@ -169,7 +190,7 @@ def _same(one: Trial, other: Trial) -> bool:
 
 
 def _works(trial: Trial) -> bool:
-    return bool(trial.details) and None not in trial.details
+    return bool(_flat(trial.details))
 
 
 def _alike(trials: Sequence[Trial]) -> bool:
