@@ -154,7 +154,7 @@ def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
             found = noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
         if not np.all(np.isfinite(found.innovation)):
             return None
-        return found, np.linalg.pinv(found.innovation)
+        return found, np.array(np.linalg.pinv(found.innovation), float)
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple:
         power = [max(each, 1e-300) for each in state[3]]
