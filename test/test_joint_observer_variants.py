@@ -271,6 +271,7 @@ WRONG_STARTS = [
     (['-p', 'noise:=.nan'], "parameter 'noise' must be finite, not nan"),
     (['-p', 'joints.a.gap_max:=long'], "parameter 'joints.a.gap_max' must be a number"),
     (['-p', 'observer:=hybrid_angel'], "did you mean 'hybrid_angle'?"),
+    (['-p', 'observer:=geso'], 'run the node mechanical_observer'),
     (['-p', 'input:=angle', '-p', 'angle_type:=Int32'], "set 'counts_per_revolution'"),
     (['-p', 'order:=3', '-p', 'form:=paper'], "form 'paper' is of second order"),
     (['-p', 'qos_overrides./joint_states.subscription.reliability:=relyable'], 'relyable'),

@@ -26,6 +26,9 @@ from estimator_pkg.nodes.ros_parameters import Values
 from estimator_pkg.nodes.settings import ANGLE, NodeSettings
 from estimator_pkg.observers.contract import Observer
 
+NODE_OF = {'angle_and_input': 'adaptive_observer', 'drive': 'pmsm_observer',
+           'mechanical': 'mechanical_observer', 'switched': 'switched_observer'}  # by kind
+
 Valid = list[tuple[str, Joint, tuple[float, float, float, int]]]
 
 
@@ -44,7 +47,8 @@ class JointObserver(ObserverNode):
         self.settings.check()
         found = observers.find(self.settings.observer)
         if found.kind != 'angle':
-            raise UsageError(f"observer '{found.name}' does not work from an angle alone")
+            hint = f': run the node {NODE_OF[found.kind]}' if found.kind in NODE_OF else ''
+            raise UsageError(f"observer '{found.name}' does not work from an angle alone{hint}")
         return found
 
     def _configured(self, common: Mapping[str, Any], overrides: Mapping[str, Values]
