@@ -91,13 +91,6 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         probe.node.destroy_publisher(command)
 
 
-def test_a_wrong_model_ends_the_node_with_one_line():
-    with dds.NodeProcess(MODULE, '--ros-args', '-p', 'model:=no_such_module:Arm') as node:
-        assert node.ends() != 0
-        assert "cannot import 'no_such_module'" in node.output
-        assert 'Traceback' not in node.output
-
-
 def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):
     """The controller's velocities come from the observer node's topic, over DDS."""
     from rclpy.qos import qos_profile_sensor_data

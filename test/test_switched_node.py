@@ -96,15 +96,3 @@ def test_events_and_status(probe):
 
 def event_message(stamp_ns, mode):
     return Encoder().encode(stamp_ns, '', (mode,))
-
-
-@pytest.mark.parametrize('given, words', [
-    (['model:=nowhere:MODEL'], "cannot import 'nowhere'"),
-    (['joints:=[a, b]'], "'joints' needs 1 different names"),
-    (['discrete:=guess'], "'guess' is not one of"),
-])
-def test_wrong_parameters_end_the_node_with_one_line(given, words):
-    arguments = [word for pair in given for word in ('-p', pair)]
-    with dds.NodeProcess(MODULE, '--ros-args', *arguments) as node:
-        assert node.ends() in (1, 2)
-        assert words in node.output and 'Traceback' not in node.output

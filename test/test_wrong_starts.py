@@ -45,6 +45,7 @@ WRONG = {
     'switched': [
         ({'model': f'{OWN}Nope'}, "has no 'Nope'"),
         ({'model': f'{OWN}Singular'}, 'is no SwitchedModel'),
+        ({'discrete': 'guess'}, "'guess' is not one of"),
         ({'joints': ['a', 'b']}, "'joints' needs 1 different names")],
     'pmsm': [
         (MOTOR, 'needs the motor data resistance'),
