@@ -237,6 +237,26 @@ def test_aliasing_is_said_and_never_taken_for_tracking():
     assert 'sample rate' in describe(TOO_FAST)
 
 
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_once_beyond_half_a_turn_per_sample_nothing_is_said_until_the_rotor_has_stood(sign, seed):
+    """There every sample is that of a rotor that turns the other way: the mean voltage too."""
+    seen = record(((0.1, sign * 3000.0, sign * 3000.0), (0.2, sign * 3000.0, sign * 6000.0),
+                   (0.2, sign * 6000.0, sign * 6000.0), (0.2, sign * 6000.0, 0.0),
+                   (0.1, 0.0, 0.0), (0.2, 0.0, sign * 3000.0), (0.2, sign * 3000.0, sign * 3000.0)),
+                  seed, current_noise=0.1)
+    mean = seen.samples[1:23981, 2:].reshape(1199, 20, 2).mean(axis=1)
+    samples = np.column_stack((seen.samples[20:24000:20, :2][:1199], mean))
+    status, reasons, rows, *_ = estimates(made(), samples, 20 * DT)
+    speed = seen.truth[20:24000:20, 0][1:1199]
+    beyond = slice(int(np.argmax(np.abs(speed) * 7.0 > 1.1 * math.pi / (20 * DT))), 600)
+    assert beyond.start < 250
+    assert np.all(status[beyond] == NOT_OBSERVABLE) and np.all(reasons[beyond] & TOO_FAST)
+    tracked = status == TRACKING
+    assert tracked[:100].any() and tracked[-150:].all()
+    assert np.abs(rows[tracked, 1] / (7.0 * speed[tracked]) - 1.0).max() < 0.1
+
+
 # ---- honesty ---------------------------------------------------------------------------------
 
 def test_at_rest_nothing_but_a_bound_is_given():
@@ -416,7 +436,8 @@ def looked(**changes):
     ({'voltage': 0j}, NO_VOLTAGE | SEARCHING),
     ({'current': 200.0 + 0j}, LOW_EMF | SEARCHING),   # the resistance may falsify all of it
     ({'known_power': 10.0}, LOW_EMF | SEARCHING),     # noise
-    ({'turning': 60000.0, 'speed': 60000.0}, TOO_FAST), ({'event': 16}, 16)])
+    ({'turning': 60000.0, 'speed': 60000.0}, TOO_FAST),
+    ({'speed': 60000.0}, INCONSISTENT), ({'event': 16}, 16)])
 def test_each_residual_gives_its_reason(changes, reasons):
     assert looked(**dict(changes)) == reasons
     assert (describe(reasons) == '') == (reasons == 0)

@@ -22,7 +22,7 @@ BLIND = LOW_EMF | NO_VOLTAGE | TOO_FAST
 REASONS = {
     NO_VOLTAGE: 'all voltages are zero: is the voltage connected?',
     TOO_FAST: 'the rotor turns about half an electrical turn per sample or more: '
-              'a higher sample rate is needed',
+              'a higher sample rate is needed (it counts again after standstill or ~/reset)',
     LOW_EMF: 'back-EMF too small (slow or at rest): only a bound of the speed is known',
     SEARCHING: 'finding the rotor',
     RESET: 'frame or flux was reset',
@@ -38,7 +38,7 @@ SIGMAS = 0.9            # noise allowed in the disagreement, of the noise in the
 TINY = 1e-300           # keeps a quotient finite
 LEAST_EMF = 5.0         # standard deviations of h that the back-EMF must exceed
 LEAVES = 2.0            # it must be so many times larger to count again
-HALF_TURN = 0.9         # of half a turn per sample: too near to aliasing
+HALF_TURN = 0.85        # of half a turn per sample: too near to aliasing
 RUN_AWAY = 4.0          # xi_hat so many times out of range begins again
 UNCONNECTED = 0.010     # s of exactly zero voltage
 CLIP = 16.0             # an innovation counts in the noise at most as so many variances
@@ -127,8 +127,14 @@ def look(watch: Watch, event: int, h: complex, speed: float, turning: float, inn
         reasons |= LOW_EMF | when_blind
     if idle > UNCONNECTED:
         reasons |= NO_VOLTAGE | when_blind
-    if not (-fastest < rate < fastest and -fastest < speed < fastest):
+    if before & TOO_FAST and level > emf_min:
+        # beyond half a turn per sample all samples are those of a slower rotor that turns back, or
+        # of a frame that does: that it is over is sure only at rest
         reasons |= TOO_FAST
+    elif not -fastest < rate < fastest:
+        reasons |= TOO_FAST
+    elif not -fastest < speed < fastest:
+        reasons |= INCONSISTENT
     if not abs(mean_h.real) <= -ALIGNED * mean_h.imag:
         reasons |= MISALIGNED
     size = abs(x)
