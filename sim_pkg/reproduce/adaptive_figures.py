@@ -57,7 +57,7 @@ def _figure_2(folder: Path) -> Path:
     for name, values in zip(NAMES, run.theta.T):
         first.plot(run.time[::100], values[::100], label=name)
     first.set(title='a) parameters during training', xlabel='time [s]', ylim=(-3.0, 6.0))
-    first.legend()
+    first.legend(loc='upper right', ncols=4)
     second.plot(time[::THIN], plant[::THIN], label='plant')
     second.plot(time[::THIN], model[::THIN], '--', label='model of 400 s')
     second.set(title='b) plant and identified model under another input', xlabel='time [s]',

@@ -45,6 +45,9 @@ FIRST = (.009, .086, .010, .085)
 TIMES = {'none': (.032, .170, .068, .302), 'states': (.000, .079, .000, .008),
          'all': (.000, .000, .000, .000)}
 FINE, COARSE = 1e-4, 1e-3  # [s]
+AT_1_MS = {'first interval': (.008, .082, .007, .084), 'reset states': (.000, .077, .000, .007)}
+EXPLICIT = {'first interval': (.010, .325, .010, .086), 'reset none': (.033, .5, .069, .30)}
+STARTS = {(.5, -.5, .5): 8.3e-6, (2.0, -2.0, 2.0): 3.6e-5}
 
 B2 = (
     *family('B2 first interval', 'time until an error stays small, implicit 0.1 ms [s]',
@@ -57,6 +60,18 @@ B2 = (
             {'k=2': 'Fig. 4: after a few steps'}),
     *family('B2 Z at 1 ms', 'the same at 1 ms', {'k=2': 1.3e-4, 'k=2..40': 1.14e-2}, 5.0,
             PERCENT),
+    *(reference for name, values in AT_1_MS.items() for reference in family(
+        f'B2 {name} at 1 ms', 'time until an error stays small, implicit 1 ms [s]',
+        dict(zip(WHAT, values)), 1.1e-3)),
+    *family('B2 x error at 1 ms', 'largest error of a state from 1 s on, implicit 1 ms',
+            {'x2': 2.5e-2, 'x4': 1.5e-2}, 5.0, PERCENT),
+    *(Reference(f'B2 Z from {start}', 'largest entry of |Zhat - Z| at k = 2, implicit 0.1 ms',
+                value, 5.0, PERCENT) for start, value in STARTS.items()),
+    *(reference for name, values in EXPLICIT.items() for reference in family(
+        f'B2 {name}, explicit', 'time until an error stays small, forward Euler 0.1 ms [s]',
+        dict(zip(WHAT, values)), 25.0, PERCENT)),
+    *family('B2 Z, explicit', 'largest entry of |Zhat - Z|, forward Euler 0.1 ms',
+            {'k=2': 3.8e-2, 'k=2..40': 1.2}, 25.0, PERCENT),
     *family('B2 x error, no reset', 'largest error of a state from 1 s on', {'x2': 3.4, 'x4': 3.4},
             5.0, PERCENT),
     *family('B2 x error', 'largest error of a state from 1 s on', {'x2': 2.5e-3, 'x4': 1.5e-3},
@@ -91,6 +106,21 @@ def b2_values() -> Values:
             yield 'B2 Z k=2..40', run.discrete_error[2:].max()
             for j in range(3):
                 yield f'B2 Zhat(2) z{j + 1}', run.z_hat[2, j]
+    for start in STARTS:
+        yield f'B2 Z from {start}', example(FINE, start=start, events=2).discrete_error[2]
+    chattering = example(FINE, form='explicit', reset='none')
+    for name, first, last in (('first interval', 0, 0), ('reset none', 3, 39)):
+        for what, value in zip(WHAT, chattering.settling(first, last, FINE)):
+            yield f'B2 {name}, explicit {what}', value
+    yield 'B2 Z, explicit k=2', chattering.discrete_error[2]
+    yield 'B2 Z, explicit k=2..40', chattering.discrete_error[2:].max()
+    states = example(COARSE, reset='states')
+    for name, first, last in (('first interval', 0, 0), ('reset states', 3, 39)):
+        for what, value in zip(WHAT, states.settling(first, last, COARSE)):
+            yield f'B2 {name} at 1 ms {what}', value
+    late = np.abs(states.state_error[round(1.0 / COARSE):]).max(axis=0)
+    yield 'B2 x error at 1 ms x2', late[1]
+    yield 'B2 x error at 1 ms x4', late[3]
     coarse = example(COARSE)
     yield 'B2 Z at 1 ms k=2', coarse.discrete_error[2]
     yield 'B2 Z at 1 ms k=2..40', coarse.discrete_error[2:].max()

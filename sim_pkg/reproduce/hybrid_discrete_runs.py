@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -37,7 +38,7 @@ class Run(NamedTuple):
 
     def settling(self, first: int, last: int, dt: float) -> list[float]:
         """Worst time of intervals first..last until the errors stay below (.05, 1, .05, 1) [s]."""
-        per_period = (len(self.times)) // EVENTS
+        per_period = len(self.times) // (len(self.z) - 1)
         worst = [0.0] * 4
         for k in range(first, last + 1):
             part = self.zeta_error[k * per_period:(k + 1) * per_period]
@@ -54,16 +55,26 @@ class Run(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def plant(dt: float) -> tuple[SwitchedModel, Array, Array, Array]:
-    """(model, times, states, Z) of the example, sampled every dt [s]."""
+def plant(dt: float, start: tuple[float, ...] = (), events: int = EVENTS
+          ) -> tuple[SwitchedModel, Array, Array, Array]:
+    """(model, times, states, Z) of the example, sampled every dt [s]; `start` is another Z(0)."""
     model = load('example')
-    return (model, *trajectory(model, EVENTS, step=dt))
+    if start:
+        model = replace(model, start=(model.start[0], start))
+    return (model, *trajectory(model, events, step=dt))
 
 
 @lru_cache(maxsize=8)
-def example(dt: float, noise: float = 0.0, **changes: Any) -> Run:
-    """The observer on the example; `noise` is the amplitude of uniform noise on both outputs."""
-    model, times, states, z = plant(dt)
+def example(dt: float, noise: float = 0.0, start: tuple[float, ...] = (), events: int = EVENTS,
+            **changes: Any) -> Run:
+    """The observer on the example.
+
+    Parameters
+    ----------
+    noise : amplitude of uniform noise on both outputs.
+    start, events : as of `plant`.
+    """
+    model, times, states, z = plant(dt, start, events)
     functions = build(Gains(model='example', settle=0.0,
                             **{'discrete': 'inversion', **changes}), Circle(0.0))
     measured = states[:, [0, 2]]
