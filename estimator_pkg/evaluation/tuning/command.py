@@ -12,9 +12,8 @@ from typing import Any
 from estimator_pkg.bags import kinds
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.evaluation import tune_live
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
-from estimator_pkg.evaluation.tuning import output, picture
+from estimator_pkg.evaluation.tuning import live, output, picture
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
 from estimator_pkg.evaluation.tuning.seek import seek
@@ -116,7 +115,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if drawn:
         print(f'noise against delay: {drawn}')
     if parsed.apply:
-        changed = tune_live.apply(parsed.apply, output.node_values(tuned))
+        changed = live.apply(parsed.apply, output.node_values(tuned))
         print(f'set on {parsed.apply}: {", ".join(changed)}')
     for each in tuned:
         each.pop('trials')
@@ -127,7 +126,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
     """A bag of what the observer listens to, from the live graph, as a context."""
     usual = kinds.of_observer(wished.entry.observer).usual
-    return tune_live.recorded((parsed.measurement,) if parsed.measurement else usual,
+    return live.recorded((parsed.measurement,) if parsed.measurement else usual,
                               parsed.truth or TRUTH, parsed.live)
 
 
