@@ -191,20 +191,68 @@ def test_replay_is_measured_beside_rosbags():
     assert rows['peak memory, four times the length']['value'] > 0.0
 
 
-def test_reports_of_the_live_node_become_lines():
-    cost = bench_live._cost({'rate_hz': 1000.0, 'joints': 7, 'node_us_per_message': 300.0,
-                             'null_us_per_message': 150.0, 'ratio': 2.0, 'allowed': 1.5,
-                             'published': 10, 'answered': 10})
-    assert [row['ok'] for row in cost] == [None, None, False]
+def test_reports_of_the_live_nodes_become_lines():
+    cost = bench_live._cost({'rows': [
+        {'node': node, 'rate_hz': 1000.0, 'joints': 7, 'node_us_per_message': 300.0,
+         'null_us_per_message': 150.0, 'ratio': 2.0, 'allowed': 1.5, 'published': 10,
+         'answered': 10} for node in ('joint_observer', 'switched_observer')]})
+    assert [row['ok'] for row in cost] == [None, None, False, None, None, None]
     loss = bench_live._loss({'rows': [
         {'rate_hz': 1000.0, 'joints': 7, 'published': 5000, 'true_loss': 1, 'reported': 1},
         {'rate_hz': 5000.0, 'joints': 7, 'published': 5000, 'true_loss': 40, 'reported': 39}]})
     assert [(row['value'], row['ok']) for row in loss] == [(1, False), (40, None), (1, False)]
 
 
-def test_without_ros_the_live_node_is_not_run(monkeypatch):
+def test_start_and_latency_become_lines():
+    start = bench_live._start({'rows': [
+        {'node': 'null_node', 'message_s': 1.0, 'message_ratio': 1.0, 'estimate_s': 1.0,
+         'estimate_ratio': 1.0},
+        {'node': 'adaptive_observer', 'message_s': 1.5, 'message_ratio': 1.5}]})
+    by_name = {row['name']: row for row in start}
+    assert by_name['adaptive_observer: process start to first message / null node']['value'] == 1.5
+    assert by_name['adaptive_observer: process start to first estimate']['value'] is None
+    assert not any('null_node' in name and '/' in name for name in by_name)
+    late = bench_live._latency({'rows': [
+        {'node': 'joint_observer', 'median_ms': 0.3, 'median_ms_more': 0.1, 'median_ms_ratio': 1.5,
+         'late_ms': 2.0, 'late_ms_more': -1.0, 'late_ms_ratio': 0.7},
+        {'node': 'switched_observer'}]})
+    assert [row['value'] for row in late] == [0.3, 0.1, 1.5, 2.0, -1.0, 0.7, None, None]
+
+
+def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
+    pytest.importorskip('rclpy')
+    from estimator_pkg.nodes.bench import latency, start
+    taken = iter([{'message': 1.0, 'estimate': 1.0}, {'message': 2.0}] * 1
+                 + [{'message': 4.0, 'estimate': 4.0}, {'message': 4.0, 'estimate': 6.0}])
+    monkeypatch.setattr(start, 'NODES', {'joint_observer': ()})
+    monkeypatch.setattr(start, 'once', lambda name: next(taken))
+    null, node = start.measure(2)['rows']
+    assert node['message_s'] == 3.0 and node['message_ratio'] == 1.5
+    assert node['estimate_s'] == 6.0 and node['estimate_ratio'] == 1.5
+    monkeypatch.setattr(latency, 'NODES', {'joint_observer': ()})
+    answers = iter([{'answered': 10, 'median_ms': m, 'late_ms': 2 * m} for m in (1, 2, 4, 2)])
+    monkeypatch.setattr(latency, 'once', lambda name: next(answers))
+    null, node = latency.measure(2)['rows']
+    assert node['median_ms'] == 2.0 and node['median_ms_ratio'] == 1.25
+    assert node['late_ms_more'] == -1.0 and node['answered'] == 20
+
+
+@pytest.mark.slow
+def test_a_node_starts_and_answers_over_dds():
+    """As the benchmark does it; the numbers are not judged here."""
+    pytest.importorskip('rclpy')
+    from estimator_pkg.nodes.bench import latency, start
+    found = start.once('joint_observer')
+    assert 0.2 < found['message'] <= found['estimate'] < start.LONGEST
+    late = latency.once('mechanical_observer', rate=200.0, seconds=2.0)
+    assert late['answered'] > 100 and 0.0 < late['median_ms'] <= late['late_ms']
+
+
+def test_without_ros_the_live_nodes_are_not_run(monkeypatch):
     monkeypatch.setattr(bench_live.importlib.util, 'find_spec', lambda name: None)
-    assert all(row['value'] is None and row['why'] for row in bench_live.live())
+    rows = bench_live.live() + bench_live.starts(1) + bench_live.latencies(1)
+    assert len(rows) == 4
+    assert all(row['value'] is None and 'not installed' in row['why'] for row in rows)
 
 
 def test_a_program_that_fails_says_why(tmp_path, monkeypatch):
@@ -232,3 +280,8 @@ def test_wrong_use(words, capsys):
         main(['bench', *words])
     assert stop.value.code == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_part_of_the_other_group(capsys):
+    assert main(['bench', 'accuracy', '--part', 'replay']) == 2
+    assert capsys.readouterr().err == "velocity_estimator bench: accuracy has no part 'replay'\n"

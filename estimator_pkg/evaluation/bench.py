@@ -6,66 +6,80 @@ import argparse
 import os
 import platform
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from estimator_pkg.cli import Command
-from estimator_pkg.evaluation import bench_accuracy, bench_field
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation import bench_accuracy, bench_chart, bench_field
+from estimator_pkg.evaluation.bench_columns import shared
 from estimator_pkg.evaluation.bench_drive import drives
-from estimator_pkg.evaluation.bench_live import live
+from estimator_pkg.evaluation.bench_live import latencies, live, starts
+from estimator_pkg.evaluation.bench_mechanism import mechanisms
+from estimator_pkg.evaluation.bench_recordings import recorded
 from estimator_pkg.evaluation.bench_replay import MESSAGES, replays
 from estimator_pkg.evaluation.bench_update import batches, updates
+from estimator_pkg.evaluation.plot import check
 from estimator_pkg.evaluation.text import number, table
 
 SPEED, ACCURACY = 'speed', 'accuracy'
 QUICK_MESSAGES = 50_000
-PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
+ERRORS = ('rpm', 'deg')     # units of the drive's errors; the rest of its rows are costs
+SHARED, RECORDED = 'the shared set', 'the recordings'
+SPEED_PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
     'update': lambda quick, messages: updates(5 if quick else 15),
     'batch': lambda quick, messages: batches(300_000 if quick else 2_000_000, 3 if quick else 7),
+    'mechanism': lambda quick, messages: mechanisms(3 if quick else 7),
     'replay': lambda quick, messages: replays(
         messages or (QUICK_MESSAGES if quick else MESSAGES), 1 if quick else 2),
     'live': lambda quick, messages: live(),
-    'drive': lambda quick, messages: drives(3 if quick else 7),
+    'start': lambda quick, messages: starts(1 if quick else 5),
+    'latency': lambda quick, messages: latencies(1 if quick else 3),
+    'drive': lambda quick, messages: [row for row in drives(3 if quick else 7)
+                                      if row['unit'] not in ERRORS],
 }
+ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'drive')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('group', nargs='?', choices=(SPEED, ACCURACY),
                         help='which group; default: both')
-    parser.add_argument('--part', action='append', choices=tuple(PARTS), default=[],
-                        help='of speed, only this part (may be repeated)')
+    parser.add_argument('--part', action='append', default=[],
+                        choices=tuple(dict.fromkeys((*SPEED_PARTS, *ACCURACY_PARTS))),
+                        help=f'only this part (may be repeated); of speed: '
+                             f'{", ".join(SPEED_PARTS)}; of accuracy: {", ".join(ACCURACY_PARTS)}')
     parser.add_argument('--draws', type=_positive, metavar='N',
                         help='of accuracy, also N random phases and speeds per column')
-    parser.add_argument('--field', action='store_true',
-                        help='of accuracy, also ours and installed peers, each at one setting and '
-                             'at its best per column')
-    parser.add_argument('--plot', metavar='FILE', help='draw the field')
+    parser.add_argument('--bags', metavar='FOLDER', default='bags',
+                        help='of accuracy, where the recordings are (default: bags)')
+    parser.add_argument('--plot', metavar='FILE',
+                        help='draw the field, and beside it FILE with _recordings in its name')
+    parser.add_argument('--markdown', action='store_true', help='the tables of the field as such')
     parser.add_argument('--quick', action='store_true',
-                        help='fewer rounds and shorter bags: a look, not a measurement')
+                        help='a look, not a measurement: fewer rounds, shorter bags, no sweeps')
     parser.add_argument('--messages', type=_positive, metavar='N',
                         help=f'length of the replayed bag (default {MESSAGES})')
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Measures and prints group after group."""
+    """Measures and prints part after part.
+
+    Raises
+    ------
+    UsageError : a part that the group does not have.
+    """
+    if parsed.plot:
+        check(parsed.plot)
     result: dict[str, Any] = {'machine': machine()}
+    chosen = _chosen(parsed)
     print(', '.join(f'{name} {value}' for name, value in result['machine'].items()) + '\n')
-    if parsed.group in (None, ACCURACY) and not parsed.part:
-        result[ACCURACY] = bench_accuracy.run()
-        print(bench_accuracy.describe(result[ACCURACY]) + '\n')
-        if parsed.draws:
-            result['drawn'] = bench_accuracy.spread(draws=parsed.draws, fast=True)
-            print(bench_accuracy.describe_spread(result['drawn']) + '\n')
-        if parsed.field or parsed.plot:
-            result['field'] = bench_field.run()
-            print(bench_field.describe(result['field']) + '\n')
-            if parsed.plot:
-                bench_field.draw(result['field'], parsed.plot)
-                print(f'plot: {parsed.plot}')
-    if parsed.group in (None, SPEED):
+    if ACCURACY in chosen:
+        _accuracy(parsed, chosen[ACCURACY], result)
+    if SPEED in chosen:
         rows: list[dict[str, Any]] = []
-        for part in parsed.part or PARTS:
-            found = PARTS[part](parsed.quick, parsed.messages)
+        for part in chosen[SPEED]:
+            found = SPEED_PARTS[part](parsed.quick, parsed.messages)
             print(f'{part}\n{describe(found)}\n', flush=True)
             rows += [{'part': part, **row} for row in found]
         result[SPEED] = {'rows': rows, 'quick': parsed.quick}
@@ -73,6 +87,57 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         if missed:
             print('required and not reached here: ' + '; '.join(missed))
     return result
+
+
+def _chosen(parsed: argparse.Namespace) -> dict[str, list[str]]:
+    """The parts of each group that are to be run."""
+    parts = {ACCURACY: list(ACCURACY_PARTS), SPEED: list(SPEED_PARTS)}
+    if parsed.quick:
+        parts[ACCURACY] = ['defaults', 'drive']
+    found = {}
+    for group in (ACCURACY, SPEED):
+        if parsed.group in (None, group):
+            every = ACCURACY_PARTS if group == ACCURACY else tuple(SPEED_PARTS)
+            mine = [part for part in every if part in parsed.part] if parsed.part else parts[group]
+            if mine:
+                found[group] = mine
+    unknown = set(parsed.part) - {part for mine in found.values() for part in mine}
+    if unknown:
+        raise UsageError(f"{parsed.group} has no part '{min(unknown)}'")
+    return found
+
+
+def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, Any]) -> None:
+    if 'defaults' in parts:
+        result[ACCURACY] = bench_accuracy.run()
+        print(bench_accuracy.describe(result[ACCURACY]) + '\n', flush=True)
+    if parsed.draws:
+        result['drawn'] = bench_accuracy.spread(draws=parsed.draws, fast=True)
+        print(bench_accuracy.describe_spread(result['drawn']) + '\n', flush=True)
+    if 'field' in parts:
+        result['field'] = bench_field.run(shared(), label=SHARED)
+        _tell(parsed, result['field'], SHARED, parsed.plot)
+    if 'recordings' in parts:
+        beside = Path(parsed.plot) if parsed.plot else None
+        try:
+            columns, refused = recorded(Path(parsed.bags))
+        except UserError as error:
+            print(f'{RECORDED}: not run: {error} (say where they are with --bags)\n')
+        else:
+            result['recordings'] = {**bench_field.run(columns, label=RECORDED), 'refused': refused}
+            _tell(parsed, result['recordings'], RECORDED,
+                  str(beside.with_stem(f'{beside.stem}_recordings')) if beside else None)
+    if 'drive' in parts:
+        rows = [row for row in drives(1) if row['unit'] in ERRORS or row['value'] is None]
+        result['drive'] = {'rows': rows}
+        print(f'the sensorless drive beside motulator\n{describe(rows)}\n', flush=True)
+
+
+def _tell(parsed: argparse.Namespace, found: dict[str, Any], title: str, plot: str | None) -> None:
+    print(bench_field.describe(found, title, parsed.markdown) + '\n', flush=True)
+    if plot:
+        bench_chart.draw(found, plot, title)
+        print(f'plot: {plot}\n', flush=True)
 
 
 def describe(rows: list[dict[str, Any]]) -> str:

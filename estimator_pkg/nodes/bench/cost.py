@@ -14,47 +14,47 @@ from contextlib import ExitStack
 
 import psutil
 
-from estimator_pkg.nodes.bench.processes import own_domain, process, result
+from estimator_pkg.nodes.bench.processes import JOINTS, NODES, observer, own_domain, process, result
 
 ALLOWED = 1.5  # times the null node
 
 
-def measure(rate: float = 1000.0, joints: int = 7, seconds: float = 10.0,
-            observer: str = 'hybrid_angle') -> dict:
+def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float = 10.0) -> dict:
     """CPU per message [us] of both nodes, their ratio, and how many messages each answered.
 
     Parameters
     ----------
+    name : one of `NODES`.
     rate : messages per second.
     seconds : length of the measured window; the first second of the stream is not in it.
     """
     domain = own_domain()
-    chosen = ('--ros-args', '-p', f'observer:={observer}')
     with ExitStack() as stack:
-        def start(*words: str, extra: tuple[str, ...] = ()):
-            return stack.enter_context(process(*words, domain=domain, extra=extra))
+        def start(*words: str):
+            return stack.enter_context(process(*words, domain=domain))
 
-        nodes = {'node': start('node', extra=chosen), 'null': start('null')}
-        listeners = {'node': start('listen', '/joint_observer/estimate'),
+        nodes = {'node': stack.enter_context(observer(name, domain)), 'null': start('null')}
+        listeners = {'node': start('listen', f'/{name}/estimate'),
                      'null': start('listen', '/null_node/estimate')}
         time.sleep(2.0)
-        publisher = start('publish', str(rate), str(seconds + 2.0), str(joints), '2')
+        publisher = start('publish', str(rate), str(seconds + 2.0), str(JOINTS), '2')
         publisher.stdout.readline()
         time.sleep(1.0)
-        meters = {name: psutil.Process(child.pid) for name, child in nodes.items()}
-        before = {name: _cpu(meter) for name, meter in meters.items()}
+        meters = {which: psutil.Process(child.pid) for which, child in nodes.items()}
+        before = {which: _cpu(meter) for which, meter in meters.items()}
         begun = time.perf_counter()
         time.sleep(seconds)
         messages = rate * (time.perf_counter() - begun)
-        used = {name: _cpu(meter) - before[name] for name, meter in meters.items()}
+        used = {which: _cpu(meter) - before[which] for which, meter in meters.items()}
         published = result(publisher)['published']
         answered = {}
-        for name, listener in listeners.items():
+        for which, listener in listeners.items():
             listener.send_signal(2)
-            answered[name] = result(listener)['received']
-    cost = {name: 1e6 * used[name] / (messages * answered[name] / published) for name in nodes}
+            answered[which] = result(listener)['received']
+    cost = {which: 1e6 * used[which] / (messages * answered[which] / published)
+            for which in nodes}
     ratio = cost['node'] / cost['null']
-    return {'rate_hz': rate, 'joints': joints, 'observer': observer, 'published': published,
+    return {'rate_hz': rate, 'joints': JOINTS, 'node': name, 'published': published,
             'answered': answered['node'], 'null_answered': answered['null'],
             'node_us_per_message': cost['node'], 'null_us_per_message': cost['null'],
             'ratio': ratio, 'allowed': ALLOWED, 'ok': ratio <= ALLOWED}
@@ -66,4 +66,5 @@ def _cpu(meter: psutil.Process) -> float:
 
 
 if __name__ == '__main__':
-    print(json.dumps(measure(observer=(sys.argv[1:] or ['hybrid_angle'])[0]), indent=2))
+    rows = [measure(name) for name in sys.argv[1:] or NODES]
+    print(json.dumps({'rows': rows, 'ok': all(row['ok'] for row in rows)}, indent=2))

@@ -1,7 +1,9 @@
 """Processes that the node benchmarks put around a node: a publisher, a listener, a null node.
 
     python -m estimator_pkg.nodes.bench.processes publish RATE SECONDS JOINTS [SUBSCRIPTIONS]
+    python -m estimator_pkg.nodes.bench.processes feed RATE
     python -m estimator_pkg.nodes.bench.processes listen TOPIC
+    python -m estimator_pkg.nodes.bench.processes time TOPIC
     python -m estimator_pkg.nodes.bench.processes diagnose
     python -m estimator_pkg.nodes.bench.processes null
 """
@@ -22,7 +24,17 @@ from typing import Any
 from estimator_pkg.nodes.runtime import run as run_node
 from estimator_pkg.nodes.runtime import settle_environment
 
-PERIOD = 6.0  # [s] of the motion that is published
+PERIOD = 6.0    # [s] of the motion that is published
+JOINTS = 7      # in each message
+MODULE = 'estimator_pkg.nodes.{}'
+NULL = 'null_node'
+# The observer nodes that take joint states, with the parameters that they need for these joints.
+# `mechanical_observer` and `switched_observer` take one of the joints, the others all.
+NODES: dict[str, tuple[str, ...]] = {
+    'joint_observer': (),
+    'adaptive_observer': (),
+    'mechanical_observer': ('joints:=[joint_0]',),
+    'switched_observer': ('joints:=[joint_0]',)}
 
 
 @contextmanager
@@ -46,6 +58,20 @@ def process(*words: str, domain: int, extra: tuple[str, ...] = (),
         except subprocess.TimeoutExpired:
             child.kill()
             child.wait()
+
+
+@contextmanager
+def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
+    """One of `NODES`, or the null node, as a process that ends with the block."""
+    if name == NULL:
+        with process('null', domain=domain) as child:
+            yield child
+        return
+    extra = ['--ros-args'] if NODES[name] else []
+    for value in NODES[name]:
+        extra += ['-p', value]
+    with process('node', domain=domain, extra=tuple(extra), module=MODULE.format(name)) as child:
+        yield child
 
 
 def own_domain() -> int:
@@ -90,6 +116,92 @@ def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> Non
     print(json.dumps({'published': count, 'seconds': took}), flush=True)
     time.sleep(1.0)
     rclpy.shutdown()
+
+
+def feed(rate: float) -> None:
+    """JointStates with efforts at `rate`, stamped as they are sent, until SIGINT."""
+    import math
+    import threading
+
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.messages.joint_state import Encoder
+
+    def make():
+        import rclpy
+        node = rclpy.create_node('benchmark_feed')
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        encode = Encoder().encode
+        names = [f'joint_{i}' for i in range(JOINTS)]
+        turning = 2.0 * math.pi / PERIOD
+
+        def play() -> None:
+            begun, i = time.perf_counter(), 0
+            while rclpy.ok():
+                i += 1
+                wait = begun + i / rate - time.perf_counter()
+                if wait > 0.0:
+                    time.sleep(wait)
+                angle = math.sin(turning * i / rate)
+                try:
+                    publisher.publish(encode(
+                        time.time_ns(), 'base', names, [angle] * JOINTS, (),
+                        [-0.1 * turning * turning * angle] * JOINTS))
+                except Exception:  # the context ended under it
+                    if rclpy.ok():
+                        raise
+                    return
+
+        threading.Thread(target=play, daemon=True).start()
+        return node
+
+    run_node(make, [])
+
+
+def time_answers(topic: str) -> None:
+    """Says when the first message and the first estimate came; ends on SIGINT with the latencies.
+
+    A line of JSON each: {"message": ns}, {"estimate": ns} (a message with a joint in it), and at
+    the end the answers with their times from stamp to receipt [ms].
+    """
+    import statistics
+
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.messages.joint_state import Decoder
+
+    late: list[int] = []
+    said: set[str] = set()
+
+    def say(what: str, now: int) -> None:
+        said.add(what)
+        print(json.dumps({what: now}), flush=True)
+
+    def make():
+        import rclpy
+        node = rclpy.create_node('benchmark_clock')
+        layout = Decoder().layout
+
+        def take(raw: Any) -> None:  # the bytes: the subscription is raw
+            now = time.time_ns()
+            found = layout(raw)
+            late.append(now - found.stamp_ns(raw))
+            if 'estimate' not in said:
+                if 'message' not in said:
+                    say('message', now)
+                if found.names:
+                    say('estimate', now)
+
+        node.create_subscription(JointState, topic, take, 5000, raw=True)
+        print('listening', flush=True)
+        return node
+
+    run_node(make, [])
+    settled = sorted(late[len(late) // 4:])  # the connection is young before
+    print(json.dumps({'answered': len(late), **({
+        'median_ms': 1e-6 * statistics.median(settled),
+        'late_ms': 1e-6 * settled[int(0.99 * (len(settled) - 1))]} if settled else {})}),
+        flush=True)
 
 
 def listen(topic: str) -> None:
@@ -157,6 +269,10 @@ if __name__ == '__main__':
     role, *rest = sys.argv[1:]
     if role == 'publish':
         publish(float(rest[0]), float(rest[1]), int(rest[2]), int(rest[3]) if rest[3:] else 1)
+    elif role == 'feed':
+        feed(float(rest[0]))
+    elif role == 'time':
+        time_answers(rest[0])
     elif role == 'listen':
         listen(rest[0])
     elif role == 'diagnose':
