@@ -116,7 +116,7 @@ class Endpoints:
             saw(info['publication_sequence_number'])
             receive(raw, info)
 
-        callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]
+        callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
 
         def mismatch(event: Any) -> None:
             self._mismatch(holder[0].topic_name, 'publisher', 'subscription', event)

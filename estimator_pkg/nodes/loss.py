@@ -30,11 +30,12 @@ class Loss:
 
     def saw(self, sequence: int | None) -> None:
         """A message with this publication sequence number came."""
+        if not sequence:  # None or 0: this middleware has none
+            return
         try:
-            self._expected[self._expected.index(sequence)] += 1  # type: ignore[arg-type]
+            self._expected[self._expected.index(sequence)] += 1
         except ValueError:
-            if sequence:  # None or 0: this middleware has none
-                self._jump(sequence)
+            self._jump(sequence)
 
     def forget(self) -> None:
         """A publisher left: nobody can tell which number was its next."""
