@@ -20,7 +20,7 @@ COLOURS = {'GESO': '#2a9d4a', 'HGO': '#1f6fb4', 'SMO': '#d1342f', 'SMO-BL': '#d1
            'EHGO-BL': '#1f6fb4'}
 TRUTH: dict[str, Any] = {'color': '#222222', 'linewidth': 1.1, 'linestyle': (0, (5, 2)),
                          'label': 'true'}
-GREY = '#bdbdbd'
+MEASURED = '#e0912f'
 DPI = 100
 SEED = 0
 
@@ -55,8 +55,8 @@ def cart_positions() -> Figure:
     q, readings = cart.truth()[0], cart.measured(SEED)
     time = cart.DT * np.arange(cart.COUNT)
     for joint, unit in enumerate(('rad', '')):
-        axes[joint].plot(time, readings[:, joint], color=GREY, linewidth=0.7, label='measured')
-        axes[joint].plot(time, q[:, joint], color='#222222', linewidth=1.1, label='true')
+        axes[joint].plot(time, readings[:, joint], color=MEASURED, linewidth=0.5, label='measured')
+        axes[joint].plot(time, q[:, joint], color='#222222', linewidth=0.5, label='true')
         axes[joint].set_ylabel(f'$q_{joint + 1}$' + (f' [{unit}]' if unit else ''))
     axes[0].legend(frameon=False)
     axes[-1].set_xlabel('time [s]')
@@ -76,7 +76,8 @@ def cart_velocities() -> Figure:
     for joint in (0, 1):
         axes[joint].plot(time, v[:, joint], **TRUTH)
         axes[joint].set_ylabel(rf'$\dot q_{joint + 1}$')
-    axes[0].legend(frameon=False, ncols=4)
+    figure.legend(*axes[0].get_legend_handles_labels(), frameon=False, ncols=4,
+                  loc='outside lower center')
     axes[-1].set_xlabel('time [s]')
     return figure
 
@@ -90,7 +91,7 @@ def leg_errors(joint: int) -> Figure:
         error = (leg.estimate(name, readings) - v)[:, joint]
         axes[0].plot(time, error, color=COLOURS[name], linewidth=0.8, label=name)
     axes[0].set(xlabel='time [s]', ylabel='error')
-    axes[0].legend(frameon=False)
+    figure.legend(frameon=False, ncols=3, loc='outside lower center')
     return figure
 
 
