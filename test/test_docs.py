@@ -1,14 +1,12 @@
-"""The documentation: a page for every observer, tables from the declarations, layouts that hold."""
+"""The documentation: a page for every observer, and tables from the declarations."""
 
 import argparse
 import importlib.util
-import json
 import math
 import re
 import shlex
 import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -21,10 +19,7 @@ from estimator_pkg.parameters import declared
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
-LAYOUTS = ROOT / 'layouts'
 LONGER = {'edge_adaptive'}  # a derivation with sections of its own; its table is added by the hook
-TOPICS = {'/joint_states', '/ground_truth/joint_states', '/joint_observer/estimate',
-          '/joint_observer/estimate_stddev', '/joint_observer/status'}
 
 
 def observers():
@@ -191,35 +186,3 @@ def test_the_site_is_built(tmp_path):
         page = (tmp_path / 'site' / 'observers' / name / 'index.html').read_text()
         for parameter in declared(registry.find(registry.OBSERVERS, name).gains):
             assert f'<code>{parameter}</code>' in page, (name, parameter)
-
-
-def test_the_plotjuggler_layout():
-    root = ElementTree.parse(LAYOUTS / 'plotjuggler.xml').getroot()
-    assert root.tag == 'root' and root.find('tabbed_widget/Tab/Container') is not None
-    splitter = root.find('.//DockSplitter')
-    assert int(splitter.get('count')) == len(splitter.findall('DockArea'))
-    assert len(splitter.get('sizes').split(';')) == int(splitter.get('count'))
-    for curve in root.iter('curve'):
-        topic, joint, field = curve.get('name').rsplit('/', 2)
-        assert topic in TOPICS and joint == 'wheel' and field in ('position', 'velocity')
-
-
-def test_the_foxglove_layout():
-    layout = json.loads((LAYOUTS / 'foxglove.json').read_text())
-    panels = set()
-
-    def walk(node):
-        if isinstance(node, str):
-            panels.add(node)
-        else:
-            assert node['direction'] in ('row', 'column')
-            walk(node['first'])
-            walk(node['second'])
-
-    walk(layout['layout'])
-    assert panels == set(layout['configById'])
-    for config in layout['configById'].values():
-        for path in config.get('paths', []):
-            assert re.sub(r'\.(position|velocity)\[0\]$', '', path['value']) in TOPICS
-        if 'topicToRender' in config:
-            assert config['topicToRender'] in TOPICS
