@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 from adaptive_cases import excited, feed, joint, named, servo
 
+from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration, save
+from estimator_pkg.driver.adaptive_bank import load as load_file
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.observers.adaptive_evidence import FEWEST, MOST, Evidence, judge
 
 TRUE = {'b/J': 2.0, 'k/J': 5.0, 'Kv/J': 30.0}
@@ -210,3 +214,38 @@ def test_blocks_merge_and_forget():
     assert judge(Evidence(100.0), zero, zero, zero, 0.01, 9.0) is None
     whole.look(0.0, (matrix, vector, sums))
     assert not whole.blocks
+
+
+def test_saved_parameters_keep_their_deviation_and_doubt(tmp_path):
+    """Frozen on what was not trusted, a joint does not present it as good."""
+    path = str(tmp_path / 'motor.yaml')
+    for load, trusted in ((0.0, True), (50.0, False)):
+        u = excited(12000, hold=100)
+        angles, _ = servo(2.0, 5.0, 30.0, u, DT, load=load)
+        bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER, {'known': ('b1=0',),
+                                                             'wrap_period': 0.0}))
+        for k, angle in enumerate(angles.tolist()):
+            bank.take(10 ** 18 + k * 2_000_000, ('a',), (angle,), (float(u[k - 1]) if k else 0.0,))
+        assert bank.reports()['a'].trusted == trusted
+        learnt_ = {item.name: item.stddev for item in bank.reports()['a'].parameters}
+        save(path, bank)
+        frozen = AdaptiveBank(AdaptiveConfiguration(
+            OBSERVER, {'known': ('b1=0',), 'wrap_period': 0.0, 'adapt': False},
+            saved=load_file(path)))
+        for k, angle in enumerate(angles[:3000].tolist()):
+            frozen.take(10 ** 18 + k * 2_000_000, ('a',), (angle,),
+                        (float(u[k - 1]) if k else 0.0,))
+        said = frozen.reports()['a']
+        assert said.phase == 'FROZEN' and said.trusted == trusted
+        for item in said.parameters:
+            assert item.stddev == pytest.approx(learnt_[item.name])
+        if not trusted:
+            assert 'not trusted when' in said.why_not
+
+
+def test_a_file_with_gravity_needs_an_observer_with_it():
+    saved = {'a': {'order': 2, 'a': [-1.0, 0.0], 'b': [0.0, 5.0], 'gravity': -20.0}}
+    with pytest.raises(UsageError, match='have a gravity: set gravity to true'):
+        AdaptiveConfiguration(OBSERVER, {}, saved=saved)
+    gains, _ = AdaptiveConfiguration(OBSERVER, {'gravity': True}, saved=saved).for_joint('a')
+    assert gains.theta[4] == -20.0

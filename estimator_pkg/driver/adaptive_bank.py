@@ -22,7 +22,7 @@ from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive_gains import structure
-from estimator_pkg.observers.adaptive_report import Report
+from estimator_pkg.observers.adaptive_report import Origin, Report
 from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
 
 FORMAT = 1
@@ -38,7 +38,8 @@ class AdaptiveConfiguration(Configuration):
 
     Raises
     ------
-    UsageError : a wrong value, or saved parameters of another order.
+    UsageError : a wrong value, or saved parameters of another order or with parts (load, gravity)
+        that these gains lack.
     """
 
     def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
@@ -58,6 +59,10 @@ class AdaptiveConfiguration(Configuration):
         if own['order'] != gains.order:
             raise UsageError(f"saved parameters of joint '{joint}' are of order {own['order']}, "
                              f'but order is {gains.order}')
+        for word, has in (('load', gains.load), ('gravity', gains.gravity)):
+            if own.get(word, 0.0) != 0.0 and not has:
+                raise UsageError(f"saved parameters of joint '{joint}' have a {word}: "
+                                 f'set {word} to true')
         model = structure(gains).model
         theta = [a - known for a, known in zip(own['a'], model)] + list(own['b'])
         if gains.load:
@@ -65,6 +70,13 @@ class AdaptiveConfiguration(Configuration):
         if gains.gravity:
             theta.append(own.get('gravity', 0.0))
         return dataclasses.replace(gains, theta=tuple(theta)), settings
+
+    def origin(self, joint: str) -> Origin | None:
+        """What the file says of the parameters that the joint starts with; None: not from there."""
+        own = self.saved.get(joint)
+        if own is None or super().for_joint(joint)[0].theta is not None:
+            return None
+        return Origin(tuple(own.get('stddev', ())), own.get('trusted', True))
 
 
 class AdaptiveBank(Bank):
@@ -96,7 +108,10 @@ class AdaptiveBank(Bank):
         joint = self.joints.get(name)
         if joint is None and (not self.only or name in self.only):
             gains, settings = self.configuration.for_joint(name)
-            joint = self.joints[name] = AdaptiveJoint(self.configuration.observer, gains, settings)
+            made = AdaptiveJoint(self.configuration.observer, gains, settings)
+            if isinstance(self.configuration, AdaptiveConfiguration):
+                made.origin = self.configuration.origin(name)
+            joint = self.joints[name] = made
         return joint
 
     def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
@@ -236,5 +251,8 @@ def _whole(own: Any) -> bool:
     if not isinstance(a, list) or not isinstance(b, list):
         return False
     others = (own.get('load', 0.0), own.get('gravity', 0.0))
+    said = own.get('stddev', [])
+    if not isinstance(said, list) or not all(isinstance(x, float) for x in said):
+        return False
     return len(a) == len(b) == own['order'] and all(
         isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others))

@@ -11,7 +11,7 @@ from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.observers.adaptive_evidence import Evidence
 from estimator_pkg.observers.adaptive_gains import structure
-from estimator_pkg.observers.adaptive_report import Report, report
+from estimator_pkg.observers.adaptive_report import Origin, Report, report
 from estimator_pkg.observers.contract import Observer
 
 PIECE = 0.25  # of a block of evidence
@@ -27,11 +27,13 @@ class AdaptiveJoint(Joint):
     Attributes
     ----------
     evidence : see `estimator_pkg.observers.adaptive_evidence`.
+    origin : of the parameters that it starts with, where they come from a file.
     """
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
         self.evidence = Evidence(structure(gains).slowest, gains.memory)
+        self.origin: Origin | None = None
 
     def set_gains(self, gains: Any) -> None:
         """As of `Joint`."""
@@ -63,7 +65,7 @@ class AdaptiveJoint(Joint):
 
     def report(self) -> Report:
         """What was identified."""
-        return report(self.gains, self._track[6], self.mean_dt or 1e-3, self.evidence)
+        return report(self.gains, self._track[6], self.mean_dt or 1e-3, self.evidence, self.origin)
 
     def _look(self) -> None:
         state = self._track[6]

@@ -62,6 +62,15 @@ class Report(NamedTuple):
     explained: float = math.nan
 
 
+class Origin(NamedTuple):
+    """What is known of parameters that were given: standard deviations in the order of theta, and
+    whether they were trusted when they were saved.
+    """
+
+    stddev: tuple[float, ...]
+    trusted: bool
+
+
 class _Free(NamedTuple):
     """One free parameter as the plant has it: value, standard deviation, other error, scale."""
 
@@ -77,13 +86,15 @@ class _Free(NamedTuple):
         return bool(error <= SMALL * abs(self.value) or error <= LITTLE * self.scale)
 
 
-def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = None) -> Report:
+def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = None,
+           origin: Origin | None = None) -> Report:
     """What a state of the observer with these gains and this sample time [s] says.
 
     Parameters
     ----------
     evidence : what was gathered on the way (`AdaptiveJoint.evidence`); without it no parameter
         that was learnt has a standard deviation or is trusted.
+    origin : of parameters that were given; None: they are taken to be right.
     """
     made = structure(gains)
     theta = list(made.fixed)
@@ -93,15 +104,18 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
     given = adapted == 0.0 and gains.theta is not None
     verdict = None if given or evidence is None else _verdict(gains, made, theta, state, dt,
                                                               evidence)
-    covariance = _whole(made, verdict, given)
+    covariance = _whole(made, verdict, given, origin)
     sigma = np.sqrt(np.diag(covariance))
     ratios = physical(made.names, made.model)
     free = _free(made, theta, sigma, ratios, verdict)
     why_not = _doubt(gains, state, adapted, given, verdict, free)
+    if given and origin is not None and not origin.trusted:
+        why_not = 'they were not trusted when they were saved'
     # one bad parameter says nothing of another, a model that does not fit does
     believed = {own.name: own.is_known for own in free}
     fits = not why_not or (verdict is not None and _fits(verdict))
-    known = [given or i not in made.free or (fits and believed[_plant_name(name, ratios, i)])
+    known = [(given and not why_not) or i not in made.free
+             or (fits and believed[_plant_name(name, ratios, i)])
              for i, name in enumerate(made.names)]
     parameters = [Identified(name, value, float(s), _unit(name, gains.order), good)
                   for name, value, s, good in zip(made.names, theta, sigma, known)]
@@ -175,10 +189,16 @@ def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> A
     return error
 
 
-def _whole(made: Structure, verdict: Verdict | None, given: bool) -> Array:
+def _whole(made: Structure, verdict: Verdict | None, given: bool, origin: Origin | None
+           ) -> Array:
     """Covariance of all of theta; infinite variances where nothing is known."""
     covariance = np.zeros((len(made.names), len(made.names)))
-    if not given:
+    if given and origin is not None:
+        fits = len(origin.stddev) == len(made.names)
+        spread = np.array(origin.stddev) if fits else np.full(len(made.names), math.inf)
+        for place in made.free:
+            covariance[place, place] = spread[place] ** 2
+    elif not given:
         places = np.ix_(made.free, made.free)
         covariance[places] = (np.diag([math.inf] * len(made.free)) if verdict is None
                               else verdict.covariance)
