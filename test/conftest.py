@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
+
+for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):  # old and new
+    os.environ.setdefault(name, str(Path(__file__).parent / 'discovery.xml'))
 
 OVER_DDS = {'test_demo', 'test_encoder_sim', 'test_tune_live'}  # without the probe
 
