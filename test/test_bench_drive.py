@@ -82,7 +82,7 @@ def test_motulator_tracks_so_that_it_is_a_fair_peer():
 
 
 def test_the_command_shows_both_sides_and_ours_is_nowhere_worse(capsys):
-    rows = {row['name']: row for row in bench.PARTS['drive'](True, None)}
+    rows = {row['name']: row for row in bench_drive.drives(rounds=3)}
     for what in ('speed', 'angle'):
         for case in ('500 rpm', '2000 rpm', '6000 rpm', 'P1'):
             one = rows[f'{what} rms, {case}']
