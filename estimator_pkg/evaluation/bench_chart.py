@@ -6,7 +6,7 @@ import math
 import textwrap
 from typing import Any
 
-from estimator_pkg.evaluation.bench_field import milliseconds
+from estimator_pkg.evaluation.bench_field import WHOLE, milliseconds
 from estimator_pkg.evaluation.bench_ours import AHEAD, OURS, PEERS, TOLD
 from estimator_pkg.evaluation.plot import check
 
@@ -14,6 +14,7 @@ COLOURS = {OURS: '#1b6ca8', PEERS: '#c8553d', TOLD: '#3f8f5b', AHEAD: '#8a8a8a'}
 MEANING = {OURS: 'ours', PEERS: 'installed libraries, looking at no future',
            TOLD: 'told the torque too', AHEAD: 'the referee: sees the future'}
 ACROSS = 7              # panels in a row at most
+NARROW = 30.0           # times: a narrower span has ticks between the powers of ten
 LEAST = 1e-5            # [rad/s] errors below are drawn there
 WIDTH, LINE = 2.15, 0.21  # [in] of a panel, and of a line in it
 
@@ -57,8 +58,8 @@ def draw(found: dict[str, Any], path: str, title: str) -> None:
         handles.append(Line2D([], [], color='#e8e3d3', linewidth=8,
                               label='below what the reference can tell'))
     figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False, fontsize=8.5)
-    figure.suptitle(f'{title}: velocity rms error [rad/s], delay at the one setting in grey [ms]',
-                    fontsize=11)
+    figure.suptitle(f'{title}: velocity rms error [rad/s]; in grey, at the one setting, its delay '
+                    '[ms] and (how much is published)', fontsize=11)
     figure.savefig(path, dpi=110)
 
 
@@ -75,6 +76,7 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
     column = found['columns'][name]
     axis.set_xscale('log')
     shown = [LEAST]
+    here = {row['group'] for row in found['rows'] if row['one'][name]['rms'] is not None}
     for row in found['rows']:
         one, best = row['one'][name], row['best'][name]
         at, colour = places[row['name']], COLOURS[row['group']]
@@ -88,8 +90,8 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
                       markerfacecolor='white')
         if one['rms'] is not None:
             axis.plot(max(one['rms'], LEAST), at, 'o', color=colour, markersize=4.5)
-        axis.text(1.0, at, _delay(one), transform=axis.get_yaxis_transform(), fontsize=6.5,
-                  color='#777777', ha='right', va='center')
+        axis.text(1.0, at, _delay(one, row['group'] in here), color='#777777', fontsize=6.5,
+                  transform=axis.get_yaxis_transform(), ha='right', va='center')
     low = min(each for each in shown if each > LEAST) if len(shown) > 1 else LEAST
     high = max(shown)
     low = LEAST if min(shown[1:], default=LEAST) <= 3.0 * LEAST else 10.0 ** (
@@ -100,6 +102,7 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
               color='#777777', ha='right', va='center')
     if column['noise'] > 0.0:
         axis.axvspan(0.6 * low, max(column['noise'], 0.6 * low), color='#e8e3d3', zorder=-1)
+    _ticks(axis, high / low)
     axis.grid(axis='x', color='#e4e4e4', linewidth=0.6)
     axis.set_axisbelow(True)
     axis.tick_params(axis='x', labelsize=7)
@@ -111,9 +114,21 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
     axis.set_title(heading, fontsize=8)
 
 
-def _delay(cell: dict[str, Any]) -> str:
+def _ticks(axis: Any, span: float) -> None:
+    """Powers of ten; where there are too few of them, 1, 2 and 5 in plain numbers."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+    if span < NARROW:
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter(FormatStrFormatter('%g'))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _delay(cell: dict[str, Any], others: bool) -> str:
     if cell['rms'] is None:
-        return 'no estimate'
-    if cell['delay_s'] is None or not math.isfinite(cell['delay_s']):
-        return ''
-    return milliseconds(cell['delay_s'])
+        return 'no estimate' if others else ''
+    text = ''
+    if cell['delay_s'] is not None and math.isfinite(cell['delay_s']):
+        text = milliseconds(cell['delay_s'])
+    if cell['published'] < WHOLE:
+        text = f'({cell["published"]:.0%})  {text}'
+    return text
