@@ -18,13 +18,8 @@ from numpy.typing import NDArray
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanical import (
-    MechanicalFunctions,
-    MechanicalGains,
-    around,
-    model_of,
-    operating_point,
-)
+from estimator_pkg.observers.mechanical import MechanicalFunctions, around
+from estimator_pkg.observers.mechanical_parameters import MechanicalGains, model_of, operating_point
 from estimator_pkg.observers.mechanical_velocity import (
     describe_linear,
     linear_core,

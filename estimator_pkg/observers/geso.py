@@ -22,23 +22,21 @@ from estimator_pkg.models import check
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanical import (
+from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
+from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.observers.mechanical_flow import make_flow
+from estimator_pkg.observers.mechanical_gains import Tuning
+from estimator_pkg.observers.mechanical_parameters import (
     LINEAR,
     MEASUREMENT,
     PAPER,
-    MechanicalCore,
-    MechanicalFunctions,
     MechanicalGains,
-    around,
     model_of,
     natural_frequency,
     operating_point,
     spread,
     tuple_of,
 )
-from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
-from estimator_pkg.observers.mechanical_flow import make_flow
-from estimator_pkg.observers.mechanical_gains import Tuning
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanical import (
-    MechanicalFunctions,
+from estimator_pkg.observers.mechanical import MechanicalFunctions, around
+from estimator_pkg.observers.mechanical_parameters import (
     MechanicalGains,
-    around,
     model_of,
     natural_frequency,
     operating_point,

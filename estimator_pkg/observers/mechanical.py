@@ -1,4 +1,4 @@
-"""What every observer of a mechanism shares: gains, guard of the domain, status, convention.
+"""What every observer of a mechanism shares: guard of the domain, status, convention.
 
 A measurement is the tuple of all positions, the input the tuple of what drives the mechanism; it
 acted from the sample before to this one. An observer is a small core (see `MechanicalCore`);
@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.errors import UsageError
-from estimator_pkg.models.mechanics import Mechanics, load
-from estimator_pkg.observers.circle import Circle
+from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.contract import (
     COASTING,
     INITIALISING,
@@ -28,76 +26,22 @@ from estimator_pkg.observers.contract import (
 )
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_noise import NoiseGains, make_stddev
-from estimator_pkg.parameters import parameter
+from estimator_pkg.observers.mechanical_parameters import (
+    EXACT,
+    LINEAR,
+    PAPER,
+    MechanicalGains,
+    circles_of,
+    per_joint,
+)
 
 Array = NDArray[np.float64]
-
-EXACT, PAPER = 'exact', 'paper'
-LINEAR, PREVIOUS = 'linear', 'previous'
-MEASUREMENT, ESTIMATE = 'measurement', 'estimate'
 
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
 LOST_AFTER = 0.5    # s, in doubt for so long and the observer starts again
 COAST = 0.2         # s, without input or outside the domain for so long: not observable
 MEMORY = 400.0      # samples over which the innovation's power is averaged
 SETTLED = 4.0       # time constants of the slowest pole until a start has settled
-USELESS = 1e12      # rad/s or m/s: beyond it an estimate has run away
-
-
-@dataclass(frozen=True)
-class MechanicalGains:
-    """The parameters that all observers of mechanisms share."""
-
-    model: str = parameter(
-        'single_joint', unit='', structural=True,
-        choices=('single_joint', 'cart_pendulum', 'robotic_leg', 'two_links',
-                 'package.module:name'),
-        description="the mechanism; 'velocity_estimator list' shows what each takes, "
-                    'docs/own_model.md how to write one')
-    model_parameters: tuple[str, ...] = parameter(
-        (), unit='', structural=True,
-        description="the model's numbers as 'name=value', such as ['inertia=0.05', "
-                    "'damping=0.01']; 'velocity_estimator identify' finds them")
-    bandwidth_hz: float = parameter(
-        10.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
-        description='-3 dB frequency from true to estimated velocity for motion that the model '
-                    'does not foresee; lower trusts the model more. Not used where L is set',
-        equation='K/(s^2 + L s + K) at the operating point')
-    damping: float = parameter(
-        1.0, unit='', range=(0.1, 10.0), search=(0.5, 2.0),
-        description='damping ratio of the error at the operating point',
-        equation='L = 2 damping sqrt(K)')
-    operating_point: tuple[float, ...] | None = parameter(
-        None, unit='rad or m', kind=list, range=(-1e6, 1e6),
-        description='positions at which bandwidth and damping hold; unset: the middle of the '
-                    "model's range")
-    L: tuple[float, ...] | None = parameter(
-        None, unit='1/s', kind=list, range=(-1e9, 1e9), advanced=True,
-        description='gain of the position: one number, one per position, or a matrix row by row',
-        equation="qh' = vh + L (y - qh)")
-    disturbance_hz: float = parameter(
-        0.0, unit='Hz', range=(0.0, 1e4), search=(0.0, 50.0),
-        description='how fast a constant or slow force that the model does not know is found and '
-                    'taken into account; 0: not at all')
-    form: str = parameter(
-        EXACT, unit='', choices=(EXACT, PAPER), structural=True,
-        description='exact: the step is exact for the time between samples; paper: forward Euler, '
-                    'which is unstable where dt K is not well below L')
-    hold: str = parameter(
-        LINEAR, unit='', choices=(LINEAR, PREVIOUS), structural=True, advanced=True,
-        description='the measurement between samples in the exact form: linear, or held at the '
-                    'sample before (half a sample more delay)')
-    schedule: str = parameter(
-        MEASUREMENT, unit='', choices=(MEASUREMENT, ESTIMATE), structural=True,
-        description='where the model is evaluated: at the measurement, as the proof wants it, or '
-                    'at the estimated position, which is quieter with a noisy encoder')
-    noise: tuple[float, ...] | None = parameter(
-        None, unit='rad or m', kind=list, range=(1e-12, 10.0),
-        description='standard deviation of the measurement noise of each position; unset: '
-                    'estimated from the innovation')
-    quantum: tuple[float, ...] | None = parameter(
-        None, unit='rad or m', kind=list, range=(0.0, 10.0),
-        description='smallest step of each measurement; unset: not known')
 
 
 @dataclass(frozen=True)
@@ -136,7 +80,7 @@ class MechanicalCore:
     seen: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MechanicalFunctions(Functions):
     """The functions of an observer of kind 'mechanical'.
 
@@ -148,81 +92,10 @@ class MechanicalFunctions(Functions):
     why : (state, design) -> why the estimate is not published, in words, or ''.
     """
 
-    mechanics: Mechanics = None  # type: ignore[assignment]
-    core: MechanicalCore = None  # type: ignore[assignment]
-    describe: Callable[[float], dict[str, Any]] = None  # type: ignore[assignment]
-    why: Callable[[tuple, tuple], str] = None  # type: ignore[assignment]
-
-
-def model_of(gains: MechanicalGains) -> Mechanics:
-    """The checked model that the gains name; raises UserError, UsageError."""
-    return load(gains.model, gains.model_parameters)
-
-
-def circles_of(mechanics: Mechanics, circle: Any) -> tuple[Circle, ...]:
-    """One circle per position: as given, or by the model where a single one is given.
-
-    A single circle says only whether turns are counted.
-    """
-    if isinstance(circle, Circle):
-        return tuple(Circle(period, circle.unwrap) for period in mechanics.periods)
-    circles = tuple(Circle(*each) for each in circle)
-    if len(circles) != mechanics.degrees:
-        raise UsageError(f"model '{mechanics.name}' has {mechanics.degrees} positions, not "
-                         f'{len(circles)}')
-    return circles
-
-
-def spread(name: str, values: tuple[float, ...], count: int) -> Array:
-    """A gain as a matrix: one number for all, one each, or a matrix row by row.
-
-    Raises
-    ------
-    UsageError : neither 1, n nor n^2 numbers.
-    """
-    given = np.array(values, float)
-    if len(given) == 1:
-        return np.eye(count) * given[0]
-    if len(given) == count:
-        return np.diag(given)
-    if len(given) == count * count:
-        return given.reshape(count, count)
-    raise UsageError(f"parameter '{name}' has {len(given)} numbers; a mechanism of {count} "
-                     f'positions takes 1, {count} or {count * count}')
-
-
-def per_joint(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...]:
-    """One number per joint; 0 where none is given; raises UsageError."""
-    if values is None:
-        return (0.0,) * count
-    if len(values) == 1:
-        return tuple(values) * count
-    if len(values) != count:
-        raise UsageError(f"parameter '{name}' has {len(values)} numbers for {count} positions")
-    return tuple(values)
-
-
-def operating_point(gains: MechanicalGains, mechanics: Mechanics) -> Array:
-    """Where bandwidth and damping hold; raises UsageError."""
-    if gains.operating_point is None:
-        return np.array(mechanics.centre, float)
-    if len(gains.operating_point) != mechanics.degrees:
-        raise UsageError(f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
-                         f'for {mechanics.degrees} positions')
-    if not mechanics.admits(mechanics.values, gains.operating_point):
-        raise UsageError(f"model '{mechanics.name}' cannot be used at the operating point")
-    return np.array(gains.operating_point, float)
-
-
-def natural_frequency(bandwidth_hz: float, damping: float) -> float:
-    """sqrt(K) [rad/s] at which K/(s^2 + 2 damping sqrt(K) s + K) has this -3 dB frequency."""
-    shape = 1.0 - 2.0 * damping * damping
-    return 2.0 * math.pi * bandwidth_hz / math.sqrt(shape + math.sqrt(shape * shape + 1.0))
-
-
-def tuple_of(matrix: Array) -> tuple:
-    """A numpy matrix or vector as tuples of floats."""
-    return tuple(tuple(row) if isinstance(row, list) else row for row in matrix.tolist())
+    mechanics: Mechanics
+    core: MechanicalCore
+    describe: Callable[[float], dict[str, Any]]
+    why: Callable[[tuple, tuple], str]
 
 
 def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, circle: Any,

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from estimator_pkg.models import check
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers import mechanical_gains
-from estimator_pkg.observers.mechanical import (
+from estimator_pkg.observers.mechanical import MechanicalCore
+from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.observers.mechanical_flow import make_flow
+from estimator_pkg.observers.mechanical_parameters import (
     LINEAR,
     MEASUREMENT,
     PAPER,
-    MechanicalCore,
     MechanicalGains,
     tuple_of,
 )
-from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
-from estimator_pkg.observers.mechanical_flow import make_flow
 
 Array = NDArray[np.float64]
 

@@ -24,17 +24,15 @@ from numpy.typing import NDArray
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanical import (
+from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
+from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.observers.mechanical_parameters import (
     LINEAR,
     PAPER,
-    MechanicalCore,
-    MechanicalFunctions,
     MechanicalGains,
-    around,
     model_of,
     per_joint,
 )
-from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_velocity import (
     linear_matrix,
     make_acceleration,
