@@ -48,7 +48,7 @@ def section_names(path: str | Path) -> set[str]:
     ------
     UserError, UsageError : as `load`.
     """
-    return {name.rpartition('/')[2] for name, _ in _sections(path, _content(path, 'NODE'), '')}
+    return {name.rpartition('/')[2] for name, _ in _sections(path, _content(path, 'joint_observer'), '')}
 
 
 def _content(path: str | Path, node_name: str) -> Mapping:

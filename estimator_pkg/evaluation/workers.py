@@ -109,7 +109,9 @@ def _cluster(address: str) -> Iterator[Any]:
     except ImportError as error:
         raise UserError(HINT) from error
     import logging
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # its traces are not for the user
+    for name in [*logging.root.manager.loggerDict]:  # its traces are not for the user
+        if name.partition('.')[0] in ('distributed', 'tornado', 'asyncio'):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:

@@ -83,7 +83,7 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
                     points.append(_even(dimensions, offsets, number * BATCH + len(points)))
             else:
                 points += _parabola(dimensions, found, size // 2, number, seed)
-            batch = study.ask(size, points)
+            batch = study.ask(points, size - len(points))
             first = len(found.trials)
             for (trial, values), (cost, details) in zip(batch, judge([each for _, each in batch])):
                 study.tell(trial, cost)

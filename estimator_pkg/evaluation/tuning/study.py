@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ BATCH = 8
 ELSEWHERE = 0.3     # of the range, how far a gain is changed to see what it does
 
 ABOUT = 'about'
+ATTEMPTS, PAUSE = 4, 0.4     # to open a storage, [s] in between
 
 T = TypeVar('T')
 Value = float | str
@@ -95,16 +97,27 @@ class Study:
         self._failed = optuna.trial.TrialState.FAIL
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # that options are called experimental
-            sampler = optuna.samplers.TPESampler(seed=seed, multivariate=len(dimensions) > 1,
-                                                 n_startup_trials=BATCH, constant_liar=True)
-            self._study = self._guarded(lambda: optuna.create_study(
-                study_name=name, storage=storage, sampler=sampler, load_if_exists=True))
+            self._sampler = optuna.samplers.TPESampler(
+                seed=seed, multivariate=len(dimensions) > 1, n_startup_trials=BATCH,
+                constant_liar=True)
+            self._fixed = optuna.samplers.PartialFixedSampler
+            self._study = self._opened(lambda: optuna.create_study(
+                study_name=name, storage=storage, sampler=self._sampler, load_if_exists=True))
         before = self._guarded(lambda: self._study.user_attrs.get(ABOUT))
         if before is None:
             self._guarded(lambda: self._study.set_user_attr(ABOUT, about))
         elif before != about:
             raise UserError(f"the study '{name}' in '{storage}' is of other data, another observer "
                             'or other wishes: name another one with --study')
+
+    def _opened(self, call: Callable[[], T]) -> T:
+        """Processes that begin together may all be about to make the tables of the storage."""
+        for _ in range(ATTEMPTS - 1):
+            try:
+                return call()
+            except Exception:  # as below; the last attempt says what is wrong
+                time.sleep(PAUSE)
+        return self._guarded(call)
 
     def _guarded(self, call: Callable[[], T]) -> T:
         try:
@@ -129,15 +142,22 @@ class Study:
                                for each in self._dimensions}
         return self._dimensions
 
-    def ask(self, count: int, points: Sequence[Mapping[str, Value]]
+    def ask(self, points: Sequence[Mapping[str, Value]], more: int
             ) -> list[tuple[Any, dict[str, Value]]]:
-        """(trial, gains): these points first, then as many as the sampler has to suggest."""
-        def asked() -> list[Any]:
-            for point in points:
-                self._study.enqueue_trial(dict(point))
-            return [self._study.ask(self._distributions) for _ in range(count)]
+        """(trial, gains) of these points, and of so many more that the sampler suggests.
 
-        return [(trial, self._values(trial.params)) for trial in self._guarded(asked)]
+        The points are not queued in the study: another process that shares it would take them.
+        """
+        trials = []
+        for point in points:
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore')  # that it is called experimental
+                self._study.sampler = self._fixed(dict(point), self._sampler)
+            trials.append(self._guarded(lambda: self._study.ask(self._distributions)))
+        self._study.sampler = self._sampler
+        trials += self._guarded(lambda: [self._study.ask(self._distributions)
+                                         for _ in range(more)])
+        return [(trial, self._values(trial.params)) for trial in trials]
 
     def tell(self, trial: Any, cost: float) -> None:
         """What a trial came to; infinite: it failed."""
