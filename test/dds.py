@@ -6,7 +6,6 @@ Everything runs on this machine alone, in a ROS domain of this test run.
 from __future__ import annotations
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -16,8 +15,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from estimator_pkg.nodes import runtime
+from estimator_pkg.nodes.domain import free_domain
 
-DOMAIN = random.SystemRandom().randint(1, 100)
+DOMAIN = free_domain()
 os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 PATIENCE = 60.0  # [s] a condition may take; a start that compiles takes 20 on a busy machine

@@ -127,6 +127,9 @@ def test_efforts_as_an_array_of_numbers(probe):
         left = report['/adaptive_observer: left']
         assert (left['dropped.non_finite'], left['used']) == ('3', '20')
         assert dds.value(node.statuses['left'], 'input_unit') == 'N m'
+        refused = node.set(joints__right__input_scale=[1.0, 2.0])
+        assert not refused.successful and "'right': 'input_scale' has 2 numbers" in refused.reason
+        assert node.set(joints__right__input_scale=[2.0]).successful
         probe.node.destroy_publisher(efforts)
 
 

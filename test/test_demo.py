@@ -2,7 +2,6 @@
 
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -12,11 +11,12 @@ import psutil
 import pytest
 
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.nodes.domain import free_domain
 
 
 def start(tmp_path, *words):
     environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                   'ROS_DOMAIN_ID': str(random.randint(1, 100)), 'PYTHONUNBUFFERED': '1'}
+                   'ROS_DOMAIN_ID': str(free_domain()), 'PYTHONUNBUFFERED': '1'}
     return subprocess.Popen([sys.executable, '-m', 'estimator_pkg.cli', 'demo', *words],
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                             cwd=tmp_path, env=environment)

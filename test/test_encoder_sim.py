@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from std_msgs.msg import Int32
 
 from estimator_pkg.messages.cdr import Reader
 from estimator_pkg.messages.joint_state import Decoder
+from estimator_pkg.nodes.domain import free_domain
 from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.parameters import build
 from sim_pkg.encoder import SIMULATOR, EncoderParameters
@@ -77,7 +77,7 @@ class Listener:
 def graph():
     """ROS in this process, in a domain of its own."""
     with pytest.MonkeyPatch.context() as patch:
-        domain = random.SystemRandom().randint(1, 100)
+        domain = free_domain()
         patch.setenv('ROS_DOMAIN_ID', str(domain))
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         rclpy.init(domain_id=domain)

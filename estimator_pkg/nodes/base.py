@@ -161,7 +161,8 @@ class ObserverNode(Node):
     def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
         """Refuse gains that do not work, at the rates measured so far."""
         configuration = self._configuration(values, overrides)
-        self._build(configuration, '')
+        for name in ('', *overrides):  # of joints that have not appeared, too
+            self._build(configuration, name)
         for name, joint in self.bank.joints.items():
             if configuration.for_joint(name)[0] == joint.gains:
                 continue

@@ -6,7 +6,6 @@ import argparse
 import contextlib
 import math
 import os
-import random
 import time
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 from estimator_pkg.cli import Command
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.nodes.domain import free_domain
 from estimator_pkg.nodes.runtime import settle_environment
 
 COUNTS = 4096
@@ -51,7 +51,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     environment = os.environ | {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         # a domain of its own, so that two demos on one machine do not hear each other
-        'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 100))}
+        'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(free_domain())}
     os.environ.update(environment)
     folder = Path(parsed.out)
     folder.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from estimator_pkg.nodes.domain import free_domain
 from estimator_pkg.nodes.runtime import run as run_node
 from estimator_pkg.nodes.runtime import settle_environment
 
@@ -75,8 +75,8 @@ def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
 
 
 def own_domain() -> int:
-    """A ROS domain that hopefully nobody else on this machine uses."""
-    return random.SystemRandom().randint(1, 100)
+    """A ROS domain that nobody else on this machine uses."""
+    return free_domain()
 
 
 def result(child: subprocess.Popen, timeout: float = 60.0) -> dict:
