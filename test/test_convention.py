@@ -17,7 +17,8 @@ DT = 1e-3
 
 CONVENTIONS = {
     'from -pi': lambda angle: wrap(angle, TURN),
-    'from 0': lambda angle: wrap(angle - math.pi, TURN) + math.pi,
+    # once more by the turn: just below 0 is the whole turn itself, once rounded
+    'from 0': lambda angle: (wrap(angle - math.pi, TURN) + math.pi) % TURN,
     'multi-turn': lambda angle: angle,
 }
 INTERVALS = {'from -pi': (-math.pi, math.pi), 'from 0': (0.0, TURN),

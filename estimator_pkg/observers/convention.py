@@ -58,6 +58,8 @@ def present(convention: Convention, position: float, period: float, unwrap: floa
         shown = last + wrap(position - last, period)
     if unwrap > 0.0:
         return shown + turns * period
+    if low <= shown <= high:
+        return shown  # readings have been there, so it is written as they are
     slack = SLACK * period
     if low < -half - slack or high >= period + slack or (low < -slack and high >= half + slack):
         return shown  # beyond any single interval: multi-turn
