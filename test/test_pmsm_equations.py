@@ -176,14 +176,17 @@ def test_the_gates_refuse_whole_turns_per_tick():
     assert abs(solve(found)[0] - 1.0 / FLUX) > 270.0
 
 
-def test_noise_gains_solve_the_lyapunov_equation():
+@pytest.mark.parametrize('omega', [0.0, 4000.0])
+def test_noise_gains_solve_the_lyapunov_equation(omega):
     scheme = prepare_scheme(R, L, K_P, K_I, 5e-5)
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
     # state (i, h, n): the noise of the sample before is remembered
-    a = np.array([[e11, e12, ia - idd], [e21, e22, ha - hdd], [0.0, 0.0, 0.0]])
-    b = np.array([[idd], [hdd], [1.0]])
-    p = solve_discrete_lyapunov(a, b @ b.T)
-    of_h, of_innovation, of_integral = prepare_noise(R, L, K_P, K_I, scheme)
+    turn = 1j * omega
+    a = np.array([[e11, e12, ia - idd - turn * (iw - idw)],
+                  [e21, e22, ha - hdd - turn * (hw - hdw)], [0.0, 0.0, 0.0]])
+    b = np.array([[idd - turn * idw], [hdd - turn * hdw], [1.0]])
+    p = solve_discrete_lyapunov(a, b @ b.conj().T).real
+    of_h, of_innovation, of_integral = prepare_noise(L, K_P, K_I, scheme, omega)
     assert of_h == pytest.approx(p[1, 1], rel=1e-9)
     assert of_innovation == pytest.approx(p[0, 0] + 1.0 - 2.0 * p[0, 2], rel=1e-9)
     way = np.array([1.0, -K_P / K_I]) * L

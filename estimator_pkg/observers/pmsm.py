@@ -30,7 +30,7 @@ from estimator_pkg.observers.pmsm_equations import (
 )
 from estimator_pkg.observers.pmsm_gains import Gains
 from estimator_pkg.observers.pmsm_identifier import credible, empty_registers, shift, solve
-from estimator_pkg.observers.pmsm_noise import deviations
+from estimator_pkg.observers.pmsm_noise import deviations, prepare_noise
 from estimator_pkg.observers.pmsm_scheme import advance, turned_emf
 from estimator_pkg.observers.pmsm_state import (
     CORE,
@@ -268,10 +268,13 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
 
     def electrical_stddev(state: Any, coefficients: Any, design: Any
                           ) -> tuple[float, float, float]:
-        noise, watch = coefficients.noise, state[WATCH]
+        watch = state[WATCH]
         x = state[CORE][3]
+        noise = prepare_noise(design.inductance, design.k_p, design.k_i, coefficients.scheme,
+                              watch[0] * x)
+        variance = design.noise_power if design.noise_power > 0.0 else watch[4] / noise[1]
         of_angle, of_speed, of_xi = deviations(
-            watch[4] / noise[1], watch[0], x, design.k_eta, design.gamma, design.resistance,
+            variance, watch[0], x, design.k_eta, design.gamma, design.resistance,
             design.inductance, design.epsilon, design.natural, DAMPING, coefficients.scheme[0],
             noise)
         if status(watch, design) == NOT_OBSERVABLE:

@@ -10,13 +10,23 @@ from __future__ import annotations
 import math
 
 
-def covariance(e11: float, e12: float, e21: float, e22: float, b1: float, b2: float
+def power_of(number: complex) -> float:
+    """Its square, |number|^2."""
+    return number.real * number.real + number.imag * number.imag
+
+
+def together(one: complex, other: complex) -> float:
+    """Re(one other*): what the two have in common."""
+    return one.real * other.real + one.imag * other.imag
+
+
+def covariance(e11: float, e12: float, e21: float, e22: float, b1: complex, b2: complex
                ) -> tuple[float, float, float]:
-    """(P11, P12, P22) of P = E P E' + b b', by Cramer's rule."""
+    """(P11, Re P12, P22) of P = E P E' + b b*, by Cramer's rule."""
     a11, a12, a13 = 1.0 - e11 * e11, -2.0 * e11 * e12, -e12 * e12
     a21, a22, a23 = -e11 * e21, 1.0 - e11 * e22 - e12 * e21, -e12 * e22
     a31, a32, a33 = -e21 * e21, -2.0 * e21 * e22, 1.0 - e22 * e22
-    r1, r2, r3 = b1 * b1, b1 * b2, b2 * b2
+    r1, r2, r3 = power_of(b1), together(b1, b2), power_of(b2)
     m1, m2, m3 = a22 * a33 - a23 * a32, a21 * a33 - a23 * a31, a21 * a32 - a22 * a31
     total = a11 * m1 - a12 * m2 + a13 * m3
     p11 = r1 * m1 - a12 * (r2 * a33 - a23 * r3) + a13 * (r2 * a32 - a22 * r3)
@@ -25,9 +35,12 @@ def covariance(e11: float, e12: float, e21: float, e22: float, b1: float, b2: fl
     return p11 / total, p12 / total, p22 / total
 
 
-def prepare_noise(resistance: float, inductance: float, k_p: float, k_i: float, scheme: tuple
+def prepare_noise(inductance: float, k_p: float, k_i: float, scheme: tuple, omega: float
                   ) -> tuple[float, float, float]:
-    """Variances per unit variance of white noise on each current.
+    """Variances per unit variance of white noise on each current, at a frame speed `omega` [rad/s].
+
+    In the turning frame the noise is as white; what changes is how it acts (the terms -j omega of
+    the scheme), which matters where the rotor turns much within a sample.
 
     Returns
     -------
@@ -36,14 +49,15 @@ def prepare_noise(resistance: float, inductance: float, k_p: float, k_i: float, 
     """
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
     # x_k+1 = E x_k + b0 n_k + b1 n_k+1; w = x - b1 n has white drive E b1 + b0
-    c1, c2 = idd, hdd
-    b1, b2 = e11 * c1 + e12 * c2 + ia - idd, e21 * c1 + e22 * c2 + ha - hdd
+    c1, c2 = complex(idd, -omega * idw), complex(hdd, -omega * hdw)
+    b1 = e11 * c1 + e12 * c2 + complex(ia, -omega * iw) - c1
+    b2 = e21 * c1 + e22 * c2 + complex(ha, -omega * hw) - c2
     p11, p12, p22 = covariance(e11, e12, e21, e22, b1, b2)
-    of_h = p22 + c2 * c2
-    of_innovation = p11 + (1.0 - c1) * (1.0 - c1)
+    of_h = p22 + power_of(c2)
+    of_innovation = p11 + power_of(1.0 - c1)
     # integral of h = L (i - h kp/ki) + a part that changes slowly
     ratio = k_p / k_i
-    x11, x12, x22 = p11 + c1 * c1, p12 + c1 * c2, of_h
+    x11, x12, x22 = p11 + power_of(c1), p12 + together(c1, c2), of_h
     of_integral = inductance * inductance * (x11 - 2.0 * ratio * x12 + ratio * ratio * x22)
     return of_h, of_innovation, of_integral
 

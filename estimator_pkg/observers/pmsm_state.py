@@ -71,7 +71,7 @@ class Design(NamedTuple):
 class Coefficients(NamedTuple):
     """What the sample time implies.
 
-    scheme, noise : of `pmsm_scheme` and `pmsm_noise`.
+    scheme, noise : of `pmsm_scheme` and `pmsm_noise`, the latter at rest.
     watching : limits of `pmsm_watch.look`.
     window : how long the turning is watched before locking on [s].
     low_pass : transition of (speed output - speed, its slope) over one sample, row by row.
@@ -126,7 +126,7 @@ def design_of(gains: Gains, circle: Circle) -> Design:
 def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coefficients:
     """The coefficients for a sample time of `dt` [s]; `when_blind`: see `pmsm_watch.look`."""
     scheme = prepare_scheme(design.resistance, design.inductance, design.k_p, design.k_i, dt)
-    noise = prepare_noise(design.resistance, design.inductance, design.k_p, design.k_i, scheme)
+    noise = prepare_noise(design.inductance, design.k_p, design.k_i, scheme, 0.0)
     fast = max(FAST, 5.0 * design.epsilon)
     slow = max(SLOW, 5.0 * fast)
     weights = (low_pass_weight(1.0 / fast, dt), low_pass_weight(1.0 / slow, dt),
