@@ -86,6 +86,9 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         for key in ('poles', 'slowest_pole_over_range', 'guaranteed_rate', 'dt_K_below_L'):
             assert dds.value(entry, key)
         assert not node.set(bandwidth_hz=-3.0).successful
+        assert "mechanism 'leg'" in node.set(joints__leg__bandwidth_hz=3.0).reason
+        assert "'arm': 'input_scale' has 2 numbers" in node.set(
+            joints__arm__input_scale=[1.0, 2.0]).reason
         assert node.set(bandwidth_hz=25.0).successful
         probe.until(lambda: float(dds.value(node.statuses['lab'], 'K').split(', ')[0]) > 1.5 * K)
         probe.node.destroy_publisher(command)

@@ -244,16 +244,20 @@ class MechanismBank:
             self.joints[name] = made
         if not self.joints:
             raise UsageError("parameter 'mechanisms' names no mechanism")
-        for name in configuration.overrides:
-            if name not in self.joints:
-                raise UsageError(f"parameters are given for a mechanism '{name}': "
-                                 f'{suggestion(name, self.joints)}')
+        self.check_names(configuration)
         self.orders = (  # names that numbers of an effort_command without names stand for
             tuple(name for each in self.joints.values() for name in each.names),
             tuple(name for each in self.joints.values() for name in each.actuated))
         self.only: frozenset[str] = frozenset()
         self.mismatched = 0
         self.empty = 0
+
+    def check_names(self, configuration: MechanismConfiguration) -> None:
+        """Raises UsageError if something is set for a mechanism that there is not."""
+        for name in configuration.overrides:
+            if name not in self.joints:
+                raise UsageError(f"parameters are given for a mechanism '{name}': "
+                                 f'{suggestion(name, self.joints)}')
 
     def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
                efforts: Sequence[float]) -> list[Estimate]:

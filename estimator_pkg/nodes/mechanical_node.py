@@ -66,6 +66,7 @@ class MechanicalObserver(DrivenNode):
     def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
         """Refuse gains that do not work, at the rates measured so far."""
         configuration = self._configuration(values, overrides)
+        self.bank.check_names(configuration)
         for name, mechanism in self.bank.joints.items():
             gains, settings = configuration.for_joint(name)
             fresh = Mechanism(name, self._observer, gains, settings, self.settings.input)
