@@ -115,6 +115,15 @@ def test_in_a_browser_without_network(page):
         assert len(linked) == 1, after[:4]
         (low, high), = linked
         assert high - low < 0.5 * (before[1][2] - before[1][1])
+        line = f'''const x = {plots}[1].model.renderers
+            .find(each => each.name == "hybrid_angle").data_source.data.x;
+            return [x[0], x[x.length - 1], x.length];'''
+        until = time.monotonic() + 10.0
+        while driver.execute_script(line)[1] > high + 0.1 and time.monotonic() < until:
+            time.sleep(0.1)
+        first, last, count = driver.execute_script(line)  # of the part looked at, many points
+        assert low - 0.1 < first < low + 0.1 and high - 0.1 < last < high + 0.1
+        assert 800 < count <= 3 * 1600
         assert after[9:] == before[9:]  # the other bag stays as it was
         assert after[4] == before[4]    # so does the look at the worst moment
         driver.execute_script(f'''const legend = {plots}[1].model.above

@@ -35,6 +35,7 @@ QUIETEST = 0.1      # the noise is that of the quietest tenth of the record, whi
 CHANCE = 1.38       # white noise is lower by this over root n (1.28 standard deviations of the rms
                     # of third differences, which are correlated)
 SHORTEST_BLOCK = 20
+MANY_BLOCKS = 20
 ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
 CLEARLY = 2.0       # the smoother reads the same sensor as the observers: so many times its own
 
@@ -83,7 +84,9 @@ def noise(time: Array, velocity: Array) -> float:
         return np.nan
     step = float(np.median(np.diff(time)))
     size = int(max(0.2 / step, SHORTEST_BLOCK))
-    starts = range(0, max(1, len(velocity) - size - 2), size)
+    last = max(1, len(velocity) - size - 2)
+    # in a short record, blocks that overlap: a quiet stretch may lie across two
+    starts = range(0, last, size if last >= MANY_BLOCKS * size else max(1, size // 4))
     powers = [noise_power(velocity[i:i + size + 3]) for i in starts]
     low = 1.0 - CHANCE / np.sqrt(size) if len(powers) > 1 else 1.0
     return float(np.sqrt(np.quantile(powers, QUIETEST)) / low)

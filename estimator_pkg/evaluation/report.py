@@ -20,8 +20,8 @@ from estimator_pkg.evaluation.full_data import FullData
 from estimator_pkg.evaluation.text import fixed, number
 
 HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
-POINTS_OF_A_PAGE = 160_000  # of all lines over time: a browser still draws them at once,
-POINTS = (600, 16000)       # and fewest and most of one line
+POINTS_OF_A_PAGE = 240_000  # of all lines over time: so many make a few megabytes,
+POINTS = (600, 40000)       # and fewest and most of one line
 LINES = 3                   # per estimate: velocity, error, band
 
 STYLE = """
@@ -173,7 +173,8 @@ class Report:
                 f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
                 f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
                 f'{__version__}. Every sample that was compared is in {self.data.name} beside this '
-                f'page (numpy.load); the plots show the extremes of each stretch.</p>\n{script}\n'
+                f'page (numpy.load); the plots show the extremes of each stretch, and more of '
+                f'them the closer one looks.</p>\n{script}\n'
                 '</body></html>\n')
         beside = self.path.with_name(f'.{self.path.name}.part')
         beside.write_text(page, encoding='utf-8')

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.comparison import BAND, Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement
+from estimator_pkg.evaluation.report_zoom import zoomed
 from estimator_pkg.evaluation.spectrum import by_speed, density, normalised
 from estimator_pkg.evaluation.thinning import broken, changes, extremes, limits
 from estimator_pkg.observers.contract import STATUS_NAMES
@@ -19,11 +20,13 @@ COLOURS = ('#1f77b4', '#d62728', '#2ca02c', '#9467bd', '#ff7f0e', '#17becf', '#8
            '#7f7f7f', '#bcbd22')
 DASHES = ('solid', 'dashed', 'dotted')  # for more estimates than there are colours
 INK = '#222222'
+TRUE = '#a7a7a7'
 HIGH, LOW = 260, 150
 COLUMNS = 3             # of the legend
 LEFT = 78               # room for the axes, so that frames stand above each other
 HOLES_MARKED = 200
 TOOLS = 'box_zoom,pan,xwheel_zoom,reset,save'
+DRAWN = 1600            # points of a line at a time
 AROUND = 400            # samples on either side of the worst error
 
 
@@ -63,8 +66,8 @@ def around_the_worst(rows: Sequence[Row]) -> Any:
     parts = [(row, style, slice(*np.searchsorted(row.time, window)))
              for row, style in _lookup(rows)]
     here = slice(*np.searchsorted(best.time, window))
-    _line(shown, best.time[here], best.truth[here], np.arange(here.stop - here.start), color=INK,
-          line_width=3, alpha=0.4, name='reference')
+    _line(shown, best.time[here], best.truth[here], np.arange(here.stop - here.start), color=TRUE,
+          line_width=3, name='reference')
     outer = limits([best.truth[here], *(row.estimate[part] for row, _, part in parts)])
     for row, style, part in parts:
         time, estimate = row.time[part], row.estimate[part]
@@ -144,8 +147,18 @@ def _legend(figure: Any) -> Any:
 
 def _line(figure: Any, time: NDArray, values: NDArray, chosen: NDArray[np.int64],
           **style: Any) -> None:
+    """A line; if it has many points, a zoom chooses anew which of them are drawn."""
+    from bokeh.models import ColumnDataSource
     at, drawn = broken(time, values, chosen)
-    figure.line(at, _short(drawn), **style)
+    whole = ColumnDataSource({'x': at, 'y': _short(drawn)})
+    if len(at) <= DRAWN:
+        figure.line('x', 'y', source=whole, **style)
+        return
+    few = extremes(drawn, DRAWN)
+    style['line_width'] = 1  # browsers draw hairlines many times faster than anything wider
+    shown = ColumnDataSource({'x': at[few], 'y': _short(drawn[few])})
+    figure.line('x', 'y', source=shown, **style)
+    zoomed(figure.x_range, whole, shown, DRAWN)
 
 
 def _lookup(rows: Sequence[Row]) -> list[tuple[Row, dict[str, Any]]]:
@@ -182,15 +195,16 @@ def _angle(comparison: Comparison, joint: str, points: int, shared: Any) -> Any:
 def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
     shown = _figure('velocity against the reference [rad/s]', HIGH, x_range=shared)
     chosen = extremes(rows[0].truth, points)
-    _line(shown, rows[0].time, rows[0].truth, chosen, color=INK, line_width=3, alpha=0.4,
+    _line(shown, rows[0].time, rows[0].truth, chosen, color=TRUE, line_width=3,
           legend_label='reference', name='reference')
     outer = limits([rows[0].truth, *(row.estimate for row in rows)])
     for row, style in _lookup(rows):
         chosen = extremes(row.estimate, points)
         time, estimate = row.time[chosen], row.estimate[chosen]
         if len(rows) == 1 and np.isfinite(row.stddev).any():
-            band = BAND * row.stddev[chosen]
-            shown.varea(time, _short(estimate - band), _short(estimate + band),
+            few = extremes(row.estimate, DRAWN)
+            middle, band = row.estimate[few], BAND * row.stddev[few]
+            shown.varea(row.time[few], _short(middle - band), _short(middle + band),
                         color=style['color'], alpha=0.25, legend_label='95 % band',
                         name='95 % band')
         _line(shown, row.time, row.estimate, chosen, line_width=1.2, legend_label=row.source,
@@ -211,8 +225,10 @@ def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
         chosen = extremes(error, points)
         time = row.time[chosen]
         if np.isfinite(row.stddev).any():
-            band = _short(BAND * row.stddev[chosen])
-            shown.varea(time, -band, band, color=style['color'], alpha=0.15, name=row.source)
+            few = extremes(error, DRAWN)
+            band = _short(BAND * row.stddev[few])
+            shown.varea(row.time[few], -band, band, color=style['color'], alpha=0.15,
+                        name=row.source)
         _line(shown, row.time, error, chosen, line_width=1, **style)
         _mark_outside(shown, outer, time, error[chosen], style)
     return shown
