@@ -55,6 +55,7 @@ LOOK = 20          # samples between two looks at excitation and trust
 DOUBT = 9.0        # the innovation's power may be so many times that of the noise, ...
 CLOSE = 1e-4       # ... or so large a part of the motion's
 SHORTEST = 0.5     # time over which both are averaged, at least [s]
+FRESH = 10.0       # so many times faster they are averaged in the beginning
 SURPRISE = 25.0    # a square counts at most so many times the usual one
 
 
@@ -66,7 +67,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
     theta, free ones; information matrix; P of least squares; convention; scatter; (y [rad], time
     since the start [s], mean square of the innovation [rad^2], of the velocity, time spent
     adapting [s], for how long nothing is learnt [s], usual square of the innovation while
-    learning, the innovation and the acceleration, both low-passed); (phase, trusted, samples since
+    learning, the innovation and the acceleration, both low-passed, mean square of the first
+    [rad^2]); (phase, trusted, samples since
     the last look); evidence, see `adaptive_evidence`.
 
     Raises
@@ -144,7 +146,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         if is_paper:
             z = paper_start(theta, design, measurement, 0.0)
         return (inner, z, theta, empty, start_p, begin(measurement), begin_scatter(measurement),
-                (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (INIT, 0, 0), nothing)
+                (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (INIT, 0, 0), nothing)
 
     def pause(held: float, usual: float, e: float, psi_y: tuple, adapted: float, design: tuple,
               weight: float) -> tuple[float, float]:
@@ -168,7 +170,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
         ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
-         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend),
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
          (phase, trusted, tick), evidence) = state
         f, g0, g1, h, weight, slow_weight, keep, forget, low_pass = coefficients
         period = design[12][0]
@@ -221,7 +223,11 @@ def build(gains: Gains, circle: Circle) -> Functions:
                     if is_paper:  # the last term of (13), which must end with the law
                         of_y, of_u, load, gravity = all_parts(add_m(theta, -1.0, was), none_known)
                         z = add(z, 1.0, moved_by(before, of_y, of_u, load, gravity, design))
-            power += (e * e - power) * weight
+            recent = weight
+            if age < design[10][0] + 2.0 * design[10][1]:  # while theta is on its way
+                recent = FRESH * weight if FRESH * weight < 1.0 else 1.0
+            power += (e * e - power) * recent
+            slow_power += (slow_e * slow_e - slow_power) * recent
         if tick >= LOOK:
             tick = 0
             if phase != INIT:
@@ -237,7 +243,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p,
                 follow(convention, measurement, period),
                 follow_scatter(scatter, measurement, h, period),
-                (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend),
+                (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
                 (phase, trusted, tick), evidence)
 
     def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
@@ -255,22 +261,30 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return present(state[5], x1, design[12][0], design[12][1]), speed, math.nan, status
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
-        h = coefficients[3]
+        """Of white noise through the filters, and of what the model lacks: a slow innovation e
+        goes with an error of the velocity of (a1 - o1) e, o1 and a1 being the first entries of
+        A_c - K C and A.
+        """
+        h, low_pass = coefficients[3], coefficients[8]
         of_y = parts(state[2], design)[0]
         injected = add(design[3], 1.0, of_y)
         first = design[2][0] + of_y[0] - design[0][0]
         to_speed = add(times(design[0], injected), first, injected)
-        of_position = dot(injected, apply(design[9], injected))
-        of_speed = dot(to_speed, apply(design[9], to_speed))
+        of_position = h * dot(injected, apply(design[9], injected))
+        of_speed = h * dot(to_speed, apply(design[9], to_speed))
         power = variance(state[6], design)
-        seen = state[7][2] / (1.0 + h * of_position)  # the innovation may show more than noise
+        seen = (state[7][2] - state[7][9]) / (1.0 + of_position)  # it may show more than is known
         if seen > power:
             power = seen
-        return math.sqrt(h * of_position * power), math.sqrt(h * of_speed * power)
+        slow = state[7][9] - power * (1.0 + of_position) * low_pass / (2.0 - low_pass)
+        if slow < 0.0:
+            slow = 0.0
+        return (math.sqrt(of_position * power + slow),
+                math.sqrt(of_speed * power + first * first * slow))
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         (inner, z, theta, information, p, convention, scatter,
-         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend), flags,
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power), flags,
          evidence) = state
         y += wrap(measurement - convention[0], design[12][0])
         speed = states(inner, z, theta, design)[2]
@@ -279,7 +293,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             z = paper_start(theta, design, y, speed)
         return (inner, z, theta, information, p, follow(convention, measurement, design[12][0]),
                 resume_scatter(scatter, measurement),
-                (y, 0.0, power, speed_power, adapted, held, usual, 0.0, 0.0),
+                (y, 0.0, power, speed_power, adapted, held, usual, 0.0, 0.0, slow_power),
                 (INIT, flags[1], 0), evidence)
 
     def limits(dt: float) -> str | None:

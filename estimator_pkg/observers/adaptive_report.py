@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from estimator_pkg.observers.adaptive_evidence import Evidence, Verdict, judge
 from estimator_pkg.observers.adaptive_gains import PAPER, Gains, Structure, physical, structure
 from estimator_pkg.observers.adaptive_law import ADAPTING, HELD, PHASES, REASONS
 from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import Functions
 
 Array = NDArray[np.float64]
 
@@ -134,7 +136,7 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
 
 def excitation(gains: Gains, state: tuple, dt: float) -> float:
     """The number that opens the gate; see `Report`."""
-    design = build(gains, Circle(0.0)).design()
+    design = _made(gains)[1]
     information, floor = np.array(state[3]), np.array(design[8])
     scale, threshold = 1.0, gains.excitation
     if gains.gate != 'gamma':
@@ -146,6 +148,13 @@ def excitation(gains: Gains, state: tuple, dt: float) -> float:
     return threshold / most if most > 0.0 else 0.0
 
 
+@lru_cache(maxsize=32)
+def _made(gains: Gains) -> tuple[Functions, tuple]:
+    """The observer's functions and design; a report is made ten times a second."""
+    functions = build(gains, Circle(0.0))
+    return functions, functions.design()
+
+
 def _noise(state: tuple, design: tuple) -> float:
     """Variance of the reading's noise [rad^2]."""
     return float(design[13][0] or max(state[6][0], design[13][1]))
@@ -154,8 +163,8 @@ def _noise(state: tuple, design: tuple) -> float:
 def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float,
              evidence: Evidence) -> Verdict | None:
     """The evidence, with what noise in the filtered angle and the sampling do to the parameters."""
-    functions, n = build(gains, Circle(0.0)), gains.order
-    design = functions.design()
+    functions, design = _made(gains)
+    n = gains.order
     weights, noise = np.array(design[9]), _noise(state, design)
     injected = np.array(design[3]) + theta[:n]
     bias = np.zeros(len(made.names))
