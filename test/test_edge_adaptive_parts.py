@@ -10,7 +10,7 @@ from estimator_pkg.observers import edge_bandwidth, edge_sensor
 from estimator_pkg.observers.edge_interval import HELD, INTERVAL, NOTHING, interval, within
 
 Q = 1.0
-LAWS = (0.3, 0.3, 0.22, 3.0, 9.0)
+LAWS = (0.3, 0.3, 0.22, 3.0, 9.0, 32.0)
 COVARIANCE = (1e-4, 1e-3, 5e-3, 0.04, 0.3, 5.0)
 
 
@@ -69,8 +69,7 @@ def follow(innovations, gain=0.1, laws=LAWS):
     band = edge_bandwidth.begin_band(1.0)
     dates = []
     for z in innovations:
-        band = band[:5] + (band[5] + 1e-3, band[6] + 1e-3)
-        band, _, date, _ = edge_bandwidth.follow_band(band, z, gain, 1e-30, laws)
+        band, _, date, _ = edge_bandwidth.follow_band(band, z, gain, 1e-3, 1e-30, laws)
         if date > 0.0:
             dates.append(date)
     return math.log(band[0]), dates
@@ -150,9 +149,48 @@ def test_quantisation_is_never_taken_for_noise():
 
 
 def test_noise_follows_its_score_within_blur_and_scatter():
-    sensor = (0.01, 1e-6, 4e-6, 0.0, 0.0, 1e-3, 0.01, 0.0)
-    assert edge_sensor.follow_noise(sensor, 32.0, 32.0, 0.03)[1] == pytest.approx(1e-6 * math.e)
-    assert edge_sensor.follow_noise(sensor, 1e9, 32.0, 0.03)[1] == pytest.approx(1e-6 * math.e)
-    near = (0.01, 3e-6, *sensor[2:])
-    assert edge_sensor.follow_noise(near, 1e9, 32.0, 0.03)[1] == 4e-6
-    assert edge_sensor.follow_noise(sensor, -1e3, 32.0, 0.03)[1] == pytest.approx(9e-8)
+    def after(noise, excess):
+        return edge_sensor.follow_noise(noise, excess, 4e-6, 0.01, 32.0, 0.03)
+
+    assert after(1e-6, 16.0) == pytest.approx(1.5e-6)
+    assert after(1e-6, 32.0) == pytest.approx(2e-6)
+    assert after(1e-6, 1e9) == pytest.approx(2e-6)
+    assert after(3e-6, 1e9) == 4e-6
+    assert after(1e-6, -1e3) == pytest.approx(9e-8)
+
+
+def test_no_constant_speed_looks_like_a_vibration():
+    """However the speed beats with the sampling, and at creep, from any phase."""
+    quantum = 0.01
+    for counts in (*np.linspace(0.003, 1.0, 41), 1.2, 2.0 / 3.0, 7.334, 130.67):
+        for phase in (0.0, 0.37):
+            angles = np.floor(counts * np.arange(300) + phase) * quantum
+            for count in (20, 100, 300):
+                assert edge_sensor.vibration(sensed(angles[:count], quantum=quantum)[0]) == 0.0
+
+
+def test_noise_is_no_vibration():
+    random = np.random.default_rng(8)
+    for _ in range(30):
+        sensor, _ = sensed(0.05 * random.normal(size=200), quantum=1e-3)
+        assert edge_sensor.vibration(sensor) == 0.0
+
+
+@pytest.mark.parametrize('period', [5.0, 7.0, 12.0])
+def test_a_vibration_is_measured_by_its_third_differences(period):
+    quantum, amplitude = 1e-6, 0.02
+    angles = amplitude * np.sin(2.0 * math.pi * np.arange(600) / period)
+    angles = np.round(angles / quantum) * quantum
+    found = np.mean([edge_sensor.vibration(sensed(angles[:count], quantum=quantum)[0])
+                     for count in range(540, 600)])
+    third = np.mean(np.diff(angles, 3) ** 2)
+    share = (3.0 + 8.0 * math.cos(2.0 * math.pi / period)) / 11.0
+    whole = 20.0 * share * third / 1e-3 ** 5
+    assert 0.75 * whole < found < whole   # what is taken for noise is taken off
+
+
+def test_the_size_of_the_innovations_is_remembered():
+    band = edge_bandwidth.begin_band(1.0)
+    for z in 2.0 * np.random.default_rng(3).choice([-1.0, 1.0], size=300):
+        band = edge_bandwidth.follow_band(band, z, 0.1, 1e-3, 1e-30, LAWS)[0]
+    assert band[7] == pytest.approx(4.0, rel=0.01)

@@ -35,8 +35,8 @@ from estimator_pkg.progress import progress
 Array = NDArray[np.float64]
 ENTRY = Entry('edge_adaptive', 'edge_adaptive')
 KALMAN = Entry('kalman acceleration', 'kalman')
-CONSTANTS = ('RATE', 'SLACK', 'SHARE', 'SIGMAS', 'ALARM', 'BLUR', 'GRAIN', 'LONGEST', 'FADE',
-             'MEMORY', 'STRAY', 'CONFIRMED')
+CONSTANTS = ('RATE', 'SLACK', 'SHARE', 'SIGMAS', 'ALARM', 'BLUR', 'LONGEST', 'FADE',
+             'MEMORY', 'STRAY', 'CONFIRMED', 'CALM')
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 COLUMNS = ('slow', 'sine', 'trapezoid', 'reversal', 'noise', 'beat', 'fast beat', '100 Hz')
 DRAWS = 4

@@ -41,6 +41,8 @@ from estimator_pkg.observers.edge_sensor import (
     follow_sensor,
     follow_steps,
     quantum_of,
+    tells_quantum,
+    vibration,
 )
 from estimator_pkg.parameters import parameter
 
@@ -50,13 +52,13 @@ SLACK = {'smooth': 0.6, 'balanced': 0.3, 'fast': 0.0}   # of that product
 SHARE = 0.2       # memory of the slow law's low-pass, over the filter's
 SIGMAS = 3.0      # slack of the cumulative sums; prediction this far outside its cell is held
 ALARM = 12.0      # of the cumulative sums: four samples of twice the slack
-BLUR = 0.03       # quanta: no edge is known better
-GRAIN = 0.07      # part of an interval that counts as noise: its ends come again, beat by beat
+BLUR = 0.04       # quanta: no edge is known better; part of an interval that counts as noise
 LONGEST = 2.0     # [s] longest memory; the start's too
 FADE = 0.3        # [s] memory of the acceleration
-MEMORY = 32.0     # samples: memory of the noise
-STRAY = 4.0       # quanta: beyond them one sample alone is never believed
+MEMORY = 32.0     # samples: memory of the noise, and of the innovations' size
+STRAY = 2.0       # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
+CALM = 0.55       # of its variance the speed keeps at least, however small the innovations are
 
 SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
 VAGUE = 100.0     # the same in quanta, where there is no turn
@@ -79,27 +81,31 @@ class Gains:
 
 
 def prepare(design: tuple, dt: float) -> tuple:
-    """(dt, dt^2/2, what white jerk of density 1 adds within dt, part of the acceleration kept)."""
+    """What depends on dt alone: (dt, dt^2/2, part of the acceleration kept, q11, q01, q00).
+
+    q : what white jerk of density 1 adds within dt to that element of the covariance. q02 is half
+        of q11, q12 is dt^2/2, q22 is dt.
+    """
     square = dt * dt
-    kept = FADE / (FADE + dt)
-    return (dt, 0.5 * square, square * square * dt / 20.0, square * square / 8.0,
-            square * dt / 6.0 * kept, square * dt / 3.0, 0.5 * square * kept, dt * kept * kept,
-            kept)
+    cube = square * dt
+    return (dt, 0.5 * square, FADE / (FADE + dt), cube / 3.0, 0.125 * cube * dt,
+            0.05 * cube * square)
 
 
 def predicted(p: tuple, density: float, coefficients: tuple) -> tuple:
     """The covariance one sample later."""
     p00, p01, p02, p11, p12, p22 = p
-    dt, half, q00, q01, q02, q11, q12, q22, kept = coefficients
+    dt, half, kept, q11, q01, q00 = coefficients
     r12 = p12 + dt * p22
     r02 = p02 + dt * p12 + half * p22
     r01 = p01 + dt * p11 + half * p12
-    return (p00 + dt * p01 + half * p02 + dt * r01 + half * r02 + density * q00,
+    shaken = density * q11
+    return (p00 + dt * (p01 + r01) + half * (p02 + r02) + density * q00,
             r01 + dt * r02 + density * q01,
-            kept * r02 + density * q02,
-            p11 + dt * (p12 + r12) + density * q11,
-            kept * r12 + density * q12,
-            kept * kept * p22 + density * q22)
+            kept * r02 + 0.5 * shaken,
+            p11 + dt * (p12 + r12) + shaken,
+            kept * r12 + density * half,
+            kept * kept * p22 + density * dt)
 
 
 def corrected(p: tuple, s: float, known: float) -> tuple:
@@ -120,14 +126,15 @@ def build(gains: Gains, circle: Circle) -> Functions:
     """
     def design() -> tuple:
         outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
-        laws = Laws(RATE, SLACK[gains.prefer], SHARE, SIGMAS, ALARM)
+        laws = Laws(RATE, SLACK[gains.prefer], SHARE, SIGMAS, ALARM, MEMORY)
         return (float(circle.period), float(circle.unwrap), float(gains.quantum), outside,
-                (laws.rate, laws.slack, laws.share, laws.sigmas, laws.alarm))
+                (laws.rate, laws.slack, laws.share, laws.sigmas, laws.alarm,
+                 laws.memory))
 
     def init(measurement: float, design: tuple) -> tuple:
         quantum = design[2]
         floor = quantum * quantum / 12.0
-        return ((measurement, 0.0, 0.0), (floor, 0.0, 0.0, 0.0, 0.0, 0.0), begin_band(0.0),
+        return ((measurement, 0.0, 0.0, 0.0), (floor, 0.0, 0.0, 0.0, 0.0, 0.0), begin_band(0.0),
                 begin_sensor(quantum, BLUR), FIRST_STEPS, begin(measurement),
                 (INITIALISING, 1.0, 0.0))
 
@@ -144,7 +151,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         floor = quantum * quantum / 12.0 + noise
         bend = max(VAGUE * quantum, SWERVE * 0.5 * period)
         bend *= bend / 3.0
-        return ((measurement, change * rate, 0.0),
+        return ((measurement, change * rate, 0.0, 0.0),
                 (floor, floor * rate, 0.0, (2.0 * floor + 0.25 * bend) * rate * rate,
                  0.5 * bend * rate * rate * rate, bend * rate * rate * rate * rate),
                 begin_band(quantum * quantum / LONGEST ** 5))
@@ -158,7 +165,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
         quantum = sensor[0]
-        if change != 0.0:
+        if change != 0.0 and tells_quantum(steps, change, sensor[6], quantum):
             size = abs(measurement) + abs(convention[0])
             steps = follow_steps(steps, change, sensor[6], sensor[7], size, design[2])
             quantum = quantum_of(steps, design[2])
@@ -175,28 +182,31 @@ def build(gains: Gains, circle: Circle) -> Functions:
             return (motion, p, band, sensor, steps, convention,
                     (TRACKING if count + 1.0 >= CONFIRMED and quantum == 0.0 else status,
                      count + 1.0, astray))
-        x, v, a = motion
+        x, v, a, idle = motion
         moved = v * dt + a * coefficients[1]
         off = measurement - x - moved
         if off + off >= period or off + off < -period:
             off = wrap(off, period)
         v += a * dt
-        a *= coefficients[8]
+        a *= coefficients[2]
         p = predicted(p, band[0], coefficients)
-        band = (band[0], band[1], band[2], band[3], band[4], band[5] + dt, band[6] + dt)
+        idle += dt
         if off > design[3] or off < -design[3]:
             # an eighth of a turn off: no reading of this shaft, or not of this speed
             astray += dt
             if astray > LOST_AFTER:
                 return again(measurement, design, sensor, steps, convention)
-            return ((measurement - off, v, a), p, band, sensor, steps, convention,
+            return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
                     (COASTING if status != INITIALISING else status, 0.0, astray))
-        noise = sensor[1]
-        edges = math.sqrt(noise)
-        hold = SIGMAS * edges
-        kind, centre, half = interval(off, change - moved, quantum, p[0], edges, hold)
+        noise, ahead, half = sensor[1], change - moved, 0.5 * quantum
+        kind, centre, edges = NOTHING, 0.0, 0.0
+        # of most readings it is plain that they tell nothing: no edge, and none was expected
+        if (ahead > half or ahead < -half or off > half or off < -half
+                or 12.0 * p[0] > quantum * quantum):
+            edges = math.sqrt(noise)
+            kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
         if kind != NOTHING:
-            s = p[0] + noise + 4.0 * GRAIN * GRAIN * half * half
+            s = p[0] + noise + 4.0 * BLUR * BLUR * half * half
             d, left = within(centre, half, math.sqrt(s))
             known = 1.0 - left
             z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
@@ -204,11 +214,16 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if beyond:
                 z = ALARM if z > 0.0 else -ALARM
             least = (quantum * quantum + 12.0 * noise) / LONGEST ** 5
+            shaken = vibration(sensor)
+            if shaken > least:
+                least = shaken
             before = band
-            band, growth, date, product = follow_band(band, z, known * p[0] / s, least, laws)
+            band, growth, date, product = follow_band(band, z, known * p[0] / s, idle, least,
+                                                      laws)
+            idle = 0.0
             if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
-                band = before[:3] + band[3:]
-                return ((measurement - off, v, a), p, band, sensor, steps, convention,
+                band = before[:3] + band[3:7] + before[7:]
+                return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
                         (COASTING if status != INITIALISING else status, 0.0, astray))
             score = d * d / s - known
             if growth > 0.0 or date > 0.0:
@@ -216,27 +231,30 @@ def build(gains: Gains, circle: Circle) -> Functions:
                     p = widened(p, growth)
                 if date > 0.0:
                     p = manoeuvred(p, d, date + dt)
-                kind, centre, half = interval(off, change - moved, quantum, p[0], edges, hold)
-                s = p[0] + noise + 4.0 * GRAIN * GRAIN * half * half
+                kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
+                s = p[0] + noise + 4.0 * BLUR * BLUR * half * half
                 d, left = within(centre, half, math.sqrt(s))
                 known = 1.0 - left
             if kind != HELD and (score < 0.0 or product < 1.0):
-                sensor = follow_noise(sensor, score * noise / s, MEMORY, BLUR)
+                likelier = follow_noise(noise, score * noise / s, sensor[2], quantum, MEMORY, BLUR)
+                if likelier != noise:
+                    sensor = sensor[:1] + (likelier,) + sensor[2:]
             pull = d / s
             off -= p[0] * pull
             v += p[1] * pull
             a += p[2] * pull
             if kind != HELD:     # that an edge did not come moves the estimate, but is no reading
                 p = corrected(p, s, known)
-        if (v + v) * dt > period or (v + v) * dt < -period:
-            if period > 0.0:     # faster than half a turn per sample: lock was lost
+            turn = (v + v) * dt
+            if (turn > period or turn < -period) and period > 0.0:
+                # faster than half a turn per sample: lock was lost
                 return again(measurement, design, sensor, steps, convention)
         if status != TRACKING:
             count += 1.0
             if count >= CONFIRMED and p[3] * dt * dt < quantum * quantum + 12.0 * noise:
                 status, astray = TRACKING, 0.0
             lock = (status, count, astray)
-        return (measurement - off, v, a), p, band, sensor, steps, convention, lock
+        return (measurement - off, v, a, idle), p, band, sensor, steps, convention, lock
 
     def bound(sensor: tuple) -> float:
         """The largest speed [rad/s] that a reading unchanged for so long allows."""
@@ -244,7 +262,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
                given: float) -> tuple:
-        x, v, a = state[0]
+        x, v, a, _ = state[0]
         sensor = state[3]
         if sensor[7] > 0.0:
             most = bound(sensor)
@@ -256,7 +274,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
         floor = sensor[0] * sensor[0] / 12.0   # where in its count the encoder changes is not known
         if p[3] == 0.0:
             return math.sqrt(floor), math.sqrt(2.0 * floor) / coefficients[0]
-        sigma = math.sqrt(p[3]) if p[3] > 0.0 else 0.0
+        squares = state[2][7]
+        sigma = math.sqrt(p[3] * (squares if squares > CALM else CALM)) if p[3] > 0.0 else 0.0
         if sensor[7] > 0.0:
             most = bound(sensor)
             sigma = most if sigma > most else sigma
@@ -266,10 +285,11 @@ def build(gains: Gains, circle: Circle) -> Functions:
         motion, p, band, sensor, steps, convention, lock = state
         quantum = sensor[0]
         status = COASTING if lock[0] == TRACKING else lock[0]
-        return ((measurement, motion[1], 0.0),
+        return ((measurement, motion[1], 0.0, 0.0),
                 (quantum * quantum / 12.0, 0.0, 0.0, p[3], 0.0, p[5]),
-                (band[0], 0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
-                (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, quantum, 0.0), steps,
+                (band[0], 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, band[7]),
+                (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, quantum, 0.0, math.inf, 0.0,
+                 0.0), steps,
                 follow(convention, measurement, design[0]), (status, 0.0, lock[2]))
 
     def why(state: tuple, design: tuple) -> str:

@@ -10,6 +10,9 @@ itself.
 Fast law. Two cumulative sums, one for each sign, of the innovation less a slack (Page, 1954). Their
 run time dates a manoeuvre, and the covariance gets what white jerk over that time makes of the
 innovation at hand. Neither can be set off by one sample: a sample counts no more than the alarm.
+
+Beside the laws stands the mean square of the innovations: what they are larger, or smaller, than
+the covariance says, the standard deviation is too.
 """
 
 from __future__ import annotations
@@ -18,8 +21,9 @@ import math
 from typing import NamedTuple
 
 # (density of the jerk [(rad/s^3)^2 s]; low-passed innovation, its variance were it white;
-# cumulative sum of positive and of negative innovations; run time of either [s])
-Band = tuple[float, float, float, float, float, float, float]
+# cumulative sum of positive and of negative innovations; run time of either [s]; mean square of the
+# innovations, over their variance)
+Band = tuple[float, float, float, float, float, float, float, float]
 Covariance = tuple[float, float, float, float, float, float]
 
 
@@ -31,6 +35,7 @@ class Laws(NamedTuple):
     share : memory of the low-pass over the filter's own.
     sigmas : slack of the cumulative sums.
     alarm : of the cumulative sums.
+    memory : samples over which the squares are averaged.
     """
 
     rate: float
@@ -38,14 +43,15 @@ class Laws(NamedTuple):
     share: float
     sigmas: float
     alarm: float
+    memory: float
 
 
 def begin_band(density: float) -> Band:
     """At a start."""
-    return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
-def follow_band(band: Band, z: float, gain: float, least: float, laws: tuple
+def follow_band(band: Band, z: float, gain: float, idle: float, least: float, laws: tuple
                 ) -> tuple[Band, float, float, float]:
     """After an innovation: (band, growth of log density, date of a manoeuvre, product).
 
@@ -53,14 +59,16 @@ def follow_band(band: Band, z: float, gain: float, least: float, laws: tuple
     ----------
     z : innovation over its standard deviation, at most the alarm.
     gain : the part of it by which the position is corrected.
+    idle : time since the last innovation [s].
     least : the density never falls below this.
 
     Returns
     -------
     The growth is 0 where it fell; the date [s] is 0 where there is no manoeuvre.
     """
-    density, low, variance, up, down, up_time, down_time = band
-    rate, slack, share, sigmas, alarm = laws
+    density, low, variance, up, down, up_time, down_time, squares = band
+    rate, slack, share, sigmas, alarm, memory = laws
+    squares += (z * z - squares) / memory
     weight = share * gain
     product = z * low / math.sqrt(variance)
     low += weight * (z - low)
@@ -69,6 +77,8 @@ def follow_band(band: Band, z: float, gain: float, least: float, laws: tuple
     density *= math.exp(move)
     if density < least:
         density, move = least, 0.0
+    up_time += idle
+    down_time += idle
     up += z - sigmas
     down -= z + sigmas
     date = 0.0
@@ -80,8 +90,8 @@ def follow_band(band: Band, z: float, gain: float, least: float, laws: tuple
         up = up_time = 0.0
     if down <= 0.0 or date > 0.0:
         down = down_time = 0.0
-    return ((density, low, variance, up, down, up_time, down_time), move if move > 0.0 else 0.0,
-            date, product)
+    return ((density, low, variance, up, down, up_time, down_time, squares),
+            move if move > 0.0 else 0.0, date, product)
 
 
 def widened(p: Covariance, growth: float) -> Covariance:
