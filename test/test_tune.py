@@ -180,6 +180,18 @@ def test_tuned_gains_beat_the_defaults_on_what_was_held_out(observer, tmp_path):
     assert each['default']['cost'] < 1.5 * each['best']['cost']
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('names', [('sys_id_500hz', 'trajectory_665hz'),
+                                   ('trajectory_665hz', 'sys_id_500hz')])
+def test_tuned_gains_beat_the_defaults_on_a_recording_that_was_held_out(names, tmp_path):
+    """Of two recordings of like motion, each judges the gains found on the other."""
+    seen, judge = (str(BAGS / 'dfki_double_pendulum' / name) for name in names)
+    found, _ = tuned(tmp_path, seen, '--judge', judge, '--observer', 'hybrid_angle')
+    each, = found['tuned']
+    assert each['judged_on'] == [judge] and each['bags'] == [seen]
+    assert each['best']['cost'] < each['default']['cost'] < 1.5 * each['best']['cost']
+
+
 def test_the_yaml_is_what_the_node_takes(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 0.5, 'b': 3.0})
     found, out = tuned(tmp_path, bag, '--observer', 'hybrid_angle', '--per-joint', '--trials', '16',
@@ -300,6 +312,8 @@ def test_a_dask_scheduler(tmp_path):
                                   dashboard_address=None) as cluster:
         _, out = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '8', '--scheduler',
                        cluster.scheduler_address)
+        assert main(['evaluate', bag, '--observer', 'pll', '--scheduler',
+                     cluster.scheduler_address]) == 0
     assert out.read_text() == alone
 
 

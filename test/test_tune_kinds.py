@@ -17,6 +17,7 @@ from estimator_pkg import params_file
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.entries import angle_observers
 from estimator_pkg.evaluation.tuning.search import search
 from estimator_pkg.evaluation.tuning.study import Dimension
 from estimator_pkg.messages.joint_state import TYPE, Encoder
@@ -133,6 +134,15 @@ def test_a_choice_is_sought_too(tmp_path):
     found, _ = tuned(tmp_path, bag, '--observer', 'edge_adaptive', '--trials', 4, '--search',
                      'prefer=fast|balanced', '--prefer', 'fast')
     assert found['tuned'][0]['gains']['prefer'] in ('fast', 'balanced')
+
+
+@pytest.mark.parametrize('observer', angle_observers())
+def test_every_observer_of_an_angle(observer, tmp_path):
+    """Each says itself what is worth seeking."""
+    bag = write_bag(tmp_path / 'bag', ['a'], seconds=1.0)
+    found, out = tuned(tmp_path, bag, '--observer', observer, '--trials', 2)
+    assert found['tuned'][0]['gains']
+    assert params_file.load(out)['observer'] == observer
 
 
 # ---------------------------------------------------------------- recordings, studies
