@@ -328,6 +328,33 @@ def test_gains_change_live_and_reset_starts_again(probe):
         assert drive.estimates[-1].names
 
 
+def test_a_change_while_20_khz_stream_through_the_compiled_observer_loses_nothing(probe):
+    """What is live needs no compiling, which would take seconds."""
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+
+    with node('pmsm_changed', compile=True) as observer, Drive(probe, 'pmsm_changed') as drive:
+        observer.prints("estimates 'motor'")
+        with dds.NodeProcess(SIMULATION, '--ros-args', '-p', 'duration:=2.0', '-p',
+                             'wait_for_subscribers:=1', '-p', 'profile:=constant', '-r',
+                             'drive_samples:=/pmsm_changed/samples') as simulator:
+            for count, (name, value) in enumerate((('speed_filter_hz', 200.0),
+                                                   ('epsilon', 1e-4),
+                                                   ('pwm_frequency', 2e4))):
+                probe.until(lambda at=30 + 40 * count: len(drive.estimates) >= at)
+                request = SetParameters.Request(
+                    parameters=[Parameter(name, value=value).to_parameter_msg()])
+                reply = probe.call(SetParameters, '/pmsm_changed/set_parameters', request)
+                assert reply.results[0].successful
+            assert simulator.ends() == 0, simulator.output
+        probe.until(lambda: len(drive.estimates) >= 200)
+        drive.says('tracking')
+    assert len(drive.estimates) == 200
+    assert all(estimate.names for estimate in drive.estimates[20:])
+    stamps = np.concatenate([batch.stamps_ns for batch in drive.samples])
+    assert set(np.diff(stamps)) == {50_000}
+
+
 @pytest.mark.parametrize(('values', 'said'), [
     ({}, 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
     ({**MOTOR, 'flux': -1.0}, "'flux' = -1 is outside"),
