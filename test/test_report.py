@@ -1,5 +1,6 @@
 """The page of evaluate --html: its content, its size, and that it works in a browser offline."""
 
+import html
 import json
 import math
 import time
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from estimator_pkg.bags.series import Series
+from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import findings, spectrum
 from estimator_pkg.evaluation.thinning import broken, changes, extremes, limits
+from estimator_pkg.messages.joint_state import TYPE, Encoder
 
 BAGS = Path(__file__).resolve().parent.parent / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -139,6 +142,46 @@ def test_in_a_browser_without_network(page):
         assert sum(len(each) for each in hidden) > 6 and not any(map(any, hidden))
     finally:
         driver.quit()
+
+
+# ---------------------------------------------------------------- no truth
+
+def report(tmp_path, *words):
+    """(text of the page, what is said of each bag)."""
+    page, result = tmp_path / 'page.html', tmp_path / 'result.json'
+    assert main(['evaluate', *words, '--html', str(page), '--json', str(result)]) == 0
+    return page.read_text(), json.loads(result.read_text())['bags']
+
+
+def test_observers_are_not_ranked_by_a_reference_that_is_no_better(tmp_path, capsys):
+    """The pendulum chatters by less than a count: the smoother may be wrong by as much."""
+    page, found = report(tmp_path, str(PENDULUM), '--reference', 'smoother', '--observer',
+                         'hybrid_angle', '--observer', 'pll')
+    refused = found[str(PENDULUM)]['refused']['pendulum']
+    assert refused.startswith('no ranking of pendulum') and 'a fast motion' in refused
+    assert html.escape(refused) in page
+    assert '<tr class="best">' not in page
+
+
+def coarse(path, joint, counts):
+    """A bag without truth in which a joint swings by a turn."""
+    states = Encoder()
+    with BagWriter(path) as bag:
+        bag.add_topic('/joint_states', TYPE)
+        for k in range(1, 800):
+            angle = math.floor(math.sin(0.01 * k) * counts) * TURN / counts
+            bag.write('/joint_states', k * 10 ** 7,
+                      states.encode(k * 10 ** 7, '', (joint,), [angle]))
+    return str(path)
+
+
+def test_bags_with_other_joints_and_one_too_coarse_to_judge(tmp_path, capsys):
+    fine, rough = coarse(tmp_path / 'fine', 'a', 512), coarse(tmp_path / 'rough', 'b', 8)
+    page, found = report(tmp_path, fine, rough, '--observer', 'kalman')
+    assert found[fine]['refused'] == {}
+    assert 'too seldom' in found[rough]['refused']['b']
+    assert page.count('<tr class="best">') == 1
+    assert '<h3>a</h3>' in page and '<h3>b</h3>' in page
 
 
 def test_no_folder_is_one_line(tmp_path, capsys):
