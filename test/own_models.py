@@ -131,3 +131,35 @@ class Compiled:
     def coriolis(q, v):
         """C v."""
         return (0.0,)
+
+
+class FailsLater(CartPendulum):
+    """Raises where the pendulum is far from upright, beyond the region in which it is checked."""
+
+    reach = (1.0, 1.0)
+
+    def inertia(self, q):
+        """M(q)."""
+        if abs(q[0]) > 1.5:
+            raise ValueError('out of the table')
+        return super().inertia(q)
+
+
+class Driving(CartPendulum):
+    """Friction that drives."""
+
+    def damping(self, q):
+        """D(q), wrong."""
+        return np.diag([0.1, -0.2])
+
+
+class NoReach(CartPendulum):
+    """No region to be checked in."""
+
+    reach = (1.0, 0.0)
+
+
+class OneName(CartPendulum):
+    """A text for a list of names."""
+
+    joints = 'pendulum'

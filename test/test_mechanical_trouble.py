@@ -74,3 +74,15 @@ def test_wrapping_joints_wrap_and_sliding_ones_do_not():
     shown = functions.output(state, functions.prepare(design, dt), design, wrapped[-1], (0.0,))[0]
     assert shown[0] == pytest.approx(wrapped[-1][0], abs=0.01)
     assert positions[-1][1] > 5.0 and shown[1] == pytest.approx(positions[-1][1], abs=0.01)
+
+
+@pytest.mark.parametrize('name', ('geso', 'hgo'))
+def test_a_users_model_that_fails_on_the_way_is_flagged_and_said(name):
+    """Its own error is in the reason; nothing is raised, nothing infinite or wrong is given."""
+    functions = made(name, model='own_models:FailsLater', bandwidth_hz=10.0)
+    angle = np.minimum(1e-3 * np.arange(1600), 1.6)
+    readings = [(float(q), 0.0) for q in angle]
+    velocities, statuses, state = driven(functions, 1e-3, 1600, readings, [(0.0,)] * 1600)
+    assert statuses[1400] == TRACKING and statuses[-1] != TRACKING
+    assert np.all(np.isfinite(velocities))
+    assert 'ValueError: out of the table' in functions.why(state, functions.design())

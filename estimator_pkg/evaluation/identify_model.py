@@ -95,8 +95,8 @@ def _own(path: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unkno
     names = tuple(key for key in first if key not in given)
 
     def make(numbers: Array) -> Mechanics:
-        return own.mechanics_of(own.instance(
-            path, {**given, **dict(zip(names, numbers.tolist()))}), path)
+        return own.guarded(own.mechanics_of(own.instance(
+            path, {**given, **dict(zip(names, numbers.tolist()))}), path))
 
     def texts(numbers: Array) -> tuple[str, ...]:
         return tuple(f'{key}={float(value)!r}'

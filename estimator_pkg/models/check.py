@@ -32,7 +32,11 @@ def check(mechanics: Mechanics) -> None:
     ------
     UserError : one line with the model, the property, the residual and where it was found.
     """
+    if not all(reach > 0.0 for reach in mechanics.reach):
+        raise UserError(f"model '{mechanics.name}': reach must be above 0 for each position")
     tests = [positive_inertia, coriolis_of_inertia]
+    if mechanics.damping is not None:
+        tests.append(dissipating)
     if mechanics.factors is not None:
         tests += [inverse_factors, partially_linear]
     states = random_states(mechanics)
@@ -119,6 +123,16 @@ def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
     if lowest <= 1e-12 * size:
         raise UserError(f"model '{mechanics.name}': the mass matrix is not positive at "
                         f'q = {_text(q)} (lowest eigenvalue {lowest:.3g})')
+
+
+def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
+    """D takes energy out of every motion, or none; raises UserError."""
+    assert mechanics.damping is not None
+    damping = matrix(mechanics.damping, mechanics, q)
+    lowest = float(np.linalg.eigvalsh(0.5 * (damping + damping.T))[0])
+    if lowest < -1e-12 * float(np.max(np.abs(damping))):
+        raise UserError(f"model '{mechanics.name}': the damping drives the mechanism at "
+                        f'q = {_text(q)} (lowest eigenvalue of D {lowest:.3g})')
 
 
 def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:

@@ -51,6 +51,7 @@ class Mechanics:
         within centre +- reach; the centre is the operating point unless another is given.
     speed_matters : `force` depends on v.
     compiles : every function is in the subset that Numba compiles.
+    complaint : () -> how a user's code failed last, or ''.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Mechanics:
     reach: Vector
     speed_matters: bool = False
     compiles: bool = True
+    complaint: Callable[[], str] = str
 
     @property
     def degrees(self) -> int:
@@ -123,14 +125,15 @@ def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
     """
     from estimator_pkg.models import check
     if ':' in name:
-        from estimator_pkg.models.own import from_user
+        from estimator_pkg.models.own import from_user, guarded
         mechanics = from_user(name, parse_assignments(list(assignments)))
-    else:
-        model: Model = registry.find(registry.MODELS, name)
-        if not isinstance(model, Model):
-            raise UsageError(f"model '{name}' is not a mechanical one")
-        values = parse_assignments(list(assignments))
-        mechanics = model.build(build(model.parameters, values, owner=f"model '{name}'"))
+        check.check(mechanics)
+        return guarded(mechanics)
+    model: Model = registry.find(registry.MODELS, name)
+    if not isinstance(model, Model):
+        raise UsageError(f"model '{name}' is not a mechanical one")
+    values = parse_assignments(list(assignments))
+    mechanics = model.build(build(model.parameters, values, owner=f"model '{name}'"))
     check.check(mechanics)
     return mechanics
 

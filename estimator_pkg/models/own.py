@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -94,6 +94,8 @@ def mechanics_of(model: Any, path: str) -> Mechanics:
     missing = [name for name in needed if not hasattr(model, name)]
     if missing:
         raise UserError(f"model '{path}' has no {missing[0]}: it must give {', '.join(needed)}")
+    if isinstance(model.joints, str) or not isinstance(model.joints, Iterable):
+        raise UserError(f"model '{path}': joints must be a list of names, not {model.joints!r}")
     joints = tuple(str(name) for name in model.joints)
     if not joints:
         raise UsageError(f"model '{path}' names no joint")
@@ -130,6 +132,36 @@ def _with_found_factors(mechanics: Mechanics) -> Mechanics:
     except (UserError, np.linalg.LinAlgError):
         return mechanics
     return candidate
+
+
+def guarded(mechanics: Mechanics) -> Mechanics:
+    """The model with every failure of the user's code as nan, which the observers flag.
+
+    The last failure is what `complaint` says. A model that compiles is left as it is.
+    """
+    if mechanics.compiles:
+        return mechanics
+    n, said = mechanics.degrees, ['']
+    row = (math.nan,) * n
+
+    def around(function: Any, instead: Any) -> Any:
+        if function is None:
+            return None
+
+        def safe(*arguments: Any) -> Any:
+            try:
+                return function(*arguments)
+            except Exception as error:  # a user's code may fail in any way
+                said[0] = f'{type(error).__name__}: {error}'
+                return instead
+        return safe
+
+    return replace(
+        mechanics, inertia=around(mechanics.inertia, (row,) * n),
+        factors=around(mechanics.factors, ((row,) * n, (row,) * n)),
+        force=around(mechanics.force, row), coriolis=around(mechanics.coriolis, row),
+        damping=around(mechanics.damping, (row,) * n), admits=around(mechanics.admits, False),
+        complaint=lambda: said[0])
 
 
 def _numbers(model: Any, path: str, name: str, count: int, usual: float) -> tuple[float, ...]:

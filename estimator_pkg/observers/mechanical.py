@@ -104,7 +104,7 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
 
     State: core; last measurement; conventions; power of e; lock: (status, time since the last
     trouble [s], time in trouble [s], what the trouble was). Trouble: 0 none, 1 outside the domain,
-    2 no input, 3 astray.
+    2 no input, 3 astray, 4 the model gave no numbers.
     """
     n = mechanics.degrees
     circles = circles_of(mechanics, circle)
@@ -156,7 +156,7 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
             if not good:
                 found = 1
             elif not finite(after[0]) or not finite(after[3]):
-                return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 0))
+                return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 4))
             else:
                 inner = after
                 if beyond(after[0], design[3]):
@@ -200,12 +200,18 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
     def why(state: tuple, design: tuple) -> str:
         status, clear, astray, trouble = state[4]
         if trouble == 1:
-            return (f"outside the domain of model '{mechanics.name}': the velocity is held")
+            complaint = mechanics.complaint()
+            return (f"outside the domain of model '{mechanics.name}': the velocity is held"
+                    + (f' ({complaint})' if complaint else ''))
         if trouble == 2:
             needed = ', '.join(mechanics.joints[index] for index in mechanics.actuated)
             return f"no effort for {needed}, which model '{mechanics.name}' needs"
         if trouble == 3:
             return 'the positions are far from what the model and the inputs explain'
+        if trouble == 4:
+            complaint = mechanics.complaint()
+            return (f"model '{mechanics.name}' gives no numbers at these positions"
+                    + (f': {complaint}' if complaint else ''))
         if status == INITIALISING:
             return (f'settling: {clear:.2g} s of {design[4]:.3g} s, four times the slowest time '
                     'constant')
