@@ -91,6 +91,7 @@ def test_events_and_status(probe):
                       encode(stamp + 2101 * MS, '', ('other',), (0.1,), (), (0.0,))])
         report = watched.next_report()['/switched_observer']
         assert report['messages_dropped.mismatched'] == '2'
+        node.prints('lack a joint or an effort that the observer needs')
     probe.node.destroy_publisher(events)
 
 

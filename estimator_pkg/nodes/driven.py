@@ -20,6 +20,8 @@ from estimator_pkg.nodes.health import Health
 class DrivenHealth(Health):
     """Adds what the node knows of a joint's input."""
 
+    MISMATCH = ('lack a joint or an effort that the observer needs (with input: effort_command '
+                'efforts come by a topic of their own)')
     _node: DrivenNode
 
     def _why_silent(self, name: str) -> str:

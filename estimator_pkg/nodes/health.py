@@ -56,6 +56,8 @@ class Health:
     malformed : messages whose bytes were none of their type.
     """
 
+    MISMATCH = 'their names and positions differ in number'  # what may be wrong beside malformed
+
     def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters,
                  input: Subscription) -> None:
         self._node, self._bank, self._endpoints, self._ros = node, bank, endpoints, ros
@@ -189,8 +191,8 @@ class Health:
             self._say('jump', 'the clock of the measurements jumped (a bag that loops, a '
                               'restarted simulation): its joints start again')
         if new['messages_dropped.malformed'] or new['messages_dropped.mismatched']:
-            self._say('malformed', f'messages on {self._input.topic_name} are malformed, or their '
-                                   'names and positions differ in number: they are dropped')
+            self._say('malformed', f'messages on {self._input.topic_name} are malformed, or '
+                                   f'{self.MISMATCH}: they are dropped')
         if new['lost_by_dds']:
             self._say('lost', f"{new['lost_by_dds']} messages on {self._input.topic_name} were "
                               'lost: more come than this node or the network can take')
