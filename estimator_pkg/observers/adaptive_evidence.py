@@ -64,13 +64,16 @@ class Evidence:
         self.blocks: list[Block] = []
         self._until = 0.0
         self._last: Block | None = None
+        self._answer: _Answer | None = None
 
     def look(self, adapted: float, sums: tuple) -> None:
         """Take in what the observer has summed in so much learning time [s]."""
         if adapted < self._until:  # it started again
             self.length, self.blocks, self._until, self._last = self.shortest, [], 0.0, None
+            self._answer = None
         if adapted - self._until < self.length:
             return
+        self._answer = None
         newest = Block(np.array(sums[0]), np.array(sums[1]), np.array(sums[2]))
         block = newest if self._last is None else _minus(newest, self._last)
         self._until, self._last = adapted, newest
@@ -87,10 +90,41 @@ class Evidence:
         """True if there is something to say."""
         return len(self.blocks) >= FEWEST
 
-    def weights(self) -> Array:
-        """Of the blocks, newest 1."""
-        age = self.length * np.arange(len(self.blocks) - 1, -1, -1)
-        return np.exp(-age / self.memory) if self.memory > 0.0 else np.ones(len(age))
+    def answer(self) -> _Answer | None:
+        """What the blocks say; None where they determine nothing. Kept until another one comes."""
+        if self._answer is None and self.enough:
+            age = self.length * np.arange(len(self.blocks) - 1, -1, -1)
+            weights = np.exp(-age / self.memory) if self.memory > 0.0 else np.ones(len(age))
+            self._answer = _answer(self.blocks, weights)
+        return self._answer
+
+
+class _Answer(NamedTuple):
+    """Of least squares over all blocks: inverse of the normal matrix, answer, covariance by the
+    jackknife, samples; mean squares of slow_e and slow_bend in the newer half.
+    """
+
+    inverse: Array
+    own: Array
+    covariance: Array
+    samples: float
+    slow_e: float
+    slow_bend: float
+
+
+def _answer(blocks: list[Block], weights: Array) -> _Answer | None:
+    matrices = weights[:, None, None] * np.array([block.matrix for block in blocks])
+    vectors = weights[:, None] * np.array([block.vector for block in blocks])
+    total = matrices.sum(axis=0)
+    scale = np.sqrt(np.diag(total))
+    if not np.all(scale > 0.0) or 1.0 / np.linalg.cond(total / np.outer(scale, scale)) < SINGULAR:
+        return None
+    inverse = np.linalg.inv(total)
+    # the older half still has the way to the parameters in its innovation
+    sums = np.sum([block.sums for block in blocks[len(blocks) // 2:]], axis=0)
+    return _Answer(inverse, inverse @ vectors.sum(axis=0), _largest(matrices, vectors),
+                   float(weights @ [block.sums[0] for block in blocks]),
+                   float(sums[1] / sums[0]), float(sums[2] / sums[0]))
 
 
 class Verdict(NamedTuple):
@@ -123,31 +157,20 @@ def judge(evidence: Evidence, theta: Array, bias: Array, sampling: Array, noise:
     noise : mean square of slow_e that the noise of the reading explains [rad^2].
     doubt : factor on it.
     """
-    if not evidence.enough:
+    answer = evidence.answer()
+    if answer is None:
         return None
-    weights = evidence.weights()
-    matrices = weights[:, None, None] * np.array([block.matrix for block in evidence.blocks])
-    vectors = weights[:, None] * np.array([block.vector for block in evidence.blocks])
-    # the older half still has the way to the parameters in its innovation
-    sums = np.sum([block.sums for block in evidence.blocks[len(weights) // 2:]], axis=0)
-    slow_e, slow_bend = sums[1] / sums[0], sums[2] / sums[0]
-    total = matrices.sum(axis=0)
-    scale = np.sqrt(np.diag(total))
-    if not np.all(scale > 0.0) or 1.0 / np.linalg.cond(total / np.outer(scale, scale)) < SINGULAR:
-        return None
-    inverse = np.linalg.inv(total)
-    own = inverse @ vectors.sum(axis=0)
-    covariance = _largest(matrices, vectors)
-    samples = float(weights @ [block.sums[0] for block in evidence.blocks])
+    inverse, own, covariance, samples, slow_e, slow_bend = answer
     for error in (theta - own, inverse @ bias * samples):
         covariance = covariance + np.outer(error, error)
     covariance = covariance + np.diag(sampling * sampling)
     noise_only = slow_e <= doubt * noise
     unexplained = 0.0 if noise_only else slow_e
+    size = np.sqrt(np.diag(np.linalg.inv(inverse)))
     return Verdict(covariance, np.sqrt(unexplained * samples * np.diag(inverse)),
-                   np.sqrt(slow_bend * samples) / scale,
-                   float(1.0 - max(0.0, slow_e - noise) / slow_bend) if slow_bend > 0.0 else 0.0,
-                   bool(noise_only))
+                   np.sqrt(slow_bend * samples) / size,
+                   1.0 - max(0.0, slow_e - noise) / slow_bend if slow_bend > 0.0 else 0.0,
+                   noise_only)
 
 
 def _largest(matrices: Array, vectors: Array) -> Array:
