@@ -142,7 +142,8 @@ class DriveJoint(Joint):
         """Whether a batch's stamps fit the sample period; where none is given they make it."""
         if len(stamps) < 3:
             return not self.misfit
-        spacing = float(np.median(np.diff(stamps))) * 1e-9
+        # the median; numpy's own takes as long as all the samples do compiled
+        spacing = float(np.sort(stamps[1:] - stamps[:-1])[(len(stamps) - 1) // 2]) * 1e-9
         if self.given_period <= 0.0:
             if spacing > 0.0 and abs(spacing - self._period) > FITS * self._period:
                 self._period = spacing
