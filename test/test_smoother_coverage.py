@@ -14,6 +14,7 @@ from estimator_pkg.bags.series import joint_series
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.smoother import smooth
 from estimator_pkg.evaluation.smoother_cells import site
+from estimator_pkg.evaluation.smoother_noise import Noise
 from estimator_pkg.evaluation.smoother_pieces import Piece
 from estimator_pkg.evaluation.smoother_sites import find_sites
 from estimator_pkg.evaluation.truth import truth
@@ -77,6 +78,22 @@ def test_at_creep_it_beats_readings_taken_as_numbers():
               (smooth(stamps, readings, 0.0),
                smooth(stamps, readings, 0.0, reading=QUANTUM / math.sqrt(12.0)))]
     assert errors[0] < 0.5 * errors[1]
+
+
+def test_a_count_that_is_repeated_is_not_counted_again():
+    """At 0.003 counts per sample, with the right noise and jerk: 300 equal readings in a row."""
+    within = []
+    for seed in range(6):
+        speed = 0.003 * QUANTUM / STEP
+        position, velocity = wandering(seed, speed)
+        random = np.random.default_rng(seed + 1000)
+        readings = np.round((position + random.uniform(0.0, QUANTUM)) / QUANTUM) * QUANTUM
+        noise = Noise(QUANTUM / math.sqrt(12.0), 4.0 * speed ** 2 / MEMORY ** 3, QUANTUM, True,
+                      0.01 * QUANTUM)
+        found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10 ** 9, readings, 0.0, noise=noise)
+        error = (found.velocity - velocity)[ENDS:-ENDS]
+        within.append(np.mean(np.abs(error) <= 1.96 * found.velocity_stddev[ENDS:-ENDS]))
+    assert np.mean(within) > 0.9
 
 
 def test_a_count_that_stays_may_hide_a_creep():

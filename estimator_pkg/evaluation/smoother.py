@@ -114,10 +114,11 @@ def smooth(stamps: Stamps, position: Array, period: float, *, noise: Noise | Non
     rows = good[np.concatenate([part.rows for part in parts])]
     rest = [_rest(part, out, period) for part, out in zip(parts, result)]
     weights = [_weights(part, found) for part in parts]
-    if noise is None and reading is None and 0.0 < found.reading < COARSE * found.quantum:
+    counted = 0.0 < found.reading < COARSE * found.quantum
+    if found.cells or (counted and noise is None and reading is None):
         cells = [part._replace(readings=out[:, 0] + left)
                  for part, out, left in zip(parts, result, rest)]
-        found = in_cells(cells, found)
+        found = noise or in_cells(cells, found)
         met = [_as_cells(part, found) for part in cells]
         result = [out for out, _, _ in met]
         rest, weights = [left for _, left, _ in met], [weight for _, _, weight in met]
