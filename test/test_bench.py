@@ -205,12 +205,14 @@ def test_reports_of_the_live_nodes_become_lines():
 
 def test_start_and_latency_become_lines():
     start = bench_live._start({'rows': [
-        {'node': 'null_node', 'message_s': 1.0, 'message_ratio': 1.0, 'estimate_s': 1.0,
-         'estimate_ratio': 1.0},
-        {'node': 'adaptive_observer', 'message_s': 1.5, 'message_ratio': 1.5}]})
+        {'node': 'null_node', 'message_s': 1.0, 'message_ratio': 1.0, 'cpu_s': 0.5,
+         'cpu_ratio': 1.0, 'estimate_s': 1.0, 'estimate_ratio': 1.0},
+        {'node': 'adaptive_observer', 'message_s': 1.5, 'message_ratio': 1.5, 'cpu_s': 0.7,
+         'cpu_ratio': 1.4}]})
     by_name = {row['name']: row for row in start}
     assert by_name['adaptive_observer: process start to first message / null node']['value'] == 1.5
     assert by_name['adaptive_observer: process start to first estimate']['value'] is None
+    assert by_name['adaptive_observer: CPU time to first message / null node']['value'] == 1.4
     assert not any('null_node' in name and '/' in name for name in by_name)
     late = bench_live._latency({'rows': [
         {'node': 'joint_observer', 'median_ms': 0.3, 'median_ms_more': 0.1, 'median_ms_ratio': 1.5,
@@ -222,13 +224,15 @@ def test_start_and_latency_become_lines():
 def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
     pytest.importorskip('rclpy')
     from estimator_pkg.nodes.bench import latency, start
-    taken = iter([{'message': 1.0, 'estimate': 1.0}, {'message': 2.0}] * 1
-                 + [{'message': 4.0, 'estimate': 4.0}, {'message': 4.0, 'estimate': 6.0}])
+    taken = iter([{'message': 1.0, 'cpu': 0.5, 'estimate': 1.0}, {'message': 2.0, 'cpu': 1.0},
+                  {'message': 4.0, 'cpu': 0.5, 'estimate': 4.0},
+                  {'message': 4.0, 'cpu': 2.0, 'estimate': 6.0}])
     monkeypatch.setattr(start, 'NODES', {'joint_observer': ()})
     monkeypatch.setattr(start, 'once', lambda name: next(taken))
     null, node = start.measure(2)['rows']
     assert node['message_s'] == 3.0 and node['message_ratio'] == 1.5
     assert node['estimate_s'] == 6.0 and node['estimate_ratio'] == 1.5
+    assert node['cpu_s'] == 1.5 and node['cpu_ratio'] == 3.0
     monkeypatch.setattr(latency, 'NODES', {'joint_observer': ()})
     answers = iter([{'answered': 10, 'median_ms': m, 'late_ms': 2 * m} for m in (1, 2, 4, 2)])
     monkeypatch.setattr(latency, 'once', lambda name: next(answers))
@@ -243,7 +247,7 @@ def test_a_node_starts_and_answers_over_dds():
     pytest.importorskip('rclpy')
     from estimator_pkg.nodes.bench import latency, start
     found = start.once('joint_observer')
-    assert 0.2 < found['message'] <= found['estimate'] < start.LONGEST
+    assert found['cpu'] > 0.1 and 0.2 < found['message'] <= found['estimate'] < start.LONGEST
     late = latency.once('mechanical_observer', rate=200.0, seconds=2.0)
     assert late['answered'] > 100 and 0.0 < late['median_ms'] <= late['late_ms']
 

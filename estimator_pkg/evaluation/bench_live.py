@@ -61,10 +61,12 @@ def _run(program: str, *words: str) -> tuple[dict[str, Any] | None, str]:
 def _start(found: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for item in found['rows']:
-        for what in ('message', 'estimate'):
+        for what in ('message', 'cpu', 'estimate'):
             name = f'{item["node"]}: process start to first {what}'
+            if what == 'cpu':
+                name = f'{item["node"]}: CPU time to first message'
             if f'{what}_s' not in item:
-                rows.append(not_run(name, 'none came: the motion does not tell it enough'
+                rows.append(not_run(name, 'none came within 8 s: it learns longer'
                                     if what == 'estimate' else 'none came'))
                 continue
             rows.append(row(name, item[f'{what}_s'], 's'))

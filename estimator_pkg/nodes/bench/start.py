@@ -1,7 +1,8 @@
 """How long an observer node takes from its process's start to its first estimate.
 
 Beside a node that only republishes; both find a stream that runs already, and both are seen by a
-listener that runs already. They take turns.
+listener that runs already. They take turns. CPU time until the first message stands beside: other
+work on the machine does not stretch it.
 
     python -m estimator_pkg.nodes.bench.start [ROUNDS]
 """
@@ -16,6 +17,8 @@ import threading
 import time
 from contextlib import ExitStack
 
+import psutil
+
 from estimator_pkg.nodes.bench.processes import NODES, NULL, observer, own_domain, process
 
 RATE = 200.0        # [Hz] of the stream
@@ -24,7 +27,10 @@ ROUNDS = 5
 
 
 def once(name: str) -> dict[str, float]:
-    """Seconds to the node's first message, and to the first with a joint in it (if it came)."""
+    """Seconds to the node's first message, CPU seconds till then, and to the first estimate.
+
+    An estimate is a message with a joint in it; what does not come is left out.
+    """
     domain = own_domain()
     with ExitStack() as stack:
         stack.enter_context(process('feed', str(RATE), domain=domain))
@@ -33,26 +39,34 @@ def once(name: str) -> dict[str, float]:
         listener.stdout.readline()
         time.sleep(1.0)  # the stream runs
         begun = time.time_ns()
-        stack.enter_context(observer(name, domain))
-        return {what: 1e-9 * (at - begun) for what, at in _said(listener).items()}
+        node = stack.enter_context(observer(name, domain))
+        found = _said(listener, psutil.Process(node.pid))
+        return {what: at if what == 'cpu' else 1e-9 * (at - begun) for what, at in found.items()}
 
 
-def _said(listener: subprocess.Popen) -> dict[str, int]:
-    """When the first message and the first estimate came [ns]; waits for both, but not for ever."""
-    found: dict[str, int] = {}
+def _said(listener: subprocess.Popen, node: psutil.Process) -> dict[str, float]:
+    """When the first message and the first estimate came [ns], and the node's CPU time then [s].
+
+    Waits for both, but not for ever.
+    """
+    found: dict[str, float] = {}
     both = threading.Event()
 
     def read() -> None:
         assert listener.stdout is not None
         for line in listener.stdout:
-            found.update(json.loads(line))
+            said = json.loads(line)
+            if 'message' in said:
+                times = node.cpu_times()
+                found['cpu'] = times.user + times.system
+            found.update(said)
             if 'estimate' in found:
                 break
         both.set()
 
     threading.Thread(target=read, daemon=True).start()
     both.wait(LONGEST)
-    return {what: at for what, at in found.items() if what in ('message', 'estimate')}
+    return {what: found[what] for what in ('message', 'cpu', 'estimate') if what in found}
 
 
 def measure(rounds: int = ROUNDS) -> dict:
@@ -62,13 +76,13 @@ def measure(rounds: int = ROUNDS) -> dict:
     for _ in range(rounds):
         for name in names:
             times[name].append(once(name))
-    null = [each.get('message') for each in times[NULL]]
     rows = []
     for name in names:
         row: dict = {'node': name, 'rounds': rounds}
-        for what in ('message', 'estimate'):
-            pairs = [(each[what], other) for each, other in zip(times[name], null)
-                     if what in each and other is not None]
+        for what in ('message', 'cpu', 'estimate'):
+            same = 'message' if what == 'estimate' else what  # all that the null node gives
+            pairs = [(each[what], other[same]) for each, other in zip(times[name], times[NULL])
+                     if what in each and same in other]
             if pairs:
                 row[f'{what}_s'] = statistics.median(mine for mine, _ in pairs)
                 row[f'{what}_ratio'] = statistics.median(mine / other for mine, other in pairs)
