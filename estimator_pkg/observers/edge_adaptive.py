@@ -52,7 +52,7 @@ SLACK = {'smooth': 0.6, 'balanced': 0.3, 'fast': 0.0}   # of that product
 SHARE = 0.2       # memory of the slow law's low-pass, over the filter's
 SIGMAS = 3.0      # slack of the cumulative sums; prediction this far outside its cell is held
 ALARM = 12.0      # of the cumulative sums: four samples of twice the slack
-BLUR = 0.04       # quanta: no edge is known better; part of an interval that counts as noise
+BLUR = 0.03       # quanta: no edge is known better; and either end of an interval, of its width
 LONGEST = 2.0     # [s] longest memory; the start's too
 FADE = 0.3        # [s] memory of the acceleration
 MEMORY = 32.0     # samples: memory of the noise, and of the innovations' size
@@ -206,7 +206,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             edges = math.sqrt(noise)
             kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
         if kind != NOTHING:
-            s = p[0] + noise + 4.0 * BLUR * BLUR * half * half
+            s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
             d, left = within(centre, half, math.sqrt(s))
             known = 1.0 - left
             z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
@@ -232,7 +232,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 if date > 0.0:
                     p = manoeuvred(p, d, date + dt)
                 kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
-                s = p[0] + noise + 4.0 * BLUR * BLUR * half * half
+                s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
                 d, left = within(centre, half, math.sqrt(s))
                 known = 1.0 - left
             if kind != HELD and (score < 0.0 or product < 1.0):
