@@ -113,6 +113,14 @@ def test_what_the_model_lacks_ends_the_trust():
     assert named(made)['load/J'].value == pytest.approx(50.0, rel=5e-3)
 
 
+def test_a_bound_that_the_data_contradict_is_in_the_deviation():
+    made, _, _ = learnt(1, counts=4096, bounds=('b/J>=2.5',))
+    found = named(made)['b/J']
+    assert found.value == pytest.approx(2.5) and found.stddev == pytest.approx(0.5, rel=0.02)
+    assert not found.trusted and 'b/J' in made.report().why_not
+    assert named(made)['Kv/J'].trusted
+
+
 def test_a_wrong_sign_of_the_input_is_not_trusted():
     u = excited(12000, hold=100)
     angles, _ = servo(2.0, 5.0, 30.0, u, DT)

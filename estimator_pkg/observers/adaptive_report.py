@@ -174,7 +174,7 @@ def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt
     slow = (noise * (1.0 + dt * float(injected @ weights @ injected))
             * low_pass / (2.0 - low_pass))
     free = list(made.free)
-    return judge(evidence, np.array(state[2]), bias[free],
+    return judge(evidence, np.array(theta)[free], bias[free],
                  _sampling(gains, made, theta, dt)[free], slow, DOUBT)
 
 
