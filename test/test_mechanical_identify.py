@@ -97,7 +97,7 @@ def of_crane(seed):
 
 @pytest.mark.skipif(not available(), reason='slow without numba')
 @pytest.mark.parametrize('of, seeds', [
-    (of_joint, 5), (of_cart, 3), (of_leg, 8),
+    (of_joint, 4), (of_cart, 3), (of_leg, 5),
     pytest.param(of_joint, 30, marks=pytest.mark.slow),
     pytest.param(of_cart, 20, marks=pytest.mark.slow),
     pytest.param(of_leg, 40, marks=pytest.mark.slow),

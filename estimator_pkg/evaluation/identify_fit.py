@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 FINEST = 5e-4            # s, longest step of the integration where the model compiles
 ROUNDS = 60              # at most
-SETTLED = 1e-4           # of a standard deviation: a smaller change is none
+SETTLED = 0.01           # of a standard deviation: a smaller change is none
 DELAY = 'input_delay'
 LATEST = 0.1             # s, of the delay of the inputs
 

@@ -23,7 +23,7 @@ from estimator_pkg.observers.mechanical_parameters import MechanicalGains, model
 from estimator_pkg.observers.mechanical_velocity import (
     describe_linear,
     linear_core,
-    linear_matrix,
+    matrices_over_range,
 )
 from estimator_pkg.parameters import parameter
 
@@ -63,14 +63,14 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     point = operating_point(gains, mechanics)
     eye = np.eye(mechanics.degrees)
     L, K, E = (gain * eye for gain in tune(gains))
-    matrix = linear_matrix(mechanics, L, K, E, point)
-    if mechanical_gains.slowest_pole(matrix) <= 0.0:
+    matrices = matrices_over_range(mechanics, L, K, E, point)
+    if mechanical_gains.slowest_pole(matrices[0]) <= 0.0:
         raise UsageError("the gains 'h' do not make the error decay: s^3 + h1 s^2 + h2 s + h3 has "
                          'a root that is not stable')
     core = linear_core(mechanics, gains, L, K, E, point)
 
     def describe(dt: float) -> dict[str, Any]:
-        return describe_linear(L, K, matrix, dt)
+        return describe_linear(L, K, matrices, dt)
 
     return around(core, gains, mechanics, circle, describe)
 

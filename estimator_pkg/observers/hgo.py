@@ -28,7 +28,7 @@ from estimator_pkg.observers.mechanical_parameters import (
 from estimator_pkg.observers.mechanical_velocity import (
     describe_linear,
     linear_core,
-    linear_matrix,
+    matrices_over_range,
 )
 from estimator_pkg.parameters import parameter
 
@@ -78,14 +78,15 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     mechanics = model_of(gains)
     point = operating_point(gains, mechanics)
     L, K, E = tune(gains, mechanics.degrees)
-    matrix = linear_matrix(mechanics, L, K, E, point)
-    if mechanical_gains.slowest_pole(matrix) <= 0.0:
+    matrices = matrices_over_range(mechanics, L, K, E, point)
+    slowest = mechanical_gains.slowest_pole(matrices[0])
+    if slowest <= 0.0:
         raise UsageError("the gains 'L' and 'K' are not positive definite: the error does not "
-                         f'decay (slowest pole {-mechanical_gains.slowest_pole(matrix):+.3g} 1/s)')
+                         f'decay (slowest pole {-slowest:+.3g} 1/s)')
     core = linear_core(mechanics, gains, L, K, E, point)
 
     def describe(dt: float) -> dict[str, Any]:
-        return describe_linear(L, K, matrix, dt)
+        return describe_linear(L, K, matrices, dt)
 
     return around(core, gains, mechanics, circle, describe)
 

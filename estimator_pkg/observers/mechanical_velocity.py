@@ -141,22 +141,38 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
         return linear_matrix(mechanics, L, K, E, at), np.eye(n)
 
-    matrix = linear_matrix(mechanics, L, K, E, point)
+    matrices = matrices_over_range(mechanics, L, K, E, point)
     return MechanicalCore(
         design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin, linear=linear,
-        limits=mechanical_gains.euler_limit([matrix]) if paper else mechanical_gains.never,
-        slowest=mechanical_gains.slowest_pole(matrix),
+        limits=mechanical_gains.euler_limit(matrices) if paper else mechanical_gains.never,
+        slowest=mechanical_gains.slowest_pole(matrices[0]),
         lag=0.0 if extended else float(np.max(np.diag(L) / np.diag(K))))
 
 
-def describe_linear(L: Array, K: Array, matrix: Array, dt: float) -> dict[str, Any]:
-    """What a person wants to know of these gains (compare `mechanical_gains.describe`)."""
+def matrices_over_range(mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
+                        ) -> list[Array]:
+    """The error systems at the operating point, and over the model's range where D makes a
+    difference.
+    """
+    places = [point]
+    if mechanics.damping is not None:
+        places += [q for q, _ in check.random_states(mechanics)]
+    return [linear_matrix(mechanics, L, K, E, q) for q in places]
+
+
+def describe_linear(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[str, Any]:
+    """What a person wants to know of these gains (compare `mechanical_gains.describe`).
+
+    Parameters
+    ----------
+    matrices : of `matrices_over_range`.
+    """
     return {
         'L': L.tolist(), 'K': K.tolist(),
-        'poles': sorted((complex(pole) for pole in np.linalg.eigvals(matrix)),
+        'poles': sorted((complex(pole) for pole in np.linalg.eigvals(matrices[0])),
                         key=lambda pole: (pole.real, pole.imag)),
         'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(L))).tolist(),
-        'slowest_pole_over_range': mechanical_gains.slowest_pole(matrix),
+        'slowest_pole_over_range': min(map(mechanical_gains.slowest_pole, matrices)),
         'dt_K': (dt * np.diag(K)).tolist(),
         'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(L))),
-        'longest_euler_dt': mechanical_gains.longest_euler([matrix])}
+        'longest_euler_dt': mechanical_gains.longest_euler(matrices)}
