@@ -157,6 +157,15 @@ def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
             assert found[other][stamp].positions == pytest.approx(state.positions, abs=1e-9)
 
 
+def test_alpha_beta_taken_for_phases_is_said(tmp_path, capsys):
+    simulate(tmp_path / 'bag', *settings(sample_rate=5000, current_hz=300, profile='constant',
+                                         speed_rpm=2000, publish='single'))
+    with replay(tmp_path / 'bag', tmp_path / 'out', *settings(input='current_voltage', frame='abc',
+                                                              compile='false')):
+        pass
+    assert 'the phase currents do not sum to zero' in capsys.readouterr().out
+
+
 def test_lost_repeated_and_overtaken_batches_are_counted_and_coasted_over(tmp_path, capsys):
     simulate(tmp_path / 'bag', '--seed', '4', *settings(
         lost=0.05, repeated=0.1, overtaken=0.05, profile='constant', speed_rpm=4000,

@@ -140,15 +140,23 @@ class DriveStream:
 
     def why_silent(self) -> str:
         """Why no sample may be coming although messages do; '' where nothing is known."""
-        pairs, phases = self.pairs, self.phases
+        pairs = self.pairs
         if self.malformed and self.malformed == self.messages:
             return f'every message is malformed: {self.complaint}'
-        if phases is not None and phases.unbalanced and not pairs.paired:
-            return (f'the phase currents do not sum to zero (up to {100.0 * phases.worst:.0f} % of '
-                    'the largest): a neutral, or not three phases?')
+        unbalanced = self.why_unbalanced()
+        if unbalanced:
+            return unbalanced
         if pairs.apart_ns is not None:
             return (f'currents and voltages do not pair: their stamps are {pairs.apart_ns * 1e-9:g}'
                     ' s apart at best (pair_tolerance)')
         if self.messages and not pairs.paired and not self.joint.received and not self.malformed:
             return 'only one of currents and voltages comes'
         return ''
+
+    def why_unbalanced(self) -> str:
+        """That most currents are no three phases without a neutral; '' where they are."""
+        phases = self.phases
+        if phases is None or phases.unbalanced <= self.pairs.paired:
+            return ''
+        return (f'the phase currents do not sum to zero (up to {100.0 * phases.worst:.0f} % of the '
+                'largest): a neutral, or not three phases?')

@@ -138,7 +138,8 @@ class DriveReplay(OneByOne):
         """See `Replay`."""
         found = super().summary()
         for joint in found['joints'].values():
-            joint['why'] = joint['why'] or ('' if joint['used'] else self.stream.why_silent())
+            joint['why'] = (self.stream.why_unbalanced() or joint['why']
+                            or ('' if joint['used'] else self.stream.why_silent()))
         return found
 
     def finish(self, path: str) -> list[str]:
