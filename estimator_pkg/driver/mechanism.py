@@ -289,9 +289,8 @@ class MechanismBank:
         found: dict[str, tuple[float, float]] = {}
         for mechanism in self.joints.values():
             if any(name in mechanism.names for name in names):
-                of_position, of_velocity = mechanism.stddev()
-                found.update(zip(mechanism.names,
-                                 zip(of_position, of_velocity)))  # type: ignore[call-overload]
+                of_each: Any = mechanism.stddev()  # two tuples, where a joint has two numbers
+                found.update(zip(mechanism.names, zip(*of_each)))
         return [found[name] for name in names]
 
 
