@@ -79,6 +79,7 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         assert float(values['b/J']) == pytest.approx(2.0, rel=0.02)
         assert float(values['J']) == pytest.approx(0.02, rel=0.02)
         assert values['b2.unit'] == 'rad/s^2 per V'
+        assert values['b/J.trusted'] == 'True' and float(values['explained']) > 0.99
         assert values['J.unit'] == 'kg m^2' and 0.0 < float(values['J.stddev']) < 1e-3
         assert probe.call(SetBool, '/adaptive_observer/freeze',
                           SetBool.Request(data=True)).success
