@@ -72,7 +72,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except UserError as error:
         print(f'{prog}: {error}', file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ImportError) as error:
+        if not _interrupted(error):
+            raise
         print(f'{prog}: interrupted', file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of our output went away, as with `| head`
@@ -81,6 +83,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f'{prog}: {error.filename or ""}: {error.strerror or error}', file=sys.stderr)
         return 1
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Ctrl-C, which comes as an ImportError while a C extension is being imported."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _write_json(path: str, result: Any) -> None:

@@ -10,6 +10,7 @@ import time
 import psutil
 import pytest
 
+from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.nodes.domain import free_domain
 
@@ -60,6 +61,20 @@ def test_an_interrupt_ends_every_process(tmp_path, number, after):
     assert 'Traceback' not in text
     _, alive = psutil.wait_procs(children, timeout=10)
     assert not alive
+
+
+def test_an_interrupt_of_an_import_is_an_interrupt(monkeypatch, capsys):
+    """A C extension that is interrupted while it is imported raises ImportError."""
+    def run(parsed):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise ImportError('initialization failed') from interrupt
+
+    command = cli.Command('', lambda parser: None, run)
+    monkeypatch.setattr(cli.registry, 'find', lambda group, name: command)
+    assert cli.main(['demo']) == 130
+    assert capsys.readouterr().err == 'velocity_estimator demo: interrupted\n'
 
 
 def test_a_nonsense_duration_is_one_line(tmp_path):

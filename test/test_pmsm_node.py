@@ -346,9 +346,9 @@ def test_a_change_while_20_khz_stream_through_the_compiled_observer_loses_nothin
                     parameters=[Parameter(name, value=value).to_parameter_msg()])
                 reply = probe.call(SetParameters, '/pmsm_changed/set_parameters', request)
                 assert reply.results[0].successful
+            drive.says('tracking')  # half a second after the last batch it is lost
             assert simulator.ends() == 0, simulator.output
         probe.until(lambda: len(drive.estimates) >= 200)
-        drive.says('tracking')
     assert len(drive.estimates) == 200
     assert all(estimate.names for estimate in drive.estimates[20:])
     stamps = np.concatenate([batch.stamps_ns for batch in drive.samples])
