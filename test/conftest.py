@@ -14,15 +14,15 @@ OVER_DDS = {'test_demo', 'test_encoder_sim', 'test_tune_live'}  # without the pr
 
 
 def pytest_collection_modifyitems(items):
-    """Tests over DDS are tried again when they fail, and the summary says so.
+    """Tests over DDS are tried once more when they fail, and the summary says so.
 
     Best-effort traffic may lose messages on a machine with other work to do; a fault of ours fails
-    three times.
+    twice.
     """
     for item in items:
         if ('probe' in item.fixturenames or hasattr(item.module, 'dds')
                 or item.module.__name__ in OVER_DDS):
-            item.add_marker(pytest.mark.flaky(reruns=2))
+            item.add_marker(pytest.mark.flaky(reruns=1))
 
 
 @pytest.fixture(scope='module')
