@@ -48,7 +48,8 @@ def section_names(path: str | Path) -> set[str]:
     ------
     UserError, UsageError : as `load`.
     """
-    return {name.rpartition('/')[2] for name, _ in _sections(path, _content(path, 'joint_observer'), '')}
+    content = _content(path, 'joint_observer')
+    return {name.rpartition('/')[2] for name, _ in _sections(path, content, '')}
 
 
 def _content(path: str | Path, node_name: str) -> Mapping:
