@@ -52,8 +52,8 @@ from estimator_pkg.observers.scatter import begin_scatter, follow_scatter, resum
 from estimator_pkg.observers.unrolled import algebra
 
 LOOK = 20          # samples between two looks at excitation and trust
-DOUBT = 9.0        # the innovation's power may be so many times that of the noise, ...
-CLOSE = 1e-4       # ... or so large a part of the motion's
+DOUBT = 9.0        # the slow innovation's power may be so many times that of the noise, ...
+CLOSE = 2e-4       # ... or so large a part of the motion's: then the velocity is right to 3 %
 SHORTEST = 0.5     # time over which both are averaged, at least [s]
 FRESH = 10.0       # so many times faster they are averaged in the beginning
 SURPRISE = 25.0    # a square counts at most so many times the usual one
@@ -234,11 +234,13 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 phase = judged(information, scatter, design, h)
                 speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)[2]
                 speed_power += (speed * speed - speed_power) * slow_weight
-                most = DOUBT * expected(scatter, theta, design, h)
+                most = (DOUBT * expected(scatter, theta, design, h)
+                        * low_pass / (2.0 - low_pass))
                 close = CLOSE * speed_power / (design[10][4] * design[10][4])
-                if power > 4.0 * most and power > 4.0 * close:
+                if slow_power > 4.0 * most and slow_power > 4.0 * close:
                     trusted = 0
-                elif (power <= most or power <= close) and age > design[10][0] + design[10][1]:
+                elif (slow_power <= most or slow_power <= close) and (
+                        age > design[10][0] + design[10][1]):
                     trusted = 1
         return ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p,
                 follow(convention, measurement, period),
