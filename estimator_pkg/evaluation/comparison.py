@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -123,8 +123,9 @@ def compare(path: str, options: Options) -> Comparison:
                     notes.append(f"{source}: joint '{joint}' has no valid estimate")
                 else:
                     try:
-                        rows.append(_row(source, joint, estimate, true.series[joint],
-                                         starts[joint], true.references[joint], options))
+                        row = _row(source, joint, estimate, true.series[joint],
+                                   starts[joint], true.references[joint], options)
+                        rows.append(_sharing(row, rows))
                     except UserError as error:
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
         if not rows:
@@ -156,6 +157,21 @@ def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,
                coverage(velocity - true, np.hypot(stddev, noise)),
                known.cannot_tell(speeds['rms']), elapsed[kept], true, velocity, stddev, noise,
                (estimate.status_stamps - start) * 1e-9, estimate.status)
+
+
+def _sharing(row: Row, others: list[Row]) -> Row:
+    """The row; what another one has too (mostly its last part) is held only once."""
+    def shared(name: str) -> Array:
+        values: Array = getattr(row, name)
+        for other in others:
+            longer: Array = getattr(other, name)
+            tail = longer[max(0, len(longer) - len(values)):]
+            if len(tail) == len(values) and np.array_equal(tail, values):
+                return tail
+        return values
+
+    return replace(row, time=shared('time'), truth=shared('truth'),
+                   status_time=shared('status_time'))
 
 
 def coverage(errors: Array, stddev: Array) -> float:

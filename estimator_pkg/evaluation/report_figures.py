@@ -215,13 +215,18 @@ def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
 
 
 def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
-    errors = [row.estimate - row.truth for row in rows]
-    outer = limits(errors) or (min(float(np.nanmin(each)) for each in errors),
-                               max(float(np.nanmax(each)) for each in errors))
+    def error_of(row: Row) -> NDArray:
+        return row.estimate - row.truth  # one at a time: they may be long
+
+    outer = limits(error_of(row) for row in rows)
+    if outer is None:
+        outer = (min(float(np.nanmin(error_of(row))) for row in rows),
+                 max(float(np.nanmax(error_of(row))) for row in rows))
     room = 0.05 * max(outer[1] - outer[0], 1e-9)
     outer = outer[0] - room, outer[1] + room  # of the errors: the bands may be wider
     shown = _figure('error, and its 95 % band as a shade [rad/s]', HIGH, x_range=shared)
-    for (row, style), error in zip(_lookup(rows), errors):
+    for row, style in _lookup(rows):
+        error = error_of(row)
         chosen = extremes(error, points)
         time = row.time[chosen]
         if np.isfinite(row.stddev).any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 HOLE = 10.0             # median sample times: a line is not drawn across a longer hole
+ENOUGH = 100_000        # values tell a percentile
 MOST, ROOM = 99.5, 2.5  # an outlier beyond so many times this percentile is not drawn but marked
 
 
@@ -59,14 +60,19 @@ def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Arr
             np.insert(np.asarray(values[chosen], float), at, np.nan))
 
 
-def limits(lines: Sequence[Array]) -> tuple[float, float] | None:
+def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
     """The range to draw, where outliers would otherwise crush all the rest; None where not."""
-    known = np.concatenate([line[np.isfinite(line)] for line in lines])
+    some, least, most = [], np.inf, -np.inf
+    for line in lines:  # one at a time: they may be long
+        if np.isfinite(line).any():
+            least, most = min(least, float(np.nanmin(line))), max(most, float(np.nanmax(line)))
+        part = line[::max(1, len(line) // ENOUGH)]
+        some.append(part[np.isfinite(part)])
+    known = np.concatenate(some)
     if not len(known):
         return None
     low, high = np.percentile(known, [100.0 - MOST, MOST])
     room = 0.5 * (ROOM - 1.0) * max(float(high - low), 1e-9)
-    least, most = float(np.min(known)), float(np.max(known))
     if least >= low - room and most <= high + room:
         return None
     return max(float(low) - room, least - 0.1 * room), min(float(high) + room, most + 0.1 * room)
