@@ -30,6 +30,7 @@ from estimator_pkg.evaluation.signals import (
 )
 from estimator_pkg.observers import edge_adaptive
 from estimator_pkg.observers.edge_interval import INTERVAL
+from estimator_pkg.observers.edge_sensor import vibration
 from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
@@ -70,16 +71,17 @@ def cells_alone(off: float, ahead: float, quantum: float, variance: float, noise
 
 
 def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
-    """Estimate, standard deviation, density of the jerk and cumulative sums, sample by sample."""
+    """Estimate, standard deviation, density, cumulative sums and vibration, sample by sample."""
     rows = []
     for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
         joint.update(stamp, angle)
         position, velocity, _, _ = joint.estimate()
-        band = joint._track[6][2]
-        rows.append((position, velocity, *joint.stddev(), band[0], band[3], band[4]))
+        band, sensor = joint._track[6][2:4]
+        rows.append((position, velocity, *joint.stddev(), band[0], band[3], band[4],
+                     vibration(sensor)))
     columns: Array = np.array(rows, np.float64).T
-    return dict(zip(('position', 'velocity', 'position_stddev', 'stddev', 'density', 'up', 'down'),
-                    columns))
+    return dict(zip(('position', 'velocity', 'position_stddev', 'stddev', 'density', 'up', 'down',
+                     'vibration'), columns))
 
 
 def signal(motion: Motion, **more: Any) -> Signal:
@@ -129,7 +131,7 @@ def _edges(plt: Any) -> Any:
 
 def _beats(plt: Any) -> Any:
     """A beat, with the reading as a cell and as what two cells have in common."""
-    one = signal(beat(1, 1, 0.035))
+    one = signal(beat(1, 1, 0.025))
     samples = one.samples(duration=4.0)
     figure, axes = plt.subplots(2, 1, figsize=(9, 5.5), sharex=True)
     time = seconds(samples)
@@ -142,7 +144,7 @@ def _beats(plt: Any) -> Any:
         axes[0].semilogy(time, np.maximum(error, 1e-8), color=color, lw=0.8, label=label)
         axes[1].semilogy(time, found['density'], color=color, lw=0.8)
     axes[0].set(ylabel='|error| [rad/s]', ylim=(1e-7, 10.0),
-                title='1.035 counts per sample, constant')
+                title='1.025 counts per sample, constant')
     axes[0].legend()
     axes[1].set(ylabel='density of jerk [(rad/s^3)^2 s]', xlabel='time [s]')
     return figure
@@ -172,6 +174,38 @@ def _bandwidth(plt: Any) -> Any:
     axes[2].axhline(edge_adaptive.ALARM, color='tab:green', ls=':', lw=0.8)
     axes[2].set(xlabel='time [s]')
     axes[2].legend(fontsize=8)
+    return figure
+
+
+def shaking(time: Array) -> tuple[Array, Array]:
+    """A slow swing, and after 3 s a vibration of 7 samples' period and 4 quanta on it."""
+    pulsation, size = 2.0 * np.pi * 200.0 / 7.0, 4.0 * 2.0 * np.pi / 2048.0
+    on = time >= 3.0
+    return (np.sin(2.0 * time) + np.where(on, size * np.sin(pulsation * (time - 3.0)), 0.0),
+            2.0 * np.cos(2.0 * time)
+            + np.where(on, size * pulsation * np.cos(pulsation * (time - 3.0)), 0.0))
+
+
+def _vibration(plt: Any) -> Any:
+    """A vibration of a few samples' period: third differences that last, and what they do."""
+    one = signal(shaking, rate=200.0, counts=2048)
+    samples = one.samples(duration=4.0)
+    found = traced(ENTRY.joint(quantum=one.quantum), samples)
+    kalman = KALMAN.joint(quantum=one.quantum).run(samples.stamps, samples.angle, fast=False)
+    time = seconds(samples)
+    part = (time > 2.8) & (time < 3.5)
+    figure, axes = plt.subplots(2, 1, figsize=(9, 5.5), sharex=True)
+    axes[0].plot(time[part], samples.velocity[part], 'k.-', lw=1, ms=3, label='true')
+    axes[0].plot(time[part], kalman.velocity[part], color='tab:orange', lw=1,
+                 label='Kalman filter, acceleration')
+    axes[0].plot(time[part], found['velocity'][part], color='tab:red', lw=1, label='edge_adaptive')
+    axes[0].set(ylabel='velocity [rad/s]', title='4 quanta at a seventh of the sample rate')
+    axes[0].legend(fontsize=8)
+    axes[1].semilogy(time[part], found['density'][part], label='density [(rad/s^3)^2 s]')
+    axes[1].semilogy(time[part], np.maximum(found['vibration'][part], 1.0), color='tab:green',
+                     lw=0.8, label='least, by the third differences that last')
+    axes[1].set(xlabel='time [s]')
+    axes[1].legend(fontsize=8)
     return figure
 
 
@@ -231,8 +265,8 @@ def _constants(plt: Any) -> Any:
     return figure
 
 
-PICTURES = {'edge': _edges, 'beat': _beats, 'bandwidth': _bandwidth, 'sigma': _sigma,
-            'constants': _constants}
+PICTURES = {'edge': _edges, 'beat': _beats, 'bandwidth': _bandwidth,
+            'vibration': _vibration, 'sigma': _sigma, 'constants': _constants}
 
 
 def draw(folder: Path, names: Sequence[str] = tuple(PICTURES)) -> list[Path]:
