@@ -147,6 +147,16 @@ def test_a_glitch_leaves_no_trace(speed, size):
     assert out.status[3000] == COASTING and out.status[3010] == TRACKING
 
 
+@pytest.mark.parametrize('counts', [64, 256, 65536])
+def test_a_glitch_of_half_a_radian_leaves_less_than_a_count_with_any_encoder(counts):
+    quantum = 2.0 * math.pi / counts
+    angle = 2.0 * np.arange(4000) * DT + 0.4e-3
+    measured = read(angle, quantum)
+    measured[3000] = read(angle[3000] + 0.5, quantum)
+    out = joint(quantum=quantum).run(stamps(4000), measured, fast=False)
+    assert np.max(np.abs(out.velocity - 2.0)[3010:]) * 0.01 < 0.1 * quantum
+
+
 def test_a_hole_of_a_second_at_200_rad_per_s_is_harmless():
     t = np.arange(5000) * DT
     kept = (t < 2.0) | (t > 3.0)
