@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 
 import psutil
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.nodes.domain import free_domain
+from sim_pkg.demo.processes import ended_on_any_signal
 
 
 def start(tmp_path, *words):
@@ -75,6 +77,23 @@ def test_an_interrupt_of_an_import_is_an_interrupt(monkeypatch, capsys):
     monkeypatch.setattr(cli.registry, 'find', lambda group, name: command)
     assert cli.main(['demo']) == 130
     assert capsys.readouterr().err == 'velocity_estimator demo: interrupted\n'
+
+
+@pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
+def test_a_signal_that_python_drops_is_told_to_the_loop():
+    """A KeyboardInterrupt in a callback of a weak reference goes nowhere."""
+    class Thing:
+        pass
+
+    with ended_on_any_signal() as check:
+        check()
+        thing = Thing()
+        watching = weakref.ref(thing, lambda _: (os.kill(os.getpid(), signal.SIGINT),
+                                                 time.sleep(0.01)))
+        del thing
+        assert watching() is None
+        with pytest.raises(KeyboardInterrupt):
+            check()
 
 
 def test_a_nonsense_duration_is_one_line(tmp_path):

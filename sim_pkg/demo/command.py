@@ -7,6 +7,7 @@ import contextlib
 import math
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +58,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     name = time.strftime('run_%Y%m%d_%H%M%S')
     bag, plot = folder / name, folder / f'{name}.png'
-    with ended_on_any_signal():
-        count = _watch(parsed, bag, environment)
+    with ended_on_any_signal() as check:
+        count = _watch(parsed, bag, environment, check)
         print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
         code = velocity_estimator(['evaluate', str(bag), '--estimate', ESTIMATE,
                                    '--observer', 'finite_difference',
@@ -67,7 +68,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     return {'ok': code == 0 and count > 0, 'bag': str(bag), 'plot': str(plot), 'estimates': count}
 
 
-def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -> int:
+def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str],
+           check: Callable[[], None]) -> int:
     """Starts the processes, shows what they say, ends them; the number of estimates seen."""
     from sim_pkg.demo.processes import Child
     ros = ['--ros-args']
@@ -85,11 +87,11 @@ def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -
             child = Child(name, module, words, environment)
             stack.callback(child.end)
             children.append(child)
-        return _show(parsed, children)
+        return _show(parsed, children, check)
 
 
-def _show(parsed: argparse.Namespace, children: list) -> int:
-    """The table, until the time is up."""
+def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None]) -> int:
+    """The table, until the time is up or a signal came."""
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
@@ -103,6 +105,7 @@ def _show(parsed: argparse.Namespace, children: list) -> int:
         with Display(title) as display:
             begun, started, frame = time.monotonic(), math.inf, 0.0
             while time.monotonic() < started + parsed.duration:
+                check()
                 spin(FRAME / 4.0)
                 now = time.monotonic()
                 if now < frame:

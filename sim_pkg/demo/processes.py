@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from estimator_pkg.errors import UserError
 
@@ -58,15 +58,27 @@ class Child:
 
 
 @contextlib.contextmanager
-def ended_on_any_signal() -> Iterator[None]:
-    """SIGTERM and SIGHUP become KeyboardInterrupt, so that children are ended for them too."""
+def ended_on_any_signal() -> Iterator[Callable[[], None]]:
+    """SIGTERM and SIGHUP become KeyboardInterrupt, so that children are ended for them too.
+
+    Gives what a loop must call now and then: it raises KeyboardInterrupt if a signal came. Python
+    drops the one that is raised while it tidies up (a lock of an import, say).
+    """
+    came: list[int] = []
+
     def interrupt(number: int, frame: object) -> None:
+        came.append(number)
         raise KeyboardInterrupt
 
+    def check() -> None:
+        if came:
+            raise KeyboardInterrupt
+
     before = {number: signal.signal(number, interrupt)
-              for number in (signal.SIGTERM, signal.SIGHUP)}
+              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+              if signal.getsignal(number) != signal.SIG_IGN}  # as in a job in the background
     try:
-        yield
+        yield check
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
