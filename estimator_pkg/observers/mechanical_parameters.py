@@ -110,8 +110,9 @@ def spread(name: str, values: tuple[float, ...], count: int) -> Array:
         return np.diag(given)
     if len(given) == count * count:
         return given.reshape(count, count)
-    raise UsageError(f"parameter '{name}' has {len(given)} numbers; a mechanism of {count} "
-                     f'positions takes 1, {count} or {count * count}')
+    takes = ('one position takes 1' if count == 1
+             else f'{count} positions takes 1, {count} or {count * count}')
+    raise UsageError(f"parameter '{name}' has {len(given)} numbers; a mechanism of {takes}")
 
 
 def per_joint(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...]:
