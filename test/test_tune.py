@@ -18,6 +18,7 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.many import expanded
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.tuning import picture
 from estimator_pkg.evaluation.tuning.objective import (
@@ -31,7 +32,6 @@ from estimator_pkg.evaluation.tuning.objective import (
 from estimator_pkg.evaluation.tuning.records import records
 from estimator_pkg.evaluation.tuning.search import search
 from estimator_pkg.evaluation.tuning.study import Dimension
-from estimator_pkg.evaluation.workers import expanded
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers import hybrid_angle
 
@@ -379,4 +379,5 @@ def test_other_errors(bag, tmp_path, capsys):
 def test_folders_stand_for_their_bags():
     assert len(expanded([str(PENDULUMS)])) == 4
     one = str(PENDULUMS / 'sac_200hz_multiturn')
-    assert expanded([one, one]) == [one]
+    assert expanded([one, one]) == [(one, '')]
+    assert expanded([str(PENDULUMS), one])[2:] == [(one, ''), expanded([str(PENDULUMS)])[3]]

@@ -13,13 +13,14 @@ from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import asked, plot
 from estimator_pkg.evaluation.comparison import Comparison, compare
+from estimator_pkg.evaluation.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.report import Report
 from estimator_pkg.evaluation.smoother import Smoothed
 from estimator_pkg.evaluation.text import fixed, number, table
 from estimator_pkg.evaluation.truth import SMOOTHED
-from estimator_pkg.evaluation.workers import expanded, workers
+from estimator_pkg.evaluation.workers import workers
 
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
           'received', 'used', 'dropped')
@@ -81,12 +82,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.plot:
         plot.check(parsed.plot)
     bags = expanded(parsed.bags)
-    result, drawn = {}, []
+    result: dict[str, Any] = {}
+    drawn: list[Comparison] = []
+    left_out: list[LeftOut] = []
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         page = (stack.enter_context(Report(parsed.html, len(bags), chosen.wrap_period))
                 if parsed.html else None)
-        for comparison in run_many(compare, [(bag, chosen) for bag in bags]):
+        for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
             print(describe(comparison) + '\n')
             result[comparison.bag] = comparison.as_dict()
             if page is not None:
@@ -95,12 +98,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 print('\n'.join(f'- {each}' for each in said) + '\n')
             if parsed.plot:
                 drawn.append(comparison)
+        if page is not None:
+            page.leave_out(left_out)
     if parsed.html:
         print(f'page: {parsed.html}')
     if parsed.plot:
         plot.draw(drawn, parsed.plot)
         print(f'plot: {parsed.plot}')
-    return {'bags': result}
+    return {'bags': result, 'left_out': {each.path: each.why for each in left_out}}
 
 
 def describe(comparison: Comparison) -> str:

@@ -17,6 +17,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement, look, sentences
 from estimator_pkg.evaluation.full_data import FullData
+from estimator_pkg.evaluation.many import LeftOut
 from estimator_pkg.evaluation.text import fixed, number
 
 HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
@@ -111,6 +112,12 @@ class Report:
             self._keep(comparison, joint, rows)
         self._sections.append('\n'.join(parts))
         return said
+
+    def leave_out(self, bags: Sequence[LeftOut]) -> None:
+        """What is said of bags that could not be judged."""
+        if bags:
+            self._sections.append('<h2>Left out</h2><ul>' + ''.join(
+                f'<li>{html.escape(str(bag))}</li>' for bag in bags) + '</ul>')
 
     def _points(self, comparison: Comparison) -> int:
         """How many points a line may have."""

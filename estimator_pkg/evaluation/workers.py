@@ -8,10 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
-from estimator_pkg.bags.reader import METADATA
 from estimator_pkg.errors import UsageError, UserError
 
 HINT = "a cluster needs Dask: pip install 'velocity_estimator[cluster]'"
@@ -48,27 +46,6 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
             yield lambda function, items: _mapped(pool, function, items)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
-
-
-def expanded(paths: Sequence[str]) -> list[str]:
-    """The bags meant: folders with bags in them stand for these.
-
-    Raises
-    ------
-    UserError : a folder without any bag.
-    """
-    found: list[str] = []
-    for path in dict.fromkeys(paths):
-        folder = Path(path)
-        if folder.is_dir() and not (folder / METADATA).exists() and not [
-                *folder.glob('*.mcap'), *folder.glob('*.db3')]:
-            inside = sorted(str(each.parent) for each in folder.rglob(METADATA))
-            if not inside:
-                raise UserError(f'{path}: no bag in this folder')
-            found += inside
-        else:
-            found.append(path)
-    return list(dict.fromkeys(found))
 
 
 def _leave_interrupts() -> None:

@@ -12,13 +12,14 @@ from typing import Any
 from estimator_pkg.bags import kinds
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.tuning import live, output, picture
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
 from estimator_pkg.evaluation.tuning.seek import seek
 from estimator_pkg.evaluation.tuning.wishes import WRAP_PERIOD, Wishes, wishes
-from estimator_pkg.evaluation.workers import Map, expanded, workers
+from estimator_pkg.evaluation.workers import workers
 
 TRIALS = 40
 
@@ -96,8 +97,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         if parsed.live is not None:
             parsed.bags = [stack.enter_context(_recorded(parsed, wished))]
         held_out = 0.0 if parsed.judge else parsed.held_out
-        seen = _records(parsed.bags, wished, options, held_out, parsed.joint, run_many)
-        judged = _records(parsed.judge, wished, options, 0.0, parsed.joint, run_many)
+        left_out: list[LeftOut] = []
+
+        def of(paths: Sequence[str], held_out: float) -> list[Record]:
+            parts = on_each(run_many, records, expanded(paths), wished.entry, options, held_out,
+                            tuple(parsed.joint), left_out=left_out)
+            return [record for part in parts for record in part]
+
+        seen, judged = of(parsed.bags, held_out), of(parsed.judge, 0.0)
         _check_apart(seen, judged)
         tuned = []
         for joint, chosen in _groups(seen, wished, parsed.per_joint).items():
@@ -120,7 +127,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     for each in tuned:
         each.pop('trials')
     return {'observer': parsed.observer, 'preference': wished.preference, 'out': str(out),
-            'notes': notes, 'tuned': tuned}
+            'notes': notes, 'left_out': {each.path: each.why for each in left_out},
+            'tuned': tuned}
 
 
 def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
@@ -128,15 +136,6 @@ def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
     usual = kinds.of_observer(wished.entry.observer).usual
     return live.recorded((parsed.measurement,) if parsed.measurement else usual,
                               parsed.truth or TRUTH, parsed.live)
-
-
-def _records(paths: Sequence[str], wished: Wishes, options: Options, held_out: float,
-             joints: Sequence[str], run_many: Map) -> list[Record]:
-    """The records of these bags, and of the bags in these folders."""
-    if not paths:
-        return []
-    jobs = [(bag, wished.entry, options, held_out, tuple(joints)) for bag in expanded(paths)]
-    return [record for part in run_many(records, jobs) for record in part]
 
 
 def _check_apart(seen: Sequence[Record], judged: Sequence[Record]) -> None:
