@@ -1,6 +1,8 @@
 """The demonstration as a newcomer runs it: processes over real DDS, a bag, a plot, a clean end."""
 
+import io
 import json
+import math
 import os
 import signal
 import subprocess
@@ -10,11 +12,14 @@ import weakref
 
 import psutil
 import pytest
+from rich.console import Console
 
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.nodes.domain import free_domain
+from sim_pkg.demo.listener import Snapshot
 from sim_pkg.demo.processes import ended_on_any_signal
+from sim_pkg.demo.table import Display
 
 
 def start(tmp_path, *words):
@@ -102,3 +107,12 @@ def test_a_nonsense_duration_is_one_line(tmp_path):
     assert process.returncode == 2
     assert len(text.splitlines()) == 1
     assert '--duration' in text
+
+
+@pytest.mark.parametrize('terminal', [False, True])
+def test_what_is_not_known_yet_is_a_dash(terminal):
+    shown = io.StringIO()
+    with Display('title', Console(file=shown, force_terminal=terminal, width=120)) as display:
+        display.show(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1))
+    text = shown.getvalue()
+    assert 'nan' not in text and '-' in text and '+0.500' in text

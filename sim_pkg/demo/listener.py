@@ -15,7 +15,11 @@ KEPT = 200  # messages kept per topic, to match estimates with truth by stamp
 
 
 class Snapshot(NamedTuple):
-    """One moment of the demo: rad, rad/s, all at the same stamp; nan where nothing came yet."""
+    """One moment of the demo: rad, rad/s, all at the same stamp.
+
+    finite_difference is nan before the second measurement, stddev where the node does not say it
+    (yet): it publishes it on a topic of its own.
+    """
 
     seconds: float
     angle: float

@@ -59,8 +59,8 @@ class Display:
             self._console.print(
                 f't {moment.seconds:5.2f} s  angle {moment.angle:+.4f} rad  '
                 f'true {moment.true_velocity:+8.3f}  finite difference '
-                f'{moment.finite_difference:+8.3f}  estimate {moment.velocity:+8.3f} '
-                f'+- {moment.stddev:.3f}  error {moment.error:+.3f} rad/s',
+                f'{_shown(moment.finite_difference, "+8.3f")}  estimate {moment.velocity:+8.3f} '
+                f'+- {_shown(moment.stddev, ".3f")}  error {moment.error:+.3f} rad/s',
                 highlight=False, soft_wrap=True)
 
     def _waiting(self) -> Text:
@@ -78,11 +78,11 @@ class Display:
             ('measured angle', f'{moment.angle:+.4f}', 'rad', '', ''),
             ('true velocity', f'{moment.true_velocity:+.3f}', 'rad/s',
              sparkline(self._traces['truth'], span), f'+-{span:.0f} rad/s'),
-            ('finite difference', f'{moment.finite_difference:+.3f}', 'rad/s',
+            ('finite difference', _shown(moment.finite_difference, '+.3f'), 'rad/s',
              sparkline(self._traces['difference'], ERROR_SPAN), f'error, +-{ERROR_SPAN:g} rad/s'),
             ('estimate', f'{moment.velocity:+.3f}', 'rad/s',
              sparkline(self._traces['error'], ERROR_SPAN), f'error, +-{ERROR_SPAN:g} rad/s'),
-            ('  standard deviation', f'{moment.stddev:.3f}', 'rad/s', '', ''),
+            ('  standard deviation', _shown(moment.stddev, '.3f'), 'rad/s', '', ''),
             ('  error', f'{moment.error:+.3f}', 'rad/s', '', ''),
         ]
         for row in rows:
@@ -91,6 +91,11 @@ class Display:
         return Group(Text(self._title, style='bold'),
                      Text(f't {moment.seconds:.1f} s, {moment.messages} estimates',
                           style='dim'), table)
+
+
+def _shown(value: float, form: str) -> str:
+    """A number as the table writes it; a dash where it is not known (yet)."""
+    return format(value, form) if math.isfinite(value) else '-'
 
 
 def sparkline(values: deque[float], span: float) -> str:
