@@ -236,6 +236,24 @@ def test_the_quantum_is_found_where_it_is_not_given(speed, narrow):
     assert rms(out.velocity[3000:] - speed) < 2e-3
 
 
+def test_the_first_edge_of_a_shaft_that_stood_is_no_motion():
+    """With no quantum given, the first change of the reading shows it: no full step of way."""
+    for flicker in ((1.0, 0.0, 1.0), (1.0, 1.0, 1.0), (0.0, 1.0, 0.0)):
+        counts = np.concatenate([np.zeros(2000), flicker, np.ones(500)])
+        out = run((counts + 0.5) * QUANTUM, quantum=0.0)
+        shown = out.velocity[out.status == TRACKING]
+        assert np.abs(shown).max() <= 0.3 * QUANTUM / DT
+        assert abs(shown[-1]) <= 0.01
+
+
+def test_a_start_after_a_rest_is_followed_at_once():
+    """A shaft that has stood and then moves by counts in every sample is no flicker."""
+    way = 20.0 * np.clip((np.arange(2100) - 2000) * DT, 0.0, None)
+    out = run(way, quantum=0.0)
+    assert abs(out.velocity[2002] - 20.0) <= QUANTUM / DT
+    assert np.abs(out.velocity[2010:] - 20.0).max() <= 0.2
+
+
 # ---------------------------------------------------------------- start, status, gaps
 
 @pytest.mark.parametrize('speed', [0.0, 1.0, -100.0, 1000.0, -2000.0, 3000.0, 3100.0])

@@ -156,6 +156,22 @@ def build(gains: Gains, circle: Circle) -> Functions:
                  0.5 * bend * rate * rate * rate, bend * rate * rate * rate * rate),
                 begin_band(quantum * quantum / LONGEST ** 5))
 
+    def waiting(rested: float, quantum: float) -> tuple:
+        """The covariance at the first change after so long a rest [s]: no speed is known.
+
+        It shows the quantum. Was it an edge of a shaft that still stands, or has it begun to move?
+        The next reading tells.
+        """
+        rate = 1.0 / (rested if rested < LONGEST else LONGEST)
+        least = quantum * quantum / 12.0
+        return (least, 0.0, 0.0, 0.0, 0.0, least * rate * rate * rate * rate)
+
+    def stood(edge: float, p: tuple) -> tuple:
+        """(motion, covariance, band) of a shaft that stands at an edge, after `waiting`."""
+        return ((edge, 0.0, 0.0, 0.0),
+                (p[0], 0.0, 0.0, math.sqrt(p[0] * p[5]), 0.0, p[5]),
+                begin_band(12.0 * p[0] / LONGEST ** 5))
+
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
         motion, p, band, sensor, steps, convention, lock = state
@@ -172,11 +188,16 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if quantum != sensor[0] and sensor[0] > 0.0:
                 scale = quantum / sensor[0]
                 band = (band[0] * scale * scale,) + band[1:]
+        stepped, rested = sensor[4], sensor[7]
         sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
-        convention = follow(convention, measurement, period)
+        last, convention = convention[0], follow(convention, measurement, period)
         status, count, astray = lock
+        if p[5] > 0.0 == p[3] and stepped * change <= 0.0:   # it was an edge, and no start
+            motion, p, band = stood(last - 0.5 * stepped, p)
         if p[3] == 0.0:      # no speed is known: the second reading, or the first that differs
-            if quantum > 0.0:
+            if p[5] == 0.0 < quantum and rested > CONFIRMED * dt:
+                p = waiting(rested, quantum)
+            elif quantum > 0.0:
                 motion, p, band = started(measurement, change, coefficients, quantum, sensor[1],
                                           period)
             return (motion, p, band, sensor, steps, convention,
