@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.delay import GAP, noise_power
+from estimator_pkg.evaluation.delay import GAP
 from estimator_pkg.evaluation.metrics import wrapped
 from estimator_pkg.evaluation.options import SMOOTHER
+from estimator_pkg.evaluation.reference_noise import noise
 
 Array = NDArray[np.float64]
 
@@ -31,11 +32,6 @@ OUTLIER = 6.0       # windows this many robust standard deviations off are left 
 LAG_KNOWN = 1e-3    # a lag, slope or bias is given if its standard deviation is at most this
 SLOPE_KNOWN = 0.01  # (lag [s], slope, part of the reference's rms speed or this much [rad/s])
 BIAS_KNOWN = 0.01
-QUIETEST = 0.1      # the noise is that of the quietest tenth of the record, which of n samples of
-CHANCE = 1.38       # white noise is lower by this over root n (1.28 standard deviations of the rms
-                    # of third differences, which are correlated)
-SHORTEST_BLOCK = 20
-MANY_BLOCKS = 20
 ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
 CLEARLY = 2.0       # the smoother reads the same sensor as the observers: so many times its own
 
@@ -74,25 +70,15 @@ def from_smoother(uncertainty: float) -> Reference:
     return Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, uncertainty, np.nan, SMOOTHER)
 
 
-def noise(time: Array, velocity: Array) -> float:
-    """The rms of the white noise on `velocity`, from its quietest stretches.
-
-    Third differences of a motion are small at usual sample rates, those of white noise are not.
-    Violent motion has them too, therefore the quietest tenth of the record counts.
-    """
-    if len(time) < SHORTEST_BLOCK + 3:
-        return np.nan
-    step = float(np.median(np.diff(time)))
-    size = int(max(0.2 / step, SHORTEST_BLOCK))
-    last = max(1, len(velocity) - size - 2)
-    # in a short record, blocks that overlap: a quiet stretch may lie across two
-    starts = range(0, last, size if last >= MANY_BLOCKS * size else max(1, size // 4))
-    powers = [noise_power(velocity[i:i + size + 3]) for i in starts]
-    low = 1.0 - CHANCE / np.sqrt(size) if len(powers) > 1 else 1.0
-    return float(np.sqrt(np.quantile(powers, QUIETEST)) / low)
+def unheld(time: Array, velocity: Array, own: Array | None = None, period: float = 0.0
+           ) -> Reference:
+    """What is known of a reference that nothing measured can be held against: its noise."""
+    return Reference(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan,
+                     noise(time, velocity, own, period), np.nan)
 
 
-def fit(time: Array, velocity: Array, position: Array, period: float) -> Reference:
+def fit(time: Array, velocity: Array, position: Array, period: float,
+        own: Array | None = None) -> Reference:
     """Lag, bias, slope and noise of a reference velocity against the measured position.
 
     Parameters
@@ -101,11 +87,11 @@ def fit(time: Array, velocity: Array, position: Array, period: float) -> Referen
     velocity : shape (n,), the reference [rad/s].
     position : shape (n,), the measurement at the same times [rad], in any convention.
     period : wrap period [rad]; 0: none.
+    own : shape (n,), the reference's own position [rad], nan where it has none; None: nowhere.
     """
     good = np.isfinite(velocity) & np.isfinite(position)
     time, velocity, position = time[good], velocity[good], position[good]
-    spread = noise(time, velocity)
-    unknown = Reference(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, spread, np.nan)
+    unknown = unheld(time, velocity, None if own is None else own[good], period)
     if len(time) < 2 * WINDOW_SAMPLES:
         return unknown
     steps = np.diff(time)
@@ -137,8 +123,8 @@ def fit(time: Array, velocity: Array, position: Array, period: float) -> Referen
         rest = np.abs(missed - columns @ np.nan_to_num(answer[0]))
         kept = rest <= OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
     (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = answer
-    return Reference(lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev, spread,
-                     across * step)
+    return Reference(lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev,
+                     unknown.noise, across * step)
 
 
 def _solve(columns: Array, instruments: Array, missed: Array, across: int

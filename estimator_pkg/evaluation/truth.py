@@ -112,13 +112,12 @@ def _reference(truth: Series, measurement: Series | None, period: float) -> Refe
             measurement = _part(measurement, near)
     if measurement is None:
         alone = match(truth.stamps_ns, truth.stamps_ns, truth.velocity, truth.velocity, 0.0)
-        nan = np.nan
-        return Reference(nan, nan, nan, nan, nan, nan,
-                         reference.noise(alone.time, alone.velocity), nan)
+        return reference.unheld(alone.time, alone.velocity, truth.position[alone.rows], period)
     good = np.isfinite(measurement.position)
     position = measurement.position[good]
     at = match(truth.stamps_ns, measurement.stamps_ns[good], position, position, period)
-    return reference.fit(at.time, truth.velocity[at.rows], at.position, period)
+    return reference.fit(at.time, truth.velocity[at.rows], at.position, period,
+                         truth.position[at.rows])
 
 
 def _part(series: Series, rows: slice | NDArray[np.bool_]) -> Series:
