@@ -46,6 +46,7 @@ def test_bound_is_the_last_change_over_the_time_since():
     assert low_speed_bound(2e-3, 0.0, 5e-3, 0.0) == math.inf             # it just changed
     assert low_speed_bound(2e-3, 1.0, 0.0, 0.0) == math.inf              # no quantum is known
     assert low_speed_bound(2e-3, 0.1, 1e-3, 1.01e-6) == math.inf         # noise beyond a quantum
+    assert low_speed_bound(2e-3, 0.1, 1e-3, 1e-8) == pytest.approx(0.024)  # held back by 4 sigma
     assert low_speed_bound(2e-3, 0.1, 1e-3, 0.99e-6) < math.inf
 
 
@@ -111,6 +112,22 @@ def test_noise_above_a_quantum_switches_it_off(variant, given):
     same = one.velocity[settled] == other.velocity[settled]
     assert np.mean(same) > 0.999
     assert held._track[:7] == free._track[:7]
+
+
+@pytest.mark.parametrize('given', [True, False], ids=['noise given', 'noise estimated'])
+@each_variant
+def test_noise_that_holds_a_reading_back_does_not_slow_a_shaft(variant, given):
+    """1.3 counts per sample: only noise, of a fifth of a count, lets a reading stay as it was."""
+    noise = 0.2 * QUANTUM
+    t = np.arange(6000) * DT
+    random = np.random.default_rng(4)
+    measured = read(1.3 * QUANTUM / DT * t + random.normal(0.0, noise, len(t)))
+    more = {'noise': noise} if given else {}
+    held = with_gains(variant, True, **more).run(stamps(len(t)), measured, fast=False)
+    free = with_gains(variant, True, low_speed_bound=False, **more).run(stamps(len(t)), measured,
+                                                                      fast=False)
+    assert np.sum(measured[1001:] == measured[1000:-1]) > 50
+    assert np.abs(held.velocity - free.velocity)[1000:].max() <= 0.1 * QUANTUM / DT
 
 
 @pytest.mark.parametrize('repeat', [2, 3, 5])

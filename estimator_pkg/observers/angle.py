@@ -18,6 +18,7 @@ from estimator_pkg.parameters import parameter
 MEMORY = 400.0      # samples over which the innovation's power is averaged
 RECENT = 32.0       # the same for the low-speed bound, which must soon know of a change
 STILL = 8.0         # after so many equal readings the noise is surely less than a quantum
+SURELY = 4.0        # standard deviations of noise that may have held a reading back
 FRESH = 4.0         # samples that the power weighs when a start has settled
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
 LARGEST = 1e9       # beyond it [rad] a double does not tell 1e-7 rad apart: no reading, but garbage
@@ -86,8 +87,9 @@ def variance_floor(quantum: float) -> float:
 def low_speed_bound(change: float, since: float, quantum: float, variance: float) -> float:
     """The largest speed [rad/s] that a reading unchanged for `since` [s] allows; inf: no bound.
 
-    A shaft turning faster would have changed the reading by now. Off where the noise is larger
-    than a quantum, because then an unchanged reading says nothing. A stream that repeats every
+    A shaft turning faster would have changed the reading by now, unless noise held it back: so much
+    is added. Off where the noise is larger than a quantum, because then an unchanged reading says
+    nothing. A stream that repeats every
     second sample is not slowed: its change spans two samples.
 
     Parameters
@@ -98,7 +100,7 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
     """
     if since <= 0.0 or quantum <= 0.0 or variance > quantum * quantum:
         return math.inf
-    return (change if change > quantum else quantum) / since
+    return ((change if change > quantum else quantum) + SURELY * math.sqrt(variance)) / since
 
 
 def _watch(lock: tuple[int, float, float, float], size: float, outside: float, dt: float,
@@ -204,7 +206,8 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         elif since > STILL * coefficients[1]:
             variance = 0.0
         else:
-            variance = recent / noise_gains(state[0], coefficients[0])[2]
+            variance = recent / noise_gains(state[0], coefficients[0])[2] - variance_floor(quantum)
+            variance = variance if variance > 0.0 else 0.0
         bound = low_speed_bound(change, since, quantum, variance)
         return bound if value > bound else -bound if value < -bound else value
 
