@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from estimator_pkg import observers
 from estimator_pkg.driver.configuration import settings_of
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.switched_joint import SwitchedBank, SwitchedJoint
@@ -15,6 +16,7 @@ from estimator_pkg.models.switched import check, load, trajectory
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.switched import OBSERVER, Gains
+from estimator_pkg.observers.switched_velocity import poles
 from estimator_pkg.parameters import build
 
 QUANTUM = 2.0 * math.pi / 65536
@@ -118,11 +120,12 @@ def test_a_gap_keeps_what_was_learnt():
     assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
 
 
-def test_two_outputs_and_the_second_joint():
+@pytest.mark.parametrize('velocity', ['filtered', 'cascade'])
+def test_two_outputs_and_the_second_joint(velocity):
     model = load('example')
     times, states, z = trajectory(model, 6)
-    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0),
-                               Circle(0.0))
+    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
+                                     velocity=velocity), Circle(0.0))
     coefficients = functions.prepare((), 1e-3)
     state = functions.init((1.0, 0.5), ())
     for i in range(1, len(times)):
@@ -130,8 +133,10 @@ def test_two_outputs_and_the_second_joint():
         state = functions.step(state, coefficients, (), measured, ())
         if i % 500 == 0:
             state = functions.jump(state, ('', ()))
-    (first, speed), (second, other) = functions.outputs(state, measured)
-    assert (first, second) == pytest.approx(measured, abs=1e-9)
+    (first, speed, _), (second, other, _) = functions.outputs(state, measured)
+    assert (first, second) == pytest.approx(measured, abs=1e-5)
+    zeta = model.zeta(states[-1], z[-1])
+    assert (speed, other) == pytest.approx((zeta[1], zeta[3]), abs=0.005)
     assert functions.states(state) == pytest.approx(states[-1], abs=0.03)
     assert functions.discrete(state)[0] == pytest.approx(z[-1], abs=0.02)
     assert functions.discrete(state)[2]
@@ -229,12 +234,93 @@ def test_the_inversion_is_not_used_below_its_singular_value():
 
 def test_every_output_has_a_standard_deviation_of_its_own():
     _, state = example_run(1, until=2)
-    functions = OBSERVER.build(Gains(model='example', noise=1e-4), Circle(0.0))
+    functions = OBSERVER.build(Gains(model='example', noise=1e-4, velocity='cascade'), Circle(0.0))
     (first, speed), (second, other) = functions.deviations(state)
     assert first == second == pytest.approx(1e-4)
     assert speed == pytest.approx(math.sqrt(120.0 * 1e-4))
     assert other == pytest.approx(math.sqrt(60.0 * 1e-4))
     assert functions.stddev(state, (), ()) == (first, speed)
+
+
+@pytest.mark.parametrize('counts, bandwidth, rms', [(65536, 48.0, 0.0031), (4096, 30.0, 0.024)])
+def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
+    """At most the error of `hybrid_angle`, the loads' two changes included, without delay; the
+    stages of the paper lag by half an interval and step with the encoder.
+    """
+    angles, velocities, torques = gripped(
+        5000, loads=((2000, gripper.CLOSED), (4000, gripper.OPEN)))
+    quantum = 2.0 * math.pi / counts
+    readings = np.remainder(np.round(angles / quantum) * quantum + math.pi, 2.0 * math.pi) - math.pi
+    switched = SwitchedJoint(OBSERVER, build(Gains, {
+        'quantum': quantum, 'bandwidth_hz': bandwidth}), JointSettings())
+    other = observers.find('hybrid_angle')
+    angle_only = Joint(other, build(other.gains, {'quantum': quantum}), JointSettings())
+    found = []
+    for i, reading in enumerate(readings.tolist()):
+        stamp = 10 ** 18 + i * 10 ** 6
+        switched.update(stamp, (reading,), torques[i - 1] if i else (0.0,))
+        angle_only.update(stamp, reading)
+        found.append((switched.estimate()[1], switched.stddev()[1], angle_only.estimate()[1]))
+        if i in (2000, 4000):
+            assert switched.event(stamp, 'close') == 'applied'
+    speed, stddev, peer = np.array(found)[500:].T
+    true, acceleration = velocities[500:], np.gradient(velocities, 1e-3)[500:]
+    error = speed - true
+    assert 0.5 * rms < np.sqrt(np.mean(error ** 2)) < rms
+    assert np.sqrt(np.mean(error ** 2)) < np.sqrt(np.mean((peer - true) ** 2))
+    delay = -np.dot(error, acceleration) / np.dot(acceleration, acceleration)
+    assert abs(delay) < 1e-4
+    assert 0.93 < np.mean(np.abs(error) < 1.96 * stddev) < 0.995
+
+
+def test_the_cascade_belongs_to_the_stamp_too():
+    """With exact angles the stages slide, and half an interval later they are exact."""
+    angles, velocities, torques = gripped(1500, loads=())
+    joint = made(velocity='cascade')
+    for i, angle in enumerate(angles.tolist()):
+        joint.update(10 ** 18 + i * 10 ** 6, (angle,), torques[i - 1] if i else (0.0,))
+        if i > 500:
+            assert joint.estimate()[1] == pytest.approx(velocities[i], abs=2e-3)
+
+
+def test_a_bandwidth_is_the_one_from_true_to_estimated_velocity():
+    """A sine at the bandwidth, which the model knows nothing of, comes at -3 dB."""
+    functions = OBSERVER.build(Gains(bandwidth_hz=5.0), Circle(0.0))
+    coefficients = functions.prepare((), 1e-4)
+    state, speeds = functions.init((0.0,), ()), []
+    for i in range(1, 10000):
+        angle = 1e-5 * math.sin(2.0 * math.pi * 5.0 * i * 1e-4)
+        state = functions.step(state, coefficients, (), (angle,), (0.0,))
+        speeds.append(state.observed[0][1] / (1e-5 * 2.0 * math.pi * 5.0))
+    assert max(speeds[6000:]) == pytest.approx(math.sqrt(0.5), rel=0.01)
+
+
+def test_the_noise_of_the_velocity_is_as_computed():
+    random = np.random.default_rng(3)
+    functions = OBSERVER.build(Gains(), Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state, found = functions.init((0.0,), ()), []
+    for noise in (1e-6 * random.standard_normal(8000)).tolist():
+        state = functions.step(state, coefficients, (), (noise,), (0.0,))
+        found.append(state.observed[0])
+    position, velocity, _ = state.noises[0]
+    spread = np.std(np.array(found)[500:], axis=0) / 1e-6
+    assert spread[:2] == pytest.approx([math.sqrt(position), math.sqrt(velocity)], rel=0.1)
+    assert math.sqrt(state.powers[0]) == pytest.approx(1e-6, rel=0.4)
+
+
+@pytest.mark.parametrize('length', [1, 2, 3, 5])
+def test_all_poles_are_in_one_place(length):
+    made_of = poles(length, 20.0)
+    for dt in (1e-4, 1e-2):
+        gains, factors, _ = made_of.at(dt)
+        n = length + 1
+        a = np.array([[factors[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
+        kept = np.eye(n)
+        kept[:, 0] -= gains
+        scale = np.diag([dt ** i for i in range(n)])
+        wanted = np.poly([math.exp(-made_of.pole * dt)] * n)
+        assert np.poly(scale @ kept @ a @ np.linalg.inv(scale)) == pytest.approx(wanted, abs=1e-9)
 
 
 def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
@@ -244,8 +330,10 @@ def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
     _, states, _ = trajectory(load('example'), 1)
     for i, (x1, _, x3, _) in enumerate(states.tolist()):
         found = bank.take(10 ** 18 + i * 10 ** 6, ('y2', 'other', 'y1'), (x3, 0.0, x1), ())
-    assert [position for position, _ in found] == pytest.approx(states[-1, [0, 2]], abs=1e-3)
-    assert [round(speed, 3) for _, speed in bank.deviations()] == [0.110, 0.077]
+    assert [each[0] for each in found] == pytest.approx(states[-1, [0, 2]], abs=1e-3)
+    assert all(math.isfinite(each[2]) for each in found)
+    assert bank.deviations() == system.functions.deviations(system._track[6])
+    assert [round(speed, 3) for _, speed in bank.deviations()] == [0.010, 0.010]
 
 
 def test_the_deviation_of_the_velocity_is_that_of_the_errors():

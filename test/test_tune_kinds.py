@@ -124,7 +124,7 @@ def test_a_switched_system(tmp_path):
     found, out = tuned(tmp_path, tmp_path / 'bag', '--observer', 'switched', '--trials', 8)
     each, = found['tuned']
     assert each['best']['cost'] <= each['default']['cost']
-    assert set(params_file.load(out, 'switched_observer')) == {'bound_scale'}
+    assert set(params_file.load(out, 'switched_observer')) == {'bandwidth_hz'}
 
 
 def test_a_choice_is_sought_too(tmp_path):

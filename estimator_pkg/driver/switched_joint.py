@@ -166,8 +166,9 @@ class SwitchedBank:
                 else 'an effort is not a number')
 
     def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
-             efforts: Sequence[float]) -> list[tuple[float, float]]:
-        """One message in; (position, velocity) of each joint, empty if they may not be published.
+             efforts: Sequence[float]) -> list[tuple[float, float, float]]:
+        """One message in; (position, velocity, acceleration or nan) of each joint, empty if they
+        may not be published.
 
         A message without one of the joints, or without the efforts that the model needs, is
         counted as mismatched.

@@ -96,7 +96,7 @@ def told() -> list[Estimator]:
     return [*found,
             Estimator('adaptive', _adaptive, grid(1.0, 30.0, TOLD_GRID), 'bandwidth_hz', TOLD,
                       'torque, and that it acts on an inertia with viscous friction'),
-            Estimator('switched', _switched, grid(0.1, 100.0, TOLD_GRID), 'bound_scale', TOLD,
+            Estimator('switched', _switched, grid(0.5, 50.0, TOLD_GRID), 'bandwidth_hz', TOLD,
                       'torque, and the form of the equation of motion')]
 
 
@@ -144,7 +144,7 @@ def _switched(column: Column, value: float) -> Array:
         return _nothing(column)
     observer = registry.find(registry.OBSERVERS, 'switched')
     joint = SwitchedJoint(observer, build(observer.gains, {
-        'bound_scale': value, 'quantum': column.quantum}), JointSettings())
+        'bandwidth_hz': value, 'quantum': column.quantum}), JointSettings())
     functions: Any = joint.functions
     velocity = _nothing(column)
     for i, (stamp, angle, torque) in enumerate(_rows(column)):

@@ -11,7 +11,8 @@ Events come at known instants by `jump`. Each stage is sampled implicitly, in cl
 forward Euler (`form: explicit`), which chatters. Python with numpy: the model is the user's.
 
 Files: `switched_gains` the parameters, `switched_system` what they imply, `switched_stages` the
-continuous part, `switched_events` and `switched_regression` the discrete one.
+continuous part, `switched_velocity` what of it is published, `switched_events` and
+`switched_regression` the discrete one.
 
 Barbot, Djemai, Manamanni: State observer and observability conditions for a class of hybrid
 continuous-discrete dynamic system (2007); corrections in docs/papers/hybrid_discrete.md.
@@ -39,6 +40,7 @@ from estimator_pkg.observers.switched_regression import (
 from estimator_pkg.observers.switched_stages import climb, gates_open
 from estimator_pkg.observers.switched_state import State, SwitchedFunctions
 from estimator_pkg.observers.switched_system import make_system
+from estimator_pkg.observers.switched_velocity import motions, observe, poles, spread
 
 LOCKED = 0.3   # [s] after the start, at most, that the stages need
 
@@ -54,6 +56,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
     model, period, outputs = system.model, system.period, system.outputs
     indices, m = model.indices, model.size
     floor = gains.quantum * gains.quantum / 12.0
+    extended = tuple(poles(k, gains.bandwidth_hz) for k in indices)
 
     def design() -> tuple:
         return ()
@@ -63,7 +66,8 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
             made.series(column, gains.filter_rate, dt)
             for made, column in zip(system.filters, system.columns)))
         return (dt, tuple((made.rows(f, column), g0, g1)
-                          for made, column, (f, g0, g1) in filters))
+                          for made, column, (f, g0, g1) in filters),
+                tuple(each.at(dt) for each in extended))
 
     def init(measurement: tuple, design: tuple) -> State:
         y = tuple(map(float, measurement))
@@ -73,8 +77,10 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
                                            for x in (y[i], *(0.0,) * (indices[i] - 1))))
         return State(
             zh=tuple((y[i], *(0.0,) * (indices[i] - 1)) for i in outputs), zt=zero, errors=zero,
-            y=y, u=u, z=nothing, predicted=nothing, y_at=y, history=(), age=0.0, total=0.0,
-            deaf=FORGOTTEN / gains.filter_rate, fitted=False,
+            y=y, u=u, z=nothing, predicted=nothing, y_at=y, history=(), dt=0.0,
+            observed=tuple((y[i], *(0.0,) * indices[i]) for i in outputs), used=nothing,
+            powers=(0.0,) * len(indices), noises=((1.0, 1.0, 1.0),) * len(indices),
+            age=0.0, total=0.0, deaf=FORGOTTEN / gains.filter_rate, fitted=False,
             filters=tuple((resting(system, i, y[i]), (0.0,) * indices[i], empty_columns(system, i),
                            (0.0,) * indices[i]) for i in outputs),
             last_columns=first, origin=first, p=vague(system), power=0.0,
@@ -82,14 +88,17 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
 
     def step(state: Any, coefficients: tuple, design: tuple, measurement: tuple, given: tuple
              ) -> State:
-        h, filters_of = coefficients
+        h, filters_of, corrections = coefficients
         read = tuple(map(float, measurement))
         jumps = tuple(wrap(read[i] - state.conventions[i][0], period) for i in outputs)
         climbed = [climb(system, i, state, jumps[i], h) for i in outputs]
         y = tuple(state.y[i] + jumps[i] for i in outputs)
+        u = tuple(map(float, given))
+        if system.is_filtered:
+            state = observe(system, state, y, u, discrete(system, state)[0], corrections)
         state = state._replace(
             zh=tuple(c[0] for c in climbed), zt=tuple(c[1] for c in climbed),
-            errors=tuple(c[2] for c in climbed), u=tuple(map(float, given)), age=state.age + h,
+            errors=tuple(c[2] for c in climbed), u=u, dt=h, age=state.age + h,
             total=state.total + h, deaf=max(0.0, state.deaf - h),
             conventions=tuple(follow(state.conventions[i], read[i], period) for i in outputs),
             scatters=tuple(follow_scatter(state.scatters[i], read[i], h, period)
@@ -101,40 +110,30 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
     def states(state: Any) -> tuple[float, ...]:
         return model.state(system.chains(state)[0], discrete(system, state)[0])
 
-    def given_outputs(state: Any, measurement: tuple) -> list[tuple[float, float]]:
-        return [(present(state.conventions[i], state.zh[i][0], period, float(circle.unwrap)),
-                 state.zt[i][0]) for i in outputs]
+    def given_outputs(state: Any, measurement: tuple) -> list[tuple[float, float, float]]:
+        z, _, converged = discrete(system, state)
+        return [(present(convention, position, period, float(circle.unwrap)), velocity, second)
+                for convention, (position, velocity, second) in zip(
+                    state.conventions, motions(system, state, z, converged))]
 
     def status(state: Any) -> int:
         if state.total <= min(gains.settle, LOCKED) or not gates_open(system, state):
             return INITIALISING
         return TRACKING if state.age > 0.0 else COASTING
 
-    def acceleration(state: Any) -> float:
-        """Of the first output: from the model where Z is known, which is quieter, or its chain."""
-        k = indices[0]
-        if k == 1:
-            return math.nan
-        z, _, converged = discrete(system, state)
-        if k == 2 and converged:
-            return system.ending(system.chains(state)[0], state.u, z)[0]
-        return state.zt[0][1]
-
     def output(state: Any, coefficients: tuple, design: tuple, measurement: tuple,
                given: tuple) -> tuple:
-        position, velocity = given_outputs(state, measurement)[0]
-        return position, velocity, acceleration(state), status(state)
+        position, velocity, acceleration = given_outputs(state, measurement)[0]
+        return position, velocity, acceleration, status(state)
 
     def deviations(state: Any) -> list[tuple[float, float]]:
-        """A differentiator that bounds the acceleration by L makes sqrt(L sigma) of noise sigma."""
         found = []
         for i in outputs:
             if gains.noise is not None:
                 sigma = math.sqrt(gains.noise * gains.noise + floor)
             else:
                 sigma = math.sqrt(max(state.scatters[i][0], floor))
-            bound = gains.bound_scale * model.bounds[i][0]
-            found.append((sigma, math.sqrt(bound * sigma)))
+            found.append(spread(system, state, i, sigma))
         return found
 
     def stddev(state: Any, coefficients: tuple, design: tuple) -> tuple[float, float]:
@@ -148,7 +147,8 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         shown = discrete(system, state)[0]
         return fresh._replace(
             zh=tuple((y[i], *state.zh[i][1:]) for i in outputs), zt=state.zt, y=y, u=state.u,
-            z=shown, predicted=shown, y_at=y, p=state.p,
+            observed=tuple((y[i], *state.observed[i][1:]) for i in outputs), used=state.used,
+            noises=state.noises, dt=state.dt, z=shown, predicted=shown, y_at=y, p=state.p,
             filters=tuple((resting(system, i, y[i]), *fresh.filters[i][1:]) for i in outputs),
             conventions=tuple(follow(state.conventions[i], float(measurement[i]), period)
                               for i in outputs),

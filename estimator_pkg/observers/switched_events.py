@@ -11,6 +11,7 @@ from estimator_pkg.observers.switched_regression import carry, certain, sigmas, 
 from estimator_pkg.observers.switched_stages import gates_open
 from estimator_pkg.observers.switched_state import State
 from estimator_pkg.observers.switched_system import System
+from estimator_pkg.observers.switched_velocity import moved_chain, moved_observers
 
 
 def discrete(system: System, state: State
@@ -85,7 +86,7 @@ def moved(system: System, state: State, old: tuple, new: tuple) -> State:
     """The reset (13): x does not jump, so zeta does; both kinds of states move with it."""
     model = system.model
     zeta, theta = system.chains(state)
-    after = model.zeta(model.state(zeta, old), new)
+    after = moved_chain(system, zeta, old, new)
     ending = tuple(theta)
     if system.gains.reset == 'all':
         ending = system.ending(after, state.u, new)
@@ -95,4 +96,5 @@ def moved(system: System, state: State, old: tuple, new: tuple) -> State:
         change = [after[first + j] - zeta[first + j] for j in range(k)]
         zh.append((state.zh[i][0], *(state.zh[i][j] + change[j] for j in range(1, k))))
         zt.append((*(after[first + j] for j in range(1, k)), ending[i]))
-    return state._replace(zh=tuple(zh), zt=tuple(zt))
+    return state._replace(zh=tuple(zh), zt=tuple(zt), used=new,
+                          observed=moved_observers(system, state, old, new))

@@ -19,6 +19,15 @@ class Gains:
         'regression', unit='', choices=('regression', 'inversion', 'copy'), structural=True,
         description='how Z is found: regression for noisy encoders; inversion as in the paper, for '
                     'exact outputs only; copy: from A_d and beta_d alone', equation='(28), (29)')
+    velocity: str = parameter(
+        'filtered', unit='', choices=('filtered', 'cascade'), structural=True,
+        description='what is published. filtered: an observer that is fed the model with Z as it '
+                    'is known, for noisy encoders; cascade: the super-twisting stages, as in the '
+                    'paper', equation='(22)')
+    bandwidth_hz: float = parameter(
+        48.0, unit='Hz', range=(0.001, 1e6), search=(1.0, 500.0),
+        description='-3 dB frequency from true to estimated velocity, of what the model does not '
+                    'explain; velocity filtered only')
     form: str = parameter(
         'implicit', unit='', choices=('implicit', 'explicit'), structural=True,
         description='sampling of super-twisting; explicit chatters, kept to show why not')
@@ -47,7 +56,7 @@ class Gains:
         0.0, unit='s', range=(0.0, 1e9),
         description='the regression forgets with this time constant within an interval; 0: never')
     bound_scale: float = parameter(
-        1.0, unit='', range=(1e-6, 1e6), search=(0.05, 20.0),
+        1.0, unit='', range=(1e-6, 1e6),
         description="factor on the model's bounds L of the outputs' derivatives")
     quantum: float = parameter(
         0.0, unit='rad', range=(0.0, 10.0),

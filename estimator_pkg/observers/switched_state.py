@@ -25,6 +25,11 @@ class State(NamedTuple):
     predicted: tuple[float, ...]     # Z as predicted at the last event
     y_at: tuple[float, ...]          # outputs at the last event
     history: tuple                   # (Lambda, Y, A_d, beta_d) of the last intervals
+    dt: float                        # the last interval [s]
+    observed: tuple[tuple[float, ...], ...]  # extended observers: the chain, what is unexplained
+    used: tuple[float, ...]          # Z as they last used it
+    powers: tuple[float, ...]        # mean square of their innovations, as noise of the readings
+    noises: tuple                    # variances of position, velocity and innovation at unit noise
     age: float                       # since the last event, or gap [s]
     total: float                     # since the start [s]
     deaf: float                      # the filters hold what is not known for so long [s]
@@ -43,7 +48,7 @@ class SwitchedFunctions(Functions):
     """The contract's functions, for tuples of outputs, and what is known beside the outputs.
 
     states : (state) -> x, in the coordinates of the model.
-    outputs : (state, measurement) -> (position, velocity) of each output.
+    outputs : (state, measurement) -> (position, velocity, acceleration or nan) of each output.
     discrete : (state) -> (Z, its standard deviations, converged).
     chains : (state) -> (zeta, what ends the chains).
     jump : (state, (mode, v)) -> state, at a switching instant.
@@ -53,7 +58,8 @@ class SwitchedFunctions(Functions):
     init: Callable[[Any, tuple], Any]
 
     states: Callable[[Any], tuple[float, ...]] = tuple
-    outputs: Callable[[Any, tuple], list[tuple[float, float]]] = lambda state, measurement: []
+    outputs: Callable[[Any, tuple], list[tuple[float, float, float]]] = (
+        lambda state, measurement: [])
     discrete: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...], bool]] = (
         lambda state: ((), (), False))
     chains: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...]]] = (

@@ -45,6 +45,11 @@ class System:
         return self.gains.form == 'implicit'
 
     @property
+    def is_filtered(self) -> bool:
+        """True where the published velocity is that of the extended observers."""
+        return self.gains.velocity == 'filtered'
+
+    @property
     def is_regression(self) -> bool:
         """True where Z comes from least squares."""
         return self.gains.discrete == 'regression'
