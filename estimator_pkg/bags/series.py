@@ -49,6 +49,23 @@ def joint_series(bag: Bag, topic: str) -> dict[str, Series]:
     return {name: _series(items) for name, items in pieces.items()}
 
 
+def at_stamps(stamps: NDArray[np.int64], known: NDArray[np.int64], values: NDArray[np.float64]
+              ) -> NDArray[np.float64]:
+    """The values where the stamps are the same, nan elsewhere.
+
+    Parameters
+    ----------
+    stamps : shape (n,), where they are wanted. known, values : shape (k,), in any order.
+    """
+    found = np.full(len(stamps), np.nan)
+    if len(known):
+        order = np.argsort(known, kind='stable')
+        at = np.minimum(np.searchsorted(known[order], stamps), len(known) - 1)
+        same = known[order[at]] == stamps
+        found[same] = values[order[at[same]]]
+    return found
+
+
 def _series(pieces: list[tuple[NDArray, Decoded, int]]) -> Series:
     order = np.argsort(np.concatenate([row for row, _, _ in pieces]), kind='stable')
     stamps = np.concatenate([group.stamps_ns for _, group, _ in pieces])[order]

@@ -13,9 +13,10 @@ from estimator_pkg.bags import kinds
 from estimator_pkg.bags.kinds.contract import Estimate, Recording, Request
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measurement_topic
-from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.series import Series, at_stamps, joint_series
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation import per_sample
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import ESTIMATE, MEASUREMENT, Options
 from estimator_pkg.messages.joint_state import TYPE
@@ -82,8 +83,11 @@ def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Option
         if beside is not None and beside.type == TYPE and beside.count:
             with suppress(UserError):  # no joint was ever valid
                 deviations = joint_series(bag, beside.name)
+        found = joint_series(bag, topic)
+        if per_sample.available(bag, options):
+            found = per_sample.finer(bag, f'{topic}{per_sample.BATCHES}', found)
         yield topic, {joint: _recorded(series, deviations.get(joint), measurement.get(joint))
-                      for joint, series in joint_series(bag, topic).items()}
+                      for joint, series in found.items()}
 
 
 def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options: Options
@@ -99,19 +103,16 @@ def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options
     if kind.wraps:
         values['wrap_period'] = options.wrap_period
     setup = kind.prepare(bag, {**values, **dict(entry.values)}, Request(options.measurement))
-    return kind.recording(bag, setup, measurement)
+    found = kind.recording(bag, setup, measurement)
+    return found.per_sample() if per_sample.available(bag, options) else found
 
 
 def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None
               ) -> Estimate:
     """What a topic of estimates says of one joint."""
     stddev = np.full(len(estimates.stamps_ns), np.nan)
-    if deviations is not None and len(deviations.stamps_ns):
-        order = np.argsort(deviations.stamps_ns, kind='stable')
-        known = deviations.stamps_ns[order]
-        at = np.minimum(np.searchsorted(known, estimates.stamps_ns), len(known) - 1)
-        same = known[at] == estimates.stamps_ns
-        stddev[same] = deviations.velocity[order][at[same]]
+    if deviations is not None:
+        stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
     return Estimate(estimates.stamps_ns, estimates.position, estimates.velocity, stddev,
                     _samples(estimates, measurement), _published(estimates, measurement),
                     np.zeros(0, np.int64), np.zeros(0, np.int8))

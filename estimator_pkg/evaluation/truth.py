@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation import reference
+from estimator_pkg.evaluation import per_sample, reference
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
@@ -64,7 +64,11 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         raise UserError(f'{path}: no truth: there is no topic {TRUTH}; name another JointState '
                         f'that carries velocities with --truth ({_joint_state_topics(bag)})')
     bag.require(topic, (TYPE,))
-    series = {joint: _finite(each) for joint, each in joint_series(bag, topic).items()}
+    series = joint_series(bag, topic)
+    if per_sample.available(bag, options):
+        series = per_sample.finer(bag, per_sample.TRUE_SAMPLES, series)
+        topic = f'{topic} and {per_sample.TRUE_SAMPLES}'
+    series = {joint: _finite(each) for joint, each in series.items()}
     series = {joint: each for joint, each in series.items() if len(each.stamps_ns)}
     if not series:
         raise UserError(f'{path}: {topic} carries no velocity')

@@ -11,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,9 +135,12 @@ class Replay(ABC):
     Attributes
     ----------
     outputs : what it writes: name below the node's -> message type. The first two are `OUTPUTS`.
+    batches : number of an output with batches of estimates (`messages.drive_samples`) -> the joint
+        whose every sample they tell.
     """
 
     outputs: Mapping[str, str] = OUTPUTS
+    batches: Mapping[int, str] = MappingProxyType({})
 
     @abstractmethod
     def feed(self, names: Sequence[str], block: Block) -> Iterable[Answers]:
@@ -209,6 +213,10 @@ class Recording(ABC):
     def apart(self) -> dict[str, Recording]:
         """What can have gains of its own, by joint; one without a name: only the whole."""
         return {'': self}
+
+    def per_sample(self) -> Recording:
+        """The same with an estimate of every sample, where messages hold many of them."""
+        return self
 
     def size(self) -> int:
         """Samples."""

@@ -98,6 +98,7 @@ class DriveReplay(OneByOne):
         self._in_batches = self._settings.input == DRIVE_SAMPLES
         self.outputs = {**OUTPUTS, 'flux_linkage': vector3.TYPE}
         if self._in_batches:
+            self.batches = {len(self.outputs): self.stream.names[1]}
             self.outputs['estimate_samples'] = drive_samples.TYPE
         self.stream.stddev_wanted = self.stream.flux_wanted = True
         self.stream.joint.warm_up()

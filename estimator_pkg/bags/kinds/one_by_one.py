@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,11 @@ from estimator_pkg.bags.block import Block, compact
 from estimator_pkg.bags.kinds import named
 from estimator_pkg.bags.kinds.contract import Answers, Estimate, Recording, Replay, Setup, System
 from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.drive_samples import Batch
 from estimator_pkg.messages.joint_state_block import decode_block
 
 APART = 8   # ranks of one answer's messages: fewer than so many outputs
@@ -81,19 +84,21 @@ class OneByOne(Replay):
 class MessageRecording(Recording):
     """The messages of a bag that a node listens to.
 
-    kind : its name. blocks : with the names of the bag's topics.
+    kind : its name. blocks : with the names of the bag's topics. fine : an estimate of every sample
+    of a batch is told, where the node tells them.
     """
 
     path: str
     kind: str
     setup: Setup
     blocks: tuple[tuple[list[str], Block], ...]
+    fine: bool = field(default=False, kw_only=True)
 
     def run(self, observer: str, values: Mapping[str, Any], fast: bool | None = None
             ) -> dict[str, Estimate]:
         """See `Recording`."""
         replay = named(self.kind).start(self.setup.having({**values, 'observer': observer}))
-        collected = _Collected()
+        collected = _Collected(replay.batches if self.fine else {})
         for names, block in self.blocks:
             collected.add(replay.feed(names, block))
         replay.finish(self.path)
@@ -115,6 +120,10 @@ class MessageRecording(Recording):
                 first.append((names, compact(block.take(slice(cut)))))
         return replace(self, blocks=tuple(first)), self
 
+    def per_sample(self) -> Recording:
+        """See `Recording`."""
+        return replace(self, fine=True)
+
     def size(self) -> int:
         """Messages."""
         return sum(len(block) for _, block in self.blocks)
@@ -128,10 +137,17 @@ def recorded(bag: Bag, kind: str, setup: Setup) -> MessageRecording:
 
 
 class _Collected:
-    """Estimates out of the messages that carry them."""
+    """Estimates out of the messages that carry them.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    batches : see `Replay`.
+    """
+
+    def __init__(self, batches: Mapping[int, str]) -> None:
         self._first = 0
+        self._joints = batches
+        self._batches: dict[str, list[Batch]] = {}
         # by output: keys (which answer), stamps, and the messages' numbers by joint
         self._pieces: tuple[dict[str, list], ...] = ({}, {})
         self._due: list[NDArray[np.int64]] = []
@@ -142,6 +158,9 @@ class _Collected:
         for each in answers:
             if len(each.rows):
                 last = max(last, int(each.rows[-1]) + 1)
+            if each.output in self._joints:
+                self._batches.setdefault(self._joints[each.output], []).extend(
+                    drive_samples.decode(raw.tobytes()) for raw in each.raw)
             if each.output > 1:
                 continue
             count, size = each.raw.shape
@@ -179,7 +198,24 @@ class _Collected:
                 dict(system.seconds) if system else {},
                 np.array(system.stamps if system else [], np.int64),
                 np.array(system.statuses if system else [], np.int8), due)
-        return found
+        return {**found, **{name: _of_batches(batches, found[name])
+                            for name, batches in self._batches.items() if name in found}}
+
+
+def _of_batches(batches: list[Batch], one_each: Estimate) -> Estimate:
+    """The estimates of every sample.
+
+    Parameters
+    ----------
+    one_each : the last of every batch, the only ones whose standard deviation is told.
+    """
+    stamps = np.concatenate([batch.stamps_ns for batch in batches])
+    values = np.concatenate([batch.values for batch in batches])
+    valid = values[:, 3] > 0.5
+    return one_each._replace(
+        stamps=stamps[valid], position=values[valid, 0], velocity=values[valid, 1],
+        velocity_stddev=at_stamps(stamps[valid], one_each.stamps, one_each.velocity_stddev),
+        due=np.unique(stamps))
 
 
 def _joined(pieces: list) -> tuple[NDArray, ...]:

@@ -1,0 +1,56 @@
+"""Drives tell every sample of a batch, truth and estimate alike, beside one state for each batch.
+
+Where a bag has the truth of every sample, the electrical joint is compared sample by sample: a
+second of a drive is then as good as thousands of states of another joint. Its mechanical joint
+stays as it is, one state for each batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.series import Series
+from estimator_pkg.driver.drive_stream import ELECTRICAL
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.options import SMOOTHER, TRUTH, Options
+from estimator_pkg.messages import drive_samples
+from estimator_pkg.messages.cdr import MalformedMessageError
+
+TRUE_SAMPLES = '/ground_truth/samples'
+BATCHES = '_samples'    # follows the name of the topic of estimates
+
+
+def available(bag: Bag, options: Options) -> bool:
+    """True if the truth of every sample is there, and nobody asked for another one."""
+    return (options.truth is None and options.reference != SMOOTHER and TRUTH in bag.topics
+            and _there(bag, TRUE_SAMPLES))
+
+
+def finer(bag: Bag, topic: str, series: Mapping[str, Series]) -> dict[str, Series]:
+    """The series, that of the electrical joint out of the batches of `topic` if there are any.
+
+    Raises
+    ------
+    UserError : a message there is no batch.
+    """
+    electrical = [joint for joint in series if joint.endswith(ELECTRICAL)]
+    if len(electrical) != 1 or not _there(bag, topic):
+        return dict(series)
+    try:
+        batches = [drive_samples.decode(bytes(message.raw)) for message in bag.messages([topic])]
+    except MalformedMessageError as error:
+        raise UserError(f'{topic} of {bag.path}: {error}') from None
+    stamps = np.concatenate([batch.stamps_ns for batch in batches])
+    values = np.concatenate([batch.values for batch in batches])
+    valid = values[:, 3] > 0.5
+    nothing = np.broadcast_to(np.nan, int(np.count_nonzero(valid)))
+    return {**series, electrical[0]: Series(stamps[valid], values[valid, 0], values[valid, 1],
+                                            nothing)}
+
+
+def _there(bag: Bag, topic: str) -> bool:
+    found = bag.topics.get(topic)
+    return found is not None and found.type == drive_samples.TYPE and found.count > 0
