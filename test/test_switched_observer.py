@@ -283,6 +283,23 @@ def test_the_cascade_belongs_to_the_stamp_too():
             assert joint.estimate()[1] == pytest.approx(velocities[i], abs=2e-3)
 
 
+def test_a_start_at_speed_locks_on_a_coarse_encoder():
+    """From 200 rad/s with steps beyond the gate of the stages: published from 20 time constants on,
+    and right from the first.
+    """
+    quantum = 2.0 * math.pi / 4096
+    joint = made(quantum=quantum)
+    published = []
+    for i in range(600):
+        reading = math.remainder(round(0.2 * i / quantum) * quantum, 2.0 * math.pi)
+        joint.update(10 ** 18 + i * 10 ** 6, (reading,), (0.0,))
+        _, velocity, _, status = joint.estimate()
+        if status == TRACKING:
+            published.append(i)
+            assert velocity == pytest.approx(200.0, abs=0.3)
+    assert published == list(range(published[0], 600)) and 90 < published[0] < 130
+
+
 def test_a_bandwidth_is_the_one_from_true_to_estimated_velocity():
     """A sine at the bandwidth, which the model knows nothing of, comes at -3 dB."""
     functions = OBSERVER.build(Gains(bandwidth_hz=5.0), Circle(0.0))

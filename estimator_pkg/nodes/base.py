@@ -14,6 +14,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import DrivenSettings
@@ -21,7 +22,8 @@ from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder, Layout
-from estimator_pkg.nodes.endpoints import Endpoints
+from estimator_pkg.nodes.acceleration import trajectory
+from estimator_pkg.nodes.endpoints import Endpoints, OnDemand
 from estimator_pkg.nodes.health import Health, WatchedBank
 from estimator_pkg.nodes.ros_parameters import RosParameters, Values
 from estimator_pkg.observers.circle import Circle
@@ -132,6 +134,7 @@ class ObserverNode(Node):
         self._estimate = self._endpoints.publisher(JointState, '~/estimate')
         self._stddev = self._endpoints.on_demand(JointState, '~/estimate_stddev')
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
+        self._acceleration: OnDemand | None = None
         self.input = self._connect()
         self.create_service(Trigger, '~/reset', self._reset)
         self.health = self._make_health()
@@ -218,14 +221,19 @@ class ObserverNode(Node):
 
         return self._listen(JointState, topic, came, **options)
 
+    def _tell_acceleration(self) -> None:
+        """Publish ~/acceleration too, of estimates that have it."""
+        self._acceleration = self._endpoints.on_demand(JointTrajectory, '~/acceleration')
+
     def _answer(self, stamp_ns: int, frame_id: str, names: Sequence[str],
                 estimates: Sequence[Sequence[Any]],
                 stddevs: Callable[[], Sequence[tuple[float, float]]]) -> None:
-        """Publish the estimates, and their standard deviations while somebody listens.
+        """Publish the estimates, and what else is made of them while somebody listens.
 
         Parameters
         ----------
-        estimates : position, velocity and maybe more of each name.
+        estimates : position, velocity and maybe more of each name; after `_tell_acceleration` the
+            third is the acceleration or nan.
         stddevs : makes position's and velocity's standard deviation of each name.
         """
         self._estimate.publish(self._encode(stamp_ns, frame_id, names,
@@ -236,6 +244,8 @@ class ObserverNode(Node):
             self._stddev.publish(self._encode_stddev(stamp_ns, frame_id, names,
                                                      [pair[0] for pair in pairs],
                                                      [pair[1] for pair in pairs]))
+        if self._acceleration is not None and self._acceleration.wanted:
+            self._acceleration.publish(trajectory(stamp_ns, frame_id, names, estimates))
 
     def _look_around(self) -> None:
         """Ten times a second, by the steady clock: who listens, and how the joints are."""

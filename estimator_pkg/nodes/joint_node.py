@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 from estimator_pkg.nodes.base import ObserverNode  # first: settles what rclpy reads  # isort: skip
 
 import std_msgs.msg
-from builtin_interfaces.msg import Time
 from rclpy.subscription import Subscription
-from std_msgs.msg import Header
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
@@ -21,7 +17,6 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import Layout
 from estimator_pkg.messages.number import decoder as number_decoder
-from estimator_pkg.nodes.endpoints import OnDemand
 from estimator_pkg.nodes.ros_parameters import Values
 from estimator_pkg.nodes.settings import ANGLE, NodeSettings
 from estimator_pkg.observers.contract import Observer
@@ -64,9 +59,8 @@ class JointObserver(ObserverNode):
         return Bank(configuration, self.settings.only)
 
     def _connect(self) -> Subscription:
-        self._acceleration: OnDemand | None = None
         if self._gives_acceleration:
-            self._acceleration = self._endpoints.on_demand(JointTrajectory, '~/acceleration')
+            self._tell_acceleration()
         if self.settings.input == ANGLE:
             self._number = number_decoder(self.settings.angle_type)
             self._angle = self.settings.raw_angle.angle
@@ -93,18 +87,3 @@ class JointObserver(ObserverNode):
         self._answer(stamp_ns, frame_id, [name for name, joint, estimate in valid],
                      [estimate for name, joint, estimate in valid],
                      lambda: [joint.stddev() for name, joint, estimate in valid])
-        if self._acceleration is not None and self._acceleration.wanted:
-            self._acceleration.publish(_trajectory(stamp_ns, frame_id, valid))
-
-
-def _trajectory(stamp_ns: int, frame_id: str, valid: Valid) -> JointTrajectory:
-    """One point with the joints whose acceleration is known."""
-    giving = [(name, estimate) for name, joint, estimate in valid if math.isfinite(estimate[2])]
-    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return JointTrajectory(
-        header=Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id),
-        joint_names=[name for name, estimate in giving],
-        points=[JointTrajectoryPoint(
-            positions=[estimate[0] for name, estimate in giving],
-            velocities=[estimate[1] for name, estimate in giving],
-            accelerations=[estimate[2] for name, estimate in giving])])

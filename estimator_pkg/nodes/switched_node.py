@@ -46,6 +46,8 @@ class SwitchedObserver(DrivenNode):
     def _connect(self) -> Subscription:
         self._discrete = self._endpoints.publisher(JointState, '~/discrete_state')
         self._encode_discrete, self._decode_event = Encoder().encode, Decoder().decode
+        if any(k > 1 for k in self._model.indices):
+            self._tell_acceleration()
         states = self._connect_states(self._states_came)
         # best effort too, so that every publisher of events matches
         self._listen(JointState, 'switch_event', self._event_came, answered=False, qos=QoSProfile(

@@ -43,6 +43,7 @@ from estimator_pkg.observers.switched_system import make_system
 from estimator_pkg.observers.switched_velocity import motions, observe, poles, spread
 
 LOCKED = 0.3   # [s] after the start, at most, that the stages need
+FADED = 20.0   # time constants of the extended observers after which the start no longer shows
 
 
 def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
@@ -57,6 +58,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
     indices, m = model.indices, model.size
     floor = gains.quantum * gains.quantum / 12.0
     extended = tuple(poles(k, gains.bandwidth_hz) for k in indices)
+    faded = FADED / min(each.pole for each in extended)
 
     def design() -> tuple:
         return ()
@@ -95,7 +97,8 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         y = tuple(state.y[i] + jumps[i] for i in outputs)
         u = tuple(map(float, given))
         if system.is_filtered:
-            state = observe(system, state, y, u, discrete(system, state)[0], corrections)
+            z, _, converged = discrete(system, state)
+            state = observe(system, state, y, u, z if converged else state.used, corrections)
         state = state._replace(
             zh=tuple(c[0] for c in climbed), zt=tuple(c[1] for c in climbed),
             errors=tuple(c[2] for c in climbed), u=u, dt=h, age=state.age + h,
@@ -117,7 +120,11 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
                     state.conventions, motions(system, state, z, converged))]
 
     def status(state: Any) -> int:
-        if state.total <= min(gains.settle, LOCKED) or not gates_open(system, state):
+        if system.is_filtered:
+            locked = state.total > faded
+        else:
+            locked = state.total > min(gains.settle, LOCKED) and gates_open(system, state)
+        if not locked:
             return INITIALISING
         return TRACKING if state.age > 0.0 else COASTING
 

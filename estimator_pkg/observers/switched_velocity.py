@@ -108,7 +108,10 @@ def _unit_bandwidth(n: int) -> float:
 
 def observe(system: System, state: State, y: tuple, u: tuple, z: tuple,
             corrections: tuple[Correction, ...]) -> State:
-    """The state with the extended observers one sample further: y and u new, z as known before."""
+    """The state with the extended observers one sample further; y and u are new, z is to be used.
+
+    It should be a Z that is converged: one half learnt would feed noise.
+    """
     zeta = _chains(state)
     rows = zip(system.model.gamma(zeta, u), system.model.lam(zeta, u))
     observed, powers = [], []
@@ -162,7 +165,7 @@ def motions(system: System, state: State, z: tuple, converged: bool
     """
     if not system.is_filtered:
         return _of_cascade(system, state, z, converged)
-    endings = system.ending(_chains(state), state.u, z)
+    endings = system.ending(_chains(state), state.u, state.used)
     found = []
     for k, x, ending in zip(system.model.indices, state.observed, endings):
         whole = ending + x[-1]
