@@ -12,6 +12,7 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import metrics
+from estimator_pkg.evaluation.kept import Kept, give_back_freed
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
@@ -25,6 +26,8 @@ __all__ = ['MEASUREMENT', 'TRUTH', 'Comparison', 'Options', 'Row', 'compare']
 Array = NDArray[np.float64]
 
 BAND = 1.96     # standard deviations that should hold 95 % of the errors
+MANY = 1_000_000    # samples whose arrays are worth giving back
+ROUNDING = 1e-10    # [s], [rad/s] what is this close is the same
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,8 @@ class Row:
         added; nan without a standard deviation.
     reference_cannot_tell : the error is no larger than what the reference itself may be wrong by.
     reference_noise : what the reference itself may be wrong by [rad/s].
-    time : shape (m,) [s]; truth, estimate, stddev : shape (m,), velocities at these times.
+    time : shape (m,) [s]; truth, estimate, stddev : shape (m,), velocities at these times; the last
+        two are read anew whenever they are asked for.
     status_time, status : shape (k,), of every sample that was used; empty where it is not known.
     """
 
@@ -51,11 +55,21 @@ class Row:
     reference_cannot_tell: bool
     time: Array
     truth: Array
-    estimate: Array
-    stddev: Array
+    kept_estimate: Kept
+    kept_stddev: Kept
     reference_noise: float
     status_time: NDArray[np.floating]
     status: NDArray[np.int8]
+
+    @property
+    def estimate(self) -> Array:
+        """See above."""
+        return self.kept_estimate.get()
+
+    @property
+    def stddev(self) -> Array:
+        """See above."""
+        return self.kept_stddev.get()
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -109,6 +123,8 @@ def compare(path: str, options: Options) -> Comparison:
     with open_bag(path) as bag:
         measurement = measured(bag, options)
         true = truth(bag, path, measurement, options)
+        if any(len(series.stamps_ns) >= MANY for series in true.series.values()):
+            give_back_freed()
         rows: list[Row] = []
         notes: list[str] = []
         starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
@@ -128,6 +144,8 @@ def compare(path: str, options: Options) -> Comparison:
                         rows.append(_sharing(row, rows))
                     except UserError as error:
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
+            estimates.clear()
+            del estimate  # before the next observer makes its own
         if not rows:
             raise UserError(f'{path}: nothing to compare: ' + '; '.join(notes))
     return Comparison(path, true.name, tuple(rows), true.references, true.corrected, tuple(notes),
@@ -142,9 +160,12 @@ def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,
         raise UserError(f'estimates ({_span(estimate.stamps)}) and truth ({_span(truth.stamps_ns)})'
                         ' do not overlap in time')
     elapsed = matched.time + (int(estimate.stamps[matched.rows[0]]) - start) * 1e-9
-    kept = elapsed >= options.skip
-    if not kept.any():
+    left = np.flatnonzero(elapsed >= options.skip)
+    if not len(left):
         raise UserError(f'nothing is left after the first {options.skip:g} s')
+    # mostly all, or all from some one on: views take no memory
+    kept = slice(left[0], None) if len(left) == len(elapsed) - left[0] else left
+    del left
     rows, time, true = matched.rows[kept], matched.time[kept], matched.velocity[kept]
     velocity, stddev = estimate.velocity[rows], estimate.velocity_stddev[rows]
     noise = known.noise if np.isfinite(known.noise) else 0.0
@@ -155,8 +176,8 @@ def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,
               'interpolated': len(matched.rows) - matched.exact, 'unmatched': matched.unmatched}
     return Row(source, joint, speeds, angles, estimate.samples, counts, estimate.validity,
                coverage(velocity - true, np.hypot(stddev, noise)),
-               known.cannot_tell(speeds['rms']), elapsed[kept], true, velocity, stddev, noise,
-               (estimate.status_stamps - start) * 1e-9, estimate.status)
+               known.cannot_tell(speeds['rms']), elapsed[kept], true, Kept(velocity),
+               Kept(stddev), noise, (estimate.status_stamps - start) * 1e-9, estimate.status)
 
 
 def _sharing(row: Row, others: list[Row]) -> Row:
@@ -166,7 +187,7 @@ def _sharing(row: Row, others: list[Row]) -> Row:
         for other in others:
             longer: Array = getattr(other, name)
             tail = longer[max(0, len(longer) - len(values)):]
-            if len(tail) == len(values) and np.array_equal(tail, values):
+            if len(tail) == len(values) and not np.any(np.abs(tail - values) > ROUNDING):
                 return tail
         return values
 

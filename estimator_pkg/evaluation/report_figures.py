@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -197,7 +198,7 @@ def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
     chosen = extremes(rows[0].truth, points)
     _line(shown, rows[0].time, rows[0].truth, chosen, color=TRUE, line_width=3,
           legend_label='reference', name='reference')
-    outer = limits([rows[0].truth, *(row.estimate for row in rows)])
+    outer = limits(chain([rows[0].truth], (row.estimate for row in rows)))
     for row, style in _lookup(rows):
         chosen = extremes(row.estimate, points)
         time, estimate = row.time[chosen], row.estimate[chosen]
