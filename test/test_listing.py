@@ -52,7 +52,7 @@ def test_every_kind_is_listed(capsys):
 
 def test_a_parameter_shows_default_unit_range_and_meaning(capsys):
     out = listed(capsys, 'finite_difference')
-    assert '  bandwidth_hz = 30 Hz, [0.001, 1e+06]\n      -3 dB frequency' in out
+    assert '  bandwidth_hz = 50 Hz, [0.001, 1e+06]\n      -3 dB frequency' in out
     assert 'pll' not in out
 
 
@@ -80,7 +80,7 @@ def test_json_carries_everything(tmp_path, capsys):
     listed(capsys, '--json', str(out))
     found = json.loads(out.read_text())
     gains = found['observers']['finite_difference']['parameters']
-    assert gains['bandwidth_hz']['default'] == 30.0
+    assert gains['bandwidth_hz']['default'] == 50.0
     assert gains['bandwidth_hz']['unit'] == 'Hz'
     assert gains['bandwidth_hz']['live'] is True
     assert found['settings of each joint']['joint']['parameters']['unwrap']['live'] is False
@@ -97,7 +97,7 @@ def test_what_cannot_be_imported_is_said_and_nothing_else_suffers(capsys, monkey
     monkeypatch.setattr(registry, 'find', broken)
     out = listed(capsys)
     assert "pll: (observer 'pll' cannot be imported: no such thing)" in out
-    assert 'bandwidth_hz = 30 Hz' in out
+    assert 'bandwidth_hz = 50 Hz' in out
 
 
 def test_settings_that_others_declare_for_their_nodes_are_listed(capsys, monkeypatch):

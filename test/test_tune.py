@@ -169,8 +169,7 @@ def test_the_front():
 # ---------------------------------------------------------------- the command
 
 @pytest.mark.parametrize('observer', [
-    'hybrid_angle', 'kalman', pytest.param('pll', marks=pytest.mark.slow),
-    pytest.param('finite_difference', marks=pytest.mark.slow)])
+    'hybrid_angle', 'kalman', pytest.param('pll', marks=pytest.mark.slow)])
 def test_tuned_gains_beat_the_defaults_on_what_was_held_out(observer, tmp_path):
     """And the defaults are within a factor of 1.5 of them: four recordings, the last 30 % each."""
     found, _ = tuned(tmp_path, str(PENDULUMS), '--observer', observer, '--prefer', 'balanced')

@@ -18,7 +18,7 @@ class Gains(AngleGains):
     """Parameters of `finite_difference`."""
 
     bandwidth_hz: float = parameter(
-        30.0, unit='Hz', range=(0.001, 1e6), search=(0.5, 500.0),
+        50.0, unit='Hz', range=(0.001, 1e6), search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity (the pole of the low-pass)',
         equation='v += (1 - exp(-2 pi f dt)) (dy/dt - v)')
 

@@ -26,7 +26,7 @@ class Gains(AngleGains):
     """Parameters of `pll`."""
 
     bandwidth_hz: float = parameter(
-        30.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
+        50.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity',
         equation='w0 = 2 pi f / sqrt(1 - 2 zeta^2 + sqrt((1 - 2 zeta^2)^2 + 1))')
     damping: float = parameter(
