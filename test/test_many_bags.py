@@ -35,7 +35,7 @@ def mixed(tmp_path):
     folder = tmp_path / 'mixed'
     folder.mkdir()
     write_bag(folder / 'good', 2.0)
-    write_bag(folder / 'short', 0.02)
+    write_bag(folder / 'short', 0.012)
     (folder / 'torn').mkdir()
     (folder / 'torn' / 'metadata.yaml').write_text('torn: [')
     return folder
