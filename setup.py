@@ -33,7 +33,9 @@ setup(
     packages=['estimator_pkg', 'estimator_pkg.observers', 'estimator_pkg.models',
               'estimator_pkg.driver', 'estimator_pkg.messages', 'estimator_pkg.nodes',
               'estimator_pkg.nodes.bench', 'estimator_pkg.bags', 'estimator_pkg.bags.kinds',
-              'estimator_pkg.evaluation', 'estimator_pkg.evaluation.tuning',
+              'estimator_pkg.evaluation', 'estimator_pkg.evaluation.bench',
+              'estimator_pkg.evaluation.identify', 'estimator_pkg.evaluation.report',
+              'estimator_pkg.evaluation.smoother', 'estimator_pkg.evaluation.tuning',
               'sim_pkg', 'sim_pkg.nodes', 'sim_pkg.reproduce', 'sim_pkg.demo'],
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -113,10 +115,10 @@ setup(
             'play = estimator_pkg.bags.play:COMMAND',
             'replay = estimator_pkg.bags.replay:COMMAND',
             'evaluate = estimator_pkg.evaluation.evaluate:COMMAND',
-            'identify = estimator_pkg.evaluation.identify:COMMAND',
+            'identify = estimator_pkg.evaluation.identify.command:COMMAND',
             'tune = estimator_pkg.evaluation.tuning.command:COMMAND',
             'reproduce = sim_pkg.reproduce.command:COMMAND',
-            'bench = estimator_pkg.evaluation.bench:COMMAND',
+            'bench = estimator_pkg.evaluation.bench.command:COMMAND',
         ],
         'velocity_estimator.simulators': [
             'encoder = sim_pkg.encoder:SIMULATOR',

@@ -11,7 +11,11 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation import bench_accuracy, bench_live, bench_replay, bench_update, timing
+from estimator_pkg.evaluation import timing
+from estimator_pkg.evaluation.bench import accuracy as bench_accuracy
+from estimator_pkg.evaluation.bench import live as bench_live
+from estimator_pkg.evaluation.bench import replay as bench_replay
+from estimator_pkg.evaluation.bench import update as bench_update
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.signals import COUNTS, SIGNALS, Signal, constant, encoder, trapezoid
 

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from estimator_pkg.evaluation import bench, bench_drive
-from estimator_pkg.evaluation.bench_drive import MOTOR, Estimate, Signal, errors, motulator, ours
+from estimator_pkg.evaluation.bench import command as bench
+from estimator_pkg.evaluation.bench import drive as bench_drive
+from estimator_pkg.evaluation.bench.drive import MOTOR, Estimate, Signal, errors, motulator, ours
 
 pytest.importorskip('motulator')
 RATE = int(bench_drive.RATE)

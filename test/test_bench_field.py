@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.evaluation import bench, bench_chart, bench_field, bench_ours, bench_peers
-from estimator_pkg.evaluation.bench_columns import Column, driven_by, of_signal, shared
-from estimator_pkg.evaluation.bench_ours import Estimator
-from estimator_pkg.evaluation.bench_recordings import recorded
+from estimator_pkg.evaluation.bench import chart as bench_chart
+from estimator_pkg.evaluation.bench import command as bench
+from estimator_pkg.evaluation.bench import field as bench_field
+from estimator_pkg.evaluation.bench import ours as bench_ours
+from estimator_pkg.evaluation.bench import peers as bench_peers
+from estimator_pkg.evaluation.bench.columns import Column, driven_by, of_signal, shared
+from estimator_pkg.evaluation.bench.ours import Estimator
+from estimator_pkg.evaluation.bench.recordings import recorded
 from estimator_pkg.evaluation.signals import SIGNALS, Samples, Signal, constant, sine
 
 BAGS = Path(__file__).resolve().parent.parent / 'bags'

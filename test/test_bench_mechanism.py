@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator_pkg.driver.compiled import available
-from estimator_pkg.evaluation import bench_mechanism
+from estimator_pkg.evaluation.bench import mechanism as bench_mechanism
 
 
 @pytest.mark.skipif(not available(), reason='needs numba')

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from observer_cases import make, stamps, wrapped
 
-from estimator_pkg.evaluation import bench_accuracy
+from estimator_pkg.evaluation.bench import accuracy as bench_accuracy
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.signals import FURTHER, SIGNALS
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING

@@ -12,9 +12,9 @@ import pytest
 from estimator_pkg import cli
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.compiled import available
-from estimator_pkg.evaluation.identify_fit import fit
-from estimator_pkg.evaluation.identify_model import unknowns
-from estimator_pkg.evaluation.identify_pieces import Recording
+from estimator_pkg.evaluation.identify.fit import fit
+from estimator_pkg.evaluation.identify.model import unknowns
+from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models.mechanics import load
 from estimator_pkg.parameters import build

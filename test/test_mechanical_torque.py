@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from estimator_pkg.driver.compiled import available
-from estimator_pkg.evaluation import identify_torque
-from estimator_pkg.evaluation.identify_torque import STUDIES
+from estimator_pkg.evaluation.identify import torque as identify_torque
+from estimator_pkg.evaluation.identify.torque import STUDIES
 
 BAGS = Path(__file__).parent.parent / 'bags'
 

@@ -14,7 +14,7 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import findings, spectrum
-from estimator_pkg.evaluation.thinning import broken, changes, extremes, limits
+from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, limits
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 
 BAGS = Path(__file__).resolve().parent.parent / 'bags'

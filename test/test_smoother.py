@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from estimator_pkg.evaluation.quantum import quantum
-from estimator_pkg.evaluation.smoother import Noise, smooth
-from estimator_pkg.evaluation.smoother_steps import backward, forward
+from estimator_pkg.evaluation.smoother.smoother import Noise, smooth
+from estimator_pkg.evaluation.smoother.steps import backward, forward
 
 TURN = 2.0 * math.pi
 HPM, LPM = (7.85e-4, 1.8e-5), (1.23e-2, 1e-3)
@@ -174,7 +174,7 @@ def test_chunks_leave_no_seam(monkeypatch):
     time = np.arange(1000) * 0.01
     readings = np.sin(2.0 * time) + 0.001 * np.random.default_rng(1).standard_normal(1000)
     whole = smooth(ns(time), readings, 0.0)
-    monkeypatch.setattr('estimator_pkg.evaluation.smoother.CHUNK', 64)
+    monkeypatch.setattr('estimator_pkg.evaluation.smoother.smoother.CHUNK', 64)
     parts = smooth(ns(time), readings, 0.0)
     assert np.array_equal(whole.velocity, parts.velocity)
     assert np.array_equal(whole.velocity_stddev, parts.velocity_stddev)

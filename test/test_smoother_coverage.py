@@ -12,11 +12,11 @@ import pytest
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.smoother import smooth
-from estimator_pkg.evaluation.smoother_cells import site
-from estimator_pkg.evaluation.smoother_noise import Noise
-from estimator_pkg.evaluation.smoother_pieces import Piece
-from estimator_pkg.evaluation.smoother_sites import find_sites
+from estimator_pkg.evaluation.smoother.cells import site
+from estimator_pkg.evaluation.smoother.noise import Noise
+from estimator_pkg.evaluation.smoother.pieces import Piece
+from estimator_pkg.evaluation.smoother.sites import find_sites
+from estimator_pkg.evaluation.smoother.smoother import smooth
 from estimator_pkg.evaluation.truth import truth
 
 BAGS = Path(__file__).resolve().parent.parent / 'bags'

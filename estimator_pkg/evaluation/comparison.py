@@ -16,7 +16,7 @@ from estimator_pkg.evaluation.kept import Kept, give_back_freed
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
-from estimator_pkg.evaluation.smoother import Smoothed
+from estimator_pkg.evaluation.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.sources import Estimate, measured, sources
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.truth import SMOOTHED, Truth, listed, truth

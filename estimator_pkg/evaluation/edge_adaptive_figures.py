@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.evaluation.bench_accuracy import ALL, spread
+from estimator_pkg.evaluation.bench.accuracy import ALL, spread
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.signals import (
     START_ANGLE,

@@ -16,8 +16,8 @@ from estimator_pkg.evaluation.comparison import Comparison, compare
 from estimator_pkg.evaluation.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
-from estimator_pkg.evaluation.report import Report
-from estimator_pkg.evaluation.smoother import Smoothed
+from estimator_pkg.evaluation.report.page import Report
+from estimator_pkg.evaluation.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import fixed, number, table
 from estimator_pkg.evaluation.truth import SMOOTHED
 from estimator_pkg.evaluation.workers import workers

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
-from estimator_pkg.evaluation.thinning import broken, extremes, limits
+from estimator_pkg.evaluation.report.thinning import broken, extremes, limits
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from estimator_pkg.evaluation import per_sample, reference
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
-from estimator_pkg.evaluation.smoother import Smoothed, smooth
+from estimator_pkg.evaluation.smoother.smoother import Smoothed, smooth
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.progress import progress
 

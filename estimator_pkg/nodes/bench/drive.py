@@ -14,7 +14,7 @@ from contextlib import ExitStack
 import numpy as np
 import psutil
 
-from estimator_pkg.evaluation import bench_drive
+from estimator_pkg.evaluation.bench import drive as bench_drive
 from estimator_pkg.nodes.bench.processes import own_domain, process, result
 from estimator_pkg.nodes.runtime import run as run_node
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.comparison import BAND, Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement
-from estimator_pkg.evaluation.report_zoom import zoomed
+from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, limits
+from estimator_pkg.evaluation.report.zoom import zoomed
 from estimator_pkg.evaluation.spectrum import by_speed, density, normalised
-from estimator_pkg.evaluation.thinning import broken, changes, extremes, limits
 from estimator_pkg.observers.contract import STATUS_NAMES
 
 COLOURS = ('#1f77b4', '#d62728', '#2ca02c', '#9467bd', '#ff7f0e', '#17becf', '#8c564b', '#e377c2',

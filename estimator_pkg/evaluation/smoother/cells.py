@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.smoother_steps import predict
+from estimator_pkg.evaluation.smoother.steps import predict
 
 Array = NDArray[np.float64]
 

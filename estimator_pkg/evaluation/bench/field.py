@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.evaluation import metrics
-from estimator_pkg.evaluation.bench_columns import Column
-from estimator_pkg.evaluation.bench_ours import (
+from estimator_pkg.evaluation.bench.columns import Column
+from estimator_pkg.evaluation.bench.ours import (
     AHEAD,
     NOT_HERE,
     OURS,
@@ -26,7 +26,7 @@ from estimator_pkg.evaluation.bench_ours import (
     ours,
     told,
 )
-from estimator_pkg.evaluation.bench_peers import peers
+from estimator_pkg.evaluation.bench.peers import peers
 from estimator_pkg.evaluation.text import fixed, markdown, number, table
 from estimator_pkg.progress import progress
 

@@ -1,6 +1,6 @@
 """Is a reported torque worth anything? Observers with and without it on recorded pendulums.
 
-    python -m estimator_pkg.evaluation.identify_torque bags
+    python -m estimator_pkg.evaluation.identify.torque bags
 
 A model is identified on one recording and serves the observer on another, against the drive's own
 velocity (its lag, bias and noise taken off, the noise in quadrature). Every observer has the best
@@ -26,12 +26,12 @@ from estimator_pkg import observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.evaluation import identify_joint
 from estimator_pkg.evaluation.delay import delay
-from estimator_pkg.evaluation.identify_data import recording
-from estimator_pkg.evaluation.identify_fit import DELAY, fit
-from estimator_pkg.evaluation.identify_model import unknowns
-from estimator_pkg.evaluation.identify_pieces import Recording, accumulated
+from estimator_pkg.evaluation.identify import joint as identify_joint
+from estimator_pkg.evaluation.identify.data import recording
+from estimator_pkg.evaluation.identify.fit import DELAY, fit
+from estimator_pkg.evaluation.identify.model import unknowns
+from estimator_pkg.evaluation.identify.pieces import Recording, accumulated
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, Options
 from estimator_pkg.evaluation.text import table

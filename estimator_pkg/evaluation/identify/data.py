@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UsageError, UserError, suggestion
-from estimator_pkg.evaluation.identify_pieces import Recording
+from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.models.mechanics import Mechanics
 
 Array = NDArray[np.float64]

@@ -19,14 +19,14 @@ from estimator_pkg.bags.samples import AngleField
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.bench_columns import Column
-from estimator_pkg.evaluation.identify_joint import identify
+from estimator_pkg.evaluation.bench.columns import Column
+from estimator_pkg.evaluation.identify.joint import identify
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, Options
 from estimator_pkg.evaluation.quantum import quantum
 from estimator_pkg.evaluation.recordings import SKIPPED, recordings
 from estimator_pkg.evaluation.signals import Samples
-from estimator_pkg.evaluation.smoother import smooth
+from estimator_pkg.evaluation.smoother.smoother import smooth
 from estimator_pkg.evaluation.truth import truth
 from estimator_pkg.progress import progress
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.smoother_pieces import Piece
+from estimator_pkg.evaluation.smoother.pieces import Piece
 
 Array = NDArray[np.float64]
 

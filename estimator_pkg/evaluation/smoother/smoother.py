@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.evaluation.smoother_noise import COARSE, Noise, in_cells, white
-from estimator_pkg.evaluation.smoother_pieces import Piece, cut, start
-from estimator_pkg.evaluation.smoother_rest import unexplained
-from estimator_pkg.evaluation.smoother_sites import find_sites
-from estimator_pkg.evaluation.smoother_steps import backward, forward
+from estimator_pkg.evaluation.smoother.noise import COARSE, Noise, in_cells, white
+from estimator_pkg.evaluation.smoother.pieces import Piece, cut, start
+from estimator_pkg.evaluation.smoother.rest import unexplained
+from estimator_pkg.evaluation.smoother.sites import find_sites
+from estimator_pkg.evaluation.smoother.steps import backward, forward
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

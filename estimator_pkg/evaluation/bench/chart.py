@@ -6,8 +6,8 @@ import math
 import textwrap
 from typing import Any
 
-from estimator_pkg.evaluation.bench_field import WHOLE, milliseconds
-from estimator_pkg.evaluation.bench_ours import AHEAD, OURS, PEERS, TOLD
+from estimator_pkg.evaluation.bench.field import WHOLE, milliseconds
+from estimator_pkg.evaluation.bench.ours import AHEAD, OURS, PEERS, TOLD
 from estimator_pkg.evaluation.plot import check
 
 COLOURS = {OURS: '#1b6ca8', PEERS: '#c8553d', TOLD: '#3f8f5b', AHEAD: '#8a8a8a'}

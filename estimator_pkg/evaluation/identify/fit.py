@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.identify_model import Unknowns
-from estimator_pkg.evaluation.identify_pieces import (
+from estimator_pkg.evaluation.identify.model import Unknowns
+from estimator_pkg.evaluation.identify.pieces import (
     COARSE,
     Piece,
     Recording,

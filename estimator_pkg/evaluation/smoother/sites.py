@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.evaluation.smoother_cells import sweep, towards
-from estimator_pkg.evaluation.smoother_pieces import Piece, start
+from estimator_pkg.evaluation.smoother.cells import sweep, towards
+from estimator_pkg.evaluation.smoother.pieces import Piece, start
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.bench_columns import Column, driven_by
-from estimator_pkg.evaluation.bench_ours import AHEAD, PEERS, TOLD, Estimator, Run, grid
+from estimator_pkg.evaluation.bench.columns import Column, driven_by
+from estimator_pkg.evaluation.bench.ours import AHEAD, PEERS, TOLD, Estimator, Run, grid
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,16 @@ from typing import Any
 
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.evaluation import bench_accuracy, bench_chart, bench_field
-from estimator_pkg.evaluation.bench_columns import shared
-from estimator_pkg.evaluation.bench_drive import drives
-from estimator_pkg.evaluation.bench_live import latencies, live, starts
-from estimator_pkg.evaluation.bench_mechanism import mechanisms
-from estimator_pkg.evaluation.bench_recordings import recorded
-from estimator_pkg.evaluation.bench_replay import MESSAGES, replays
-from estimator_pkg.evaluation.bench_update import batches, updates
+from estimator_pkg.evaluation.bench import accuracy as bench_accuracy
+from estimator_pkg.evaluation.bench import chart as bench_chart
+from estimator_pkg.evaluation.bench import field as bench_field
+from estimator_pkg.evaluation.bench.columns import shared
+from estimator_pkg.evaluation.bench.drive import drives
+from estimator_pkg.evaluation.bench.live import latencies, live, starts
+from estimator_pkg.evaluation.bench.mechanism import mechanisms
+from estimator_pkg.evaluation.bench.recordings import recorded
+from estimator_pkg.evaluation.bench.replay import MESSAGES, replays
+from estimator_pkg.evaluation.bench.update import batches, updates
 from estimator_pkg.evaluation.plot import check
 from estimator_pkg.evaluation.text import number, table
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.evaluation.quantum import quantum
-from estimator_pkg.evaluation.smoother_pieces import Piece, start, stretches
-from estimator_pkg.evaluation.smoother_sites import SWEEPS, find_sites
-from estimator_pkg.evaluation.smoother_steps import likelihood
+from estimator_pkg.evaluation.smoother.pieces import Piece, start, stretches
+from estimator_pkg.evaluation.smoother.sites import SWEEPS, find_sites
+from estimator_pkg.evaluation.smoother.steps import likelihood
 
 Array = NDArray[np.float64]
 

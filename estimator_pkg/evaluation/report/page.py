@@ -16,8 +16,8 @@ from estimator_pkg import __version__
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement, look, sentences
-from estimator_pkg.evaluation.full_data import FullData
 from estimator_pkg.evaluation.many import LeftOut
+from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.text import fixed, number
 
 HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
@@ -126,7 +126,7 @@ class Report:
 
     def _draw(self, comparison: Comparison, joint: str, rows: Sequence[Row],
               seen: Measurement | None, points: int) -> list[str]:
-        from estimator_pkg.evaluation import report_figures as figures
+        from estimator_pkg.evaluation.report import figures
         wide = figures.over_time(comparison, joint, rows, points)
         small = figures.closer(comparison, rows)
         wide.append(figures.around_the_worst(rows))

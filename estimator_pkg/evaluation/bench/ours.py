@@ -17,7 +17,7 @@ from estimator_pkg import registry
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.switched_joint import SwitchedJoint
-from estimator_pkg.evaluation.bench_columns import Column
+from estimator_pkg.evaluation.bench.columns import Column
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.recordings import RAW
 from estimator_pkg.observers.contract import COASTING, TRACKING

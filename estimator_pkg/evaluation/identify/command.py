@@ -13,11 +13,11 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation import identify_joint
-from estimator_pkg.evaluation.identify_data import recording
-from estimator_pkg.evaluation.identify_fit import DELAY, ROUNDS, Found, fit
-from estimator_pkg.evaluation.identify_model import Unknowns, unknowns
-from estimator_pkg.evaluation.identify_pieces import Recording
+from estimator_pkg.evaluation.identify import joint as identify_joint
+from estimator_pkg.evaluation.identify.data import recording
+from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, Found, fit
+from estimator_pkg.evaluation.identify.model import Unknowns, unknowns
+from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.models.mechanics import load
 from estimator_pkg.parameters import build, parse_assignments
 from estimator_pkg.progress import progress

@@ -1,0 +1,1 @@
+"""The off-line reference: a smoother with its own standard deviation."""
