@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,11 +127,12 @@ class Estimation:
         out = joint.run(stamps, positions, fast=self._decide(len(results[0].samples.names)))
         self.history.setdefault(name, History()).add(stamps, out)
         valid = (out.verdict < DUPLICATE) & ((out.status == TRACKING) | (out.status == COASTING))
-        columns = (valid, out.position, out.velocity, out.position_stddev, out.velocity_stddev)
+        columns: tuple[NDArray[Any], ...] = (
+            valid, out.position, out.velocity, out.position_stddev, out.velocity_stddev)
         if order is not None:
             back = np.empty_like(order)
             back[order] = np.arange(len(order))
-            columns = tuple(values[back] for values in columns)  # type: ignore[assignment]
+            columns = tuple(values[back] for values in columns)
         start = 0
         for index, column in places:
             end = start + len(results[index].samples.rows)

@@ -12,6 +12,7 @@ import mmap
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -167,7 +168,7 @@ class McapFile:
         The blocks' `topic` are channel ids.
         """
         for part in self._parts:
-            yield part.start_ns, lambda part=part: self._load(part)  # type: ignore[misc]
+            yield part.start_ns, partial(self._load, part)
 
     def _load(self, part: _Part) -> Block:
         if part.at < 0:

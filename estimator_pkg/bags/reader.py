@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -184,8 +185,7 @@ class Bag:
                 lookup[key] = topic
             for start_ns, load in sqlite.parts(wanted):
                 block = load()
-                yield start_ns, lambda block=block, lookup=lookup: (  # type: ignore[misc]
-                    replace(block, topic=lookup[block.topic]))
+                yield start_ns, partial(replace, block, topic=lookup[block.topic])
 
     def warn(self, text: str) -> None:
         """Tell the user, once, what is wrong with the bag."""
@@ -308,7 +308,7 @@ class Bag:
                 item.topic, item.msgtype, sqlite.counts[item.id],
                 list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
                 definition=item.msgdef.data, type_hash=item.digest,
-                serialization=item.ext.serialization_format)  # type: ignore[union-attr]
+                serialization=item.ext.serialization_format)  # type: ignore[union-attr]  # the same
         self._sqlites.append((sqlite, index))
 
     def _add(self, name: str, type_name: str, count: int, qos: Sequence[Qos], *,

@@ -119,11 +119,11 @@ class DriveStream:
         position, velocity, spare, status = joint.estimate()
         flux = deviations = None
         if used and (status == TRACKING or status == COASTING):
-            names = self.names
+            names: tuple[str, ...] = self.names
             angle, speed = joint.electrical()[:2]
             positions, velocities = [position, angle], [velocity, speed]
         else:
-            names, positions, velocities = (), [], []  # type: ignore[assignment]
+            names, positions, velocities = (), [], []
         estimate = self._encode(stamp_ns, frame_id, names, positions, velocities)
         if self.stddev_wanted:
             pairs = []

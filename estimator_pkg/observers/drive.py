@@ -16,7 +16,7 @@ LARGEST = 1e6  # A and V: a sample whose numbers are larger, as a vector, is gar
 Sample = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DriveFunctions(Functions):
     """The functions of an observer of kind 'drive', which knows more than a position.
 
@@ -33,12 +33,12 @@ class DriveFunctions(Functions):
     coast : (state, coefficients, design, measurement, gap) -> state. After a gap of known length.
     """
 
-    row: Callable[..., tuple] = None  # type: ignore[assignment]
-    electrical: Callable[..., tuple] = None  # type: ignore[assignment]
-    electrical_stddev: Callable[..., tuple] = None  # type: ignore[assignment]
-    speed_bound: Callable[..., float] = None  # type: ignore[assignment]
-    reasons: Callable[[tuple], int] = None  # type: ignore[assignment]
-    coast: Callable[..., tuple] = None  # type: ignore[assignment]
+    row: Callable[..., tuple]
+    electrical: Callable[..., tuple]
+    electrical_stddev: Callable[..., tuple]
+    speed_bound: Callable[..., float]
+    reasons: Callable[[tuple], int]
+    coast: Callable[..., tuple]
 
 
 def finite(measurement: Sample) -> bool:
