@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from sim_pkg.contract import Message, Simulator
 from sim_pkg.mechanism_simulator import CHUNK, MechanismParameters, Vector, merged, stream, topics
 from sim_pkg.pendulum_control import balancing_force, triangle

@@ -146,7 +146,7 @@ def _encode(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, positions: 
 
 
 def merged(defaults: Mapping[str, object], assignments: tuple[str, ...]) -> tuple[str, ...]:
-    """Assignments for `models.mechanics.load`: the simulator's defaults, then the user's own."""
+    """Assignments for `models.load.load`: the simulator's defaults, then the user's own."""
     own = {text.partition('=')[0].strip() for text in assignments}
     return (*(f'{name}={value}' for name, value in defaults.items() if name not in own),
             *assignments)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from sim_pkg.contract import Message, Simulator
 from sim_pkg.mechanism_simulator import MechanismParameters, Vector, merged, stream, topics
 from sim_pkg.sensor import fixed, random_stream

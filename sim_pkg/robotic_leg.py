@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from sim_pkg.contract import Message, Simulator
 from sim_pkg.mechanism_simulator import MechanismParameters, Vector, merged, stream, topics
 from sim_pkg.sensor import fixed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator_pkg import observers
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build

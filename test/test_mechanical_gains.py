@@ -10,7 +10,7 @@ from mechanism_runs import FAST, driven, made, motion
 
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import check
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from estimator_pkg.observers import mechanical_gains
 
 # Gains

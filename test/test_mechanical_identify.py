@@ -16,7 +16,7 @@ from estimator_pkg.evaluation.identify.fit import fit
 from estimator_pkg.evaluation.identify.model import unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build
 from sim_pkg import cart_pendulum, pendulum, robotic_leg
 from sim_pkg.mechanism_simulator import MechanismParameters, stream

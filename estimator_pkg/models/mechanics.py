@@ -20,9 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import registry
-from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.parameters import build, declared, parse_assignments
+from estimator_pkg.parameters import declared
 
 Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
@@ -110,39 +108,7 @@ def everywhere(values: Vector, q: Vector) -> bool:
     return True
 
 
-def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
-    """The model called `name`, checked (see `estimator_pkg.models.check`).
-
-    Parameters
-    ----------
-    name : a built-in model, or a user's own as ``package.module:Name``.
-    assignments : 'parameter=value'; of a user's model those that its `parameters` name.
-
-    Raises
-    ------
-    UsageError : no such model, or a wrong parameter.
-    UserError : a user's model cannot be imported, or fails the check; the residual is named.
-    """
-    from estimator_pkg.models import check
-    if ':' in name:
-        from estimator_pkg.models.own import from_user, guarded
-        mechanics = from_user(name, parse_assignments(list(assignments)))
-        check.check(mechanics)
-        return guarded(mechanics)
-    model: Model = registry.find(registry.MODELS, name)
-    if not isinstance(model, Model):
-        raise UsageError(f"model '{name}' is not a mechanical one")
-    values = parse_assignments(list(assignments))
-    mechanics = model.build(build(model.parameters, values, owner=f"model '{name}'"))
-    check.check(mechanics)
-    return mechanics
-
-
 def assignments_of(model: Model, parameters: Any) -> tuple[str, ...]:
     """The 'parameter=value' texts that `load` takes for these parameters."""
     return tuple(f'{name}={getattr(parameters, name)!r}'.replace("'", '')
                  for name in declared(model.parameters) if getattr(parameters, name) is not None)
-
-
-__all__ = ['TURN', 'Matrix', 'Mechanics', 'Model', 'UserError', 'Vector', 'assignments_of',
-           'everywhere', 'load']

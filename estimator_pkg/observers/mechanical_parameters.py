@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.mechanics import Mechanics, load
+from estimator_pkg.models.load import load
+from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import parameter
 

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.identify.data import recording
 from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, Found, fit
 from estimator_pkg.evaluation.identify.model import Unknowns, unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build, parse_assignments
 from estimator_pkg.progress import progress
 

@@ -36,7 +36,7 @@ from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, Options
 from estimator_pkg.evaluation.text import table
 from estimator_pkg.evaluation.truth import truth
-from estimator_pkg.models.mechanics import load
+from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build
 
 Array = NDArray[np.float64]

@@ -1,0 +1,36 @@
+"""A mechanical model by its name: a built-in one, or a user's own; checked before it is used."""
+
+from __future__ import annotations
+
+from estimator_pkg import registry
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models.check import check
+from estimator_pkg.models.mechanics import Mechanics, Model
+from estimator_pkg.models.own import from_user, guarded
+from estimator_pkg.parameters import build, parse_assignments
+
+
+def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
+    """The model called `name`, checked (see `estimator_pkg.models.check`).
+
+    Parameters
+    ----------
+    name : a built-in model, or a user's own as ``package.module:Name``.
+    assignments : 'parameter=value'; of a user's model those that its `parameters` name.
+
+    Raises
+    ------
+    UsageError : no such model, or a wrong parameter.
+    UserError : a user's model cannot be imported, or fails the check; the residual is named.
+    """
+    values = parse_assignments(list(assignments))
+    if ':' in name:
+        mechanics = from_user(name, values)
+        check(mechanics)
+        return guarded(mechanics)
+    model: Model = registry.find(registry.MODELS, name)
+    if not isinstance(model, Model):
+        raise UsageError(f"model '{name}' is not a mechanical one")
+    mechanics = model.build(build(model.parameters, values, owner=f"model '{name}'"))
+    check(mechanics)
+    return mechanics
