@@ -239,8 +239,10 @@ def test_the_default_files_of_node_and_simulator_belong_together():
 
 def test_the_servo_suits_node_and_simulator():
     path = ROOT / 'config' / 'pmsm_motor_servo_400w.yaml'
-    build(PmsmSimulatorParameters, params_file.load(path, 'pmsm_sim'))
-    Configuration(observers.find('pmsm'), params_file.load(path, 'pmsm_observer')).for_joint('')
+    simulator, node = (params_file.load(path, name) for name in ('pmsm_sim', 'pmsm_observer'))
+    assert build(PmsmSimulatorParameters, simulator).resistance == simulator['resistance']
+    gains, _ = Configuration(observers.find('pmsm'), node).for_joint('')
+    assert all(getattr(gains, name) == node[name] == simulator[name] for name in MOTOR)
 
 
 def test_no_name_is_declared_twice():

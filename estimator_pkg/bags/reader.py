@@ -308,7 +308,7 @@ class Bag:
                 item.topic, item.msgtype, sqlite.counts[item.id],
                 list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
                 definition=item.msgdef.data, type_hash=item.digest,
-                serialization=item.ext.serialization_format)  # type: ignore[union-attr]  # the same
+                serialization=item.ext.serialization_format)  # type: ignore[union-attr]  # too
         self._sqlites.append((sqlite, index))
 
     def _add(self, name: str, type_name: str, count: int, qos: Sequence[Qos], *,

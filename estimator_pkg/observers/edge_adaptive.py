@@ -192,7 +192,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
         last, convention = convention[0], follow(convention, measurement, period)
         status, count, astray = lock
-        if p[5] > 0.0 == p[3] and stepped * change <= 0.0:   # it was an edge, and no start
+        if p[3] == 0.0 < p[5] and stepped * change <= 0.0:   # it was an edge, and no start
             motion, p, band = stood(last - 0.5 * stepped, p)
         if p[3] == 0.0:      # no speed is known: the second reading, or the first that differs
             if p[5] == 0.0 < quantum and rested > CONFIRMED * dt:

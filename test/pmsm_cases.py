@@ -1,0 +1,58 @@
+"""Motors and their recorded currents and voltages, for tests of the observer `pmsm`."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.pmsm import build
+from estimator_pkg.observers.pmsm_gains import Gains
+from estimator_pkg.parameters import build as build_parameters
+from sim_pkg.pmsm_drive import Drive
+from sim_pkg.pmsm_parameters import PmsmParameters
+from sim_pkg.pmsm_profiles import Profile
+
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
+RATE, DT = 20000.0, 5e-5
+RPM = math.pi / 30.0
+TURN = 2.0 * math.pi
+
+
+def made(**gains):
+    return build(build_parameters(Gains, {**MOTOR, **gains}), Circle(0.0))
+
+
+@lru_cache
+def record(segments, seed=1, **plant):
+    profile = Profile(segments)
+    return Drive(PmsmParameters(**plant), seed, profile=profile, fast=False).run(
+        round(profile.duration * RATE))
+
+
+def noisy(segments, **plant):
+    return record(segments, current_noise=0.1, **plant)
+
+
+STEADY = ((0.06, 3000.0, 3000.0),)
+RESTING = ((0.05, 0.0, 0.0),)
+
+
+def estimates(functions, samples, dt=DT, rows=None):
+    """(status, reasons, electrical rows) after each sample."""
+    design = functions.design()
+    coefficients = functions.prepare(design, dt)
+    state = functions.init(tuple(samples[0]), design)
+    status, reasons, electrical = [], [], []
+    for row in samples[1:].tolist():
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+        status.append(functions.output(state, coefficients, design, tuple(row), 0.0)[3])
+        reasons.append(functions.reasons(state))
+        electrical.append(functions.electrical(state, coefficients, design))
+    return np.array(status), np.array(reasons), np.array(electrical), state, coefficients
+
+
+def angle_error(found, truth):
+    return np.degrees(np.angle(np.exp(1j * (found - truth))))
