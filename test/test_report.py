@@ -5,6 +5,7 @@ import json
 import math
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import browser
 import numpy as np
@@ -280,6 +281,17 @@ def test_outliers_do_not_crush_the_picture():
     low, high = limits([line, np.where(np.arange(5000) == 77, 500.0, line)])
     assert -5.0 < low <= -1.0 and 1.0 <= high < 5.0
     assert limits([np.full(10, np.nan)]) is None
+
+
+def test_every_status_that_came_has_its_name_beside_the_plot():
+    """The lines of two estimates stand a little off it: the range has to hold it all the same."""
+    from bokeh.models import Range1d
+
+    from estimator_pkg.evaluation.report import figures
+    time, status = np.arange(6.0), np.array([0, 1, 1, 2, 1, 1], np.int8)
+    rows = [SimpleNamespace(source=name, status=status, status_time=time) for name in ('a', 'b')]
+    shown = figures._status(rows, 100, Range1d(0.0, 6.0))
+    assert shown.y_range.start <= 0.0 and 2.0 <= shown.y_range.end < 3.0
 
 
 def test_the_spectrum_holds_the_power():

@@ -250,6 +250,9 @@ def _status(rows: Sequence[Row], points: int, shared: Any) -> Any:
             beside = 0.5 * (i / max(1, len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
             shown.step(row.status_time[chosen], row.status[chosen] + beside, mode='after',
                        line_width=1.5, **style)
+    # lines stand beside their status, so the range is that of the statuses: each keeps its name
+    known = np.concatenate([row.status for row in rows])
+    shown.y_range.start, shown.y_range.end = known.min() - 0.5, known.max() + 0.5
     shown.yaxis.ticker = FixedTicker(ticks=list(range(len(STATUS_NAMES))))
     shown.yaxis.major_label_overrides = dict(enumerate(STATUS_NAMES))
     return shown
