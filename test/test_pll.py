@@ -11,8 +11,12 @@ from scipy.linalg import solve_discrete_lyapunov
 from test_frequency_response import placed, transition
 
 from estimator_pkg.observers.contract import INITIALISING, TRACKING
-from estimator_pkg.observers.pll import natural_frequency
-from estimator_pkg.observers.tracking import matched, noise_of_three, noise_of_two
+from estimator_pkg.observers.tracking import (
+    matched,
+    natural_frequency,
+    noise_of_three,
+    noise_of_two,
+)
 
 poles = st.floats(0.01, 0.995)
 

@@ -98,5 +98,5 @@ def steady_gains_2(density: float, dt: float) -> tuple[float, float]:
     """
     tau = density * dt * dt * dt
     excess = tau / 3.0 + math.sqrt(4.0 * tau + tau * tau / 12.0)
-    alpha = math.sqrt(excess + 0.25 * excess * excess) - 0.5 * excess
-    return alpha, math.sqrt(tau * (1.0 - alpha))
+    inverse = math.sqrt(1.0 / excess + 0.25) + 0.5  # 1/alpha, without a difference of large numbers
+    return 1.0 / inverse, math.sqrt(tau / excess) / inverse

@@ -32,11 +32,11 @@ from estimator_pkg.observers.mechanical_parameters import (
     PAPER,
     MechanicalGains,
     model_of,
-    natural_frequency,
     operating_point,
     spread,
     tuple_of,
 )
+from estimator_pkg.observers.tracking import natural_frequency
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]

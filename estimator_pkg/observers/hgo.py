@@ -21,7 +21,6 @@ from estimator_pkg.observers.mechanical import MechanicalFunctions, around
 from estimator_pkg.observers.mechanical_parameters import (
     MechanicalGains,
     model_of,
-    natural_frequency,
     operating_point,
     spread,
 )
@@ -30,6 +29,7 @@ from estimator_pkg.observers.mechanical_velocity import (
     linear_core,
     matrices_over_range,
 )
+from estimator_pkg.observers.tracking import natural_frequency
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]

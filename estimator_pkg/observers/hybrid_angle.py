@@ -121,22 +121,19 @@ def _robust(gains: Gains, design: Design, injection: injections.Injection, margi
     fastest = math.inf if gains.max_speed is None else gains.max_speed
     values = robust.design_values(design, reach, gains.M, fastest)
     linear = gains.injection == 'saw'
-    pair = robust.complex_pair if robust.is_complex(design) else robust.real_pair
     if len(design.k) == 2:
-        prepare = robust.make_prepare_2(pair)
-
         def group_delay(dt: float) -> float:
-            alpha, rate = prepare(values, dt)[:2]
+            alpha, rate = robust.prepare_2(values, dt)[:2]
             return alpha / rate - 0.5 * dt
 
         return AngleCore(
-            design=lambda: values, settle=SETTLING / design.slowest, prepare=prepare,
+            design=lambda: values, settle=SETTLING / design.slowest, prepare=robust.prepare_2,
             init=robust.init_2, correct=correction.make_correct_2(injection, linear, period),
             estimate=robust.estimate_2, resume=robust.resume_2, noise_gains=robust.noise_gains_2,
             limits=lambda dt: None, group_delay=group_delay)
     return AngleCore(
         design=lambda: values, settle=SETTLING / design.slowest,
-        prepare=robust.prepare_triple if design.triple else robust.make_prepare_3(pair),
+        prepare=robust.prepare_triple if design.triple else robust.prepare_3,
         init=robust.init_3, correct=correction.make_correct_3(injection, linear, period),
         estimate=robust.estimate_3, resume=robust.resume_3,
         noise_gains=robust.noise_gains_triple if design.triple else robust.noise_gains_3,

@@ -14,9 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.tracking import reach
 
 PAPER = (6.0, 5.0)        # k1, k2 of the paper's simulations and experiments: poles -1, -5
 TRIPLE = (3.0, 3.0, 1.0)  # k1, k2, k3 of the third order: a triple pole at -1
+
+LEAST_DAMPING = 0.01      # of each pole
+LEAST_DECAY = 1e-6        # of the slowest pole, in the fastest
 
 
 class Design(NamedTuple):
@@ -57,7 +61,8 @@ def settle(order: int, bandwidth_hz: float, k1: float | None, k2: float | None, 
 
     Raises
     ------
-    UsageError : the error polynomial is not Hurwitz, or a gain of the other order is set.
+    UsageError : the error polynomial is not Hurwitz, or only just so, or a gain of the other order
+        is set.
     """
     if order == 2 and k3 is not None:
         raise UsageError("parameter 'k3' belongs to order 3, and the order is 2")
@@ -67,12 +72,28 @@ def settle(order: int, bandwidth_hz: float, k1: float | None, k2: float | None, 
     if order == 3 and k[0] * k[1] <= k[2]:
         raise UsageError(f'k1 k2 = {k[0] * k[1]:g} must exceed k3 = {k[2]:g}, '
                          'or the third-order observer is unstable')
+    roots = [1.0 + 0.0j] * 3 if k == TRIPLE else [-complex(r) for r in np.roots((1.0, *k))]
+    require_settling(k, roots)
     unit = unit_bandwidth(k)
     if epsilon is None:
         epsilon = unit / (2.0 * math.pi * bandwidth_hz)
-    roots = [1.0 + 0.0j] * 3 if k == TRIPLE else [-complex(r) for r in np.roots((1.0, *k))]
     return Design(k, epsilon, tuple(root / epsilon for root in roots),
                   unit / (2.0 * math.pi * epsilon))
+
+
+def require_settling(k: tuple[float, ...], roots: list[complex]) -> None:
+    """Refuse poles that no run would see settle: hardly damped, or decades slower than others.
+
+    Raises
+    ------
+    UsageError : with the gains.
+    """
+    slow = LEAST_DECAY * max(abs(root) for root in roots)
+    if all(root.real >= max(LEAST_DAMPING * abs(root), slow) for root in roots):
+        return
+    gains = ', '.join(f'k{i + 1} = {gain:g}' for i, gain in enumerate(k))
+    raise UsageError(f'{gains} leave the error of the observer hardly damped, or with poles more '
+                     f'than {1.0 / LEAST_DECAY:g} apart')
 
 
 def unit_bandwidth(k: tuple[float, ...]) -> float:
@@ -81,11 +102,11 @@ def unit_bandwidth(k: tuple[float, ...]) -> float:
     Order 2: k2/(s^2 + k1 s + k2). Order 3: (k2 s + k3)/(s^3 + k1 s^2 + k2 s + k3).
     """
     if len(k) == 2:
-        k1, k2 = k
-        power: tuple[float, ...] = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2)  # |D|^2 - 2 |N|^2, u = w^2
-    else:
-        k1, k2, k3 = k
-        power = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2 - 2.0 * k1 * k3, -k3 * k3)
+        natural = math.sqrt(k[1])
+        return natural * reach(0.5 * k[0] / natural)
+    k1, k2, k3 = k
+    # |D|^2 - 2 |N|^2 in u = w^2
+    power = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2 - 2.0 * k1 * k3, -k3 * k3)
     crossings = [root.real for root in np.roots(power)
                  if abs(root.imag) < 1e-9 * abs(root) and root.real > 0.0]
     return math.sqrt(min(crossings))

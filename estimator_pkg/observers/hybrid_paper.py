@@ -9,6 +9,8 @@ from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.injections import Injection
 from estimator_pkg.observers.tracking import noise_of_two
 
+UNSTABLE = 1e300  # a noise gain that nothing bounds; unlike inf, it may be multiplied by 0
+
 Algorithm = Callable[[float, float, float, float, float, float, float, float],
                      tuple[float, float, float]]
 
@@ -77,10 +79,10 @@ def make_resume(period: float) -> Callable[[tuple, float], tuple]:
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
     """Of the loop of `tracking.noise_of_two` with alpha = T l1 and beta = T^2 l2.
 
-    Infinite where this one sample time is beyond the stability limit.
+    As good as infinite where this one sample time is beyond the stability limit.
     """
     dt, l1, l2 = coefficients[0], coefficients[1], coefficients[2]
     alpha, beta = dt * l1, dt * dt * l2
     if 2.0 * alpha + beta >= 4.0:
-        return math.inf, math.inf, 1.0
+        return UNSTABLE, UNSTABLE, 1.0
     return noise_of_two(alpha, beta, dt)

@@ -12,10 +12,9 @@ the number of samples held while astray.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from estimator_pkg.observers.hybrid_design import Design
-from estimator_pkg.observers.tracking import noise_of_three, noise_of_two
+from estimator_pkg.observers.tracking import matched, noise_of_three, noise_of_two
 
 
 def init_2(measurement: float, design: tuple) -> tuple:
@@ -51,8 +50,8 @@ def resume_3(state: tuple, measurement: float) -> tuple:
 def design_values(design: Design, reach: float, saturation: float, fastest: float) -> tuple:
     """What `prepare` needs, as a flat tuple of six floats.
 
-    The first three describe the poles: three real ones (order 3: one beside a pair) or, for a
-    complex pair, its real and imaginary part.
+    The first three describe the poles: that beside the pair [1/s] (order 2: 0), and of the pair
+    what `tracking.matched` calls decay and spread.
 
     Parameters
     ----------
@@ -60,65 +59,40 @@ def design_values(design: Design, reach: float, saturation: float, fastest: floa
     saturation : M [rad].
     fastest : speed limit [rad/s].
     """
-    poles = sorted(design.poles, key=lambda pole: (abs(pole.imag) > 0.0, pole.real))
-    if is_complex(design):
-        pair = (poles[-1].real, abs(poles[-1].imag))
-    else:
-        pair = (poles[-2].real, poles[-1].real)
-    single = poles[0].real if len(poles) == 3 else 0.0
-    return (single, pair[0], pair[1], reach, saturation, fastest)
+    # real ones first, so that a complex pair comes last; of three real ones any two are a pair
+    *others, one, other = sorted(design.poles, key=lambda pole: (abs(pole.imag), pole.real))
+    single = others[0].real if others else 0.0
+    apart = 0.5 * (one - other)
+    return (single, 0.5 * (one + other).real, (apart * apart).real, reach, saturation, fastest)
 
 
-def is_complex(design: Design) -> bool:
-    """True where two of the poles are a complex pair."""
-    return any(abs(pole.imag) > 1e-9 * abs(pole) for pole in design.poles)
+def prepare_2(design: tuple, dt: float) -> tuple:
+    """The coefficients of the second order: (alpha, beta/dt, dt, reach, saturation, fastest)."""
+    alpha, beta = matched(design[1], design[2], dt)
+    return (alpha, beta / dt, dt, design[3], design[4], design[5])
 
 
-def real_pair(first: float, second: float, dt: float) -> tuple[float, float]:
-    """(sum, product) of exp(-first dt) and exp(-second dt); poles in 1/s."""
-    one, other = math.exp(-first * dt), math.exp(-second * dt)
-    return one + other, one * other
-
-
-def complex_pair(real: float, imaginary: float, dt: float) -> tuple[float, float]:
-    """(sum, product) of exp(-(real +- i imaginary) dt); 1/s."""
-    size = math.exp(-real * dt)
-    return 2.0 * size * math.cos(imaginary * dt), size * size
-
-
-def make_prepare_2(pair: Callable[[float, float, float], tuple[float, float]]
-                   ) -> Callable[[tuple, float], tuple]:
-    """`prepare` of the second order: (alpha, beta/dt, dt, reach, saturation, fastest)."""
-    def prepare(design: tuple, dt: float) -> tuple:
-        total, product = pair(design[1], design[2], dt)
-        return (1.0 - product, (1.0 - total + product) / dt, dt, design[3], design[4], design[5])
-
-    return prepare
-
-
-def make_prepare_3(pair: Callable[[float, float, float], tuple[float, float]]
-                   ) -> Callable[[tuple, float], tuple]:
-    """`prepare` of the third order.
+def prepare_3(design: tuple, dt: float) -> tuple:
+    """The coefficients of the third order.
 
     Gives (alpha, beta/dt, gamma/dt^2, dt, reach, saturation, fastest, z of the single pole).
 
     With p, v, a the prediction and e the innovation, x = p + alpha e, v += beta/dt e,
     a += gamma/dt^2 e have the z-polynomial
     z^3 + (alpha + beta + gamma/2 - 3) z^2 + (3 - 2 alpha - beta + gamma/2) z + alpha - 1.
+    With the elementary symmetric sums E1, E2, E3 of 1 - z_i, so that nothing cancels in a slow
+    loop: alpha = E1 - E2 + E3, beta = E2 - 3/2 E3, gamma = E3.
     """
-    def prepare(design: tuple, dt: float) -> tuple:
-        total, product = pair(design[1], design[2], dt)
-        z = math.exp(-design[0] * dt)
-        alpha = 1.0 - z * product
-        gamma = (1.0 - z) * (1.0 - total + product)
-        beta = 3.0 - alpha - 0.5 * gamma - z - total
-        return (alpha, beta / dt, gamma / (dt * dt), dt, design[3], design[4], design[5], z)
-
-    return prepare
+    of_pair, product = matched(design[1], design[2], dt)  # sum less product of the pair's, product
+    apart = -math.expm1(-design[0] * dt)
+    gamma = apart * product
+    return (apart + of_pair - apart * of_pair,
+            (product + apart * of_pair - 0.5 * gamma) / dt, gamma / (dt * dt), dt,
+            design[3], design[4], design[5], 1.0 - apart)
 
 
 def prepare_triple(design: tuple, dt: float) -> tuple:
-    """As `make_prepare_3` for a triple real pole, whose z is one exponential."""
+    """As `prepare_3` for a triple real pole, whose z is one exponential."""
     z = math.exp(-design[0] * dt)
     rate = (1.0 - z) / dt
     slope = (1.0 - z) * rate

@@ -150,6 +150,13 @@ def resume_3(state: tuple, measurement: float) -> tuple:
     return (measurement, state[1], 0.0, FIRST_3, 0.0, resume_scatter(state[5], measurement))
 
 
+def noise_of_third(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
+    """As `noise_gains_2`, after the third sample: a line through two, corrected by their second
+    difference. Its gains, if they stayed, could be those of an unstable observer.
+    """
+    return alpha, (2.0 - 6.0 * beta * (1.0 - beta)) / (dt * dt), 6.0
+
+
 def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
     """Variances that white noise alone causes at the present gains, per R.
 
@@ -159,7 +166,10 @@ def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, floa
     p, dt = state[2], coefficients[0]
     if state[3] == 0.0:
         return 1.0, 2.0 / (dt * dt), 2.0  # as the second sample will leave it
-    return noise_of_two(p[0], p[1] * dt, dt)
+    alpha, beta = p[0], p[1] * dt
+    if 2.0 * alpha + beta < 4.0:
+        return noise_of_two(alpha, beta, dt)
+    return noise_of_third(alpha, beta, dt)
 
 
 def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
@@ -167,7 +177,10 @@ def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, floa
     p, dt = state[3], coefficients[0]
     if state[4] == 0.0:
         return 1.0, 2.0 / (dt * dt), 2.0
-    return noise_of_three(p[0], p[1] * dt, p[2] * dt * dt, dt)
+    alpha, beta, gamma = p[0], p[1] * dt, p[2] * dt * dt
+    if 2.0 * alpha + beta < 4.0 and alpha * (2.0 * beta + gamma) > 2.0 * gamma:
+        return noise_of_three(alpha, beta, gamma, dt)
+    return noise_of_third(alpha, beta, dt)
 
 
 def build(gains: Gains, circle: Circle) -> Functions:

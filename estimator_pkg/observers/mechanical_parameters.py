@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -137,12 +136,6 @@ def operating_point(gains: MechanicalGains, mechanics: Mechanics) -> Array:
     if not mechanics.admits(mechanics.values, gains.operating_point):
         raise UsageError(f"model '{mechanics.name}' cannot be used at the operating point")
     return np.array(gains.operating_point, float)
-
-
-def natural_frequency(bandwidth_hz: float, damping: float) -> float:
-    """sqrt(K) [rad/s] at which K/(s^2 + 2 damping sqrt(K) s + K) has this -3 dB frequency."""
-    shape = 1.0 - 2.0 * damping * damping
-    return 2.0 * math.pi * bandwidth_hz / math.sqrt(shape + math.sqrt(shape * shape + 1.0))
 
 
 def tuple_of(matrix: Array) -> tuple:

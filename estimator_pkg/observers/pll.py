@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from estimator_pkg.observers.angle import AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
-from estimator_pkg.observers.tracking import matched, noise_of_two
+from estimator_pkg.observers.tracking import matched, natural_frequency, noise_of_two
 from estimator_pkg.parameters import parameter
 
 SETTLING = 7.0  # time constants of the slower pole until a start from v = 0 is right to 1 %
@@ -33,15 +33,6 @@ class Gains(AngleGains):
         1.0, unit='', range=(0.2, 10.0), advanced=True,
         description='zeta of the loop; 1: two equal poles, 0.707: flattest response',
         equation='s^2 + 2 zeta w0 s + w0^2')
-
-
-def natural_frequency(bandwidth_hz: float, damping: float) -> float:
-    """w0 [rad/s] of the loop whose velocity is 3 dB down at `bandwidth_hz` [Hz]."""
-    middle = 1.0 - 2.0 * damping * damping
-    # the root of u^2 - 2 middle u - 1 that is positive, without a difference of large numbers
-    power = (middle + math.hypot(middle, 1.0) if middle > 0.0
-             else 1.0 / (math.hypot(middle, 1.0) - middle))
-    return 2.0 * math.pi * bandwidth_hz / math.sqrt(power)
 
 
 def prepare(design: tuple, dt: float) -> tuple:

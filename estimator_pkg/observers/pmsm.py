@@ -41,7 +41,6 @@ from estimator_pkg.observers.pmsm_state import (
     Design,
     State,
     design_of,
-    natural_frequency,
     prepare_coefficients,
 )
 from estimator_pkg.observers.pmsm_watch import (
@@ -54,6 +53,7 @@ from estimator_pkg.observers.pmsm_watch import (
     least_emf,
     look,
 )
+from estimator_pkg.observers.tracking import natural_frequency
 
 CHORD = 0.3         # gates of the identifier, see `credible`
 REST = 0.25
@@ -326,7 +326,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     def group_delay(dt: float) -> float:
         if gains.speed_filter_hz <= 0.0:
             return 0.0  # the flux estimate makes up for the lag of the back-EMF (epsilon)
-        return 2.0 * DAMPING / natural_frequency(gains.speed_filter_hz)
+        return 2.0 * DAMPING / natural_frequency(gains.speed_filter_hz, DAMPING)
 
     return DriveFunctions(
         design, prepare, init, step, output, stddev, resume, limits, group_delay, finite=finite,

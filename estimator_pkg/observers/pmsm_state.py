@@ -19,6 +19,7 @@ from estimator_pkg.observers.pmsm_gains import (
 from estimator_pkg.observers.pmsm_noise import low_pass_weight, prepare_noise
 from estimator_pkg.observers.pmsm_scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm_watch import prepare_watch
+from estimator_pkg.observers.tracking import natural_frequency
 
 FAST = 1e-3         # s, averages of the back-EMF
 SLOW = 5e-3         # s, averages of speeds, and how long the turning is watched before locking on
@@ -91,14 +92,6 @@ class Coefficients(NamedTuple):
     dead_time: float
 
 
-def natural_frequency(corner_hz: float) -> float:
-    """Of the two-pole low-pass with `DAMPING` that has its -3 dB frequency at `corner_hz`."""
-    if corner_hz <= 0.0:
-        return 0.0
-    half = 1.0 - 2.0 * DAMPING * DAMPING
-    return 2.0 * math.pi * corner_hz / math.sqrt(half + math.sqrt(half * half + 1.0))
-
-
 def design_of(gains: Gains, circle: Circle) -> Design:
     """The design; raises UsageError for gains that cannot work."""
     resistance, inductance, nominal, poles = check_motor(gains, 'pmsm')
@@ -113,7 +106,7 @@ def design_of(gains: Gains, circle: Circle) -> Design:
         xi_low=1.0 / high, xi_high=1.0 / low, flux_low=low, flux_high=high, emf_min=least,
         drop=2.0 * gains.resistance_error * resistance,
         xi_start=1.0 / start if start > 0.0 else 0.0, pole_pairs=poles, hold=gains.hold,
-        natural=natural_frequency(gains.speed_filter_hz),
+        natural=natural_frequency(gains.speed_filter_hz, DAMPING),
         noise_power=(gains.current_noise or 0.0) ** 2,
         noise_guess=(NOISE_GUESS * nominal / inductance) ** 2,
         period=0.0 if circle.unwrap else float(circle.period),

@@ -35,10 +35,11 @@ def matched_1(s: float, design: tuple) -> tuple[float, float, float, float]:
 
 def matched_2(s: float, design: tuple) -> tuple[float, float, float, float]:
     """The same of order 2, with `pair` written out: the default deserves the speed."""
-    radius = math.exp(design[7] * s)
-    kept = 2.0 * radius * math.cos(design[8] * s)
-    total, product = 2.0 - kept, 1.0 - kept + radius * radius
-    d = 1.0 - math.exp(design[6] * s)
+    short = -math.expm1(design[7] * s)
+    half = math.sin(0.5 * design[8] * s)
+    turned = 4.0 * (1.0 - short) * half * half
+    total, product = 2.0 * short + turned, short * short + turned
+    d = -math.expm1(design[6] * s)
     e2, e3 = product + total * d, product * d
     return total + d - e2 + e3, e2 - 1.5 * e3, e3, 0.0
 
@@ -53,10 +54,14 @@ def matched_3(s: float, design: tuple) -> tuple[float, float, float, float]:
 
 
 def pair(s: float, real: float, imaginary: float) -> tuple[float, float]:
-    """Sum and product of 1 - z for the eigenvalues z = exp(s (real +- i imaginary))."""
-    radius = math.exp(real * s)
-    kept = 2.0 * radius * math.cos(imaginary * s)
-    return 2.0 - kept, 1.0 - kept + radius * radius
+    """Sum and product of 1 - z for the eigenvalues z = exp(s (real +- i imaginary)).
+
+    Made of 1 - |z| and of 2 (|z| - Re z), so that no digits are lost where s is small.
+    """
+    short = -math.expm1(real * s)
+    half = math.sin(0.5 * imaginary * s)
+    turned = 4.0 * (1.0 - short) * half * half
+    return 2.0 * short + turned, short * short + turned
 
 
 MATCHED = {1: matched_1, 2: matched_2, 3: matched_3}

@@ -10,6 +10,20 @@ from __future__ import annotations
 import math
 
 
+def reach(damping: float) -> float:
+    """The -3 dB frequency of w0^2/(s^2 + 2 damping w0 s + w0^2), over w0."""
+    middle = 1.0 - 2.0 * damping * damping
+    # the root of u^2 - 2 middle u - 1 that is positive, without a difference of large numbers
+    power = (middle + math.hypot(middle, 1.0) if middle > 0.0
+             else 1.0 / (math.hypot(middle, 1.0) - middle))
+    return math.sqrt(power)
+
+
+def natural_frequency(bandwidth_hz: float, damping: float) -> float:
+    """w0 [rad/s] of such a loop that is 3 dB down at `bandwidth_hz` [Hz]."""
+    return 2.0 * math.pi * bandwidth_hz / reach(damping)
+
+
 def matched(decay: float, spread: float, dt: float) -> tuple[float, float]:
     """(alpha, beta) with the poles exp(p dt) of the continuous ones p = -decay +- sqrt(spread).
 
