@@ -1,36 +1,8 @@
-"""Starts the encoder simulator: `ros2 launch velocity_estimator encoder_sim.launch.py`."""
+"""Starts the simulator: `ros2 launch velocity_estimator encoder_sim.launch.py`."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from estimator_pkg.nodes.launching import MAKES_TIME, one_node
 
 
 def generate_launch_description():
-    """One node, with its parameters from a file."""
-    default_file = PathJoinSubstitution(
-        [FindPackageShare('velocity_estimator'), 'config', 'encoder_sim.yaml'])
-    return LaunchDescription([
-        DeclareLaunchArgument('params_file', default_value=default_file,
-                              description='parameter file of the node'),
-        DeclareLaunchArgument('namespace', default_value='',
-                              description='namespace of the node and its topics'),
-        DeclareLaunchArgument('use_sim_time', default_value='false',
-                              description='has no effect here: the simulator makes its own time'),
-        DeclareLaunchArgument('name', default_value='encoder_sim',
-                              description='name of the node'),
-        Node(
-            package='velocity_estimator',
-            executable='encoder_sim',
-            name=LaunchConfiguration('name'),
-            namespace=LaunchConfiguration('namespace'),
-            parameters=[
-                LaunchConfiguration('params_file'),
-                {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'),
-                                                value_type=bool)},
-            ],
-            output='screen',
-        ),
-    ])
+    """The node, with the parameters of config/encoder_sim.yaml or of `params_file`."""
+    return one_node('encoder_sim', MAKES_TIME)

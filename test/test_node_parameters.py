@@ -1,8 +1,7 @@
-"""What a user sets of joint_observer: YAML, settings, raw angles, launching; lost messages."""
+"""What a user sets of joint_observer: YAML, settings, raw angles; lost messages."""
 
 from __future__ import annotations
 
-import ast
 import math
 import re
 from pathlib import Path
@@ -101,25 +100,6 @@ def test_no_name_is_declared_twice():
     for observer in angle_observers():
         names = [*declared(NodeSettings), *declared(JointSettings), *declared(observer.gains)]
         assert len(names) == len(set(names)), observer.name
-
-
-def test_launch_file_has_its_arguments_and_hands_them_on():
-    tree = ast.parse((ROOT / 'launch/joint_observer.launch.py').read_text())
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)
-             and isinstance(node.func, ast.Name)]
-
-    def first_words(name):
-        return [call.args[0].value for call in calls if call.func.id == name]
-
-    arguments = ['params_file', 'namespace', 'use_sim_time', 'name']
-    assert first_words('DeclareLaunchArgument') == arguments
-    assert sorted(first_words('LaunchConfiguration')) == sorted(arguments)
-    node, = [call for call in calls if call.func.id == 'Node']
-    given = {keyword.arg: keyword.value for keyword in node.keywords}
-    assert given['package'].value == 'velocity_estimator'
-    assert given['executable'].value == 'joint_observer'
-    assert {'name', 'namespace', 'parameters'} <= set(given)
-    assert list(yaml.safe_load(YAML.read_text())) == ['/**']  # whatever the node is called
 
 
 # Settings

@@ -1,4 +1,4 @@
-"""What makes up pmsm_observer, without ROS: pairs, order of batches, parameter files, launching."""
+"""What makes up pmsm_observer, without ROS: pairs, order of batches, parameter files."""
 
 from __future__ import annotations
 
@@ -248,22 +248,6 @@ def test_the_servo_suits_node_and_simulator():
 def test_no_name_is_declared_twice():
     names = [*declared(PmsmSettings), *declared(JointSettings), *declared(Gains)]
     assert len(names) == len(set(names))
-
-
-@pytest.mark.parametrize('name', ['pmsm_observer', 'pmsm_sim'])
-def test_launch_file_has_its_arguments_and_hands_them_on(name):
-    tree = ast.parse((ROOT / 'launch' / f'{name}.launch.py').read_text())
-    calls = [call for call in ast.walk(tree) if isinstance(call, ast.Call)
-             and isinstance(call.func, ast.Name)]
-    arguments = ['params_file', 'namespace', 'use_sim_time', 'name']
-    assert [call.args[0].value for call in calls
-            if call.func.id == 'DeclareLaunchArgument'] == arguments
-    (node,) = [call for call in calls if call.func.id == 'Node']
-    given = {keyword.arg: keyword.value for keyword in node.keywords}
-    assert given['executable'].value == name
-    assert {'name', 'namespace', 'parameters'} <= set(given)
-    assert f'{name}.yaml' in (ROOT / 'launch' / f'{name}.launch.py').read_text()
-    assert list(params_file.load(ROOT / 'config' / f'{name}.yaml', 'renamed'))
 
 
 @pytest.mark.parametrize('module', ['pmsm_observer', 'pmsm_node', 'pmsm_health', 'pmsm_settings'])

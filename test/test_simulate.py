@@ -1,6 +1,5 @@
 """The encoder simulator as a stream and as bags, and the command that writes them."""
 
-import ast
 import filecmp
 import itertools
 import json
@@ -9,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from estimator_pkg import cli, params_file
 from estimator_pkg.bags.reader import open_bag
@@ -295,25 +293,3 @@ def test_defaults_are_their_own_valid_values():
     assert build(EncoderParameters, {}) == EncoderParameters()
     with pytest.raises(UsageError, match='joints'):
         EncoderParameters(joints=('',))
-
-
-def test_launch_file_has_its_arguments_and_hands_them_on():
-    tree = ast.parse((ROOT / 'launch/encoder_sim.launch.py').read_text())
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)
-             and isinstance(node.func, ast.Name)]
-
-    def first_words(name):
-        return [call.args[0].value for call in calls if call.func.id == name]
-
-    arguments = ['params_file', 'namespace', 'use_sim_time', 'name']
-    assert first_words('DeclareLaunchArgument') == arguments
-    assert sorted(first_words('LaunchConfiguration')) == sorted(arguments)
-    (node,) = [call for call in calls if call.func.id == 'Node']
-    given = {keyword.arg: keyword.value for keyword in node.keywords}
-    assert given['package'].value == 'velocity_estimator'
-    assert given['executable'].value == 'encoder_sim'
-    assert {'name', 'namespace', 'parameters'} <= set(given)
-    functions = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
-    assert functions == ['generate_launch_description']
-    config = yaml.safe_load((ROOT / 'config/encoder_sim.yaml').read_text())
-    assert list(config) == ['/**']  # holds whatever the node is called
