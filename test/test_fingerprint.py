@@ -39,12 +39,17 @@ CALL = """
 """
 
 
-def call(folder, gain=3.0):
-    done = subprocess.run([sys.executable, '-c', textwrap.dedent(CALL), str(folder), str(gain)],
+def python(script, *arguments):
+    """What a process of its own prints, which keeps nothing but compiled functions."""
+    done = subprocess.run([sys.executable, '-c', textwrap.dedent(script), *map(str, arguments)],
                           capture_output=True, text=True, timeout=120,
                           env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1'})
     assert done.returncode == 0, done.stderr
-    digest, value, hits = done.stdout.split()
+    return done.stdout
+
+
+def call(folder, gain=3.0):
+    digest, value, hits = python(CALL, folder, gain).split()
     return digest, float(value), int(hits)
 
 
@@ -64,3 +69,28 @@ def test_kept_between_processes_until_something_called_changes(tmp_path):
         changed = call(tmp_path)
         assert changed[0] != first[0]
         assert changed[1] == pytest.approx(first[1] * factor)
+
+
+AROUND = """
+    def around(inner):
+        def whole(x):
+            return inner(x) + 1.0
+        return whole
+"""
+CALL_AROUND = """
+    import importlib, sys
+    sys.path.insert(0, sys.argv[1])
+    import shared
+    from estimator_pkg.driver.compiled import compiled
+    print(compiled(shared.around(importlib.import_module(sys.argv[2]).inner))(0.5))
+"""
+
+
+def test_a_module_outlives_a_copy_of_it(tmp_path):
+    """What is kept is loaded by importing the module that it came from: a copy's is no other's."""
+    (tmp_path / 'shared.py').write_text(textwrap.dedent(AROUND))
+    copy = tmp_path / 'copied.py'
+    copy.write_text(textwrap.dedent(MODULE))
+    of_copy = python(CALL_AROUND, tmp_path, 'copied')
+    copy.rename(tmp_path / 'sample.py')
+    assert python(CALL_AROUND, tmp_path, 'sample') == of_copy

@@ -37,6 +37,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
             yield f'seen {value.__qualname__}'
             return
         seen.add(id(value))
+        yield f'of {value.__module__}'  # what is kept is loaded by importing this module
         yield from _parts(value.__code__, seen)
         yield from _parts(value.__defaults__, seen)
         for cell in value.__closure__ or ():
