@@ -7,6 +7,7 @@ one line; exit codes are 0 (done), 1 (failed) and 2 (wrong use).
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -15,8 +16,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import __version__, registry
+from estimator_pkg import __version__, destination, registry
 from estimator_pkg.errors import UserError, suggestion
+
+STDOUT = '-'    # in place of a file's name
 
 
 @dataclass(frozen=True)
@@ -47,28 +50,13 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words or words[0] in ('-h', '--help'):
-        print(_overview())
-        return 0 if words else 2
-    if words[0] == '--version':
-        print(__version__)
-        return 0
-    name, rest = words[0], words[1:]
-    prog = f'velocity_estimator {name}'
+    prog = ' '.join(['velocity_estimator', *words[:1]])
     try:
-        if name not in registry.names(registry.COMMANDS):
-            print(f"velocity_estimator: unknown command '{name}': "
-                  f'{suggestion(name, registry.names(registry.COMMANDS))}', file=sys.stderr)
-            return 2
-        command: Command = registry.find(registry.COMMANDS, name)
-        parser = _Parser(prog=prog, description=command.summary)
-        command.arguments(parser)
-        parser.add_argument('--json', metavar='FILE', help="the result as JSON ('-': to stdout)")
-        parsed = parser.parse_args(rest)
-        result = command.run(parsed)
-        if parsed.json:
-            _write_json(parsed.json, result)
-        return 1 if result and result.get('ok') is False else 0
+        try:
+            return _run(words, prog)
+        finally:  # here, where a reader that went away or a full disk is one line
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except UserError as error:
         print(f'{prog}: {error}', file=sys.stderr)
         return error.exit_code
@@ -78,11 +66,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'{prog}: interrupted', file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of our output went away, as with `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_output()
         return 1
     except OSError as error:
-        print(f'{prog}: {error.filename or ""}: {error.strerror or error}', file=sys.stderr)
+        print(f'{prog}: {error.filename or "output"}: {error.strerror or error}', file=sys.stderr)
+        if error.filename is None:
+            _give_up_output()
         return 1
+
+
+def _run(words: list[str], prog: str) -> int:
+    if not words or words[0] in ('-h', '--help'):
+        print(_overview())
+        return 0 if words else 2
+    if words[0] == '--version':
+        print(__version__)
+        return 0
+    name = words[0]
+    if name not in registry.names(registry.COMMANDS):
+        print(f"velocity_estimator: unknown command '{name}': "
+              f'{suggestion(name, registry.names(registry.COMMANDS))}', file=sys.stderr)
+        return 2
+    command: Command = registry.find(registry.COMMANDS, name)
+    parser = _Parser(prog=prog, description=command.summary)
+    command.arguments(parser)
+    parser.add_argument('--json', metavar='FILE',
+                        help="the result as JSON ('-': to stdout, and the text to stderr)")
+    parsed = parser.parse_args(words[1:])
+    to_stdout = parsed.json == STDOUT
+    if parsed.json is not None and not to_stdout:
+        destination.check(parsed.json)
+    with contextlib.redirect_stdout(sys.stderr) if to_stdout else contextlib.nullcontext():
+        result = command.run(parsed)
+    if parsed.json is not None:
+        _write_json(parsed.json, result)
+    return 1 if result and result.get('ok') is False else 0
+
+
+def _give_up_output() -> None:
+    """What is still to be written goes nowhere, so that the end of the process is quiet."""
+    with contextlib.suppress(OSError, ValueError):  # a stdout without a file has nothing to lose
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _interrupted(error: BaseException | None) -> bool:
@@ -94,7 +118,7 @@ def _interrupted(error: BaseException | None) -> bool:
 
 def _write_json(path: str, result: Any) -> None:
     text = json.dumps(_strict(result), indent=2, allow_nan=False)
-    if path == '-':
+    if path == STDOUT:
         print(text)
     else:
         with open(path, 'w', encoding='utf-8') as file:

@@ -157,6 +157,15 @@ def test_a_folder_whose_recorder_crashed_is_read(tmp_path, capsys):
     assert 'cannot be read as metadata' in capsys.readouterr().err
 
 
+def test_metadata_that_cannot_be_read_is_told_once(tmp_path, capsys):
+    path = make.ours(tmp_path / 'bag', make.content(4))
+    (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: [1, 2')
+    with open_bag(path) as bag:
+        assert bag.count == 6
+    assert capsys.readouterr().err == (f'warning: {path / "metadata.yaml"} cannot be read as '
+                                       'metadata; reading the files beside it\n')
+
+
 def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path, capsys):
     messages = make.content()
     path = make.mcap(tmp_path / 'bag.mcap', messages, compression=CompressionType.NONE,
@@ -256,6 +265,8 @@ def test_require_says_what_is_there(tmp_path):
         with pytest.raises(UserError, match=r"no topic '/nope'; it has /chatter \(std_msgs/msg/"
                                             r'String, 2\), /joint_states \('):
             bag.require('/nope')
+        with pytest.raises(UserError, match=r"'joint_states' \(did you mean '/joint_states'\?\)"):
+            bag.require('joint_states')
         with pytest.raises(UserError, match=f"'{OTHER}' of .* is {TEXT}, not {TYPE}"):
             bag.require(OTHER, [TYPE])
 

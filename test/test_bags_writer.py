@@ -214,6 +214,12 @@ def test_a_full_disk_leaves_nothing_and_says_so(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize('name', ['bag.db3', 'bag.bag', 'bag.mcap.zstd'])
+def test_files_of_other_kinds_are_not_promised(name, tmp_path):
+    with pytest.raises(UserError, match='bags are written as MCAP'):
+        BagWriter(tmp_path / name)
+
+
 def test_what_is_there_is_never_overwritten(tmp_path):
     path = tmp_path / 'bag'
     path.write_text('mine')

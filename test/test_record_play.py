@@ -306,6 +306,7 @@ def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
             ([recording, '--wait', 'nan'], '--wait nan', 2),
             ([recording, '--remap', 'x'], "'x' is not FROM:=TO", 2),
             ([recording, '--remap', '/x:=/y'], "no topic '/x'", 1),
+            ([recording, '--remap', 'joint_states:=/a b'], "'/a b' is no name", 1),
             ([recording, '--topics', '/x'], "no topic '/x'", 1)):
         assert cli.main(['play', *map(str, words)]) == code
         error = capsys.readouterr().err

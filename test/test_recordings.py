@@ -11,8 +11,9 @@ import pytest
 import yaml
 
 from estimator_pkg.evaluation import recordings
-from estimator_pkg.evaluation.comparison import Options, compare
+from estimator_pkg.evaluation.comparison import compare
 from estimator_pkg.evaluation.entries import at_defaults
+from estimator_pkg.evaluation.options import Options
 
 HERE = Path(__file__).resolve().parent
 BAGS = HERE.parent / 'bags'

@@ -175,7 +175,7 @@ def test_without_out_nothing_is_written(recording, tmp_path, capsys, monkeypatch
     replay(recording, '--observer', 'finite_difference', '--json', 'result.json')
     assert [path.name for path in tmp_path.iterdir()] == ['result.json']
     result = json.loads(Path('result.json').read_text())
-    assert result['messages'] == {'received': 400, 'used': 400, 'dropped': {}}
+    assert result['messages'] == {'received': 400, 'used': 400, 'dropped': {}, 'estimates': 390}
     joint = result['joints']['a']
     assert (joint['received'], joint['used'], joint['dropped']) == (400, 400, {})
     assert joint['rate_hz'] == pytest.approx(1000.0)
@@ -201,7 +201,7 @@ def test_every_sample_is_accounted_for(tmp_path):
     result = json.loads((tmp_path / 'json').read_text())
     counts = result['messages']
     assert counts == {'received': 59, 'used': 54,
-                      'dropped': {'empty': 2, 'mismatched': 1, 'malformed': 2}}
+                      'dropped': {'empty': 2, 'mismatched': 1, 'malformed': 2}, 'estimates': 41}
     assert result['joints']['a']['dropped'] == {'duplicate': 1, 'late': 1, 'non_finite': 1}
     assert result['joints']['b']['dropped'] == {'duplicate': 1, 'zero_stamp': 1}
     for joint in result['joints'].values():
@@ -210,6 +210,7 @@ def test_every_sample_is_accounted_for(tmp_path):
     answers = [Decoder().decode(message.raw) for message in messages_of(tmp_path / 'out', ESTIMATE)]
     assert len(answers) == 57
     assert [answer.names for answer in answers[-5:]] == [('b',), (), (), (), ()]
+    assert sum(bool(answer.names) for answer in answers) == counts['estimates']
 
 
 def test_gaps_and_loops_in_the_summary(tmp_path):
@@ -223,6 +224,29 @@ def test_gaps_and_loops_in_the_summary(tmp_path):
     assert joint['events'] == {'gap': 1, 'clock_jump': 1}
     assert joint['status_s']['gap'] == pytest.approx(1.01)
     assert sum(joint['status_s'].values()) == pytest.approx(1.01 + 3 * 0.99)
+
+
+@pytest.mark.parametrize('size', [1, 7, 1000])
+def test_a_stray_stamp_is_no_gap(size):
+    stamps = [START + i * 1_000_000 for i in range(50)]
+    stamps[35] += 10**13
+    raws = [Encoder().encode(stamp, '', ['a'], [0.01]) for stamp in stamps]
+    estimation, _ = in_blocks(raws, range(size, 50, size), configuration())
+    seconds = estimation.history['a'].seconds
+    assert sum(seconds.values()) == pytest.approx(0.049)
+    assert seconds.get('gap', 0.0) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(('stamp', 'names', 'positions', 'why'), [
+    (0, ['a'], [0.1], "every sample of a was dropped: no stamp: use 'stamp_source: publisher'"),
+    (1, ['a'], [math.nan], 'every sample of a was dropped: NaN or infinite'),
+    (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
+    (1, ['a'], [], 'no message of /joint_states has a position')])
+def test_why_there_is_no_estimate(stamp, names, positions, why, tmp_path, capsys):
+    raws = [Encoder().encode(stamp and START + i, '', names, positions) for i in range(9)]
+    bag = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
+    replay(bag)
+    assert f'warning: no estimate was given: {why}' in capsys.readouterr().err
 
 
 def test_only_the_named_joints(recording, tmp_path):

@@ -212,6 +212,21 @@ def test_parameters_go_to_the_observers_that_know_them(motor, tmp_path):
 
 # ---------------------------------------------------------------- what a kind is
 
+def test_a_damaged_input_is_not_taken_for_a_measurement(tmp_path):
+    encode = Encoder().encode
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        bag.add_topic('/effort_command', TYPE)
+        for i in range(1, 101):
+            raw = encode(i * 10**7, '', ['joint'], [0.01 * i], [], [0.1])
+            bag.write(STATES, i * 10**7, raw if i > 1 else b'bad')
+            bag.write('/effort_command', i * 10**7, raw if i % 4 else b'bad')
+    found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--observer', 'geso',
+                      *settings('input=effort_command', 'joints=[joint]'))['messages']
+    assert (found['received'], found['used'], found['inputs_malformed']) == (100, 99, 25)
+    assert found['dropped'] == {'malformed': 1}
+
+
 def test_every_observer_has_a_kind():
     for name in registry.names(registry.OBSERVERS):
         kind = kinds.of_observer(name)

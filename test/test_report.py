@@ -185,10 +185,16 @@ def test_bags_with_other_joints_and_one_too_coarse_to_judge(tmp_path, capsys):
     assert '<h3>a</h3>' in page and '<h3>b</h3>' in page
 
 
-def test_no_folder_is_one_line(tmp_path, capsys):
-    words = ['evaluate', str(FAULTS), '--observer', 'pll', '--html', str(tmp_path / 'no/p.html')]
+@pytest.mark.parametrize('option', ['--html', '--plot'])
+@pytest.mark.parametrize(('name', 'said'), [('no/p.svg', 'there is no folder'),
+                                            ('p.svg', 'is a folder')])
+def test_no_folder_is_one_line(option, name, said, tmp_path, capsys):
+    (tmp_path / 'p.svg').mkdir()
+    words = ['evaluate', str(FAULTS), '--observer', 'pll', option, str(tmp_path / name)]
     assert main(words) == 1
-    assert 'there is no folder' in capsys.readouterr().err.strip()
+    printed, told = capsys.readouterr()
+    assert said in told and told.count('\n') == 1 and not printed
+    assert [path.name for path in tmp_path.iterdir()] == ['p.svg']
 
 
 def test_what_fails_leaves_nothing_behind(tmp_path, capsys):

@@ -373,10 +373,18 @@ def test_other_errors(bag, tmp_path, capsys):
     (tmp_path / 'empty').mkdir()
     assert 'no bag in this folder' in fails(capsys, str(tmp_path / 'empty'), *out)
     assert 'there is no folder' in fails(capsys, bag, '--observer', 'pll', '--out', '/no/g.yaml')
+    assert 'is a folder' in fails(capsys, bag, '--observer', 'pll', '--out', str(tmp_path))
+    assert 'there is no folder' in fails(capsys, bag, *out, '--plot', '/no/g.png')
 
 
-def test_folders_stand_for_their_bags():
+def test_folders_stand_for_their_bags(tmp_path):
     assert len(expanded([str(PENDULUMS)])) == 4
     one = str(PENDULUMS / 'sac_200hz_multiturn')
     assert expanded([one, one]) == [(one, '')]
+    (tmp_path / 'a').mkdir()
+    for file in ('a/crashed.mcap', '.b.7.part/b_0.mcap', 'c/c_0.db3.zstd'):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).touch()
+    assert [each.path for each in expanded([str(tmp_path)])] == [
+        str(tmp_path / 'a'), str(tmp_path / 'c')]
     assert expanded([str(PENDULUMS), one])[2:] == [(one, ''), expanded([str(PENDULUMS)])[3]]

@@ -14,7 +14,12 @@ from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
 from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.guard import AFTER_CLOCK_JUMP, AFTER_GAP, DUPLICATE
+from estimator_pkg.driver.guard import (
+    AFTER_CLOCK_JUMP,
+    AFTER_GAP,
+    AFTER_STRAY_STAMP,
+    DUPLICATE,
+)
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.contract import COASTING, STATUS_NAMES, TRACKING
 
@@ -43,6 +48,7 @@ class History:
     seconds: dict[str, float] = field(default_factory=dict)
     last_ns: int | None = None
     status: int = 0
+    _last_gap: float = 0.0      # of the last sample [s], if one was before it
 
     def add(self, stamps_ns: NDArray[np.int64], out: Estimates) -> None:
         """Samples that were taken in, and what came out."""
@@ -52,12 +58,24 @@ class History:
         times, status, verdict = stamps_ns[used], out.status[used], out.verdict[used]
         first = times[0] if self.last_ns is None else self.last_ns
         passed = np.diff(times, prepend=first) * 1e-9
+        for row in np.flatnonzero(verdict == AFTER_STRAY_STAMP).tolist():
+            self._take_back(passed, row)
         passed[(verdict == AFTER_CLOCK_JUMP) | (passed < 0.0)] = 0.0
         gap = verdict == AFTER_GAP
+        self._last_gap = float(passed[-1]) if gap[-1] else 0.0
         for kind in np.unique(status).tolist():
             self._count(STATUS_NAMES[kind], passed[(status == kind) & ~gap])
         self._count(GAP, passed[gap])
         self.last_ns, self.status = int(times[-1]), int(status[-1])
+
+    def _take_back(self, passed: NDArray[np.float64], row: int) -> None:
+        """The gap before a stray stamp was none: its sample goes on from before it."""
+        before = passed[row - 1] if row else self._last_gap
+        passed[row] += before
+        if row:
+            passed[row - 1] = 0.0
+        else:
+            self._count(GAP, np.array([-before]))
 
     def _count(self, name: str, seconds: NDArray[np.float64]) -> None:
         if len(seconds):

@@ -52,10 +52,11 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             raise UsageError(f'--{name} {value:g}: it must be above {low:g}')
     if not (math.isfinite(parsed.wait) and parsed.wait >= 0.0):
         raise UsageError(f'--wait {parsed.wait:g}: it must be 0 s or more')
-    remap = dict(_remapping(text) for text in parsed.remap)
+    given = dict(_remapping(text) for text in parsed.remap)
     with open_bag(parsed.bag) as bag:
-        for name in (*(parsed.topics or ()), *remap):
+        for name in parsed.topics or ():
             bag.require(name)
+        remap = {_meant(bag, name): target for name, target in given.items()}
         from estimator_pkg.bags.live import live
         with live('bag_player') as here, keys() as pressed:
             player = Player(here, bag, pressed, topics=parsed.topics, remap=remap,
@@ -73,8 +74,12 @@ def _remapping(text: str) -> tuple[str, str]:
     source, mark, target = text.partition(':=')
     if not mark or not source or not target:
         raise UsageError(f"--remap '{text}' is not FROM:=TO")
-    return (source if source.startswith('/') else f'/{source}',
-            target if target.startswith('/') else f'/{target}')
+    return source, target if target.startswith('/') else f'/{target}'
+
+
+def _meant(bag: Bag, name: str) -> str:
+    """The topic of the bag that is called so, with or without its first slash."""
+    return bag.require(name if name in bag.topics or name.startswith('/') else f'/{name}').name
 
 
 class Player:
@@ -96,6 +101,7 @@ class Player:
     def __init__(self, here: Live, bag: Bag, pressed: Callable[[], str], *,
                  topics: list[str] | None, remap: dict[str, str], rate: float,
                  clock: float | None, paused: bool) -> None:
+        from rclpy.exceptions import InvalidTopicNameException
         from std_srvs.srv import Trigger
 
         from estimator_pkg.bags.live import matching, message_class
@@ -114,8 +120,12 @@ class Player:
                 continue
             name = remap.get(topic.name, topic.name)
             name = name if name.startswith('/') else f'/{name}'
-            self._publishers[topic.name] = name, here.node.create_publisher(
-                kind, name, matching(topic.qos))
+            try:
+                publisher = here.node.create_publisher(kind, name, matching(topic.qos))
+            except InvalidTopicNameException as error:
+                raise UserError(f"'{name}' is no name that a topic may have: --remap "
+                                f'{topic.name}:=NAME gives it another one') from error
+            self._publishers[topic.name] = name, publisher
             self.sent[name] = 0
         if not self._publishers:
             raise UserError(f'{bag.path} has nothing to play: it has {bag.listing()}')

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,7 +25,7 @@ from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags.block import Block, compact, from_messages, join
 from estimator_pkg.bags.mcap_file import McapFile
 from estimator_pkg.bags.sqlite_file import SqliteFile
-from estimator_pkg.errors import UserError, suggestion
+from estimator_pkg.errors import UserError
 
 METADATA = 'metadata.yaml'
 ROS1 = b'#ROSBAG'
@@ -122,9 +123,10 @@ class Bag:
         """
         found = self.topics.get(topic)
         if found is None:
-            raise UserError(f"{self.path} has no topic '{topic}': {suggestion(topic, ())}"
-                            if not self.topics else
-                            f"{self.path} has no topic '{topic}'; it has {self.listing()}")
+            near = difflib.get_close_matches(topic, self.topics, n=1, cutoff=0.7)
+            raise UserError(f"{self.path} has no topic '{topic}'"
+                            + (f" (did you mean '{near[0]}'?)" if near else '')
+                            + f'; it has {self.listing()}')
         if types and found.type not in types:
             raise UserError(f"topic '{topic}' of {self.path} is {found.type}, "
                             f'not {" or ".join(types)}')
@@ -137,8 +139,6 @@ class Bag:
 
     def listing(self) -> str:
         """The topics with their types and counts, for a person."""
-        if not self.topics:
-            return 'no topics'
         return ', '.join(f'{topic.name} ({topic.type}, {topic.count})'
                          for topic in sorted(self.topics.values(), key=lambda item: item.name))
 
@@ -225,7 +225,7 @@ class Bag:
             if not files:
                 raise UserError(f'{self.path} is no bag: it holds neither {METADATA} nor .mcap or '
                                 '.db3 files')
-            if not information:
+            if not (self.path / METADATA).exists():
                 self.warn(f'{self.path} has no {METADATA} (its recorder did not end cleanly?): '
                           f'reading {len(files)} file{"s" if len(files) > 1 else ""}')
         mode = str(information.get('compression_mode') or '').lower()

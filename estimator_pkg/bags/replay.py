@@ -60,7 +60,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         kind, setup = settled(bag, parsed)
         replay = kind.start(setup)
         node = f'/{(parsed.name or kind.node).strip("/")}'
-        with (BagWriter(parsed.out) if parsed.out else nullcontext()) as writer:
+        with (BagWriter(parsed.out) if parsed.out is not None else nullcontext()) as writer:
             output = None
             if writer is not None:
                 output = Output(bag, writer, parsed.copy, {
@@ -133,7 +133,9 @@ def _print(result: dict[str, Any]) -> None:
     counts = result['messages']
     print(f"{result['bag']}: {result['observer']} on {result['measurement']}, "
           f"{counts['received']} messages{_kinds(counts['dropped'])}"
-          + (f", {counts['estimates']} with estimates" if 'estimates' in counts else ''))
+          + (f", {counts['estimates']} with estimates" if 'estimates' in counts else '')
+          + (f", {counts['inputs_malformed']} messages of the inputs cannot be read"
+             if counts.get('inputs_malformed') else ''))
     for name, joint in result['joints'].items():
         rate = f"{joint['rate_hz']:.4g} Hz" if joint['rate_hz'] else 'rate unknown'
         print(f"  {name}: received {joint['received']}, used {joint['used']}"

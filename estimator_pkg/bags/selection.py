@@ -5,9 +5,12 @@ from __future__ import annotations
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.nodes.settings import NodeSettings
+from estimator_pkg.parameters import declared
 
 TRUTH = '/ground_truth/'
 USUAL = '/joint_states'
+NUMBERS = {f'std_msgs/msg/{kind}' for kind in declared(NodeSettings)['angle_type'].choices}
 MADE = ('/estimate', '/estimate_stddev')  # what our nodes publish
 
 
@@ -39,5 +42,7 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
     if names:
         raise UserError(f'{bag.path} has several topics of joint states: name one with '
                         f'--measurement ({", ".join(sorted(names))})')
+    number = next((f'{topic.name}:data' for topic in bag.topics.values()
+                   if topic.type in NUMBERS and topic.count), 'TOPIC:FIELD')
     raise UserError(f'{bag.path} has no measured joint states: name a topic with --measurement, or '
-                    f'(replay) a number with --angle TOPIC:FIELD; it has {bag.listing()}')
+                    f'a number with --angle {number}; it has {bag.listing()}')

@@ -11,12 +11,13 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.messages.joint_state_block import Decoded, decode_block
+from estimator_pkg.observers.angle import LARGEST
 
 
 class Series(NamedTuple):
     """One joint's numbers in the order of the bag; nan where a message does not give one.
 
-    stamps_ns : shape (n,), int64 header stamps.
+    stamps_ns : shape (n,), int64 header stamps, or when the messages were published.
     position, velocity, effort : shape (n,) [rad or m, per second, N m or N].
     """
 
@@ -26,10 +27,14 @@ class Series(NamedTuple):
     effort: NDArray[np.float64]
 
 
-def joint_series(bag: Bag, topic: str) -> dict[str, Series]:
+def joint_series(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Series]:
     """The joints of a topic of JointStates, by name, in the order of their appearance.
 
     An array of another length than `name` counts as absent, except that it may be empty anyway.
+
+    Parameters
+    ----------
+    by_publisher : time is when a message was published, not its header stamp.
 
     Raises
     ------
@@ -41,12 +46,34 @@ def joint_series(bag: Bag, topic: str) -> dict[str, Series]:
     for _, block in bag.blocks([topic]):
         groups, _ = decode_block(block)
         for group in groups:
+            if by_publisher:
+                group = group._replace(stamps_ns=block.publish_ns[group.rows])
             for column, name in enumerate(group.names):
                 pieces.setdefault(name, []).append((group.rows + first, group, column))
         first += len(block)
     if not pieces:
         raise UserError(f"topic '{topic}' of {bag.path} names no joint")
     return {name: _series(items) for name, items in pieces.items()}
+
+
+def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Series]:
+    """The joints that were measured, without what else their messages carry.
+
+    Raises
+    ------
+    UserError : as `joint_series`.
+    """
+    found = {joint: of_positions(series.stamps_ns, series.position)
+             for joint, series in joint_series(bag, topic, by_publisher).items()}
+    return {joint: series for joint, series in found.items()
+            if np.isfinite(series.position).any()}
+
+
+def of_positions(stamps_ns: NDArray[np.int64], position: NDArray[np.float64]) -> Series:
+    """A series of positions alone, of those that an observer takes."""
+    nothing = np.broadcast_to(np.nan, len(stamps_ns))
+    return Series(stamps_ns, np.where(np.abs(position) < LARGEST, position, np.nan), nothing,
+                  nothing)
 
 
 def at_stamps(stamps: NDArray[np.int64], known: NDArray[np.int64], values: NDArray[np.float64]

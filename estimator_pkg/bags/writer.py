@@ -29,6 +29,7 @@ from estimator_pkg.bags.mcap_output import CHUNK_SIZE, McapOutput
 from estimator_pkg.errors import UserError
 
 VERSION = 9            # of metadata.yaml, as Jazzy writes it
+OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
 LATEST = 2**63 - 1     # the starting time of a bag without messages
 
 
@@ -51,6 +52,9 @@ class BagWriter:
         self._topics: dict[str, tuple[int, dict[str, Any]]] = {}
         self._pending: tuple[list[int], list[int], list[int], list[bytes]] = ([], [], [], [])
         self._pending_size = 0
+        if self.path.suffix in OTHERS:
+            raise UserError(f'{path}: bags are written as MCAP: name a folder, or a file that ends '
+                            'in .mcap')
         if os.path.lexists(self.path):
             raise UserError(f'{path} exists already: name another place, or remove it first')
         if not self.path.parent.is_dir():

@@ -8,20 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.bags.kinds.contract import WHY_DROPPED
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import metrics
 from estimator_pkg.evaluation.kept import Kept, give_back_freed
 from estimator_pkg.evaluation.matching import match
-from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
+from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.sources import Estimate, measured, sources
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.truth import SMOOTHED, Truth, listed, truth
-
-__all__ = ['MEASUREMENT', 'TRUTH', 'Comparison', 'Options', 'Row', 'compare']
 
 Array = NDArray[np.float64]
 
@@ -134,9 +133,10 @@ def compare(path: str, options: Options) -> Comparison:
                                 f'has {listed(true.series)}: none in common')
             for joint, estimate in estimates.items():
                 if joint not in true.series:
-                    notes.append(f"{source}: joint '{joint}' has no truth")
+                    notes.append(f"joint '{joint}' has no truth")
                 elif not len(estimate.stamps):
-                    notes.append(f"{source}: joint '{joint}' has no valid estimate")
+                    notes.append(f"{source}: joint '{joint}' has no valid estimate"
+                                 + _all_dropped(estimate))
                 else:
                     try:
                         row = _row(source, joint, estimate, true.series[joint],
@@ -147,9 +147,18 @@ def compare(path: str, options: Options) -> Comparison:
             estimates.clear()
             del estimate  # before the next observer makes its own
         if not rows:
-            raise UserError(f'{path}: nothing to compare: ' + '; '.join(notes))
-    return Comparison(path, true.name, tuple(rows), true.references, true.corrected, tuple(notes),
-                      measurement, starts, true.smoothed, _refusals(true, rows))
+            raise UserError(f'{path}: nothing to compare: ' + '; '.join(dict.fromkeys(notes)))
+    return Comparison(path, true.name, tuple(rows), true.references, true.corrected,
+                      tuple(dict.fromkeys(notes)), measurement, starts, true.smoothed,
+                      _refusals(true, rows))
+
+
+def _all_dropped(estimate: Estimate) -> str:
+    """Why there is no estimate, where one cause is behind all of it."""
+    for kind, count in estimate.samples['dropped'].items():
+        if count == estimate.samples['received']:
+            return f': {WHY_DROPPED.get(kind, kind)}'
+    return ''
 
 
 def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,

@@ -12,7 +12,7 @@ from typing import Any
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import asked, plot
-from estimator_pkg.evaluation.comparison import Comparison, compare
+from estimator_pkg.evaluation.comparison import ROUNDING, Comparison, compare
 from estimator_pkg.evaluation.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
@@ -32,6 +32,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='bag folder, .mcap or .db3 file, or a folder with bags in it')
     parser.add_argument('--measurement', metavar='TOPIC',
                         help=f'JointState with the measured positions (default {MEASUREMENT})')
+    parser.add_argument('--angle', metavar='TOPIC:FIELD',
+                        help='the measurement is a number in messages of any type, as of replay')
     parser.add_argument('--truth', metavar='TOPIC',
                         help=f'JointState with the true velocities (default {TRUTH})')
     parser.add_argument('--estimate', metavar='TOPIC', action='append', default=[],
@@ -73,7 +75,7 @@ def options(parsed: argparse.Namespace) -> Options:
     observers = tuple(asked.entries(parsed.observer, parsed.params, parsed.set))
     return Options(parsed.measurement, parsed.truth, tuple(parsed.estimate), observers,
                    parsed.skip, parsed.wrap_period, parsed.correct_reference,
-                   parsed.reference)
+                   parsed.reference, parsed.angle)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -90,12 +92,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         page = (stack.enter_context(Report(parsed.html, len(bags), chosen.wrap_period))
                 if parsed.html else None)
         for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
-            print(describe(comparison) + '\n')
+            told = describe(comparison)
+            print(told + '\n')
             result[comparison.bag] = comparison.as_dict()
             if page is not None:
                 said = page.add(comparison)
                 result[comparison.bag]['findings'] = said
-                print('\n'.join(f'- {each}' for each in said) + '\n')
+                lines = told.split('\n')
+                print('\n'.join(f'- {each}' for each in said if each not in lines) + '\n')
             if parsed.plot:
                 drawn.append(comparison)
         if page is not None:
@@ -135,6 +139,8 @@ def describe(comparison: Comparison) -> str:
     lines += comparison.refused.values()
     for joint, known in comparison.references.items():
         if joint in comparison.smoothed:
+            if comparison.smoothed[joint].seldom:
+                continue  # it is refused, which is said
             lines.append(f'{joint}: {describe_smoother(comparison.smoothed[joint])}')
             continue
         lines.append(f'truth of {joint} against the measured position: {_reference(known)}')
@@ -159,16 +165,19 @@ def describe_smoother(smoothed: Smoothed) -> str:
 
 
 def _reference(known: Reference) -> str:
-    """Lag, bias, slope and noise in words."""
-    def pair(name: str, value: float, deviation: float, decimals: int, unit: str) -> str:
-        if not math.isfinite(value):
-            return f'{name} not determined'
-        return f'{name} {value:.{decimals}f} +- {deviation:.{decimals}f}{unit}'
-
-    return ', '.join([pair('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
-                      pair('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
-                      pair('slope', known.slope, known.slope_stddev, 4, ''),
-                      f'noise {number(known.noise, 2)} rad/s'])
+    """Lag, bias, slope and noise in words, and what the record does not tell."""
+    told, unknown = [], []
+    for name, value, deviation, decimals, unit in (
+            ('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
+            ('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
+            ('slope', known.slope, known.slope_stddev, 4, '')):
+        if math.isfinite(value):
+            told.append(f'{name} {value:.{decimals}f} +- {deviation:.{decimals}f}{unit}')
+        else:
+            unknown.append(name)
+    noise = 0.0 if known.noise < ROUNDING else known.noise
+    told.append(f'noise {number(noise, 2)} rad/s')
+    return ', '.join(told) + (f'; not determined: {", ".join(unknown)}' if unknown else '')
 
 
 def _ms(seconds: float) -> float:

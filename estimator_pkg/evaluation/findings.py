@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import registry
+from estimator_pkg.bags.kinds.contract import WHY_DROPPED
 from estimator_pkg.bags.series import Series
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.delay import GAP
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.interpolation import cubic, slopes
-from estimator_pkg.evaluation.matching import pieces
+from estimator_pkg.evaluation.matching import pieces, strays
 from estimator_pkg.evaluation.metrics import wrapped
 from estimator_pkg.evaluation.quantum import quantum
 from estimator_pkg.evaluation.text import number
@@ -47,6 +48,7 @@ class Measurement:
     speed : largest [rad/s], where the position was measured well enough to say (99.9 %).
     holes : (when, how long) [s], by length.
     steps : sample times [s].
+    strays : single stamps far ahead of those around them.
     """
 
     rate: float
@@ -57,6 +59,7 @@ class Measurement:
     speed: float
     holes: tuple[tuple[float, float], ...]
     steps: Array
+    strays: int
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``: all but the sample times."""
@@ -90,7 +93,8 @@ def look(series: Series, start: int, period: float) -> Measurement | None:
         1.0 / step, len(steps) / float(np.sum(steps[steps <= GAP * step])), count,
         _repeats(moves, count), jitter,
         float(np.percentile(moves[steps <= GAP * step] / steps[steps <= GAP * step], 99.9)),
-        tuple((float(at[i]), float(steps[i])) for i in order[:1000]), steps)
+        tuple((float(at[i]), float(steps[i])) for i in order[:1000]), steps,
+        int(np.count_nonzero(strays(series.stamps_ns[good]))))
 
 
 def _repeats(moves: Array, count: float) -> int:
@@ -188,6 +192,9 @@ def _of_measurement(joint: str, seen: Measurement) -> list[str]:
     for when, length in seen.holes[:HOLES_NAMED]:
         found.append(f'{joint}: gap of {_time(length)} at '
                      + (f'{when:.1f} s' if when >= 0.1 else _time(when)))
+    if seen.strays:
+        found.append(f'{joint}: {seen.strays} single stamp{"s" * (seen.strays > 1)} far ahead of '
+                     'those around: a wrong clock, or a damaged message')
     if len(seen.holes) > HOLES_NAMED:
         found.append(f'{joint}: {len(seen.holes)} gaps in all')
     if seen.quantum:
@@ -199,13 +206,8 @@ def _of_measurement(joint: str, seen: Measurement) -> list[str]:
 
 
 def _of_samples(joint: str, row: Row) -> list[str]:
-    why = {'duplicate': 'stamps that repeat: the driver publishes faster than it stamps',
-           'late': 'stamps older than the one before: messages overtake each other',
-           'zero_stamp': "no stamp: use 'stamp_source: publisher'",
-           'non_finite': 'NaN or infinite positions',
-           'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz'}
-    return [f'{joint}: {count} of {row.samples["received"]} samples dropped: {why.get(kind, kind)}'
-            for kind, count in row.samples['dropped'].items()]
+    return [f'{joint}: {count} of {row.samples["received"]} samples dropped: '
+            f'{WHY_DROPPED.get(kind, kind)}' for kind, count in row.samples['dropped'].items()]
 
 
 def _of_errors(row: Row, refused: bool) -> list[str]:

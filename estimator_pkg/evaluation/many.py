@@ -7,13 +7,15 @@ that cannot be judged are left out, each with a line that says why.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimator_pkg.bags.reader import METADATA
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.workers import Map
+
+FILES = (METADATA, '*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd')
 
 
 class Meant(NamedTuple):
@@ -43,9 +45,9 @@ def expanded(paths: Sequence[str]) -> list[Meant]:
     meant: dict[str, str] = {}
     for path in dict.fromkeys(paths):
         folder = Path(path)
-        if folder.is_dir() and not (folder / METADATA).exists() and not [
-                *folder.glob('*.mcap'), *folder.glob('*.db3')]:
-            found = sorted(str(each.parent) for each in folder.rglob(METADATA))
+        if folder.is_dir() and not _bags(folder.glob):
+            found = [str(each) for each in _bags(folder.rglob)
+                     if not any(part.startswith('.') for part in each.relative_to(folder).parts)]
             if not found:
                 raise UserError(f'{path}: no bag in this folder')
             for each in found:
@@ -53,6 +55,11 @@ def expanded(paths: Sequence[str]) -> list[Meant]:
         else:
             meant[path] = ''
     return [Meant(*each) for each in meant.items()]
+
+
+def _bags(glob: Callable[[str], Iterable[Path]]) -> list[Path]:
+    """Folders with the files of a bag, also of one whose recorder did not end cleanly."""
+    return sorted({file.parent for pattern in FILES for file in glob(pattern)})
 
 
 def on_each(run_many: Map, function: Callable[..., Any], bags: Sequence[Meant],

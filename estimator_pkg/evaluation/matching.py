@@ -38,15 +38,29 @@ class Matched(NamedTuple):
 
 
 def pieces(stamps: Stamps) -> list[NDArray[np.int64]]:
-    """Indices of each stretch between clock jumps, sorted by stamp, without repeated stamps."""
-    if not len(stamps):
+    """Indices of each stretch between clock jumps, sorted by stamp, without repeated stamps.
+
+    Strays are in none of them.
+    """
+    rows = np.flatnonzero(~strays(stamps))
+    if not len(rows):
         return []
-    cuts = np.flatnonzero(np.diff(stamps) < -JUMP_NS) + 1
+    cuts = np.flatnonzero(np.diff(stamps[rows]) < -JUMP_NS) + 1
     result = []
-    for part in np.split(np.arange(len(stamps)), cuts):
+    for part in np.split(rows, cuts):
         _, first = np.unique(stamps[part], return_index=True)
         result.append(part[first])
     return result
+
+
+def strays(stamps: Stamps) -> NDArray[np.bool_]:
+    """Which single stamps lie far ahead, while the next one goes on from before them."""
+    found = np.zeros(len(stamps), bool)
+    steps = np.diff(stamps)
+    if len(steps) > 1:
+        found[1:-1] = ((steps[:-1] > JUMP_NS) & (steps[1:] < -JUMP_NS)
+                       & (stamps[2:] > stamps[:-2]))
+    return found
 
 
 def match(stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array,

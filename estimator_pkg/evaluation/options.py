@@ -19,6 +19,7 @@ class Options:
     """What is compared, and how.
 
     measurement, truth : topics; None: the usual ones.
+    angle : ``TOPIC:FIELD``, a number that is measured, in place of joint states.
     estimates : topics; empty: every JointState whose name ends in '/estimate'.
     observers : run these on the measurement, in place of recorded estimates.
     skip : seconds left out at the beginning.
@@ -36,3 +37,4 @@ class Options:
     wrap_period: float = 2.0 * np.pi
     correct_reference: bool = False
     reference: str = AUTO
+    angle: str | None = None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg import destination
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.report.thinning import broken, extremes, limits
@@ -25,16 +26,18 @@ def check(path: str) -> None:
 
     Raises
     ------
-    UserError : matplotlib is missing or knows no such kind of file.
+    UserError : matplotlib is missing or knows no such kind of file, or none can be written there.
     """
     try:
         from matplotlib.backend_bases import FigureCanvasBase
     except ImportError as error:
         raise UserError(HINT) from error
     kinds = FigureCanvasBase.get_supported_filetypes()
-    kind = Path(path).suffix[1:].lower() or 'png'
+    kind = Path(path).suffix[1:].lower()
     if kind not in kinds:
-        raise UserError(f'{path}: plots can be {", ".join(sorted(kinds))}, not {kind}')
+        raise UserError(f'{path}: plots can be {", ".join(sorted(kinds))}' + (
+            f', not {kind}' if kind else ': end the name so'))
+    destination.check(path)
 
 
 def draw(comparisons: Sequence[Comparison], path: str) -> None:

@@ -22,8 +22,9 @@ import yaml
 
 from estimator_pkg.bags.reader import METADATA, open_bag
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.comparison import MEASUREMENT, TRUTH, Comparison, Options, compare
+from estimator_pkg.evaluation.comparison import Comparison, compare
 from estimator_pkg.evaluation.entries import Entry, at_defaults
+from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
 from estimator_pkg.evaluation.text import fixed, markdown, table
 from estimator_pkg.progress import progress
 

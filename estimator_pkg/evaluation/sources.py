@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -10,47 +10,77 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags import kinds
-from estimator_pkg.bags.kinds.contract import Estimate, Recording, Request
+from estimator_pkg.bags.kinds.contract import Estimate, Kind, Recording, Request, Setup
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measurement_topic
-from estimator_pkg.bags.series import Series, at_stamps, joint_series
+from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import per_sample
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.options import ESTIMATE, MEASUREMENT, Options
+from estimator_pkg.evaluation.options import ESTIMATE, Options
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.nodes.settings import NodeSettings
+from estimator_pkg.parameters import declared
 from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
 COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
 PUBLISHED, WITHHELD = 'published', 'withheld'
+STAMP_SOURCE = 'stamp_source'
 HELD = 5.0          # an estimate stands for the time since the one before, up to so many steps
 
 
 def measured(bag: Bag, options: Options) -> dict[str, Series]:
-    """The measured positions by joint; none where nobody asked and there is no usual topic.
+    """The measured positions by joint, as the observers take them; {}: none are.
 
     Observers that need something else may be run on a bag without them.
+
+    Raises
+    ------
+    UserError, UsageError : what was asked for is not there, or a parameter is wrong; observers that
+        take their samples at different times.
     """
-    topic = options.measurement or MEASUREMENT
-    if not options.observers:
-        if options.measurement:
-            bag.require(topic, (TYPE,))
-    elif options.measurement:
-        bag.require(topic)
-    else:
-        with suppress(UserError):  # the observer says what it misses
-            topic = measurement_topic(bag)
-    if topic not in bag.topics or bag.topics[topic].type != TYPE:
-        return {}
-    found = {}
-    for joint, series in joint_series(bag, topic).items():
-        if np.isfinite(series.position).any():
-            nothing = np.broadcast_to(np.nan, len(series.stamps_ns))  # nobody reads the rest here
-            found[joint] = series._replace(velocity=nothing, effort=nothing)
-    return found
+    _check_alike(options.observers)
+    asked = options.observers or ((Entry('', NodeSettings.observer),) if options.angle else ())
+    for entry in asked:
+        found = _kind(entry).measured(bag, _setup(entry, bag, options))
+        if found:
+            return found
+    if options.measurement is not None and not asked:
+        bag.require(options.measurement, (TYPE,))
+    with suppress(UserError):  # of a truth, estimates can be judged without a measurement
+        topic = measurement_topic(bag, options.measurement)
+        if topic != options.truth:
+            found = positions(bag, topic)
+            if any((series.stamps_ns > 0).any() for series in found.values()):
+                return found
+            return positions(bag, topic, by_publisher=True)  # as their estimates must have been
+    return {}
+
+
+def _check_alike(observers: Sequence[Entry]) -> None:
+    """One reference is for all: they must go by the same clock."""
+    clocks = {dict(entry.values).get(STAMP_SOURCE, NodeSettings.stamp_source)
+              for entry in observers if STAMP_SOURCE in declared(_kind(entry).settings)}
+    if len(clocks) > 1:
+        raise UsageError(f"'{STAMP_SOURCE}' must be the same for all observers that are compared: "
+                         'give it with --set')
+
+
+def _kind(entry: Entry) -> Kind:
+    return kinds.of_observer(entry.observer)
+
+
+def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
+    """Parameters and topics of an observer; raises UserError or UsageError."""
+    kind = _kind(entry)
+    values: dict[str, Any] = {'observer': entry.observer}
+    if kind.wraps:
+        values['wrap_period'] = options.wrap_period
+    return kind.prepare(bag, {**values, **dict(entry.values)},
+                        Request(options.measurement, options.angle))
 
 
 def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Options
@@ -98,12 +128,7 @@ def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options
     ------
     UserError, UsageError : the bag lacks it, or a parameter is wrong.
     """
-    kind = kinds.of_observer(entry.observer)
-    values: dict[str, Any] = {'observer': entry.observer}
-    if kind.wraps:
-        values['wrap_period'] = options.wrap_period
-    setup = kind.prepare(bag, {**values, **dict(entry.values)}, Request(options.measurement))
-    found = kind.recording(bag, setup, measurement)
+    found = _kind(entry).recording(bag, _setup(entry, bag, options), measurement)
     return found.per_sample() if per_sample.available(bag, options) else found
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.selection import MADE
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import per_sample, reference
@@ -62,7 +63,8 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     topic = options.truth or TRUTH
     if options.truth is None and topic not in bag.topics:
         raise UserError(f'{path}: no truth: there is no topic {TRUTH}; name another JointState '
-                        f'that carries velocities with --truth ({_joint_state_topics(bag)})')
+                        f'that carries velocities with --truth ({_joint_state_topics(bag)}), or '
+                        'with --measurement or --angle what a reference can be made from')
     bag.require(topic, (TYPE,))
     series = joint_series(bag, topic)
     if per_sample.available(bag, options):
@@ -98,7 +100,11 @@ def _from_smoother(path: str, measurement: dict[str, Series], options: Options) 
             found.references[joint] = reference.from_smoother(smoothed.uncertainty)
             found.smoothed[joint] = smoothed
     if not found.series:
-        raise UserError(f'{path}: no truth, and too few readings to make a reference from')
+        stamped = any((each.stamps_ns > 0).any() for each in measurement.values())
+        raise UserError(f'{path}: no truth, and ' + (
+            'too few readings to make a reference from' if stamped else
+            'readings without a stamp: --set stamp_source=publisher takes when they were published'
+        ))
     return found
 
 
@@ -147,9 +153,10 @@ def _finite(series: Series) -> Series:
 
 def listed(names: Iterable[str]) -> str:
     """Names in a line."""
-    return ', '.join(sorted(names)) or 'none'
+    return ', '.join(name or "''" for name in sorted(names)) or 'none'
 
 
 def _joint_state_topics(bag: Bag) -> str:
-    names = [name for name, topic in bag.topics.items() if topic.type == TYPE]
+    names = [name for name, topic in bag.topics.items()
+             if topic.type == TYPE and not name.endswith(MADE)]
     return f'here: {listed(names)}' if names else 'here: no JointState at all'

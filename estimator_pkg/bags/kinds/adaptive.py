@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.contract import (
+    OUTPUTS,
+    PUBLISHER,
+    Kind,
+    Recording,
+    Request,
+    Setup,
+    System,
+)
 from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
 from estimator_pkg.bags.kinds.one_by_one import MessageRecording, OneByOne, recorded
 from estimator_pkg.bags.kinds.values import apart
@@ -87,7 +95,7 @@ class AdaptiveReplay(OneByOne):
         self._topic = setup.topics[0].name
         self._commands = self._settings.commands([self._settings.only])
         self._layout = Decoder().layout
-        self._by_publisher = self._settings.stamp_source == 'publisher'
+        self._by_publisher = self._settings.stamp_source == PUBLISHER
         self._systems: dict[str, System] = {}
         self._seen: set[str] = set()
         self._told_ns = 0

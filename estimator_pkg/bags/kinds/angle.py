@@ -13,6 +13,7 @@ from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.estimates import messages
 from estimator_pkg.bags.estimation import Estimation, History
 from estimator_pkg.bags.kinds.contract import (
+    PUBLISHER,
     Answers,
     Estimate,
     Kind,
@@ -26,7 +27,7 @@ from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.samples import AngleField, JointStates, Source
 from estimator_pkg.bags.selection import measurement_topic
-from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
@@ -80,28 +81,23 @@ class AngleKind(Kind):
 
     def recording(self, bag: Bag, setup: Setup, measured: Mapping[str, Series]) -> Recording:
         """See `Kind`."""
-        if setup.values.get('input') == ANGLE:
-            measured = _numbers(bag, setup)
-        elif not measured:
-            measured = {joint: series for joint, series in
-                        joint_series(bag, setup.topics[0].name).items()
-                        if np.isfinite(series.position).any()}
+        measured = measured or self.measured(bag, setup)
         if not measured:
             raise UserError(f'{bag.path}: {setup.topics[0].name} carries no position')
         return AngleRecording(dict(measured), dict(setup.values))
 
-
-def _numbers(bag: Bag, setup: Setup) -> dict[str, Series]:
-    """The one joint of a topic of numbers."""
-    replay = AngleReplay(setup)
-    groups = [group for _, block in bag.blocks([setup.topics[0].name])
-              for group in replay.source.samples(block)[0] if group.positions.shape[1]]
-    if not groups:
-        return {}
-    stamps = np.concatenate([group.stamps_ns for group in groups])
-    position = np.concatenate([group.positions[:, 0] for group in groups])
-    nothing = np.full(len(stamps), np.nan)
-    return {replay.settings.angle_joint: Series(stamps, position, nothing, nothing)}
+    def measured(self, bag: Bag, setup: Setup) -> dict[str, Series]:
+        """See `Kind`; of a topic of numbers its one joint."""
+        if setup.values.get('input') != ANGLE:
+            return super().measured(bag, setup)
+        replay = AngleReplay(setup)
+        groups = [group for _, block in bag.blocks([setup.topics[0].name])
+                  for group in replay.source.samples(block)[0] if group.positions.shape[1]]
+        if not groups:
+            return {}
+        return {replay.settings.angle_joint: of_positions(
+            np.concatenate([group.stamps_ns for group in groups]),
+            np.concatenate([group.positions[:, 0] for group in groups]))}
 
 
 def _settled(values: Mapping[str, Any]) -> tuple[NodeSettings, Configuration]:
@@ -128,11 +124,12 @@ class AngleReplay(Replay):
         self.estimation = Estimation(self.configuration, self.settings.only,
                                      messages=self._topic.count)
         self._encoders = Encoder(), Encoder()
+        self._answered = 0
 
     def _make_source(self, path: str) -> Source:
         settings = self.settings
         if settings.input != ANGLE:
-            return JointStates(settings.stamp_source == 'publisher')
+            return JointStates(settings.stamp_source == PUBLISHER)
         source = AngleField(self._topic, path, settings.angle_joint, settings.raw_angle)
         if source.is_integer and settings.counts_per_revolution <= 0.0:
             raise UsageError(f"'{path}' of {self._topic.name} is a whole number, so it carries "
@@ -143,6 +140,7 @@ class AngleReplay(Replay):
         """See `Replay`."""
         groups, malformed = self.source.samples(block)
         for group in self.estimation.update(groups, len(malformed)):
+            self._answered += int(np.count_nonzero(group.valid.any(axis=1)))
             for output in (0, 1):
                 for rows, raw in messages(group, self._encoders[output], stddev=output == 1):
                     yield Answers(output, rows, output + 1, raw)
@@ -158,7 +156,19 @@ class AngleReplay(Replay):
         unused = {'empty': bank.empty, 'mismatched': bank.mismatched,
                   'malformed': self.estimation.malformed}
         return {'received': received, 'used': received - sum(unused.values()),
-                'dropped': {kind: count for kind, count in unused.items() if count}}
+                'dropped': {kind: count for kind, count in unused.items() if count},
+                'estimates': self._answered}
+
+    def why(self) -> str:
+        """See `Replay`."""
+        bank, received, topic = self.estimation.bank, self.estimation.messages, self._topic.name
+        if bank.empty == received:
+            return f'no message of {topic} has a position there'
+        if bank.mismatched == received:
+            return f'no message of {topic} has as many positions as names'
+        if self.estimation.malformed == received:
+            return f'no message of {topic} can be read as {self._topic.type}'
+        return super().why() or 'too few samples: all were needed to begin'
 
     def finish(self, path: str) -> list[str]:
         """The joints that the user named must be there."""
@@ -170,8 +180,10 @@ class AngleReplay(Replay):
         if missing and self.settings.input != ANGLE:
             raise UserError(f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has "
                             f'{there}')
-        return [f"parameters are given for a joint '{name}' that never came; {topic} has {there}"
-                for name in self.configuration.overrides if name not in seen]
+        said = [] if self._answered else [f'no estimate was given: {self.why()}']
+        return said + [
+            f"parameters are given for a joint '{name}' that never came; {topic} has {there}"
+            for name in self.configuration.overrides if name not in seen]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.reader import Bag, Topic
-from estimator_pkg.bags.series import Series
+from estimator_pkg.bags.series import Series, positions
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.contract import STATUS_NAMES
@@ -29,6 +29,13 @@ ESTIMATE, STDDEV = 'estimate', 'estimate_stddev'
 OUTPUTS = {ESTIMATE: TYPE, STDDEV: TYPE}    # of every kind, in this order
 GAP = 'gap'                                 # time without samples, beside the statuses
 LONGEST_STEP = 10 ** 10                     # ns; time further apart is a jump, not a step
+PUBLISHER = 'publisher'                     # of 'stamp_source'
+WHY_DROPPED = {
+    'duplicate': 'stamps that repeat: the driver publishes faster than it stamps',
+    'late': 'stamps older than the one before: messages overtake each other',
+    'zero_stamp': "no stamp: use 'stamp_source: publisher'",
+    'non_finite': 'NaN or infinite positions',
+    'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz'}
 
 
 class Request(NamedTuple):
@@ -129,6 +136,14 @@ class System:
                 'dropped': self.joint.dropped()}
 
 
+    def why(self) -> str:
+        """What a person should know where this has no estimates."""
+        for kind, count in self.joint.dropped().items():
+            if count == self.joint.received:
+                return f'every sample of {", ".join(self.names)} was dropped: {WHY_DROPPED[kind]}'
+        return self.joint.why()
+
+
 class Replay(ABC):
     """One node's observers, fed with the messages of a bag.
 
@@ -170,7 +185,7 @@ class Replay(ABC):
 
     def why(self) -> str:
         """What a person should know where there are no estimates."""
-        said = (system.joint.why() for system in self.systems().values())
+        said = (system.why() for system in self.systems().values())
         return '; '.join(dict.fromkeys(filter(None, said)))
 
     def summary(self) -> dict[str, Any]:
@@ -262,8 +277,15 @@ class Kind(ABC):
 
         Parameters
         ----------
-        measured : the positions of the measurement, if it was read already.
+        measured : what `measured` gave, if it was read already.
         """
+
+    def measured(self, bag: Bag, setup: Setup) -> dict[str, Series]:
+        """The positions that are measured, at the times that the observer takes; {}: none are."""
+        topic = setup.topics[0]
+        if topic.type != TYPE:
+            return {}
+        return positions(bag, topic.name, setup.values.get('stamp_source') == PUBLISHER)
 
     def recognises(self, bag: Bag) -> bool:
         """True if a bag can be for nothing else."""

@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from estimator_pkg import observers
-from estimator_pkg.bags.kinds.contract import ESTIMATE, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.contract import (
+    ESTIMATE,
+    PUBLISHER,
+    Kind,
+    Recording,
+    Request,
+    Setup,
+    System,
+)
 from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
 from estimator_pkg.bags.kinds.one_by_one import OneByOne, recorded
 from estimator_pkg.bags.kinds.values import apart
@@ -76,7 +84,7 @@ class MechanicalReplay(OneByOne):
         self._topic = setup.topics[0].name
         self._layout = Decoder().layout
         self._commands = self._settings.commands(self.bank.orders)
-        self._by_publisher = self._settings.stamp_source == 'publisher'
+        self._by_publisher = self._settings.stamp_source == PUBLISHER
         self._systems = {name: System(mechanism, mechanism.names)
                          for name, mechanism in self.bank.joints.items()}
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode

@@ -29,12 +29,13 @@ class OneByOne(Replay):
 
     Attributes
     ----------
-    received, malformed, answered : messages of the input, those of them that are of another type,
+    received, malformed, answered : messages of the measurement, those of them that cannot be read,
         and those that were answered with an estimate.
+    inputs_malformed : messages of other topics that cannot be read.
     """
 
     def __init__(self) -> None:
-        self.received = self.malformed = self.answered = 0
+        self.received = self.malformed = self.answered = self.inputs_malformed = 0
 
     @abstractmethod
     def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
@@ -52,10 +53,14 @@ class OneByOne(Replay):
         times = block.publish_ns.tolist()
         for row in range(len(block)):
             raw = block.data[block.start[row]:block.end[row]].tobytes()
+            before = self.received
             try:
                 answers = self.take(names[topics[row]], raw, times[row])
             except MalformedMessageError:
-                self.malformed += 1
+                if self.received > before:
+                    self.malformed += 1
+                else:
+                    self.inputs_malformed += 1
                 continue
             for number, answer in enumerate(answers):
                 for output, message in answer.items():
@@ -73,7 +78,7 @@ class OneByOne(Replay):
         return {'received': self.received,
                 'used': self.received - sum(unused.values()),
                 'dropped': {kind: count for kind, count in unused.items() if count},
-                'estimates': self.answered}
+                'estimates': self.answered, 'inputs_malformed': self.inputs_malformed}
 
     def unused(self) -> dict[str, int]:
         """Messages that were not used, by kind, beside the malformed ones."""

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.contract import (
+    OUTPUTS,
+    PUBLISHER,
+    Kind,
+    Recording,
+    Request,
+    Setup,
+    System,
+)
 from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
 from estimator_pkg.bags.kinds.one_by_one import OneByOne, recorded
 from estimator_pkg.bags.kinds.values import apart
@@ -78,7 +86,7 @@ class SwitchedReplay(OneByOne):
         self.outputs = {**OUTPUTS, DISCRETE: TYPE}
         self._settings, self.bank, self._model = settled(setup.values)
         self._topic = setup.topics[0].name
-        self._by_publisher = self._settings.stamp_source == 'publisher'
+        self._by_publisher = self._settings.stamp_source == PUBLISHER
         self._system = System(self.bank.system, self.bank.names)
         self._layout, self._decode_event = Decoder().layout, Decoder().decode
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode

@@ -22,7 +22,7 @@ import numpy as np
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.bench.update import MAIN
-from estimator_pkg.evaluation.comparison import MEASUREMENT
+from estimator_pkg.evaluation.options import MEASUREMENT
 from estimator_pkg.evaluation.signals import RATE, START_NS, encoder, sine
 from estimator_pkg.evaluation.timing import best_and_median, interleave, not_run, ratio, row
 from estimator_pkg.messages.joint_state import TYPE, Encoder

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from estimator_pkg import destination
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.cli import Command
@@ -50,8 +52,10 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     given, start = parse_assignments(parsed.set), parse_assignments(parsed.start)
     wanted = unknowns(parsed.model, given, start)
     out = Path(parsed.out) if parsed.out else None
-    if out is not None and out.exists():
-        raise UserError(f'{out} exists already')
+    if out is not None:
+        destination.check(out)
+        if out.exists():
+            raise UserError(f'{out} exists already')
     with open_bag(parsed.bag) as bag:
         topic = measurement_topic(bag, parsed.measurement)
         samples, names = recording(bag, topic, wanted.make(wanted.start), parsed.joint)
@@ -110,13 +114,13 @@ def _write(path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...
     lines = [f'# Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.2f} % of '
              'the motion beyond constant', '# velocity explained in the part that was not used.',
              '/**:', '  ros__parameters:', f"    model: '{model}'",
-             f'    joints: [{", ".join(names)}]',
+             f'    joints: {json.dumps(names, ensure_ascii=False)}',
              f'    input_delay: {max(0.0, float(values.get(DELAY, 0.0))):.6g}',
              '    model_parameters:']
     for text in texts:
         spread = spreads.get(text.partition('=')[0], np.nan)
         lines.append(f'      - {text}' + (f'  # +- {spread:.2g}' if np.isfinite(spread) else ''))
-    path.write_text('\n'.join(lines) + '\n')
+    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
 
 
 COMMAND = Command("a model's numbers from a recording, judged on its other part", arguments, run)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import __version__
+from estimator_pkg import __version__, destination
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement, look, sentences
@@ -61,7 +61,7 @@ class Report:
 
     Raises
     ------
-    UserError : Bokeh is missing, or there is no such folder.
+    UserError : Bokeh is missing, or no file can be written there.
     """
 
     def __init__(self, path: str, bags: int, period: float) -> None:
@@ -70,8 +70,7 @@ class Report:
         except ImportError as error:
             raise UserError(HINT) from error
         self.path = Path(path)
-        if not self.path.parent.is_dir():
-            raise UserError(f'{path}: there is no folder {self.path.parent}')
+        destination.check(path)
         self.data = self.path.with_suffix('.npz')
         self._period = period
         self._bags = max(1, bags)

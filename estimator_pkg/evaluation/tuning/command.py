@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from estimator_pkg import destination
 from estimator_pkg.bags import kinds
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
@@ -64,6 +65,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--measurement', metavar='TOPIC',
                         help=f'topic of the measurement (default {MEASUREMENT}, or what the '
                              'observer listens to)')
+    parser.add_argument('--angle', metavar='TOPIC:FIELD',
+                        help='the measurement is a number in messages of any type, as of replay')
     parser.add_argument('--truth', metavar='TOPIC',
                         help=f'JointState with the true velocities (default {TRUTH})')
     parser.add_argument('--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO,
@@ -85,13 +88,12 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Searches, judges on what was held out, writes."""
     wished = wishes(parsed)
     out = Path(parsed.out)
-    if not out.parent.is_dir():
-        raise UserError(f'{out}: there is no folder {out.parent}')
+    destination.check(out)
     if parsed.plot:
         picture.check(parsed.plot)
     options = Options(parsed.measurement, parsed.truth, observers=(wished.entry,),
                       wrap_period=parsed.wrap_period, correct_reference=True,
-                      reference=parsed.reference)
+                      reference=parsed.reference, angle=parsed.angle)
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         if parsed.live is not None:
@@ -114,9 +116,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             if tuned[-1]['interrupted']:
                 break
     notes = _notes(seen)
+    print(output.describe(tuned, notes))
     out.write_text(output.as_yaml(wished, _held(parsed, wished), tuned, held_out),
                    encoding='utf-8')
-    print(output.describe(tuned, notes))
     print(f'gains: {out}')
     drawn = picture.draw(tuned, parsed.plot, out.with_suffix('.png'), parsed.observer)
     if drawn:
@@ -135,7 +137,7 @@ def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
     """A bag of what the observer listens to, from the live graph, as a context."""
     usual = kinds.of_observer(wished.entry.observer).usual
     return live.recorded((parsed.measurement,) if parsed.measurement else usual,
-                              parsed.truth or TRUTH, parsed.live)
+                         parsed.truth or TRUTH, parsed.live)
 
 
 def _check_apart(seen: Sequence[Record], judged: Sequence[Record]) -> None:

@@ -1,0 +1,60 @@
+"""The command line itself: where its output goes, and what it says when it cannot."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from estimator_pkg import destination
+from estimator_pkg.cli import main
+from estimator_pkg.errors import UserError
+
+COMMAND = [sys.executable, '-m', 'estimator_pkg.cli']
+
+
+def run(words, stdout, buffered=True):
+    """(exit code, stderr); whether Python buffers its output decides when a write fails."""
+    environment = {**os.environ, 'PYTHONUNBUFFERED': '' if buffered else '1'}
+    done = subprocess.run([*COMMAND, *words], stdout=stdout, stderr=subprocess.PIPE, text=True,
+                          env=environment, timeout=60, check=False)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize('buffered', [True, False])
+@pytest.mark.parametrize('words', [[], ['list', 'pll']])
+def test_a_reader_that_went_away_is_no_error(words, buffered):
+    reading, writing = os.pipe()
+    os.close(reading)
+    assert run(words, writing, buffered) == (1, '')
+    os.close(writing)
+
+
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='not run: no /dev/full here')
+def test_a_full_disk_is_one_line():
+    with open('/dev/full', 'w') as full:
+        code, said = run(['list', 'pll'], full)
+    assert code == 1
+    assert said == 'velocity_estimator list: output: No space left on device\n'
+
+
+def test_json_on_stdout_is_json_alone(capsys):
+    assert main(['list', 'pll', '--json', '-']) == 0
+    out, err = capsys.readouterr()
+    assert 'bandwidth_hz' in json.loads(out)['observers']['pll']['parameters']
+    assert 'pll:' in err
+
+
+@pytest.mark.parametrize(('name', 'said'), [('', 'is a folder'), ('nowhere/a', 'no folder')])
+def test_where_json_cannot_go_is_said_before_the_work(name, said, tmp_path, capsys):
+    assert main(['list', '--json', str(tmp_path / name)]) == 1
+    out, err = capsys.readouterr()
+    assert said in err and err.count('\n') == 1 and not out
+
+
+def test_a_destination_that_may_not_be_written(tmp_path, monkeypatch):
+    destination.check(tmp_path / 'new')
+    monkeypatch.setattr(os, 'access', lambda path, mode: path != tmp_path)  # root may all
+    with pytest.raises(UserError, match='may not be written'):
+        destination.check(tmp_path / 'new')
