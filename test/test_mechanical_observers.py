@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from mechanism_runs import FAST, MODELS, NAMES, driven, made, motion
 from estimator_pkg import observers
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.models.load import load
+from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_flow import make_flow
 from estimator_pkg.observers.mechanical_noise import discrete
@@ -192,3 +195,49 @@ def test_exact_step_is_of_second_order_in_fast_motion():
         late = round(5.0 / dt)
         found.append(math.sqrt(np.mean((velocities - truth[1:])[late:] ** 2)))
     assert found[1] < 0.27 * found[0]
+
+
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('dt, rate', ((0.01, 5.0), (0.02, 100.0), (0.01, 1000.0)))
+def test_friction_that_stops_a_joint_within_a_sample_makes_none_unstable(name, dt, rate):
+    """D/J of up to ten per sample time: an explicit step of D v grows without bound."""
+    inertia, count = 0.01, 500
+    assignments = (f'inertia={inertia}', f'damping={inertia * rate}')
+    torque = [(math.sin(math.pi * dt * k),) for k in range(count)]
+    mechanics = load('single_joint', assignments)
+    plant = make_plant(mechanics)
+    q, v, readings, speeds = (0.0,), (0.0,), [], []
+    for u in torque:
+        readings.append(q)
+        speeds.append(v[0])
+        q, v = plant(mechanics.values, q, v, u, dt, 200)
+    functions = made(name, model='single_joint', model_parameters=list(assignments))
+    velocities, _, _ = driven(functions, dt, count, readings, torque)
+    error = velocities[:, 0] - np.array(speeds[1:])
+    assert np.max(np.abs(error[count // 2:])) < 0.02 * np.max(np.abs(speeds)) + 0.03
+
+
+def test_a_damped_joint_is_as_exact_without_psi_as_with_it():
+    """hgo is geso where nothing turns: the same numbers, damping and all."""
+    assignments = ['inertia=0.02', 'damping=0.3', 'gravity=0.7']
+    readings = [(math.sin(0.03 * k),) for k in range(300)]
+    both = [driven(made(name, model='single_joint', model_parameters=assignments,
+                        disturbance_hz=1.0), 0.01, 300, readings, [(0.1,)] * 300)[0]
+            for name in ('geso', 'hgo')]
+    np.testing.assert_allclose(both[0], both[1], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('name', ('geso', 'hgo', 'ehgo'))
+def test_gains_far_beyond_the_rate_are_refused_with_the_limit(name):
+    functions = made(name, bandwidth_hz=1e5)
+    assert functions.limits(1e-4) is None
+    assert re.search(r'far too fast .* less than 0.00\d+ s; lower bandwidth_hz',
+                     functions.limits(0.01))
+    assert made(name, bandwidth_hz=1e3).limits(0.01) is None
+
+
+def test_a_mass_that_vanishes_gives_no_numbers_instead_of_an_exception():
+    """Polar coordinates at the origin: M = diag(1, r^2), in a model that does not say so."""
+    solve = mechanical_algebra(2).solve
+    assert all(map(math.isnan, solve(((1.0, 0.0), (0.0, 0.0)), (1.0, 1.0))))
+    assert solve(((2.0, 1.0), (-1.0, 3.0)), (3.0, 2.0)) == pytest.approx((1.0, 1.0))

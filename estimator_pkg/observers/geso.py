@@ -187,12 +187,11 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
                 d = towards(d, -dt, apply(gain_d, e))
             e = minus(towards(e, dt, rate), moved)
             p = towards(p, dt, f)
-        elif linear_hold:
-            e, p, d, good = flow(e, p, d, calm, psi, b, gain_l, w, gain_d, f,
-                                 scale(coefficients[1], moved), dt)
         else:
-            e, p, d, good = flow(e, p, d, calm, psi, b, gain_l, w, gain_d, f, nought(moved), dt)
-            e = minus(e, moved)
+            rate = scale(coefficients[1], moved) if linear_hold else nought(moved)
+            e, p, d, good = flow(e, p, d, calm, psi, b, gain_l, w, gain_d, f, rate, dt)
+            if not linear_hold:
+                e = minus(e, moved)
         now = measurement if at_measurement else towards(measurement, 1.0, e)
         if not good or not admits(values, now):
             return core, False
@@ -212,7 +211,8 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     configurations = [point, *(q for q, _ in check.random_states(mechanics))]
     matrices = [mechanical_gains.error_matrix(mechanics, tuned, q, disturbed)
                 for q in configurations]
-    limits = mechanical_gains.euler_limit(matrices) if paper else mechanical_gains.never
+    limits = (mechanical_gains.euler_limit(matrices) if paper
+              else mechanical_gains.exact_limit(matrices, n))
     calm_there = check.factors(mechanics, point)[0]
     K = calm_there @ tuned.Gamma @ calm_there.T @ tuned.P0
 

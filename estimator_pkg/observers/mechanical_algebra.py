@@ -33,7 +33,9 @@ class MechanicalAlgebra(NamedTuple):
     minus: Callable[..., tuple]       # (x, y) -> x - y
     towards: Callable[..., tuple]     # (x, a, y) -> x + a y
     between: Callable[..., tuple]     # (y, x, periods) -> y - x, wrapped each
-    solve: Callable[..., tuple]       # (A, x) -> A^-1 x, A symmetric and positive
+    solve: Callable[..., tuple]       # (A, x) -> A^-1 x, x'Ax > 0; nan where A is not so
+    divided: Callable[..., tuple]     # (A, B) -> A^-1 B, the same
+    blend: Callable[..., tuple]       # (A, w, B) -> A + w B
     finite: Callable[..., bool]       # (x): are all of them readings?
     beyond: Callable[..., bool]       # (x, bounds): is any |x_i| above its bound?
     begin: Callable[..., tuple]       # (y) -> conventions
@@ -42,7 +44,7 @@ class MechanicalAlgebra(NamedTuple):
     squares: Callable[..., tuple]     # (p, w, x) -> p + w (x^2 - p), elementwise
 
 
-def column(entry: str, size: int, joint: str = '') -> str:
+def column(entry: str, size: int) -> str:
     """'(entry(0), entry(1), ...)' as text; {i} stands for the index."""
     return '(' + ''.join(entry.format(i=i) + ', ' for i in range(size)) + ')'
 
@@ -70,6 +72,10 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
     flipped = ''.join('(' + ''.join(f'a[{j}][{i}], ' for j in rows) + '), ' for i in rows)
     scaled = ''.join('(' + ''.join(f'g[{i}] * a[{j}][{i}], ' for j in rows) + '), '
                      for i in rows)
+    columns = ''.join('solve(a, (' + ''.join(f'b[{i}][{j}], ' for i in rows) + ')), '
+                      for j in rows)
+    blended = ''.join('(' + ''.join(f'a[{i}][{j}] + w * b[{i}][{j}], ' for j in rows) + '), '
+                      for i in rows)
     lines = [
         f'def product(a, b): return ({plain})',
         f'def transposed(a): return ({flipped})',
@@ -92,28 +98,34 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
         'def present_all(c, q, periods, unwrap): return '
         + vector('present(c[{i}], q[{i}], periods[{i}], unwrap[{i}])'),
         f'def squares(p, w, x): return {vector("p[{i}] + w * (x[{i}] * x[{i}] - p[{i}])")}',
-        'def solve(m, x):', *_cholesky(n)]
+        'def solve(m, x):', *_elimination(n),
+        f'def divided(a, b): return transposed(({columns}))',
+        f'def blend(a, w, b): return ({blended})']
     names: dict[str, Any] = {'wrap': wrap, 'begin': begin, 'follow': follow, 'present': present,
-                             'LARGEST': LARGEST, 'sqrt': math.sqrt}
+                             'LARGEST': LARGEST, 'nan': math.nan}
     exec(compile('\n'.join(lines), f'<mechanisms of {n}>', 'exec'), names)
     return MechanicalAlgebra(*(names[name] for name in (
         'apply', 'turned', 'product_t', 'product', 'transposed', 'scaled_t', 'times', 'scale',
-        'nought', 'minus', 'towards', 'between', 'solve', 'finite', 'beyond',
-        'begin_all', 'follow_all', 'present_all', 'squares')))
+        'nought', 'minus', 'towards', 'between', 'solve', 'divided', 'blend', 'finite',
+        'beyond', 'begin_all', 'follow_all', 'present_all', 'squares')))
 
 
-def _cholesky(n: int) -> list[str]:
-    """The body of `solve`: m = L D L^T, then three substitutions."""
+def _elimination(n: int) -> list[str]:
+    """The body of `solve`: m = L U, then two substitutions.
+
+    Without pivoting, which a matrix with x'mx > 0 does not need: its pivots are positive.
+    """
     lines = []
-    for j in range(n):
-        taken = ''.join(f' - l{j}{k} * l{j}{k} * d{k}' for k in range(j))
-        lines.append(f'    d{j} = m[{j}][{j}]{taken}')
-        for i in range(j + 1, n):
-            taken = ''.join(f' - l{i}{k} * l{j}{k} * d{k}' for k in range(j))
-            lines.append(f'    l{i}{j} = (m[{i}][{j}]{taken}) / d{j}')
+    for i in range(n):
+        lines += [f'    u{i}{j} = m[{i}][{j}]' + ''.join(f' - l{i}{k} * u{k}{j}' for k in range(i))
+                  for j in range(i, n)]
+        lines += [f'    if not u{i}{i} > 0.0:', '        return ' + column('nan', n)]
+        lines += [f'    l{j}{i} = (m[{j}][{i}]'
+                  + ''.join(f' - l{j}{k} * u{k}{i}' for k in range(i)) + f') / u{i}{i}'
+                  for j in range(i + 1, n)]
     for i in range(n):
         lines.append(f'    y{i} = x[{i}]' + ''.join(f' - l{i}{k} * y{k}' for k in range(i)))
     for i in reversed(range(n)):
-        lines.append(f'    z{i} = y{i} / d{i}'
-                     + ''.join(f' - l{k}{i} * z{k}' for k in range(i + 1, n)))
+        lines.append(f'    z{i} = (y{i}' + ''.join(f' - u{i}{k} * z{k}' for k in range(i + 1, n))
+                     + f') / u{i}{i}')
     return [*lines, '    return ' + column('z{i}', n)]

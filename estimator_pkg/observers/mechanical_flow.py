@@ -22,7 +22,7 @@ from typing import Any
 from estimator_pkg.observers.mechanical_algebra import total
 
 LARGEST_PART = 3.0     # of dt (|L| + sqrt(trace K)): beyond it a step is made in parts
-MOST_PARTS = 1000.0    # beyond so many the gains have nothing to do with the rate: not stepped
+MOST_PARTS = 1000.0    # beyond so many the gains have nothing to do with the rate: refused
 NEGLIGIBLE = 1e-17     # a term this much smaller than the sum adds nothing
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models import check
 from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.observers.mechanical_flow import LARGEST_PART, MOST_PARTS
 
 Array = NDArray[np.float64]
+Limits = Callable[[float], str | None]
 
 
 class Tuning(NamedTuple):
@@ -91,7 +94,7 @@ def longest_euler(matrices: list[Array]) -> float:
     return longest
 
 
-def euler_limit(matrices: list[Array]):
+def euler_limit(matrices: list[Array]) -> Limits:
     """`limits` of a forward Euler observer whose error obeys one of these matrices."""
     longest = longest_euler(matrices)
 
@@ -102,6 +105,29 @@ def euler_limit(matrices: list[Array]):
                 f'gains need less than {longest:.4g} s; use form: exact or lower gains')
 
     return limits
+
+
+def exact_limit(matrices: list[Array], n: int) -> Limits:
+    """`limits` of the exact step of `mechanical_flow`, whose error obeys one of these matrices.
+
+    Far beyond the sample rate its gains have nothing to do with it, and it would take thousands of
+    parts.
+    """
+    longest = LARGEST_PART * MOST_PARTS / max(_pace(matrix, n) for matrix in matrices)
+
+    def limits(dt: float) -> str | None:
+        if dt < longest:
+            return None
+        return (f'the gains are far too fast for a sample time of {dt:.4g} s: these need less than '
+                f'{longest:.4g} s; lower bandwidth_hz')
+
+    return limits
+
+
+def _pace(matrix: Array, n: int) -> float:
+    """What `mechanical_flow` takes the speed of this error system to be [1/s]."""
+    stiffness = abs(float(np.trace(matrix[:n, n:2 * n] @ matrix[n:2 * n, :n])))
+    return float(np.sum(np.abs(np.diag(matrix)[:2 * n]))) + math.sqrt(stiffness)
 
 
 def never(dt: float) -> str | None:

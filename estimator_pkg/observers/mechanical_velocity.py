@@ -46,6 +46,49 @@ def make_acceleration(mechanics: Mechanics) -> Callable[..., tuple]:
     return acceleration
 
 
+def make_drift(mechanics: Mechanics) -> Callable[..., tuple]:
+    """drift(values, q, v, u): (M^-1 [force - C v], M^-1 D); v' is the first less the second by v.
+
+    An explicit step of D v would be unstable where a joint's friction stops it within a sample.
+    Where there is no damping the second is anything of its shape.
+    """
+    algebra = mechanical_algebra(mechanics.degrees)
+    solve, minus, divided = algebra.solve, algebra.minus, algebra.divided
+    inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
+    damped = mechanics.damping is not None
+    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+
+    def drift(values: tuple, q: tuple, v: tuple, u: tuple) -> tuple:
+        mass = inertia(values, q)
+        free = solve(mass, minus(force(values, q, v, u), coriolis(values, q, v)))
+        if damped:
+            return free, divided(mass, damping(values, q))
+        return free, mass
+
+    return drift
+
+
+def make_braked(mechanics: Mechanics) -> Callable[..., tuple]:
+    """braked(values, q, v, u, h): the mean acceleration over h [s], the damping at its end.
+
+    (M + h D) a = force - C v - D v: implicit in the damping, explicit in the rest.
+    """
+    algebra = mechanical_algebra(mechanics.degrees)
+    solve, minus, apply, blend = algebra.solve, algebra.minus, algebra.apply, algebra.blend
+    inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
+    damped = mechanics.damping is not None
+    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+
+    def braked(values: tuple, q: tuple, v: tuple, u: tuple, h: float) -> tuple:
+        total, mass = minus(force(values, q, v, u), coriolis(values, q, v)), inertia(values, q)
+        if damped:
+            friction = damping(values, q)
+            total, mass = minus(total, apply(friction, v)), blend(mass, h, friction)
+        return solve(mass, total)
+
+    return braked
+
+
 def make_place(n: int, gains: MechanicalGains) -> Callable[..., tuple]:
     """place(before, moved, e): the positions at which the model is evaluated over a step."""
     towards = mechanical_algebra(n).towards
@@ -91,8 +134,10 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     towards, minus, scale, nought = (algebra.towards, algebra.minus, algebra.scale,
                                      algebra.nought)
     apply, times = algebra.apply, algebra.times
-    flow = make_flow(n, diagonal=diagonal, damped=False, disturbed=extended)
-    acceleration, place = make_acceleration(mechanics), make_place(n, gains)
+    flow = make_flow(n, diagonal=diagonal, damped=mechanics.damping is not None,
+                     disturbed=extended)
+    acceleration, drift = make_acceleration(mechanics), make_drift(mechanics)
+    place = make_place(n, gains)
     admits = mechanics.admits
     zeros = (0.0,) * n
     empty = zeros if extended else ()
@@ -116,9 +161,9 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
         at = place(before, moved, e)
         if not admits(values, at):
             return core, False
-        f = acceleration(values, at, x, given)
         good = True
         if paper:
+            f = acceleration(values, at, x, given)
             rate = minus(x, times(gain_l, e)) if diagonal else minus(x, apply(gain_l, e))
             f = minus(f, apply(gain_k, e))
             if extended:
@@ -126,13 +171,12 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
                 d = towards(d, -dt, apply(gain_d, e))
             e = minus(towards(e, dt, rate), moved)
             x = towards(x, dt, f)
-        elif linear_hold:
-            e, x, d, good = flow(e, x, d, one, one, gain_k, gain_l, one, gain_d, f,
-                                 scale(coefficients[1], moved), dt)
         else:
-            e, x, d, good = flow(e, x, d, one, one, gain_k, gain_l, one, gain_d, f, nought(moved),
-                                 dt)
-            e = minus(e, moved)
+            f, w = drift(values, at, x, given)
+            rate = scale(coefficients[1], moved) if linear_hold else nought(moved)
+            e, x, d, good = flow(e, x, d, one, one, gain_k, gain_l, w, gain_d, f, rate, dt)
+            if not linear_hold:
+                e = minus(e, moved)
         return (e, x, d, x), good
 
     def rejoin(core: tuple, design: tuple, at: tuple) -> tuple:
@@ -144,7 +188,8 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     matrices = matrices_over_range(mechanics, L, K, E, point)
     return MechanicalCore(
         design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin, linear=linear,
-        limits=mechanical_gains.euler_limit(matrices) if paper else mechanical_gains.never,
+        limits=(mechanical_gains.euler_limit(matrices) if paper
+                else mechanical_gains.exact_limit(matrices, n)),
         slowest=mechanical_gains.slowest_pole(matrices[0]),
         lag=0.0 if extended else float(np.max(np.diag(L) / np.diag(K))))
 

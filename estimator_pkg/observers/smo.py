@@ -36,6 +36,7 @@ from estimator_pkg.observers.mechanical_parameters import (
 from estimator_pkg.observers.mechanical_velocity import (
     linear_matrix,
     make_acceleration,
+    make_braked,
     make_place,
 )
 from estimator_pkg.observers.smo_injections import (
@@ -98,7 +99,8 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     towards, minus = algebra.towards, algebra.minus
     inject = make_inject(n, twisting if twists else uniform)
     settle = make_settle(n, implicit_twisting if twists else implicit_uniform)
-    acceleration, place = make_acceleration(mechanics), make_place(n, gains)
+    acceleration, braked = make_acceleration(mechanics), make_braked(mechanics)
+    place = make_place(n, gains)
     admits = mechanics.admits
     zeros = (0.0,) * n
 
@@ -120,13 +122,14 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         at = place(before, moved, e)
         if not admits(values, at):
             return core, False
-        f = acceleration(values, at, x, given)
         if paper:
+            f = acceleration(values, at, x, given)
             a, b = inject(e, gain_1, gain_2, m1, m2)
             e = minus(towards(e, dt, minus(x, a)), moved)
             x = towards(x, dt, minus(f, b))
             seen = e
         else:
+            f = braked(values, at, x, given, dt)
             free = towards(e, dt, towards(x, dt, f))
             if linear_hold:
                 free = minus(free, moved)

@@ -77,7 +77,8 @@ def scatter(pairs: Sequence[Describing], damping: Array, dt: float, *, implicit:
     """
     n = len(pairs)
     eye, nought = np.eye(n), np.zeros((n, n))
-    glide = eye + dt * damping           # of the velocity over a sample
+    # of the velocity over a sample, by the damping as it is stepped
+    glide = np.linalg.inv(eye - dt * damping) if implicit else eye + dt * damping
     position = np.diag([pair.position for pair in pairs])
     velocity = np.diag([pair.velocity for pair in pairs])
     # the state is (offset e, velocity, noise of the sample before); with it the innovation
