@@ -40,6 +40,8 @@ def test_the_page_is_small_and_stands_alone(page):
     assert path.stat().st_size < 5e6
     assert '<script src' not in text and '<link rel' not in text
     assert 'gravity_compensation_1000hz' in text and 'finite_difference' in text
+    assert 'name="viewport" content="width=device-width' in text  # phones
+    assert 'The truth of pendulum, held against the measured position: lag ' in text
 
 
 def test_every_compared_sample_is_beside_the_page(page):
@@ -79,7 +81,7 @@ def test_in_a_browser_without_network(page):
 
         plots = '[...Bokeh.index].filter(view => view.model.title && view.model.x_range)'
         views = driver.execute_script(f'return {plots}.map(view => view.model.title.text);')
-        for title in ('velocity against', 'error, and its', 'status', 'every sample around',
+        for title in ('velocity against', 'error and 95 % band', 'status', 'around the worst',
                       'error against speed', 'spectrum', 'standard deviation', 'sample times',
                       'measured position'):
             assert sum(title in each for each in views) == 2, (title, views)

@@ -12,18 +12,12 @@ from typing import Any
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import asked, plot
-from estimator_pkg.evaluation.comparison import ROUNDING, Comparison, compare
+from estimator_pkg.evaluation.comparison import Comparison, compare
 from estimator_pkg.evaluation.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
-from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.report.page import Report
-from estimator_pkg.evaluation.smoother.smoother import Smoothed
-from estimator_pkg.evaluation.text import fixed, number, table
-from estimator_pkg.evaluation.truth import SMOOTHED
+from estimator_pkg.evaluation.words import describe
 from estimator_pkg.evaluation.workers import workers
-
-HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
-          'received', 'used', 'dropped')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +25,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bags', nargs='+', metavar='BAG',
                         help='bag folder, .mcap or .db3 file, or a folder with bags in it')
     parser.add_argument('--measurement', metavar='TOPIC',
-                        help=f'JointState with the measured positions (default {MEASUREMENT})')
+                        help='JointState with the measured positions (default: the only one that is '
+                             f'neither truth nor estimate, else {MEASUREMENT})')
     parser.add_argument('--angle', metavar='TOPIC:FIELD',
                         help='the measurement is a number in messages of any type, as of replay')
     parser.add_argument('--truth', metavar='TOPIC',
@@ -110,78 +105,6 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         plot.draw(drawn, parsed.plot)
         print(f'plot: {parsed.plot}')
     return {'bags': result, 'left_out': {each.path: each.why for each in left_out}}
-
-
-def describe(comparison: Comparison) -> str:
-    """The comparison as text."""
-    lines = [f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, '
-             'at zero shift']
-    rows, remarks = [], []
-    for row in comparison.rows:
-        v = row.velocity
-        dropped = ' '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
-        mark = ' *' if row.reference_cannot_tell else ''
-        rows.append((row.source, row.joint, fixed(v['rms'], 4) + mark, fixed(v['mean_abs'], 4),
-                     fixed(v['max_abs'], 3), fixed(v['bias'], 4), fixed(_ms(v['delay_s']), 2),
-                     number(v['noise'], 3), str(row.matched['compared']),
-                     str(row.samples['received']), str(row.samples['used']), dropped or '0'))
-        counts = row.matched
-        moved = row.joint in comparison.corrected  # by its lag, so nearly every truth is between
-        if (counts['unmatched'] > (0.01 * counts['estimates'] if moved else 0)
-                or (counts['interpolated'] and not moved)):
-            remarks.append(f'{row.source}, {row.joint}: of {counts["estimates"]} estimates '
-                           f'{counts["interpolated"]} met an interpolated truth, '
-                           f'{counts["unmatched"]} none')
-    lines.append(table(HEADER, rows, left=2))
-    if any(row.reference_cannot_tell for row in comparison.rows):
-        lines.append("* the reference cannot tell: the error is no larger than the reference's own "
-                     'noise')
-    lines += comparison.refused.values()
-    for joint, known in comparison.references.items():
-        if joint in comparison.smoothed:
-            if comparison.smoothed[joint].seldom:
-                continue  # it is refused, which is said
-            lines.append(f'{joint}: {describe_smoother(comparison.smoothed[joint])}')
-            continue
-        lines.append(f'truth of {joint} against the measured position: {_reference(known)}')
-        if joint in comparison.corrected:
-            off = comparison.corrected[joint]
-            lines.append(f'  taken off: lag {_ms(off["lag_s"]):.2f} ms, bias {off["bias"]:.4f} '
-                         'rad/s')
-    return '\n'.join(lines + remarks + list(comparison.notes))
-
-
-def describe_smoother(smoothed: Smoothed) -> str:
-    """What the reference rests on, in words."""
-    noise = smoothed.noise
-    text = (f'{SMOOTHED} may be wrong by {number(smoothed.uncertainty, 2)} rad/s rms; readings '
-            f'{number(noise.reading, 2)} rad')
-    if noise.quantum:
-        text += f', counts of {number(noise.quantum, 3)} rad' + (
-            ' (which explain it)' if noise.at_floor else '')
-    if smoothed.outliers:
-        text += f', {smoothed.outliers} outliers left out'
-    return text
-
-
-def _reference(known: Reference) -> str:
-    """Lag, bias, slope and noise in words, and what the record does not tell."""
-    told, unknown = [], []
-    for name, value, deviation, decimals, unit in (
-            ('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
-            ('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
-            ('slope', known.slope, known.slope_stddev, 4, '')):
-        if math.isfinite(value):
-            told.append(f'{name} {value:.{decimals}f} +- {deviation:.{decimals}f}{unit}')
-        else:
-            unknown.append(name)
-    noise = 0.0 if known.noise < ROUNDING else known.noise
-    told.append(f'noise {number(noise, 2)} rad/s')
-    return ', '.join(told) + (f'; not determined: {", ".join(unknown)}' if unknown else '')
-
-
-def _ms(seconds: float) -> float:
-    return seconds * 1e3
 
 
 COMMAND = Command('estimates against truth: errors, delay, noise, samples used and dropped',

@@ -62,7 +62,7 @@ def around_the_worst(rows: Sequence[Row]) -> Any:
     worst = int(np.nanargmax(np.abs(best.estimate - best.truth)))
     window = (float(best.time[max(0, worst - AROUND)]),
               float(best.time[min(len(best.time) - 1, worst + AROUND)]))
-    shown = _figure(f'every sample around the worst error of {best.source} [rad/s]', HIGH,
+    shown = _figure(f'around the worst of {best.source} [rad/s]', HIGH,
                     x_range=Range1d(start=window[0], end=window[1]))
     parts = [(row, style, slice(*np.searchsorted(row.time, window)))
              for row, style in _lookup(rows)]
@@ -225,7 +225,7 @@ def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
                  max(float(np.nanmax(error_of(row))) for row in rows))
     room = 0.05 * max(outer[1] - outer[0], 1e-9)
     outer = outer[0] - room, outer[1] + room  # of the errors: the bands may be wider
-    shown = _figure('error, and its 95 % band as a shade [rad/s]', HIGH, x_range=shared)
+    shown = _figure('error and 95 % band [rad/s]', HIGH, x_range=shared)
     for row, style in _lookup(rows):
         error = error_of(row)
         chosen = extremes(error, points)
@@ -282,7 +282,7 @@ def _spectrum(rows: Sequence[Row]) -> Any:
 
 
 def _distribution(rows: Sequence[Row]) -> Any:
-    shown = _figure('error / standard deviation (dashed: expected)', HIGH)
+    shown = _figure('error / deviation (dashed: expected)', HIGH)
     for row, style in _lookup(rows):
         middles, heights = normalised(row.estimate - row.truth,
                                        np.hypot(row.stddev, row.reference_noise))
@@ -291,6 +291,6 @@ def _distribution(rows: Sequence[Row]) -> Any:
     at = np.linspace(-5.0, 5.0, 101)
     shown.line(at, np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi), color=INK, line_width=2,
                line_dash='6 3')
-    shown.xaxis.axis_label = 'in standard deviations (beyond 5: in the last cell)'
+    shown.xaxis.axis_label = 'standard deviations (outermost: beyond)'
     shown.yaxis.axis_label = 'density'
     return shown

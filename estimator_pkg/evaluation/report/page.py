@@ -19,6 +19,7 @@ from estimator_pkg.evaluation.findings import Measurement, look, sentences
 from estimator_pkg.evaluation.many import LeftOut
 from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.text import fixed, number
+from estimator_pkg.evaluation.words import describe_smoother, describe_truth
 
 HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
 POINTS_OF_A_PAGE = 240_000  # of all lines over time: so many make a few megabytes,
@@ -99,8 +100,8 @@ class Report:
         said = sentences(comparison, seen)
         bag = Path(comparison.bag)
         parts = [f'<h2>{html.escape(bag.name)}</h2><p class="note">{html.escape(str(bag))}</p>',
-                 f'<p>Velocity errors against {html.escape(_against(comparison))}, at zero shift; '
-                 'the delay stands beside them.</p>', _table(comparison),
+                 f'<p>Velocity errors against {html.escape(comparison.truth)}, at zero shift; '
+                 'the delay stands beside them.</p>', _table(comparison), _worth(comparison),
                  '<h3>What to know, and what to do next</h3>',
                  '<ul>' + ''.join(f'<li>{html.escape(each)}</li>' for each in said) + '</ul>']
         points = self._points(comparison)
@@ -176,6 +177,7 @@ class Report:
             body = body.replace(f'<div data-figure="{name}"></div>', slot)
         library = Resources(mode='inline', components=['bokeh'], minified=True).render_js()
         page = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+                f'<meta name="viewport" content="width=device-width, initial-scale=1">'
                 f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
                 f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
                 f'{__version__}. Every sample that was compared is in {self.data.name} beside this '
@@ -187,13 +189,14 @@ class Report:
         os.replace(beside, self.path)
 
 
-def _against(comparison: Comparison) -> str:
-    if not comparison.smoothed:
-        return comparison.truth
-    worth = ', '.join(f'{joint} {number(found.uncertainty, 2)}'
-                      for joint, found in comparison.smoothed.items())
-    return (f'{comparison.truth} (made from the measured positions; it may itself be wrong by, '
-            f'in rad/s rms: {worth})')
+def _worth(comparison: Comparison) -> str:
+    """What is known of the truth, or of the reference made in its place."""
+    told = [f'{joint}: {describe_smoother(comparison.smoothed[joint])}'
+            if joint in comparison.smoothed else
+            f'The truth of {joint}, held against the measured position: {describe_truth(known)}'
+            for joint, known in comparison.references.items()
+            if any(row.joint == joint for row in comparison.rows)]
+    return ''.join(f'<p class="note">{html.escape(each)}.</p>' for each in told)
 
 
 def _table(comparison: Comparison) -> str:
