@@ -82,7 +82,7 @@ def test_in_a_browser_without_network(page):
         plots = '[...Bokeh.index].filter(view => view.model.title && view.model.x_range)'
         views = driver.execute_script(f'return {plots}.map(view => view.model.title.text);')
         for title in ('velocity against', 'error and 95 % band', 'status', 'around the worst',
-                      'error against speed', 'spectrum', 'standard deviation', 'sample times',
+                      'error against speed', 'spectrum', 'error / deviation', 'sample times',
                       'measured position'):
             assert sum(title in each for each in views) == 2, (title, views)
         painted = driver.execute_script(f'const plots = {plots};' + '''

@@ -25,8 +25,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bags', nargs='+', metavar='BAG',
                         help='bag folder, .mcap or .db3 file, or a folder with bags in it')
     parser.add_argument('--measurement', metavar='TOPIC',
-                        help='JointState with the measured positions (default: the only one that is '
-                             f'neither truth nor estimate, else {MEASUREMENT})')
+                        help='JointState with the measured positions (default: the only one '
+                             f'that is neither truth nor estimate, else {MEASUREMENT})')
     parser.add_argument('--angle', metavar='TOPIC:FIELD',
                         help='the measurement is a number in messages of any type, as of replay')
     parser.add_argument('--truth', metavar='TOPIC',
