@@ -266,6 +266,28 @@ def test_interrupts_end_the_node_quietly(number):
     assert 'Traceback' not in process.output and 'rror' not in process.output
 
 
+def test_an_interrupt_waits_for_an_import_and_a_second_one_changes_nothing(tmp_path):
+    """What is raised in an import may be dropped, or become an ImportError."""
+    (tmp_path / 'interrupting.py').write_text(
+        'import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nwhole = True\n')
+    (tmp_path / 'program.py').write_text(
+        'import os, signal, time\n'
+        'from estimator_pkg.nodes.runtime import run\n'
+        'def make():\n'
+        '    import interrupting\n'
+        '    print("imported", interrupting.whole, flush=True)\n'
+        '    time.sleep(30.0)\n'
+        '    print("made")\n'
+        'try:\n'
+        '    run(make)\n'
+        'finally:\n'
+        '    os.kill(os.getpid(), signal.SIGTERM)\n'
+        '    print("ended")\n')
+    done = subprocess.run([sys.executable, str(tmp_path / 'program.py')], text=True,
+                          capture_output=True, timeout=dds.PATIENCE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'imported True\nended\n', '')
+
+
 WRONG_STARTS = [
     (['-p', 'bandwidth_hz:=-3.0'], "parameter 'bandwidth_hz' = -3 is outside [0.001, 1e+06]"),
     (['-p', 'noise:=.nan'], "parameter 'noise' must be finite, not nan"),

@@ -11,6 +11,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.errors import UserError
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
 
-SPIN = 0.1  # [s] EventsExecutor.spin() dispatches nothing on the PyPI wheels, spin_once does
+SPIN = 0.1       # [s] EventsExecutor.spin() dispatches nothing on the PyPI wheels, spin_once does
+IMPORTED = 0.05  # [s] between two looks whether a module has been imported
 
 
 def settle_environment() -> None:
@@ -44,6 +46,48 @@ def make_executor() -> Executor:
     return EventsExecutor()
 
 
+class Interrupts:
+    """Ctrl-C and SIGTERM: `came` says whether one did.
+
+    While something is made they also end that, by SystemExit. Once the node runs they only say that
+    it is to end: ROS's own handlers would take its context away under a call.
+
+    Attributes
+    ----------
+    making : whether they end what is being done.
+    """
+
+    NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)  # the last one comes from `_take`
+
+    def __init__(self) -> None:
+        self.came = False
+        self.making = True
+        self._before = {number: signal.signal(number, self._take) for number in self.NUMBERS}
+
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        self.came = True
+        if not self.making:
+            return
+        if _imports(frame):  # which would drop it or make an ImportError of it: a little later
+            signal.setitimer(signal.ITIMER_REAL, IMPORTED)
+            return
+        raise SystemExit(0)
+
+    def over(self, last: bool) -> None:
+        """Give them back; `last`: the process ends, and a second Ctrl-C is to change nothing."""
+        for number, handler in self._before.items():
+            signal.signal(number, signal.SIG_IGN if last else handler)
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Whether a module is being imported where this frame is."""
+    while frame is not None:
+        if frame.f_code.co_filename == '<frozen importlib._bootstrap>':
+            return True
+        frame = frame.f_back
+    return False
+
+
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Run a node until it is interrupted; returns the exit code.
 
@@ -51,53 +95,58 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     ----------
     make_node : makes the node, once ROS is initialised. What it imports then is imported after
         Ctrl-C has become quiet.
-    args : command line; None: that of the process.
+    args : command line; None: that of the process, which ends afterwards.
+
+    Raises
+    ------
+    SystemExit : it was interrupted before it ran; the exit code is 0.
     """
+    interrupts = Interrupts()
+    try:
+        return _run(make_node, args, interrupts)
+    finally:
+        interrupts.over(last=args is None)
+
+
+def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Interrupts) -> int:
     program = os.path.basename(sys.argv[0])
-    started = False
-
-    def interrupted(number: int, frame: Any) -> None:
-        if not started:  # later ROS ends its context, and the loop below ends with it
-            raise SystemExit(0)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupted)
     import rclpy
     from rclpy.logging import LoggingSeverity, set_logger_level
+    from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
-    try:
-        set_logger_level('rcl', LoggingSeverity.FATAL)  # it would log the error told below
-        rclpy.init(args=args)
-        set_logger_level('rcl', LoggingSeverity.UNSET)
-        started = True
-    except Exception as error:  # of rcl, for a command line it cannot parse
-        print(f'{program}: wrong ROS arguments: {_first_line(error)}', file=sys.stderr)
-        return 2
-    rest = remove_ros_args([program, *args] if args is not None else sys.argv)[1:]
-    if rest:
-        rclpy.try_shutdown()
-        return _usage(program, rest[0])
     executor = node = None
     try:
+        set_logger_level('rcl', LoggingSeverity.FATAL)  # it would log the error told below
+        try:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        except Exception as error:  # of rcl, for a command line it cannot parse
+            print(f'{program}: wrong ROS arguments: {_first_line(error)}', file=sys.stderr)
+            return 2
+        set_logger_level('rcl', LoggingSeverity.UNSET)
+        rest = remove_ros_args([program, *args] if args is not None else sys.argv)[1:]
+        if rest:
+            return _usage(program, rest[0])
         node = make_node()
         executor = make_executor()
         executor.add_node(node)
-        while rclpy.ok():
+        interrupts.making = False
+        while rclpy.ok() and not interrupts.came:
             executor.spin_once(timeout_sec=SPIN)
         return 0
-    except (KeyboardInterrupt, Exception) as error:
-        if not rclpy.ok():  # an interrupt took the context away under a call
-            return 0
-        if not isinstance(error, UserError):
-            raise
+    except UserError as error:
         print(f'{program}: {error}', file=sys.stderr)
         return error.exit_code
+    except Exception:
+        if rclpy.ok():
+            raise
+        return 0  # the node has ended ROS itself, under a call
     finally:
+        interrupts.making = False
+        rclpy.try_shutdown()  # first: the threads of a node look whether ROS is there
         if executor is not None:
             executor.shutdown()
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
 
 
 def executable(module: str, name: str) -> tuple[Callable[..., int], Callable[[str], Any]]:
