@@ -140,15 +140,17 @@ def test_ten_seconds_at_20_khz_without_loss(probe, tmp_path):
 
 def live_equals_replay(tmp_path, seconds, probe):
     topics = ('drive_samples', 'ground_truth/samples', 'ground_truth/joint_states',
-              'pmsm_observer/estimate', 'pmsm_observer/estimate_samples')
+              'ground_truth/flux_linkage', 'pmsm_observer/estimate',
+              'pmsm_observer/estimate_samples')
     out = tmp_path / 'bag'
     with dds.NodeProcess(OBSERVER, '--ros-args', '--params-file', str(PARAMS)) as observer, \
             dds.NodeProcess('estimator_pkg.cli', 'record', *topics, '--out', str(out)) as record:
         observer.prints("estimates 'motor'")
         record.prints('recording /pmsm_observer/estimate_samples')
         with dds.NodeProcess(SIMULATION, '--ros-args', '-p', f'duration:={seconds}', '-p',
-                             'wait_for_subscribers:=2', '-p', 'current_noise:=0.1', '-p',
-                             'profile:=ramps', '-p', 'profile_time:=1.0') as simulator:
+                             'wait_for_subscribers:=2', '-p', 'wait_for_truth_subscribers:=1', '-p',
+                             'current_noise:=0.1', '-p', 'profile:=ramps', '-p',
+                             'profile_time:=1.0') as simulator:
             assert simulator.ends() == 0, simulator.output
         assert 'messages, ' in simulator.output
         time.sleep(0.5)

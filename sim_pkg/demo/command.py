@@ -24,7 +24,8 @@ MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
 ESTIMATE, STDDEV = '/joint_observer/estimate', '/joint_observer/estimate_stddev'
 # Standing still, creeping over the counts, and a sprint through the wraps, both ways.
 MOTION = {'profile': 'trapezoid', 'velocity': 20.0, 'acceleration': 40.0, 'hold_time': 0.7,
-          'counts_per_revolution': COUNTS, 'rate': float(RATE), 'wait_for_subscribers': 3}
+          'counts_per_revolution': COUNTS, 'rate': float(RATE), 'wait_for_subscribers': 3,
+          'wait_for_truth_subscribers': 2}  # the recorder and this process; the node is the third
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,5 +22,8 @@ class RunSettings:
         description='the node ends after this time; 0: never')
     wait_for_subscribers: int = parameter(
         0, unit='', range=(0, 1000), structural=True,
-        description='start only when the measurement has so many subscribers, so that they miss '
-                    'nothing')
+        description='start only when every topic of the measurement has so many subscribers, so '
+                    'that they miss nothing')
+    wait_for_truth_subscribers: int = parameter(
+        0, unit='', range=(0, 1000), structural=True,
+        description='the same for every topic of the truth (a recorder of everything is 1 of each)')

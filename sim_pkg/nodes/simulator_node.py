@@ -26,7 +26,9 @@ from sim_pkg.nodes.settings import FOREVER, RunSettings
 
 SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=50,
                          reliability=ReliabilityPolicy.BEST_EFFORT)
-LINGER = 0.2  # the last messages get this long to leave before the process ends [s]
+LINGER = 0.2    # the last messages get this long to leave before the process ends [s]
+LOOK = 0.01     # between two looks for the subscribers that are waited for [s]
+PATIENCE = 5.0  # after which a person is told who is waited for [s]
 
 
 def message_type(name: str) -> Any:
@@ -67,8 +69,9 @@ class SimulatorNode(Node):
         parameters: Any = ros_parameters.declare(simulator.parameters)
         topics = simulator.topics(parameters)
         self._senders = {topic.name: self._publisher(topic) for topic in topics}
-        self._measured = [self._senders[topic.name] for topic in topics if not topic.truth]
-        self._wait_for = settings.wait_for_subscribers
+        self._awaited = [
+            (self._senders[topic.name], settings.wait_for_truth_subscribers if topic.truth
+             else settings.wait_for_subscribers) for topic in topics]
         duration = math.inf if settings.duration == FOREVER else settings.duration
         self._chunks = simulator.generate(parameters, duration, settings.seed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -94,9 +97,8 @@ class SimulatorNode(Node):
 
     def _played(self) -> bool:
         """Publish everything. False if the node was ended before."""
-        while any(sender.get_subscription_count() < self._wait_for for sender in self._measured):
-            if not self.deadlines.pause(0.01):
-                return False
+        if not self._wait_for_subscribers():
+            return False
         first = next(self._chunks, [])  # made before the clock runs, as it takes longest
         start_ns = self.deadlines.start()
         for chunk in itertools.chain([first], self._chunks):
@@ -108,6 +110,20 @@ class SimulatorNode(Node):
         for sender in self._senders.values():
             sender.wait_for_all_acked(Duration(seconds=1))
         return self.deadlines.pause(LINGER)
+
+    def _wait_for_subscribers(self) -> bool:
+        """Wait until all who were asked for listen. False if the node was ended before."""
+        for look in itertools.count():
+            missing = [f'{sender.topic_name} has {count} of {wanted}'
+                       for sender, wanted in self._awaited
+                       if (count := sender.get_subscription_count()) < wanted]
+            if not missing:
+                break
+            if look == round(PATIENCE / LOOK):
+                self.get_logger().info(f"waiting for subscribers: {', '.join(missing)}")
+            if not self.deadlines.pause(LOOK):
+                return False
+        return True
 
     def _report(self) -> None:
         """How well the deadlines are met, for /diagnostics."""
