@@ -21,7 +21,8 @@ def fixed(value: float | None, decimals: int) -> str:
     """A number with so many decimals; '-' for none."""
     if value is None or not math.isfinite(value):
         return '-'
-    return f'{value:.{decimals}f}'
+    text = f'{value:.{decimals}f}'
+    return text if float(text) else text.lstrip('-')  # no '-0.00'
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:

@@ -29,7 +29,8 @@ def describe(comparison: Comparison) -> str:
                      str(row.samples['received']), str(row.samples['used']), dropped or '0'))
         counts = row.matched
         moved = row.joint in comparison.corrected  # by its lag, so nearly every truth is between
-        if (counts['unmatched'] > (0.01 * counts['estimates'] if moved else 0)
+        ends = moved or row.joint in comparison.smoothed    # where a reference leaves off sooner
+        if (counts['unmatched'] > (0.01 * counts['estimates'] if ends else 0)
                 or (counts['interpolated'] and not moved)):
             remarks.append(f'{row.source}, {row.joint}: of {counts["estimates"]} estimates '
                            f'{counts["interpolated"]} met an interpolated truth, '
@@ -76,7 +77,7 @@ def describe_truth(known: Reference) -> str:
             ('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
             ('slope', known.slope, known.slope_stddev, 4, '')):
         if math.isfinite(value):
-            told.append(f'{name} {value:.{decimals}f} +- {deviation:.{decimals}f}{unit}')
+            told.append(f'{name} {fixed(value, decimals)} +- {fixed(deviation, decimals)}{unit}')
         else:
             unknown.append(name)
     noise = 0.0 if known.noise < ROUNDING else known.noise
