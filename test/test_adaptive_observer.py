@@ -11,10 +11,10 @@ from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.observers.adaptive_filter import companion
-from estimator_pkg.observers.adaptive_gains import Gains
+from estimator_pkg.observers.adaptive_gains import Gains, structure
 from estimator_pkg.observers.adaptive_law import ADAPTING, FROZEN, GATED, INIT
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import COASTING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.parameters import build
 
 PAPER = dict(law='gradient', observer_poles=(-10.0, -12.0), model_poles=(-1.5, -2.5),
@@ -336,3 +336,40 @@ def test_gate_opens_with_excitation():
     angles, _ = servo(0.01, 0.3, 0.2, u, 1e-3, start=(-0.2 / 0.3, 0.0))
     feed(made, angles, u, start_ns=made.stamp_ns + 10 ** 6)
     assert made._track[6][8][0] == ADAPTING
+
+
+# Numbers that run away
+
+
+def test_least_squares_that_forgets_does_not_run_away_while_nothing_moves():
+    """At rest without a gate P grows as exp(t/memory), past every float within 700 memories."""
+    made = joint(memory=0.04, gate='off', knock=0.0, noise=1e-4)
+    angle, _ = servo(2.0, 3.0, 5.0, excited(4000), 1e-3)
+    feed(made, angle, excited(4000))
+    rest = np.full(8000, angle[-1])  # 1000 memories
+    feed(made, rest, np.zeros(len(rest) - 1), dt=5e-3, start_ns=10 ** 18 + 10 ** 10)
+    theta, p = made._track[6][2], made._track[6][4]
+    assert all(map(math.isfinite, theta))
+    start = structure(made.gains).variance
+    assert all(0.0 < row[i] <= 1.2 * most for i, (row, most) in enumerate(zip(p, start)))
+    angle, velocity = servo(2.0, 3.0, 5.0, excited(8000, seed=2), 1e-3, start=(angle[-1], 0.0))
+    out, _ = feed(made, angle, excited(8000, seed=2), start_ns=10 ** 18 + 3 * 10 ** 12)
+    assert np.max(np.abs(out.velocity[-2000:] - velocity[-2000:])) < 0.01
+
+
+def test_a_memory_shorter_than_that_of_the_filters_is_refused():
+    with pytest.raises(UsageError, match=r"'memory' = 1e-05 s .* at least 0.03"):
+        joint(memory=1e-5)
+
+
+def test_an_observer_whose_numbers_ran_away_starts_again():
+    """Whatever made a parameter nan, no later sample could mend it."""
+    made = joint()
+    angle, velocity = servo(2.0, 3.0, 5.0, excited(6000), 1e-3)
+    feed(made, angle[:3000], excited(6000)[:2999])
+    track = list(made._track)
+    track[6] = (*track[6][:2], (math.nan,) * 4, *track[6][3:])
+    made._track = tuple(track)
+    out, _ = feed(made, angle[3000:], excited(6000)[3000:], start_ns=10 ** 18 + 3 * 10 ** 9)
+    assert out.status[1] == INITIALISING and out.status[-1] == TRACKING
+    assert np.max(np.abs(out.velocity[-500:] - velocity[-500:])) < 0.05

@@ -37,7 +37,7 @@ from estimator_pkg.observers.adaptive_gains import GRADIENT, PAPER, SETTLED, Gai
 from estimator_pkg.observers.adaptive_law import ADAPTING, GATED, INIT, law
 from estimator_pkg.observers.adaptive_motion import as_rows, gramian, motion
 from estimator_pkg.observers.adaptive_theta import unrolled_theta
-from estimator_pkg.observers.angle import is_angle, variance_floor
+from estimator_pkg.observers.angle import LARGEST, is_angle, variance_floor
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import (
     COASTING,
@@ -107,7 +107,6 @@ def build(gains: Gains, circle: Circle) -> Functions:
     settle = SETTLED / made.slowest if gains.settle is None else gains.settle
     average = max(SHORTEST, SETTLED / made.slowest)
     pace = (-made.observer[-1]) ** (1.0 / n)  # geometric mean of the poles [1/s]
-    start_p = as_rows(np.diag(made.variance)) if not is_gradient else ((0.0,),)
     noise_of = gramian(made.observer)
 
     def floor_of_gate() -> tuple:
@@ -131,7 +130,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
                  float(gains.excitation_memory), float(pace), float(made.slowest),
                  float(gains.knock * gains.knock), float(gains.moving_above)),
                 (float(gains.adapt), float(gains.theta is not None)),
-                (float(circle.period), float(circle.unwrap)), (noise, floor))
+                (float(circle.period), float(circle.unwrap)), (noise, floor),
+                as_rows(np.diag(made.variance)) if not is_gradient else ((0.0,),))
 
     def prepare(design: tuple, dt: float) -> tuple:
         f, g0, g1 = series(design[0], design[1], dt)
@@ -145,7 +145,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         inner, z = started(zeros, theta, design, measurement, 0.0)
         if is_paper:
             z = paper_start(theta, design, measurement, 0.0)
-        return (inner, z, theta, empty, start_p, begin(measurement), begin_scatter(measurement),
+        return (inner, z, theta, empty, design[14], begin(measurement), begin_scatter(measurement),
                 (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (INIT, 0, 0), nothing)
 
     def pause(held: float, usual: float, e: float, psi_y: tuple, adapted: float, design: tuple,
@@ -202,6 +202,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
             psi = pick(psi_y, psi_u, psi_1, psi_s)
             e = (y - z[0] - dot(psi_y, design[3])
                  - explained(psi_y, psi_u, psi_1, psi_s, design[4]) - dot_m(psi, theta))
+        if not -LARGEST < e < LARGEST:
+            return init(measurement, design)  # numbers ran away: only a new start helps
         age += h
         tick += 1
         if phase == INIT and age >= design[10][0]:

@@ -56,8 +56,8 @@ class Gains:
                     'also weighs the parameters in the excitation gate', equation='Gamma in (12)')
     memory: float = parameter(
         0.0, unit='s', range=(0.0, 1e9),
-        description='least squares forgets with this time constant, of time spent adapting; '
-                    '0: never')
+        description='least squares forgets with this time constant, of time spent adapting, but '
+                    'never more than it knew at the start; 0: never')
     start_variance: tuple[float, ...] | None = parameter(
         None, unit='', kind=list, range=(1e-12, 1e18), structural=True, advanced=True,
         description='diagonal of P of least squares at the start, where the reading has unit '
@@ -172,6 +172,10 @@ def structure(gains: Gains) -> Structure:
     for name, poles in (('observer_poles', observer), ('model_poles', model)):
         if len(poles) != n:
             raise UsageError(f"parameter '{name}' needs {n} poles for order {n}, not {len(poles)}")
+    slowest, fastest = min(-pole for pole in observer), max(-pole for pole in observer)
+    if 0.0 < gains.memory < 1.0 / slowest:
+        raise UsageError(f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
+                         f'filters: 0, or at least {1.0 / slowest:.3g} s')
     column = tuple(-float(c) for c in np.poly(observer)[1:])
     model_column = tuple(-float(c) for c in np.poly(model)[1:])
     names = (*(f'l{i + 1}' for i in range(n)), *(f'b{i + 1}' for i in range(n)),
@@ -204,7 +208,7 @@ def structure(gains: Gains) -> Structure:
         tuple(low[i] for i in free), tuple(high[i] for i in free),
         _gamma(gains.gamma, [names[i] for i in free]),
         _variance(gains.start_variance, [names[i] for i in free], (-column[-1]) ** (1.0 / n)),
-        min(-pole for pole in observer), max(-pole for pole in observer))
+        slowest, fastest)
 
 
 def _spread(pole: float, count: int) -> tuple[float, ...]:

@@ -54,7 +54,8 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
     vectors, free = algebra(gains.order), algebra(len(made.free))
     dot, add, apply = vectors.dot, vectors.add, vectors.apply
     dot_m, add_m, apply_m, times_m, clip_m = free.dot, free.add, free.apply, free.times, free.clip
-    rank_one, exceeds, parts = free.rank_one, free.exceeds, motion.parts
+    nothing = ((0.0,) * len(made.free),) * len(made.free)
+    rank_one, exceeds, wider, parts = free.rank_one, free.exceeds, free.wider, motion.parts
 
     def moved(theta: tuple, p: tuple, psi: tuple, e: float, design: tuple, h: float,
               forget: float) -> tuple:
@@ -66,6 +67,12 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
             size = h * e if is_paper else h * e / (1.0 + h * dot_m(psi, direction))
         else:
             direction = apply_m(p, psi)
+            if forget < 1.0:
+                if wider(nothing, p) or dot_m(psi, direction) < 0.0:
+                    p = design[14]  # rounding has left it no covariance
+                    direction = apply_m(p, psi)
+                if wider(p, design[14]):
+                    forget = 1.0  # nothing is known any more: it would grow without bound
             spread = forget + dot_m(psi, direction)
             size = e / spread
             p = rank_one(p, 1.0 / forget, -1.0 / (forget * spread), direction)

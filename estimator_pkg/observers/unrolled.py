@@ -22,6 +22,7 @@ class Algebra(NamedTuple):
     clip: Callable[..., tuple]       # (x, low, high), elementwise
     apply: Callable[..., tuple]      # (matrix, x) -> matrix x
     rank_one: Callable[..., tuple]   # (matrix, keep, a, x) -> keep matrix + a x x^T
+    wider: Callable[..., bool]       # (matrix, other): is an entry of its diagonal above other's?
     exceeds: Callable[..., bool]     # (matrix, keep, a, floor): is matrix - a floor positive
                                      # definite, where the matrix' diagonal counts keep times?
 
@@ -50,6 +51,7 @@ def algebra(size: int) -> Algebra:
         f'def clip(x, low, high): return {vector("min(max(x[{i}], low[{i}]), high[{i}])")}',
         'def apply(m, x): return (' + ''.join(product(f'm[{i}]', 'x') + ', ' for i in index) + ')',
         f'def rank_one(m, keep, a, x): return {matrix("keep * m[{i}][{j}] + a * x[{i}] * x[{j}]")}',
+        'def wider(m, x): return ' + ' or '.join(f'm[{i}][{i}] > x[{i}][{i}]' for i in index),
         'def exceeds(m, keep, a, floor):',  # true where Cholesky's factors exist
     ]
     for j in index:
