@@ -7,17 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg.bags.kinds.contract import (
-    OUTPUTS,
-    PUBLISHER,
-    Kind,
-    Recording,
-    Request,
-    Setup,
-    System,
-)
+from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.driven import DrivenReplay, Sample
 from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
-from estimator_pkg.bags.kinds.one_by_one import MessageRecording, OneByOne, recorded
+from estimator_pkg.bags.kinds.one_by_one import MessageRecording, recorded
 from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measurement_topic
@@ -28,7 +21,6 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
-from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
 from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.parameters import Parameter
@@ -85,48 +77,31 @@ def settled(values: Mapping[str, Any]) -> tuple[AdaptiveNodeSettings, AdaptiveBa
     return settings, AdaptiveBank(configuration, settings.only, settings.input)
 
 
-class AdaptiveReplay(OneByOne):
+class AdaptiveReplay(DrivenReplay):
     """See `Replay`. The identified parameters are written at the stamps of the measurement."""
 
     def __init__(self, setup: Setup) -> None:
-        super().__init__()
-        self.outputs = {**OUTPUTS, PARAMETERS: diagnostics.TYPE}
         self._settings, self.bank = settled(setup.values)
-        self._topic = setup.topics[0].name
-        self._commands = self._settings.commands([self._settings.only])
-        self._layout = Decoder().layout
-        self._by_publisher = self._settings.stamp_source == PUBLISHER
+        super().__init__(setup, self._settings, self.bank, [self._settings.only])
+        self.outputs = {**OUTPUTS, PARAMETERS: diagnostics.TYPE}
         self._systems: dict[str, System] = {}
         self._seen: set[str] = set()
         self._told_ns = 0
-        self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
 
-    def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
-        """See `OneByOne`."""
-        if topic != self._topic:
-            self.bank.command(*self._commands.decode(raw, publish_ns))
-            return []
-        self.received += 1
-        layout = self._layout(raw)
-        positions, efforts = layout.numbers(raw, 0), layout.numbers(raw, 2)
-        self._seen.update(layout.names)
-        stamp_ns = publish_ns if self._by_publisher else layout.stamp_ns(raw)
-        valid = self.bank.take(stamp_ns, layout.names, positions, efforts)
+    def answer(self, sample: Sample) -> dict[int, bytes]:
+        """See `DrivenReplay`."""
+        self._seen.update(sample.names)
+        valid = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
         for name, joint in self.bank.joints.items():
             self._systems.setdefault(name, System(joint, (name,))).note()
         self.answered += bool(valid)
-        names = [name for name, _, _ in valid]
-        pairs = [joint.stddev() for _, joint, _ in valid]
-        answer = {
-            0: self._encode(stamp_ns, layout.frame_id, names,
-                            [estimate[0] for _, _, estimate in valid],
-                            [estimate[1] for _, _, estimate in valid]),
-            1: self._encode_stddev(stamp_ns, layout.frame_id, names, [pair[0] for pair in pairs],
-                                   [pair[1] for pair in pairs])}
-        if abs(stamp_ns - self._told_ns) >= PERIOD and self._systems:
-            self._told_ns = stamp_ns
-            answer[2] = diagnostics.encode(stamp_ns, self._told())
-        return [answer]
+        answer = self.encoded(sample, [name for name, _, _ in valid],
+                              [estimate for _, _, estimate in valid],
+                              [joint.stddev() for _, joint, _ in valid])
+        if abs(sample.stamp_ns - self._told_ns) >= PERIOD and self._systems:
+            self._told_ns = sample.stamp_ns
+            answer[2] = diagnostics.encode(sample.stamp_ns, self._told())
+        return answer
 
     def _told(self) -> list[diagnostics.Status]:
         return [diagnostics.Status(

@@ -6,24 +6,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from estimator_pkg import observers
-from estimator_pkg.bags.kinds.contract import (
-    ESTIMATE,
-    PUBLISHER,
-    Kind,
-    Recording,
-    Request,
-    Setup,
-    System,
-)
+from estimator_pkg.bags.kinds.contract import ESTIMATE, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.driven import DrivenReplay, Sample
 from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
-from estimator_pkg.bags.kinds.one_by_one import OneByOne, recorded
+from estimator_pkg.bags.kinds.one_by_one import recorded
 from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismConfiguration
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.nodes.mechanical_settings import MechanicalNodeSettings
 from estimator_pkg.parameters import Parameter
 
@@ -75,40 +67,24 @@ def settled(values: Mapping[str, Any]) -> tuple[MechanicalNodeSettings, Mechanis
                                    settings.mechanisms, settings.input)
 
 
-class MechanicalReplay(OneByOne):
+class MechanicalReplay(DrivenReplay):
     """See `Replay`."""
 
     def __init__(self, setup: Setup) -> None:
-        super().__init__()
-        self._settings, self.bank = settled(setup.values)
-        self._topic = setup.topics[0].name
-        self._layout = Decoder().layout
-        self._commands = self._settings.commands(self.bank.orders)
-        self._by_publisher = self._settings.stamp_source == PUBLISHER
+        settings, self.bank = settled(setup.values)
+        super().__init__(setup, settings, self.bank, self.bank.orders)
         self._systems = {name: System(mechanism, mechanism.names)
                          for name, mechanism in self.bank.joints.items()}
-        self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
 
-    def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
-        """See `OneByOne`."""
-        if topic != self._topic:
-            self.bank.command(*self._commands.decode(raw, publish_ns))
-            return []
-        self.received += 1
-        layout = self._layout(raw)
-        positions, efforts = layout.numbers(raw, 0), layout.numbers(raw, 2)
-        stamp_ns = publish_ns if self._by_publisher else layout.stamp_ns(raw)
-        valid = self.bank.update(stamp_ns, layout.names, positions, efforts)
+    def answer(self, sample: Sample) -> dict[int, bytes]:
+        """See `DrivenReplay`."""
+        valid = self.bank.update(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
         for system in self._systems.values():
             system.note()
         self.answered += bool(valid)
         names = [each.name for each in valid]
-        pairs = self.bank.stddevs(names)
-        return [{
-            0: self._encode(stamp_ns, layout.frame_id, names, [each.position for each in valid],
-                            [each.velocity for each in valid]),
-            1: self._encode_stddev(stamp_ns, layout.frame_id, names, [pair[0] for pair in pairs],
-                                   [pair[1] for pair in pairs])}]
+        return self.encoded(sample, names, [(each.position, each.velocity) for each in valid],
+                            self.bank.stddevs(names))
 
     def systems(self) -> dict[str, System]:
         """See `Replay`."""

@@ -5,17 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from estimator_pkg.bags.kinds.contract import (
-    OUTPUTS,
-    PUBLISHER,
-    Kind,
-    Recording,
-    Request,
-    Setup,
-    System,
-)
+from estimator_pkg.bags.kinds.contract import OUTPUTS, Kind, Recording, Request, Setup, System
+from estimator_pkg.bags.kinds.driven import DrivenReplay, Sample
 from estimator_pkg.bags.kinds.efforts import EFFORTS, effort_topics
-from estimator_pkg.bags.kinds.one_by_one import OneByOne, recorded
+from estimator_pkg.bags.kinds.one_by_one import recorded
 from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measurement_topic
@@ -78,52 +71,35 @@ def settled(values: Mapping[str, Any]
                                   settings.names(model), settings.input), model
 
 
-class SwitchedReplay(OneByOne):
+class SwitchedReplay(DrivenReplay):
     """See `Replay`."""
 
     def __init__(self, setup: Setup) -> None:
-        super().__init__()
+        settings, self.bank, self._model = settled(setup.values)
+        super().__init__(setup, settings, self.bank, self.bank.orders)
         self.outputs = {**OUTPUTS, DISCRETE: TYPE}
-        self._settings, self.bank, self._model = settled(setup.values)
-        self._topic = setup.topics[0].name
-        self._by_publisher = self._settings.stamp_source == PUBLISHER
         self._system = System(self.bank.system, self.bank.names)
-        self._layout, self._decode_event = Decoder().layout, Decoder().decode
-        self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
+        self._decode_event = Decoder().decode
         self._encode_discrete = Encoder().encode
         self._has_events = any(topic.name == EVENTS for topic in setup.topics)
-        self._commands = self._settings.commands(self.bank.orders)
 
-    def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
-        """See `OneByOne`."""
-        bank = self.bank
-        if topic == EFFORTS:
-            bank.command(*self._commands.decode(raw, publish_ns))
-            return []
-        if topic != self._topic:
-            event = self._decode_event(raw)
-            bank.system.event(event.stamp_ns, event.names[0] if event.names else '',
-                              event.positions)
-            return []
-        self.received += 1
-        layout = self._layout(raw)
-        positions, efforts = layout.numbers(raw, 0), layout.numbers(raw, 2)
-        stamp_ns = publish_ns if self._by_publisher else layout.stamp_ns(raw)
-        pairs = bank.take(stamp_ns, layout.names, positions, efforts)
+    def event(self, raw: bytes) -> None:
+        """See `DrivenReplay`."""
+        event = self._decode_event(raw)
+        self.bank.system.event(event.stamp_ns, event.names[0] if event.names else '',
+                               event.positions)
+
+    def answer(self, sample: Sample) -> dict[int, bytes]:
+        """See `DrivenReplay`."""
+        pairs = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
         self._system.note()
-        names = bank.names if pairs else ()
-        deviations = bank.deviations() if pairs else []
-        answer = {
-            0: self._encode(stamp_ns, layout.frame_id, names, [pair[0] for pair in pairs],
-                            [pair[1] for pair in pairs]),
-            1: self._encode_stddev(stamp_ns, layout.frame_id, names,
-                                   [pair[0] for pair in deviations],
-                                   [pair[1] for pair in deviations])}
-        if pairs:
-            self.answered += 1
-            answer[2] = self._encode_discrete(stamp_ns, layout.frame_id, self._model.names,
-                                              bank.system.discrete()[0])
-        return [answer]
+        if not pairs:
+            return self.encoded(sample, (), (), ())
+        self.answered += 1
+        answer = self.encoded(sample, self.bank.names, pairs, self.bank.deviations())
+        answer[2] = self._encode_discrete(sample.stamp_ns, sample.frame_id, self._model.names,
+                                          self.bank.system.discrete()[0])
+        return answer
 
     def systems(self) -> dict[str, System]:
         """See `Replay`."""
