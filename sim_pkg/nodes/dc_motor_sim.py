@@ -1,33 +1,14 @@
-"""The node ``dc_motor_sim``: the simulator ``dc_motor``, live.
+"""The executable `dc_motor_sim`: the simulator `dc_motor`, live.
 
-To run it in an executor of your own, make a ``SimulatorNode(SIMULATOR, 'dc_motor_sim')``.
+To run it in an executor of your own, give `sim_pkg.dc_motor.SIMULATOR` to a
+`sim_pkg.nodes.simulator_node.SimulatorNode`.
 """
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING
 
-from estimator_pkg.nodes.runtime import run
+from sim_pkg.nodes.executable import executable
 
-if TYPE_CHECKING:
-    from rclpy.node import Node
-
-
-def make_node() -> Node:
-    """The node; its process ends when the simulation does."""
-    import rclpy
-
-    from sim_pkg.dc_motor import SIMULATOR
-    from sim_pkg.nodes.simulator_node import SimulatorNode
-
-    return SimulatorNode(SIMULATOR, 'dc_motor_sim', on_end=rclpy.try_shutdown)
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node until it ends or is interrupted; returns the exit code."""
-    return run(make_node, args)
-
+main = executable('dc_motor_sim', 'sim_pkg.dc_motor')
 
 if __name__ == '__main__':
     sys.exit(main())

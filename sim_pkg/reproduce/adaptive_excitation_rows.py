@@ -12,19 +12,10 @@ from sim_pkg.reproduce.adaptive_plant import (
     random_input,
     response,
 )
-from sim_pkg.reproduce.adaptive_rows import rms
+from sim_pkg.reproduce.adaptive_rows import NAMES, rms
 from sim_pkg.reproduce.adaptive_runs import gains, run
-from sim_pkg.reproduce.contract import (
-    AT_LEAST,
-    AT_MOST,
-    PERCENT,
-    Part,
-    Reference,
-    Values,
-    family,
-)
+from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, PERCENT, Part, Reference, Values, family
 
-NAMES = ('l1', 'l2', 'b1', 'b2')
 REST = -0.2 / 0.3  # where the spring of 4.2 holds a load of -0.2 rad/s^2 [rad]
 
 A5 = (

@@ -17,15 +17,7 @@ from sim_pkg.reproduce.adaptive_plant import (
     square,
 )
 from sim_pkg.reproduce.adaptive_runs import gains, run
-from sim_pkg.reproduce.contract import (
-    ABSOLUTE,
-    AT_MOST,
-    PERCENT,
-    Part,
-    Reference,
-    Values,
-    family,
-)
+from sim_pkg.reproduce.contract import ABSOLUTE, AT_MOST, PERCENT, Part, Reference, Values, family
 
 NAMES = ('l1', 'l2', 'b1', 'b2')
 FROZEN_FROM = 100.0  # [s] the parameters are held and the input changes

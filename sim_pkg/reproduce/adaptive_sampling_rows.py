@@ -14,17 +14,9 @@ from sim_pkg.reproduce.adaptive_plant import (
     random_input,
     response,
 )
-from sim_pkg.reproduce.adaptive_rows import FORMS, rms
+from sim_pkg.reproduce.adaptive_rows import FORMS, NAMES, rms
 from sim_pkg.reproduce.adaptive_runs import Run, gains, run
-from sim_pkg.reproduce.contract import (
-    AT_LEAST,
-    AT_MOST,
-    PERCENT,
-    Part,
-    Reference,
-    Values,
-    family,
-)
+from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, PERCENT, Part, Reference, Values, family
 
 # A3: sampling. a11 + l1, a21 + l2, b1, b2, rms error of (38) in the last 100 s of 800 s
 QUANTITIES = ('-b/J', '-k/J', 'b1', 'b2', 'e_w')
@@ -113,7 +105,6 @@ NOISE = {(1e-2, 1e3): ((1e-3, 1.8e-3, 2.7e-3, 7e-4), 8.2e-3, 0.62),
          (1e-1, 1e2): ((2e-3, 3e-3, 6e-3, 7e-3), 6.0e-2, 6.2)}
 MEANS = {(1e-2, 1e3): (1e-5, -9e-5, 1e-3, 3e-4), (1e-1, 1e3): (-1e-3, -1.7e-3, 1e-2, 3.4e-3),
          (1e-1, 1e2): (-7e-4, -2.8e-3, -5e-3, 2.5e-2)}
-NAMES = ('l1', 'l2', 'b1', 'b2')
 ENCODERS = {'12 bit': (3.3e-4, 7.7e-4, 1.7e-3), '10 bit': (1.3e-3, 3.0e-3, 6.0e-3),
             'sigma 0.01': (8.2e-3, 1.7e-2, 3.2e-2)}
 STEPS = (1, 5, 20)  # [ms]

@@ -17,14 +17,7 @@ from sim_pkg.reproduce.contract import (
     Values,
     family,
 )
-from sim_pkg.reproduce.hybrid_continuous import (
-    K1,
-    K2,
-    STEP,
-    Trace,
-    figure_4,
-    figure_5,
-)
+from sim_pkg.reproduce.hybrid_continuous import K1, K2, STEP, Trace, figure_4, figure_5
 from sim_pkg.reproduce.hybrid_sampled import rms
 
 FOUR = ('sin', 'tan', 'saw', 'sat')

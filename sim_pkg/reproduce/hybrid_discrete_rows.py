@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator_pkg.models import gripper
-from sim_pkg.reproduce.contract import (
-    AT_LEAST,
-    AT_MOST,
-    PERCENT,
-    Part,
-    Reference,
-    Values,
-    family,
-)
+from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, PERCENT, Part, Reference, Values, family
 from sim_pkg.reproduce.hybrid_discrete_runs import GRIPS_AT, example, grip, plant
 
 TRAJECTORY = {

@@ -15,14 +15,7 @@ from sim_pkg import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.hybrid_continuous import MARGIN, Trace, figure_4, figure_5
 from sim_pkg.reproduce.hybrid_continuous_rows import FOUR
-from sim_pkg.reproduce.hybrid_sampled import (
-    PERIOD,
-    QUANTUM,
-    TURN,
-    algorithm_1,
-    samples,
-    wrapped,
-)
+from sim_pkg.reproduce.hybrid_sampled import PERIOD, QUANTUM, TURN, algorithm_1, samples, wrapped
 
 # As in the paper: sin blue, tan red, saw green, sat purple.
 COLOURS = {'sin': '#1f6fb4', 'tan': '#d1342f', 'saw': '#2a9d4a', 'sat': '#8a4fbf'}
