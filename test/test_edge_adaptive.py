@@ -132,6 +132,32 @@ def test_a_vibration_of_a_few_samples_is_followed_and_not_taken_for_noise(rate, 
     assert inside > 0.8
 
 
+@pytest.mark.parametrize('rate, period, quanta', [(200.0, 7.0, 1.3), (1000.0, 6.5, 1.5)])
+def test_a_vibration_of_hardly_more_than_a_count_is_noticed(rate, period, quanta):
+    """Its third differences are quantisation; that its speed goes from sample to sample is not."""
+    at, measured, velocity = shaking(rate, period, quanta)
+    half = len(at) // 2
+    out = make('edge_adaptive', {'quantum': 2.9e-3}).run(at, wrapped(measured), fast=False)
+    swing = 2.0 * np.cos(2.0 * np.arange(len(at)) / rate)
+    error = np.abs(out.velocity - velocity)
+    assert rms(error[half + 100:]) < 0.8 * rms((velocity - swing)[half + 100:])
+    assert np.mean((error < 1.96 * out.velocity_stddev)[half + 100:]) > 0.9
+
+
+@pytest.mark.parametrize('noise', [2e-5, 2e-4])
+def test_a_blow_is_not_overshot(noise):
+    """A speed that jumps, at 300 Hz, read without a quantum to speak of."""
+    t = np.arange(900) / 300.0
+    for phase in np.linspace(0.0, 0.9, 10):
+        blow = 2.0 + phase / 300.0
+        angle = -2.0 * t + np.where(t > blow, 5.0 * (t - blow), 0.0)
+        angle = angle + np.random.default_rng(3).normal(0.0, noise, len(t))
+        v = make('edge_adaptive').run(stamps(len(t), 1.0 / 300.0), wrapped(angle),
+                                      fast=False).velocity
+        assert np.max(v[600:]) < 3.0 + 0.6 * 5.0
+        assert np.max(np.abs(v[612:] - 3.0)) < 1.5
+
+
 # ---------------------------------------------------------------- faults
 
 @pytest.mark.parametrize('size', [0.5, 0.02])

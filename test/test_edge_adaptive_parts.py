@@ -109,12 +109,14 @@ def test_opening_keeps_the_covariance_positive_and_explains_the_deviation():
     added = full(opened) - full(COVARIANCE)
     assert added[0, 0] == pytest.approx(1e-4)
     assert np.all(np.linalg.eigvalsh(added) > -1e-9)
-    # white jerk since then: P_ij of the integrated chain
+    # half of it white jerk since then, half white acceleration: P_ij of the integrated chains
     date = 5e-3
-    scale = 20.0 * 1e-4 / date ** 5
-    assert added[1, 1] == pytest.approx(scale * date ** 3 / 3.0)
-    assert added[0, 2] == pytest.approx(scale * date ** 3 / 6.0)
-    assert added[2, 2] == pytest.approx(scale * date)
+    jerk, blow = 0.5e-4 * 20.0 / date ** 5, 0.5e-4 * 3.0 / date ** 3
+    assert added[0, 1] == pytest.approx(jerk * date ** 4 / 8.0 + blow * date ** 2 / 2.0)
+    assert added[1, 1] == pytest.approx(jerk * date ** 3 / 3.0 + blow * date)
+    assert added[0, 2] == pytest.approx(jerk * date ** 3 / 6.0)
+    assert added[1, 2] == pytest.approx(jerk * date ** 2 / 2.0)
+    assert added[2, 2] == pytest.approx(jerk * date)
 
 
 def sensed(angles, dts=None, quantum=0.01):
@@ -194,3 +196,46 @@ def test_the_size_of_the_innovations_is_remembered():
     for z in 2.0 * np.random.default_rng(3).choice([-1.0, 1.0], size=300):
         band = edge_bandwidth.follow_band(band, z, 0.1, 1e-3, 1e-30, LAWS)[0]
     assert band[7] == pytest.approx(4.0, rel=0.01)
+
+
+def sways(deviations):
+    """The mean of `follow_sway` after each of the deviations."""
+    sway, means = edge_bandwidth.STEADY, []
+    for ahead in deviations:
+        sway = edge_bandwidth.follow_sway(sway, ahead, math.inf, 32.0)
+        means.append(sway[0])
+    return np.array(means)
+
+
+@pytest.mark.parametrize('counts', [0.004, 0.07, 0.25, 1.0 / 3.0, 0.4, 0.5, 0.63, 0.93, 1.02, 7.34])
+def test_a_constant_speed_does_not_sway(counts):
+    """However it beats with the sampling; the mean is what docs/observers/edge_adaptive.md says."""
+    moved = np.diff(np.floor(counts * np.arange(6001) + 0.123))
+    means = sways(moved - counts)
+    beside = abs(counts - round(counts))
+    assert np.mean(means[600:]) == pytest.approx(-max(0.0, 3.0 * beside - 1.0), abs=0.01)
+    assert np.max(means) < 1.0 / 6.0
+
+
+def test_noise_does_not_sway_and_a_speed_that_goes_at_random_does():
+    random = np.random.default_rng(5)
+    noise = sways(np.diff(0.3 * random.normal(size=50_000)))
+    assert np.mean(noise) == pytest.approx(-0.09, rel=0.05)
+    assert np.max(noise) < 2.0 * 0.09
+    kept = 0.95     # the speed forgets, lest it run away; a filter that lags sees the like
+    speed = np.zeros(50_000)
+    steps = 0.3 * random.normal(size=len(speed))
+    for k in range(1, len(speed)):
+        speed[k] = kept * speed[k - 1] + steps[k]
+    assert np.mean(sways(speed)) == pytest.approx(0.09 * kept / (1.0 + kept), rel=0.1)
+    assert sways([1.0, 1.0, 1.0, 1e6])[-1] < sways([1.0, 1.0, 1.0])[-1]   # lasting is no sway
+    assert edge_bandwidth.follow_sway((0.0, -1e9, 1.0), 1.0, 4.0, 32.0)[0] == -4.0 / 32.0
+    assert edge_bandwidth.follow_sway((0.0, 1e9, 1.0), 1.0, 4.0, 32.0)[0] == 4.0 / 32.0
+
+
+def test_a_sway_is_white_acceleration():
+    dt, sway = 2e-3, 3e-6
+    rate = 2.0 * sway / dt ** 3     # (rad/s)^2 per s
+    p = edge_bandwidth.swayed((1e-6, 0.0, 0.1, 1.0, 0.2, 5.0), sway, dt)
+    assert p == pytest.approx((1e-6 + rate * dt ** 3 / 3.0, rate * dt ** 2 / 2.0, 0.1,
+                               1.0 + rate * dt, 0.2, 5.0))

@@ -24,15 +24,19 @@ from estimator_pkg.observers.contract import (
 )
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.observers.edge_bandwidth import (
+    STEADY,
     Laws,
     begin_band,
     follow_band,
+    follow_sway,
     manoeuvred,
+    swayed,
     widened,
 )
 from estimator_pkg.observers.edge_interval import HELD, NOTHING, interval, within
 from estimator_pkg.observers.edge_sensor import (
     FIRST_STEPS,
+    SURPRISE,
     TOO_LARGE,
     TOO_SMALL,
     agreement,
@@ -58,10 +62,11 @@ FADE = 0.3        # [s] memory of the acceleration
 MEMORY = 32.0     # samples: memory of the noise, and of the innovations' size
 STRAY = 2.0       # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
-CALM = 0.55       # of its variance the speed keeps at least, however small the innovations are
+CALM = 0.5        # of its variance the speed keeps at least, however small the innovations are
 
 SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
 VAGUE = 100.0     # the same in quanta, where there is no turn
+SLIGHT = 0.3      # a rise of the log density by less changes next to nothing of what was told
 UNTOLD = 0.05     # of its variance an innovation has at least, were it to count in sigmas
 
 
@@ -122,7 +127,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     State: (motion: position [rad], velocity, acceleration); covariance; band (see
     `edge_bandwidth`); sensor, steps (see `edge_sensor`); convention; lock: (status, samples since
-    a start, a gap or a doubt, time [s] for which the readings were far off).
+    a start, a gap or a doubt, time [s] for which the readings were far off); sway (see
+    `edge_bandwidth`).
     """
     def design() -> tuple:
         outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
@@ -136,13 +142,13 @@ def build(gains: Gains, circle: Circle) -> Functions:
         floor = quantum * quantum / 12.0
         return ((measurement, 0.0, 0.0, 0.0), (floor, 0.0, 0.0, 0.0, 0.0, 0.0), begin_band(0.0),
                 begin_sensor(quantum, BLUR), FIRST_STEPS, begin(measurement),
-                (INITIALISING, 1.0, 0.0))
+                (INITIALISING, 1.0, 0.0), STEADY)
 
     def again(measurement: float, design: tuple, sensor: tuple, steps: tuple, convention: tuple
               ) -> tuple:
         """A start after lock was lost: what is known of the sensor stays."""
         fresh = init(measurement, design)
-        return (fresh[0], fresh[1], fresh[2], sensor, steps, convention, fresh[6])
+        return (fresh[0], fresh[1], fresh[2], sensor, steps, convention, fresh[6], STEADY)
 
     def started(measurement: float, change: float, coefficients: tuple, quantum: float,
                 noise: float, period: float) -> tuple:
@@ -174,7 +180,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
-        motion, p, band, sensor, steps, convention, lock = state
+        motion, p, band, sensor, steps, convention, lock, sway = state
         dt = coefficients[0]
         period, laws = design[0], design[4]
         change = measurement - convention[0]
@@ -202,7 +208,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                                           period)
             return (motion, p, band, sensor, steps, convention,
                     (TRACKING if count + 1.0 >= CONFIRMED and quantum == 0.0 else status,
-                     count + 1.0, astray))
+                     count + 1.0, astray), sway)
         x, v, a, idle = motion
         moved = v * dt + a * coefficients[1]
         off = measurement - x - moved
@@ -211,6 +217,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
         v += a * dt
         a *= coefficients[2]
         p = predicted(p, band[0], coefficients)
+        swing = sway[0] - quantum * quantum / 6.0 - 2.0 * sensor[1]
+        if swing > 0.0:
+            p = swayed(p, swing, dt)
         idle += dt
         if off > design[3] or off < -design[3]:
             # an eighth of a turn off: no reading of this shaft, or not of this speed
@@ -218,8 +227,12 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if astray > LOST_AFTER:
                 return again(measurement, design, sensor, steps, convention)
             return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
-                    (COASTING if status != INITIALISING else status, 0.0, astray))
+                    (COASTING if status != INITIALISING else status, 0.0, astray), sway)
         noise, ahead, half = sensor[1], change - moved, 0.5 * quantum
+        if count > 0.0:
+            sway = follow_sway(sway, ahead, SURPRISE * (sensor[2] + quantum * quantum), MEMORY)
+        else:     # it moved away from a reading that was not believed
+            sway = (sway[0], 0.0, 0.0)
         kind, centre, edges = NOTHING, 0.0, 0.0
         # of most readings it is plain that they tell nothing: no edge, and none was expected
         if (ahead > half or ahead < -half or off > half or off < -half
@@ -245,11 +258,13 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
                 band = before[:3] + band[3:7] + before[7:]
                 return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
-                        (COASTING if status != INITIALISING else status, 0.0, astray))
+                        (COASTING if status != INITIALISING else status, 0.0, astray), sway)
             score = d * d / s - known
-            if growth > 0.0 or date > 0.0:
-                if growth > 0.0:
-                    p = widened(p, growth)
+            if growth > 0.0:
+                s -= p[0]
+                p = widened(p, growth)
+                s += p[0]
+            if date > 0.0 or growth > SLIGHT:   # the same reading tells a vaguer prediction more
                 if date > 0.0:
                     p = manoeuvred(p, d, date + dt)
                 kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
@@ -275,7 +290,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if count >= CONFIRMED and p[3] * dt * dt < quantum * quantum + 12.0 * noise:
                 status, astray = TRACKING, 0.0
             lock = (status, count, astray)
-        return (measurement - off, v, a, idle), p, band, sensor, steps, convention, lock
+        return (measurement - off, v, a, idle), p, band, sensor, steps, convention, lock, sway
 
     def bound(sensor: tuple) -> float:
         """The largest speed [rad/s] that a reading unchanged for so long allows."""
@@ -303,7 +318,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return math.sqrt(p[0] + floor if p[0] > 0.0 else floor), sigma
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        motion, p, band, sensor, steps, convention, lock = state
+        motion, p, band, sensor, steps, convention, lock, sway = state
         quantum = sensor[0]
         status = COASTING if lock[0] == TRACKING else lock[0]
         return ((measurement, motion[1], 0.0, 0.0),
@@ -311,7 +326,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 (band[0], 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, band[7]),
                 (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, quantum, 0.0, math.inf, 0.0,
                  0.0), steps,
-                follow(convention, measurement, design[0]), (status, 0.0, lock[2]))
+                follow(convention, measurement, design[0]), (status, 0.0, lock[2]), STEADY)
 
     def why(state: tuple, design: tuple) -> str:
         given, found = design[2], quantum_of(state[4], 0.0)

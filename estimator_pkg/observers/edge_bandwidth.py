@@ -8,8 +8,13 @@ goes with the density (P_ij ~ density^((1 + i + j)/6)); after a fall the covaria
 itself.
 
 Fast law. Two cumulative sums, one for each sign, of the innovation less a slack (Page, 1954). Their
-run time dates a manoeuvre, and the covariance gets what white jerk over that time makes of the
-innovation at hand. Neither can be set off by one sample: a sample counts no more than the alarm.
+run time dates a manoeuvre, and the covariance gets what a blow or a motor makes of the innovation
+at hand over that time. Neither can be set off by one sample: a sample counts no more than the alarm.
+
+Sway. What the readings moved by beyond the prediction, times the change of the same from one sample
+to the next: for the noise of any sensor, for the counts of any constant speed and for a filter that
+listens at the right rate its mean is negative or nothing. Where it is positive the speed changes at
+random from sample to sample, and that is what the covariance of the speed gets.
 
 Beside the laws stands the mean square of the innovations: what they are larger, or smaller, than
 the covariance says, the standard deviation is too.
@@ -25,6 +30,11 @@ from typing import NamedTuple
 # innovations, over their variance)
 Band = tuple[float, float, float, float, float, float, float, float]
 Covariance = tuple[float, float, float, float, float, float]
+# (mean of what the reading moved by beyond the prediction times the change of this before [rad^2];
+# what it moved by beyond the prediction, of the last sample and of the one before [rad])
+Sway = tuple[float, float, float]
+
+STEADY: Sway = (0.0, 0.0, 0.0)
 
 
 class Laws(NamedTuple):
@@ -104,11 +114,46 @@ def widened(p: Covariance, growth: float) -> Covariance:
 
 
 def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
-    """The covariance with white jerk since `date` [s] ago that explains a deviation `d` [rad]."""
+    """The covariance with a manoeuvre since `date` [s] ago that explains a deviation `d` [rad].
+
+    Half of it may be white acceleration (a blow), half white jerk (a motor): were it jerk alone, a
+    blow would be overshot by 2.5 times.
+    """
     square = d * d
     rate = 1.0 / date
     first = square * rate
     second = first * rate
     third = second * rate
-    return (p[0] + square, p[1] + 2.5 * first, p[2] + 10.0 / 3.0 * second,
-            p[3] + 20.0 / 3.0 * second, p[4] + 10.0 * third, p[5] + 20.0 * third * rate)
+    return (p[0] + square, p[1] + 2.0 * first, p[2] + 5.0 / 3.0 * second,
+            p[3] + 29.0 / 6.0 * second, p[4] + 5.0 * third, p[5] + 10.0 * third * rate)
+
+
+def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
+    """After a reading that moved by `ahead` [rad] beyond the prediction.
+
+    Parameters
+    ----------
+    most : no product counts more than this, of either sign [rad^2].
+    memory : samples over which the products are averaged.
+
+    Notes
+    -----
+    With r the deviation, E[r (r' - r'')] of white noise of variance s^2 is -s^2. For a constant
+    speed that is f beside a whole number of counts a sample, 0 <= f <= 1/2, it is 0, and 1 - 3 f
+    where f is above 1/3 [counts^2]. For a speed that goes at random by u in a sample, and a filter
+    that does not follow, it is u^2/2. In a mean over 32 samples white noise comes above 2 s^2, five
+    of its standard deviations away, by no chance to speak of; so less is not believed.
+    """
+    mean, last, before = sway
+    product = ahead * (last - before)
+    if product > most:
+        product = most
+    elif product < -most:
+        product = -most
+    return (mean + (product - mean) / memory, ahead, last)
+
+
+def swayed(p: Covariance, sway: float, dt: float) -> Covariance:
+    """The covariance with a speed that goes at random, by 2 `sway` [rad^2] / dt^2 in a sample."""
+    speed = sway / dt
+    return (p[0] + sway / 1.5, p[1] + speed, p[2], p[3] + 2.0 * speed / dt, p[4], p[5])
