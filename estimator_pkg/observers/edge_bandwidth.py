@@ -9,7 +9,7 @@ itself.
 
 Fast law. Two cumulative sums, one for each sign, of the innovation less a slack (Page, 1954). Their
 run time dates a manoeuvre, and the covariance gets what a blow or a motor makes of the innovation
-at hand over that time. Neither can be set off by one sample: a sample counts no more than the alarm.
+at hand over that time. Neither can be set off by one sample, which counts no more than the alarm.
 
 Sway. What the readings moved by beyond the prediction, times the change of the same from one sample
 to the next: for the noise of any sensor, for the counts of any constant speed and for a filter that
