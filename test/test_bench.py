@@ -12,10 +12,7 @@ from estimator_pkg.bags.series import joint_series
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import timing
-from estimator_pkg.evaluation.bench import accuracy as bench_accuracy
-from estimator_pkg.evaluation.bench import live as bench_live
-from estimator_pkg.evaluation.bench import replay as bench_replay
-from estimator_pkg.evaluation.bench import update as bench_update
+from estimator_pkg.evaluation.bench import accuracy, live, replay, update
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.signals import COUNTS, SIGNALS, Signal, constant, encoder, trapezoid
 
@@ -73,10 +70,10 @@ def test_the_encoder_rounds_down_to_a_count():
 
 def test_accuracy_has_every_observer_on_every_signal():
     entries = [Entry('finite_difference', 'finite_difference'), Entry('pll', 'pll')]
-    found = bench_accuracy.run(entries, SHORT)
+    found = accuracy.run(entries, SHORT)
     assert [(r['observer'], r['signal'], r['tuning']) for r in found['results']] == [
         ('finite_difference', 'sine', 'defaults'), ('pll', 'sine', 'defaults')]
-    text = bench_accuracy.describe(found)
+    text = accuracy.describe(found)
     assert 'finite_difference  defaults' in text
 
 
@@ -84,7 +81,7 @@ def test_accuracy_measures_the_errors_of_the_observer():
     """The finite difference of a slow constant speed has the noise that its equation gives."""
     signal = Signal('steady', '', constant(3.0))
     entry = Entry('raw', 'finite_difference', (('bandwidth_hz', 1e6), ('low_speed_bound', False)))
-    found = bench_accuracy.measure(entry, signal.samples(duration=6.0))
+    found = accuracy.measure(entry, signal.samples(duration=6.0))
     # 3 rad/s is 1.96 quanta per ms: a difference shows 1 or 2 quanta, the latter in 96 %
     quanta = 3e-3 / QUANTUM
     part = quanta - math.floor(quanta)
@@ -130,11 +127,11 @@ def test_limits_work_both_ways():
 # ---------------------------------------------------------------- speed
 
 def test_updates_name_every_observer_beside_filterpy():
-    rows = {row['name']: row for row in bench_update.updates(rounds=1)}
+    rows = {row['name']: row for row in update.updates(rounds=1)}
     for entry in at_defaults():
         assert rows[f'update {entry.label}']['limit'] == 2.5
-        assert rows[f'{bench_update.SAME_WORK} / {entry.label}']['limit'] == 10.0
-        assert rows[f'{bench_update.BARE} / {entry.label}']['limit'] is None
+        assert rows[f'{update.SAME_WORK} / {entry.label}']['limit'] == 10.0
+        assert rows[f'{update.BARE} / {entry.label}']['limit'] is None
 
 
 def test_filterpy_filters_what_the_observers_get():
@@ -148,9 +145,9 @@ def test_filterpy_filters_what_the_observers_get():
         seen.append(number)
         return stamps, angles
 
-    peers = bench_update._filterpy(chunk)
-    peers[bench_update.SAME_WORK](0)
-    kalman = next(cell.cell_contents for cell in peers[bench_update.SAME_WORK].__closure__
+    peers = update._filterpy(chunk)
+    peers[update.SAME_WORK](0)
+    kalman = next(cell.cell_contents for cell in peers[update.SAME_WORK].__closure__
                   if type(cell.cell_contents).__name__ == 'KalmanFilter')
     assert seen == [0]
     assert kalman.x[1, 0] == pytest.approx(20.0, rel=0.1)
@@ -159,15 +156,15 @@ def test_filterpy_filters_what_the_observers_get():
 def test_missing_peers_are_reported_as_not_run(monkeypatch):
     monkeypatch.setitem(sys.modules, 'filterpy.kalman', None)
     monkeypatch.setitem(sys.modules, 'filterpy.common', None)
-    rows = {row['name']: row for row in bench_update.updates(rounds=1)}
+    rows = {row['name']: row for row in update.updates(rounds=1)}
     assert rows['filterpy']['value'] is None
     assert 'not installed' in rows['filterpy']['why']
-    monkeypatch.setattr(bench_update.compiled, 'available', lambda: False)
-    assert [row['value'] for row in bench_update.batches(1000, 1)] == [None]
+    monkeypatch.setattr(update.compiled, 'available', lambda: False)
+    assert [row['value'] for row in update.batches(1000, 1)] == [None]
 
 
 def test_the_bag_of_the_replay_is_a_stream_of_joint_states(tmp_path):
-    bench_replay.write_bag(tmp_path / 'bag', 300)
+    replay.write_bag(tmp_path / 'bag', 300)
     with open_bag(tmp_path / 'bag') as bag:
         assert bag.topics['/joint_states'].count == 300
         series = joint_series(bag, '/joint_states')
@@ -179,36 +176,36 @@ def test_the_bag_of_the_replay_is_a_stream_of_joint_states(tmp_path):
 
 def test_a_failing_process_is_one_line():
     with pytest.raises(UserError, match='failed: ValueError: so it is'):
-        bench_replay.run_process('raise ValueError("so it is")')
+        replay.run_process('raise ValueError("so it is")')
 
 
 def test_a_process_is_weighed():
-    small = bench_replay.run_process('pass')
-    large = bench_replay.run_process('x = bytearray(b"x") * 100_000_000')
+    small = replay.run_process('pass')
+    large = replay.run_process('x = bytearray(b"x") * 100_000_000')
     assert 90.0 < large.memory - small.memory < 130.0
 
 
 def test_replay_is_measured_beside_rosbags():
-    rows = {row['name']: row for row in bench_replay.replays(200, rounds=1)}
+    rows = {row['name']: row for row in replay.replays(200, rounds=1)}
     assert rows['rosbags / replay without --out']['limit'] == 3.0
     assert rows['rosbags / replay with --out']['limit'] == 1.0
     assert rows['peak memory, four times the length']['value'] > 0.0
 
 
 def test_reports_of_the_live_nodes_become_lines():
-    cost = bench_live._cost({'rows': [
+    cost = live._cost({'rows': [
         {'node': node, 'rate_hz': 1000.0, 'joints': 7, 'node_us_per_message': 300.0,
          'null_us_per_message': 150.0, 'ratio': 2.0, 'allowed': 1.5, 'published': 10,
          'answered': 10} for node in ('joint_observer', 'switched_observer')]})
     assert [row['ok'] for row in cost] == [None, None, False, None, None, None]
-    loss = bench_live._loss({'rows': [
+    loss = live._loss({'rows': [
         {'rate_hz': 1000.0, 'joints': 7, 'published': 5000, 'true_loss': 1, 'reported': 1},
         {'rate_hz': 5000.0, 'joints': 7, 'published': 5000, 'true_loss': 40, 'reported': 39}]})
     assert [(row['value'], row['ok']) for row in loss] == [(1, False), (40, None), (1, False)]
 
 
 def test_start_and_latency_become_lines():
-    start = bench_live._start({'rows': [
+    start = live._start({'rows': [
         {'node': 'null_node', 'message_s': 1.0, 'message_ratio': 1.0, 'cpu_s': 0.5,
          'cpu_ratio': 1.0, 'estimate_s': 1.0, 'estimate_ratio': 1.0},
         {'node': 'adaptive_observer', 'message_s': 1.5, 'message_ratio': 1.5, 'cpu_s': 0.7,
@@ -218,7 +215,7 @@ def test_start_and_latency_become_lines():
     assert by_name['adaptive_observer: process start to first estimate']['value'] is None
     assert by_name['adaptive_observer: CPU time to first message / null node']['value'] == 1.4
     assert not any('null_node' in name and '/' in name for name in by_name)
-    late = bench_live._latency({'rows': [
+    late = live._latency({'rows': [
         {'node': 'joint_observer', 'median_ms': 0.3, 'median_ms_more': 0.1, 'median_ms_ratio': 1.5,
          'late_ms': 2.0, 'late_ms_more': -1.0, 'late_ms_ratio': 0.7},
         {'node': 'switched_observer'}]})
@@ -257,8 +254,8 @@ def test_a_node_starts_and_answers_over_dds():
 
 
 def test_without_ros_the_live_nodes_are_not_run(monkeypatch):
-    monkeypatch.setattr(bench_live.importlib.util, 'find_spec', lambda name: None)
-    rows = bench_live.live() + bench_live.starts(1) + bench_live.latencies(1)
+    monkeypatch.setattr(live.importlib.util, 'find_spec', lambda name: None)
+    rows = live.live() + live.starts(1) + live.latencies(1)
     assert len(rows) == 4
     assert all(row['value'] is None and 'not installed' in row['why'] for row in rows)
 
@@ -266,7 +263,7 @@ def test_without_ros_the_live_nodes_are_not_run(monkeypatch):
 def test_a_program_that_fails_says_why(tmp_path, monkeypatch):
     (tmp_path / 'failing_program.py').write_text('raise SystemExit("no network")')
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
-    assert bench_live._run('failing_program') == (None, 'no network')
+    assert live._run('failing_program') == (None, 'no network')
 
 
 # ---------------------------------------------------------------- the command

@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from estimator_pkg.evaluation.bench import command as bench
-from estimator_pkg.evaluation.bench import drive as bench_drive
+from estimator_pkg.evaluation.bench import command, drive
 from estimator_pkg.evaluation.bench.drive import MOTOR, Estimate, Signal, errors, motulator, ours
 
 pytest.importorskip('motulator')
-RATE = int(bench_drive.RATE)
+RATE = int(drive.RATE)
 
 
 def modulated(rpm, frequency, part=0.02, duration=1.0):
@@ -47,9 +46,9 @@ def gain(signal, estimate, frequency):
 
 @pytest.mark.parametrize('rpm', [500.0, 2000.0, 6000.0])
 def test_both_speed_outputs_have_the_same_bandwidth(rpm):
-    signal = modulated(rpm, bench_drive.BANDWIDTH_HZ)
+    signal = modulated(rpm, drive.BANDWIDTH_HZ)
     for found in (ours(signal), motulator(signal, 'at the sample')):
-        assert gain(signal, found, bench_drive.BANDWIDTH_HZ) == pytest.approx(
+        assert gain(signal, found, drive.BANDWIDTH_HZ) == pytest.approx(
             math.sqrt(0.5), rel=0.05)
 
 
@@ -65,17 +64,17 @@ def test_errors_are_of_mechanical_speed_and_electrical_angle_once_settled():
 
 
 def test_what_is_given_to_both_is_as_the_simulator_says():
-    signal = bench_drive.simulate({'profile': 'constant', 'speed_rpm': 2000.0}, 0.1)
+    signal = drive.simulate({'profile': 'constant', 'speed_rpm': 2000.0}, 0.1)
     assert signal.samples.shape == (2000, 4) and set(np.diff(signal.stamps)) == {50_000}
     assert signal.speed.mean() == pytest.approx(2000.0 * math.pi / 30.0 * 7.0, rel=0.01)
-    quiet = bench_drive.simulate({'profile': 'constant', 'speed_rpm': 2000.0,
+    quiet = drive.simulate({'profile': 'constant', 'speed_rpm': 2000.0,
                                   'current_noise': 0.0, 'adc_bits': 0}, 0.1)
     loud = signal.samples[1000:, 0] - quiet.samples[1000:, 0]
     assert 0.05 < np.std(loud) < 0.2
 
 
 def test_motulator_tracks_so_that_it_is_a_fair_peer():
-    signal = bench_drive.simulate(bench_drive.CASES['2000 rpm'], 0.5)
+    signal = drive.simulate(drive.CASES['2000 rpm'], 0.5)
     speed, angle = errors(signal, motulator(signal, 'at the sample'))
     assert speed < 1.0 and angle < 0.2
     speed, angle = errors(signal, motulator(signal, 'reported'))
@@ -83,11 +82,11 @@ def test_motulator_tracks_so_that_it_is_a_fair_peer():
 
 
 def test_the_command_shows_both_sides_and_ours_is_nowhere_worse(capsys):
-    rows = {row['name']: row for row in bench_drive.drives(rounds=3)}
+    rows = {row['name']: row for row in drive.drives(rounds=3)}
     for what in ('speed', 'angle'):
         for case in ('500 rpm', '2000 rpm', '6000 rpm', 'P1'):
             one = rows[f'{what} rms, {case}']
             assert one['limit'] == min(one['peer'].values()) and one['ok'] is True, one
-            assert set(one['peer']) == set(bench_drive.TIMINGS)
+            assert set(one['peer']) == set(drive.TIMINGS)
     assert rows['motulator / compiled']['limit'] == 10.0
-    assert 'motulator' in bench.describe(list(rows.values()))
+    assert 'motulator' in command.describe(list(rows.values()))

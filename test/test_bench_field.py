@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.evaluation.bench import chart as bench_chart
-from estimator_pkg.evaluation.bench import command as bench
-from estimator_pkg.evaluation.bench import field as bench_field
-from estimator_pkg.evaluation.bench import ours as bench_ours
-from estimator_pkg.evaluation.bench import peers as bench_peers
+from estimator_pkg.evaluation.bench import chart, command, field, ours, peers
 from estimator_pkg.evaluation.bench.columns import Column, driven_by, of_signal, shared
 from estimator_pkg.evaluation.bench.ours import Estimator
 from estimator_pkg.evaluation.bench.recordings import recorded
@@ -37,7 +33,7 @@ def made(name, errors, share=1.0):
 
 
 def test_one_setting_and_the_best_of_each_column():
-    found = bench_field.run(columns(), [made('x', {1: (1.0, 9.0), 2: (2.0, 2.0), 3: (9.0, 1.0),
+    found = field.run(columns(), [made('x', {1: (1.0, 9.0), 2: (2.0, 2.0), 3: (9.0, 1.0),
                                                    4: (math.inf, 0.5)})])
     row, = found['rows']
     assert row['setting'] == 2
@@ -45,44 +41,44 @@ def test_one_setting_and_the_best_of_each_column():
         {'one': 2.0, 'two': 2.0})
     assert [(cell['rms'], cell['setting']) for cell in row['best'].values()] == [
         (pytest.approx(1.0), 1), (pytest.approx(0.5), 4)]
-    assert 'gain 2' in bench_field.describe(found, 'the field')
+    assert 'gain 2' in field.describe(found, 'the field')
 
 
 def test_a_late_estimate_is_told_with_its_delay():
     late = Estimator('late', lambda column, value: np.roll(column.samples.velocity, 20))
-    cell = bench_field.run(columns()[:1], [late])['rows'][0]['one']['one']
+    cell = field.run(columns()[:1], [late])['rows'][0]['one']['one']
     assert cell['delay_s'] == pytest.approx(0.020, abs=1e-4)
-    text = bench_field.describe(bench_field.run(columns()[:1], [late]), 'the field')
+    text = field.describe(field.run(columns()[:1], [late]), 'the field')
     assert ', 20.0' in text
 
 
 def test_what_is_not_published_is_not_judged_but_told():
-    found = bench_field.run(columns(), [made('half', {1: (1.0, 1.0)}, share=0.7),
+    found = field.run(columns(), [made('half', {1: (1.0, 1.0)}, share=0.7),
                                         made('hardly', {1: (1.0, 1.0)}, share=0.1)])
     half, hardly = (row['one']['one'] for row in found['rows'])
     assert half['rms'] == pytest.approx(1.0) and 0.3 < half['published'] < 0.9
     assert hardly['rms'] is None
-    assert '%)' in bench_field.describe(found, 'the field', as_markdown=True)
+    assert '%)' in field.describe(found, 'the field', as_markdown=True)
 
 
 def test_an_error_that_the_reference_cannot_tell_is_marked():
     column, _ = columns()
     noisy = Column('one', '', column.samples, column.quantum, noise=0.5)
-    found = bench_field.run([noisy], [made('x', {1: (0.4,)}), made('y', {1: (0.7,)})])
+    found = field.run([noisy], [made('x', {1: (0.4,)}), made('y', {1: (0.7,)})])
     assert [row['one']['one']['cannot_tell'] for row in found['rows']] == [True, False]
 
 
 def test_every_observer_has_a_row_or_a_reason():
-    rows = {each.name for each in [*bench_ours.ours(), *bench_ours.told()]}
+    rows = {each.name for each in [*ours.ours(), *ours.told()]}
     for name in ('edge_adaptive', 'hybrid_angle', 'kalman acceleration', 'pll', 'super_twisting',
                  'finite_difference', 'finite_difference, raw', 'geso', 'hgo', 'ehgo', 'smo',
                  'adaptive', 'switched'):
         assert name in rows
-    assert 'pmsm' in bench_ours.NOT_HERE
+    assert 'pmsm' in ours.NOT_HERE
 
 
 def test_ours_use_their_gain():
-    pll = next(each for each in bench_ours.ours() if each.name == 'pll')
+    pll = next(each for each in ours.ours() if each.name == 'pll')
     column = of_signal(SINE, 1.5)
     assert not np.array_equal(pll.run(column, 5.0), pll.run(column, 50.0))
 
@@ -97,21 +93,21 @@ def test_the_torque_is_the_one_that_makes_the_motion():
 
 @pytest.mark.parametrize('name', ['geso', 'hgo', 'ehgo', 'smo', 'adaptive'])
 def test_who_is_told_the_torque_uses_it(name):
-    each = next(each for each in bench_ours.told() if each.name == name)
+    each = next(each for each in ours.told() if each.name == name)
     column = of_signal(SINE, 6.0 if name == 'adaptive' else 2.5)
     without = Column('x', '', column.samples, column.quantum)
-    right = bench_field._error(each.run(column, each.values[1]), column)
+    right = field._error(each.run(column, each.values[1]), column)
     assert right[0] < 0.05 and right[1] > 0.5
     assert np.isnan(each.run(without, each.values[1])).all()
 
 
 def test_the_peers_that_are_installed_follow_the_motion():
-    found, missing = bench_peers.peers()
+    found, missing = peers.peers()
     if not found:
         pytest.skip(f'not run, not installed: {", ".join(missing)}')
     column = of_signal(DROPS, 2.0)
     for each in found:
-        errors = [bench_field._error(each.run(column, value), column)[0]
+        errors = [field._error(each.run(column, value), column)[0]
                   for value in each.values[2::3]]
         assert min(errors) < 0.5, each.name
 
@@ -128,7 +124,7 @@ def test_peers_get_clean_samples_and_their_estimates_stand_at_their_stamps():
 
 def test_forward_alone_sees_no_future():
     pytest.importorskip('pynumdiff')
-    forward = next(each for each in bench_peers.peers()[0]
+    forward = next(each for each in peers.peers()[0]
                    if each.name == 'PyNumDiff kalman_filter')
     column = of_signal(SINE, 1.5)
     cut = Column('x', '', Samples(*(each[:800] for each in column.samples)), column.quantum)
@@ -146,27 +142,27 @@ def test_recordings_are_columns_with_their_reference():
     assert by_name['system_identification_300hz/pendulum'].torque is None  # it was made from it
     assert by_name['yx2bag/yaw'].reference == 'the off-line smoother'
     assert 'wrong by' in refused['yawbag/yaw']
-    raw = bench_ours.ours()[-1]
-    error = bench_field._error(raw.run(elbow, None), elbow)
+    raw = ours.ours()[-1]
+    error = field._error(raw.run(elbow, None), elbow)
     assert error[0] == pytest.approx(0.2, rel=0.1) and error[1] > 0.99
 
 
 def test_the_chart(tmp_path):
-    found = bench_field.run(columns(), [made('x', {1: (1.0, 9.0)}), made('y', {1: (0.1, 0.2)})])
-    bench_chart.draw(found, str(tmp_path / 'field.png'), 'the field')
+    found = field.run(columns(), [made('x', {1: (1.0, 9.0)}), made('y', {1: (0.1, 0.2)})])
+    chart.draw(found, str(tmp_path / 'field.png'), 'the field')
     assert (tmp_path / 'field.png').read_bytes().startswith(b'\x89PNG')
 
 
 def test_parts_of_each_group():
-    parser = bench.argparse.ArgumentParser()
-    bench.arguments(parser)
-    assert bench._chosen(parser.parse_args(['accuracy', '--part', 'field'])) == {
+    parser = command.argparse.ArgumentParser()
+    command.arguments(parser)
+    assert command._chosen(parser.parse_args(['accuracy', '--part', 'field'])) == {
         'accuracy': ['field']}
-    assert bench._chosen(parser.parse_args(['--part', 'drive', '--part', 'update'])) == {
+    assert command._chosen(parser.parse_args(['--part', 'drive', '--part', 'update'])) == {
         'accuracy': ['drive'], 'speed': ['update', 'drive']}
-    assert set(bench._chosen(parser.parse_args([]))) == {'accuracy', 'speed'}
+    assert set(command._chosen(parser.parse_args([]))) == {'accuracy', 'speed'}
     with pytest.raises(UsageError, match="speed has no part 'field'"):
-        bench._chosen(parser.parse_args(['speed', '--part', 'field']))
+        command._chosen(parser.parse_args(['speed', '--part', 'field']))
 
 
 def test_the_shared_set_is_the_columns():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from estimator_pkg.driver.compiled import available
-from estimator_pkg.evaluation.identify import torque as identify_torque
+from estimator_pkg.evaluation.identify import torque
 from estimator_pkg.evaluation.identify.torque import STUDIES
 
 BAGS = Path(__file__).parent.parent / 'bags'
@@ -19,18 +19,18 @@ pytestmark = pytest.mark.skipif(not available(), reason='slow without numba')
 def test_the_torque_helps_on_the_elbow_of_the_double_pendulum():
     """At the settings that are best of the whole grid; and it is the torque that does it."""
     few = replace(STUDIES[3], bandwidths=(55.0, 70.0), disturbances=(4.0,))
-    shoulder, elbow = identify_torque.study(BAGS, few, ('hybrid_angle',))
+    shoulder, elbow = torque.study(BAGS, few, ('hybrid_angle',))
     assert elbow.explained > 0.98
     assert 0.72 < elbow.ratio < 0.84
-    assert elbow.torque.delay <= elbow.angle.delay + identify_torque.CLOSE
+    assert elbow.torque.delay <= elbow.angle.delay + torque.CLOSE
     assert elbow.torque.error < 0.95 * elbow.without.error < 0.95 * elbow.angle.error
     assert shoulder.angle.error == 0.0  # below the reference's noise: nothing can be said
-    assert '0.79' in identify_torque.text([elbow])
+    assert '0.79' in torque.text([elbow])
 
 
 @pytest.mark.slow
 def test_the_torque_does_not_help_on_the_single_pendulum():
     few = replace(STUDIES[0], bandwidths=(22.0, 36.0), disturbances=(0.0,))
-    line, = identify_torque.study(BAGS, few, ('pll',))
+    line, = torque.study(BAGS, few, ('pll',))
     assert 0.95 < line.ratio < 1.03
     assert line.torque.error > 0.97 * line.without.error

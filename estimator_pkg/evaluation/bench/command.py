@@ -11,9 +11,7 @@ from typing import Any
 
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.evaluation.bench import accuracy as bench_accuracy
-from estimator_pkg.evaluation.bench import chart as bench_chart
-from estimator_pkg.evaluation.bench import field as bench_field
+from estimator_pkg.evaluation.bench import accuracy, chart, field
 from estimator_pkg.evaluation.bench.columns import shared
 from estimator_pkg.evaluation.bench.drive import drives
 from estimator_pkg.evaluation.bench.live import latencies, live, starts
@@ -111,13 +109,13 @@ def _chosen(parsed: argparse.Namespace) -> dict[str, list[str]]:
 
 def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, Any]) -> None:
     if 'defaults' in parts:
-        result[ACCURACY] = bench_accuracy.run()
-        print(bench_accuracy.describe(result[ACCURACY]) + '\n', flush=True)
+        result[ACCURACY] = accuracy.run()
+        print(accuracy.describe(result[ACCURACY]) + '\n', flush=True)
     if parsed.draws:
-        result['drawn'] = bench_accuracy.spread(draws=parsed.draws, fast=True)
-        print(bench_accuracy.describe_spread(result['drawn']) + '\n', flush=True)
+        result['drawn'] = accuracy.spread(draws=parsed.draws, fast=True)
+        print(accuracy.describe_spread(result['drawn']) + '\n', flush=True)
     if 'field' in parts:
-        result['field'] = bench_field.run(shared(), label=SHARED)
+        result['field'] = field.run(shared(), label=SHARED)
         _tell(parsed, result['field'], SHARED, parsed.plot)
     if 'recordings' in parts:
         beside = Path(parsed.plot) if parsed.plot else None
@@ -126,7 +124,7 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
         except UserError as error:
             print(f'{RECORDED}: not run: {error} (say where they are with --bags)\n')
         else:
-            result['recordings'] = {**bench_field.run(columns, label=RECORDED), 'refused': refused}
+            result['recordings'] = {**field.run(columns, label=RECORDED), 'refused': refused}
             _tell(parsed, result['recordings'], RECORDED,
                   str(beside.with_stem(f'{beside.stem}_recordings')) if beside else None)
     if 'drive' in parts:
@@ -136,9 +134,9 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
 
 
 def _tell(parsed: argparse.Namespace, found: dict[str, Any], title: str, plot: str | None) -> None:
-    print(bench_field.describe(found, title, parsed.markdown) + '\n', flush=True)
+    print(field.describe(found, title, parsed.markdown) + '\n', flush=True)
     if plot:
-        bench_chart.draw(found, plot, title)
+        chart.draw(found, plot, title)
         print(f'plot: {plot}\n', flush=True)
 
 

@@ -109,7 +109,7 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
              'update with guard, built-in model': update_side(BUILT_IN),
              "step, a user's numpy model": step_side(NUMPY)}
     limits = dict(zip(sides, (PLAIN_LIMIT, PLAIN_LIMIT, NUMPY_LIMIT)))
-    times = interleave(sides, rounds, lambda done: None)
+    times = interleave(sides, rounds)
     rows = []
     for name, limit in limits.items():
         least, median = best_and_median(times[name])

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.bags import kinds
+from estimator_pkg.bags.kinds.contract import Request
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.samples import AngleField
 from estimator_pkg.bags.series import Series, joint_series
-from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.bench.columns import Column
 from estimator_pkg.evaluation.identify.joint import identify
@@ -119,14 +119,10 @@ def _torque(series: Series, delay: float) -> Array:
 
 def _captured(path: Path) -> Column:
     """The yaw that motion capture saw."""
-    stamps, angles = [], []
+    kind = kinds.named(kinds.USUAL)
     with open_bag(path) as bag:
-        source = AngleField(bag.topics[POSE], YAW, 'yaw', RawAngle())
-        for _, block in bag.blocks({POSE}):
-            for group in source.samples(block)[0]:
-                stamps.append(group.stamps_ns)
-                angles.append(group.positions[:, 0])
-    stamp, angle = np.concatenate(stamps), np.concatenate(angles)
+        setup = kind.prepare(bag, {}, Request(angle=f'{POSE}:{YAW}'))
+        (stamp, angle, *_), = kind.measured(bag, setup).values()
     smoothed = smooth(stamp, angle, TURN)
     firm = smoothed.firm
     at = match(stamp, smoothed.stamps[firm], smoothed.velocity[firm], smoothed.position[firm],

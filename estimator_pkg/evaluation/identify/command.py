@@ -15,9 +15,9 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.identify import joint as identify_joint
 from estimator_pkg.evaluation.identify.data import recording
 from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, Found, fit
+from estimator_pkg.evaluation.identify.joint import identify
 from estimator_pkg.evaluation.identify.model import Unknowns, unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.models.load import load
@@ -85,9 +85,9 @@ def _first_guess(samples: Recording, wanted: Unknowns, given: Mapping[str, Any],
     """Where a single joint starts from, and the delay of its torque: the weak form is linear."""
     from estimator_pkg.models.single_joint import Parameters
     fixed = build(Parameters, {**start, **given})
-    guess = identify_joint.identify(
-        samples.time, samples.positions[:, 0],
-        samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio, fixed.coulomb_speed)
+    guess = identify(samples.time, samples.positions[:, 0],
+                     samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio,
+                     fixed.coulomb_speed)
     values = {name: value for name, value in guess.values.items() if name in wanted.names}
     return (unknowns(JOINT, given, {**values, **start}), guess.values[DELAY])
 

@@ -27,9 +27,9 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.evaluation.delay import delay
-from estimator_pkg.evaluation.identify import joint as identify_joint
 from estimator_pkg.evaluation.identify.data import recording
 from estimator_pkg.evaluation.identify.fit import DELAY, fit
+from estimator_pkg.evaluation.identify.joint import identify
 from estimator_pkg.evaluation.identify.model import unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording, accumulated
 from estimator_pkg.evaluation.matching import match
@@ -172,8 +172,8 @@ def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
         samples, _ = recording(bag, MEASUREMENT, wanted.make(wanted.start),
                                tuple(joint_series(bag, MEASUREMENT)))
     if model == 'single_joint':
-        guess = identify_joint.identify(samples.time, samples.positions[:, 0],
-                                        samples.inputs[:, 0], given['coulomb_speed']).values
+        guess = identify(samples.time, samples.positions[:, 0], samples.inputs[:, 0],
+                         given['coulomb_speed']).values
         lag = guess[DELAY]
         wanted = unknowns(model, given, {name: guess[name] for name in wanted.names})
     found = fit(samples, wanted, lag)
