@@ -145,3 +145,46 @@ def test_no_live_parameter_needs_compiling():
     types = {kinds((made(**{name: value}).design(), made(**{name: value}).prepare(
         made(**{name: value}).design(), DT))) for name, value in [('hold', 0.01), *other.items()]}
     assert len(types) == 1
+
+
+# Numbers at the ends of what is admitted
+
+GARBAGE = {'resistance': 3.0, 'inductance': 0.95, 'flux': 3.6e-5, 'pole_pairs': 18}  # not the motor
+
+
+@pytest.mark.parametrize('gains', [
+    {'gamma': 0.0}, {'form': 'paper'}, {'form': 'paper', 'variant': 'continuous'}, {'k_p': 1e9},
+    {'k_i': 1e-6, 'form': 'paper'}, {'k_i': 1e12}])
+@pytest.mark.parametrize('motor', [MOTOR, GARBAGE], ids=['motor', 'another motor'])
+@pytest.mark.parametrize('scale', [1.0, 1e4])
+def test_no_gains_and_no_motor_data_make_numbers_run_away(gains, motor, scale):
+    """Sample times from 1 us to 30 ms, currents of another motor: no exception, no nan."""
+    samples = noisy(((0.2, 3000.0, 3000.0),)).samples[:600] * scale
+    joint = Joint(OBSERVER, build_parameters(Gains, {**motor, **gains}), JointSettings())
+    stamp, random = 10 ** 9, np.random.default_rng(1)
+    times = np.where(np.arange(600) % 20 == 0, 10.0 ** random.uniform(3.0, 7.5, 600), 50_000.0)
+    for sample, time in zip(samples.tolist(), times.tolist()):
+        stamp += round(time)
+        assert joint.update(stamp, tuple(sample))
+        functions, inner = joint.functions, joint._track[6]
+        *_, status = joint.estimate()
+        numbers = [*joint.stddev(), *functions.electrical_stddev(inner, joint._track[5],
+                                                                 joint._design)]
+        if status != NOT_OBSERVABLE:
+            numbers += [*joint.estimate()[:2], *functions.electrical(inner, joint._track[5],
+                                                                     joint._design)]
+        assert not any(map(math.isnan, numbers)), (numbers, status)
+
+
+def test_paper_form_starts_again_when_its_numbers_ran_away():
+    joint = Joint(OBSERVER, build_parameters(Gains, {**MOTOR, 'form': 'paper'}), JointSettings())
+    samples = noisy(((0.2, 3000.0, 3000.0),)).samples
+    for k in range(100):
+        joint.update(10 ** 9 + k * 50_000, tuple(samples[k].tolist()))
+    core = joint._track[6][0]
+    broken = ((*core[:3], 1e200, *core[4:]), *joint._track[6][1:])
+    joint._track = (*joint._track[:6], broken, *joint._track[7:])
+    for k in range(100, 4000):
+        joint.update(10 ** 9 + k * 50_000, tuple(samples[k].tolist()))
+    assert joint.estimate()[3] == TRACKING
+    assert joint.estimate()[1] == pytest.approx(100.0 * math.pi, rel=0.02)

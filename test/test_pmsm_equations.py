@@ -77,6 +77,16 @@ def test_the_exponential_is_exact(dt, k_p):
     assert np.allclose(ours, expm(a * dt), rtol=1e-10, atol=1e-13 * np.abs(expm(a * dt)).max())
 
 
+@pytest.mark.parametrize('k_p', [1e6, 1e9])
+def test_the_exponential_of_a_strongly_damped_system_does_not_overflow(k_p):
+    """cosh(k_p dt/2) is beyond every float; the system is slow and fast, and stable."""
+    a = np.array([[-k_p, 3e4], [-9e3, 0.0]])
+    ours = np.array(exponential(a[0, 0], a[0, 1], a[1, 0], 0.0, 0.01)).reshape(2, 2)
+    slow = -3e4 * 9e3 / k_p * 0.01  # what is left: the slow pole
+    assert ours[1, 1] == pytest.approx(math.exp(slow), rel=1e-3)
+    assert np.all(np.isfinite(ours)) and abs(ours[0, 0]) < 1e-3
+
+
 @pytest.fixture
 def one_step_errors():
     """Errors of (i, h, z, x) after one sample of dt against a fine solution of (16)."""

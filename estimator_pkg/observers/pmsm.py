@@ -58,6 +58,7 @@ from estimator_pkg.observers.tracking import natural_frequency
 CHORD = 0.3         # gates of the identifier, see `credible`
 REST = 0.25
 SPEED_CLIP = 2e4    # rad/s, electrical: a back-EMF that turns faster is noise
+BEYOND = 1e15       # V and 1/Wb: the numbers have run away
 TURN = 2.0 * math.pi
 
 
@@ -161,6 +162,8 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         if standing != 0.0:
             voltage *= complex(1.0, -standing * velocity)
         last = watch[7]
+        if not robust and not (abs(x) < BEYOND and abs(h) < BEYOND):
+            return init(measurement, design)  # as printed nothing holds xi_hat: only a start helps
         searching = robust and last & SEARCHING != 0
         if searching:  # xi is frozen, the frame is led at the speed at which the back-EMF turns
             rate = watch[2]

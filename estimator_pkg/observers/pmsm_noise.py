@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+ROUNDING = 1e-30  # an estimate that follows each reading wholly leaves that of the innovation
+
 
 def power_of(number: complex) -> float:
     """Its square, |number|^2."""
@@ -54,7 +56,7 @@ def prepare_noise(inductance: float, k_p: float, k_i: float, scheme: tuple, omeg
     b2 = e21 * c1 + e22 * c2 + complex(ha, -omega * hw) - c2
     p11, p12, p22 = covariance(e11, e12, e21, e22, b1, b2)
     of_h = p22 + power_of(c2)
-    of_innovation = p11 + power_of(1.0 - c1)
+    of_innovation = max(p11 + power_of(1.0 - c1), ROUNDING)
     # integral of h = L (i - h kp/ki) + a part that changes slowly
     ratio = k_p / k_i
     x11, x12, x22 = p11 + power_of(c1), p12 + together(c1, c2), of_h

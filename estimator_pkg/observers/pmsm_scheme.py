@@ -16,33 +16,25 @@ SMALLEST_SINC = 0.2  # the mean of a voltage that turns further than this within
 LARGEST_STRETCH = 1.0 / SMALLEST_SINC
 
 
-def _sinh_ratio(square: float) -> float:
-    """sinh(s)/s for s^2 = `square`, which may be negative (sin) or zero."""
-    if square > 1e-8:
-        root = math.sqrt(square)
-        return math.sinh(root) / root
-    if square < -1e-8:
-        root = math.sqrt(-square)
-        return math.sin(root) / root
-    return 1.0 + square / 6.0
-
-
 def exponential(a: float, b: float, c: float, d: float, dt: float
                 ) -> tuple[float, float, float, float]:
     """exp([[a, b], [c, d]] dt), row by row, in closed form.
 
     With the mean m of the diagonal, A - m I squares to a multiple of I.
     """
-    mean = 0.5 * (a + d)
+    mean = 0.5 * (a + d) * dt
     half = 0.5 * (a - d)
     square = (half * half + b * c) * dt * dt
-    scale = math.exp(mean * dt)
-    if square > 0.0:
-        even = math.cosh(math.sqrt(square))
+    if square > 1e-8:
+        root = math.sqrt(square)
+        slow, fast = math.exp(mean + root), math.exp(mean - root)  # cosh alone might overflow
+        even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / root * dt
+    elif square < -1e-8:
+        root, scale = math.sqrt(-square), math.exp(mean)
+        even, odd = scale * math.cos(root), scale * math.sin(root) / root * dt
     else:
-        even = math.cos(math.sqrt(-square))
-    odd = scale * _sinh_ratio(square) * dt
-    even *= scale
+        scale = math.exp(mean)
+        even, odd = scale * (1.0 + 0.5 * square), scale * (1.0 + square / 6.0) * dt
     return even + odd * half, odd * b, odd * c, even - odd * half
 
 
@@ -117,6 +109,8 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
              - (first * 1j) * (lag_h + hdw * moved))
     pull = new_h.real
     speed = 0.5 * (first + abs(new_h) * (lean + half_gain * pull) + k_eta * pull + turning)
+    if not -FASTEST < speed < FASTEST:
+        speed = FASTEST if speed > 0.0 else -FASTEST
     # second pass
     angle = speed * half_dt
     half_turn = rect(1.0, -angle)
