@@ -381,10 +381,11 @@ def test_folders_stand_for_their_bags(tmp_path):
     assert len(expanded([str(PENDULUMS)])) == 4
     one = str(PENDULUMS / 'sac_200hz_multiturn')
     assert expanded([one, one]) == [(one, '')]
-    (tmp_path / 'a').mkdir()
-    for file in ('a/crashed.mcap', '.b.7.part/b_0.mcap', 'c/c_0.db3.zstd'):
+    for file in ('single.mcap', 'crashed/c_0.mcap', 'crashed/c_1.mcap', '.busy.7.part/b_0.mcap',
+                 'several/first.mcap', 'several/second.db3.zstd'):
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).touch()
-    assert [each.path for each in expanded([str(tmp_path)])] == [
-        str(tmp_path / 'a'), str(tmp_path / 'c')]
+    assert [each.path.removeprefix(f'{tmp_path}/') for each in expanded([str(tmp_path)])] == [
+        'single.mcap', 'crashed', 'several/first.mcap', 'several/second.db3.zstd']
+    assert expanded([str(tmp_path / 'crashed')]) == [(str(tmp_path / 'crashed'), '')]
     assert expanded([str(PENDULUMS), one])[2:] == [(one, ''), expanded([str(PENDULUMS)])[3]]

@@ -6,8 +6,9 @@ that cannot be judged are left out, each with a line that says why.
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +16,8 @@ from estimator_pkg.bags.reader import METADATA
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.workers import Map
 
-FILES = (METADATA, '*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd')
+FILES = ('*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd')
+NUMBER = re.compile(r'_\d+(?=\.)')     # of a file of a split bag
 
 
 class Meant(NamedTuple):
@@ -45,21 +47,32 @@ def expanded(paths: Sequence[str]) -> list[Meant]:
     meant: dict[str, str] = {}
     for path in dict.fromkeys(paths):
         folder = Path(path)
-        if folder.is_dir() and not _bags(folder.glob):
-            found = [str(each) for each in _bags(folder.rglob)
-                     if not any(part.startswith('.') for part in each.relative_to(folder).parts)]
-            if not found:
-                raise UserError(f'{path}: no bag in this folder')
-            for each in found:
-                meant.setdefault(each, path)
-        else:
+        found = _bags(folder) if folder.is_dir() else [folder]
+        if not found:
+            raise UserError(f'{path}: no bag in this folder')
+        if found == [folder]:
             meant[path] = ''
+        else:
+            for each in found:
+                meant.setdefault(str(each), path)
     return [Meant(*each) for each in meant.items()]
 
 
-def _bags(glob: Callable[[str], Iterable[Path]]) -> list[Path]:
-    """Folders with the files of a bag, also of one whose recorder did not end cleanly."""
-    return sorted({file.parent for pattern in FILES for file in glob(pattern)})
+def _bags(folder: Path) -> list[Path]:
+    """The folder if it is a bag, else the bags in it: files by themselves, and folders.
+
+    Without metadata (its recorder did not end cleanly) a folder is a bag if its files differ in
+    their number alone.
+    """
+    if (folder / METADATA).exists():
+        return [folder]
+    files = sorted(file for pattern in FILES for file in folder.glob(pattern))
+    below = [bag for each in sorted(folder.iterdir())
+             if each.is_dir() and not each.is_symlink() and not each.name.startswith('.')
+             for bag in _bags(each)]
+    if files and not below and len({NUMBER.sub('', file.name) for file in files}) == 1:
+        return [folder]
+    return files + below
 
 
 def on_each(run_many: Map, function: Callable[..., Any], bags: Sequence[Meant],
