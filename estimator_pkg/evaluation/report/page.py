@@ -169,8 +169,13 @@ class Report:
                 self._full.add(f'{here}/velocity_stddev', row.stddev)
 
     def _write(self) -> None:
+        from bokeh.document import Document
         from bokeh.embed import components
         from bokeh.resources import Resources
+        document = Document()
+        with document.models.freeze():  # else all figures are gone through for each one more
+            for figure in self._figures.values():
+                document.add_root(figure)
         script, slots = components(self._figures)
         body = '\n'.join(self._sections)
         for name, slot in slots.items():
