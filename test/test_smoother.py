@@ -199,7 +199,7 @@ def test_outliers_and_bad_samples_are_left_out():
     readings = np.sin(4.0 * time)
     readings = np.round(readings / 1e-3) * 1e-3
     readings[[300, 700, 1500]] += (3.0, -2.0, 0.5)
-    readings[900] = np.nan
+    readings[[900, 901, 902]] = np.nan, np.inf, 4.9e259      # a bit that tipped over
     stamps = ns(time)
     stamps[1000] = stamps[999]                       # repeated
     stamps[[1200, 1201]] = stamps[[1201, 1200]]      # late

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 STRETCH = 4000          # the likelihood is judged on stretches of so many readings,
 STRETCHES = 12          # at most so many of them, spread over the record
 RATIOS = (-16.0, 6.0)   # log10 of qc h^5 / r is sought between these
-TINY = 1e-10            # part of the largest reading that its rounding may be
+TINY = 1e-10            # part of a large reading that its rounding may be,
+USUAL = 0.99            # which is larger than this part of all: wild ones tell nothing
 CELL_READINGS = 24_000  # the probability of cells is judged on about so many readings
 PLAIN_READINGS = 3_000  # (where nothing is compiled), in stretches of
 CELL_STRETCH = 1500     # so many or, if that is longer, of so many
@@ -72,7 +73,7 @@ def white(parts: list[Piece], readings: Array, period: float,
     if not chosen:
         return None
     step = float(np.median(np.concatenate([part.steps[1:] for part in chosen])))
-    size = float(np.max(np.abs(readings))) if len(readings) else 0.0
+    size = float(np.quantile(np.abs(readings), USUAL)) if len(readings) else 0.0
     count = quantum(readings)
     floor = max(count * count / 12.0, (TINY * max(size, 1.0)) ** 2)
     if reading is not None:

@@ -26,6 +26,7 @@ from estimator_pkg.evaluation.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.smoother.rest import unexplained
 from estimator_pkg.evaluation.smoother.sites import find_sites
 from estimator_pkg.evaluation.smoother.steps import backward, forward
+from estimator_pkg.observers.angle import LARGEST
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -92,12 +93,12 @@ def smooth(stamps: Stamps, position: Array, period: float, *, noise: Noise | Non
     Parameters
     ----------
     stamps : shape (n,) [ns], as recorded; repeated and late ones are put in order.
-    position : shape (n,) [rad or m]; nan is left out.
+    position : shape (n,) [rad or m]; what is no reading of any encoder is left out.
     period : wrap period [rad]; 0: none.
     noise : None: found by maximum likelihood.
     reading : one standard deviation of a reading, where only the jerk is to be found.
     """
-    good = np.flatnonzero(np.isfinite(position) & (stamps > 0))
+    good = np.flatnonzero((np.abs(position) < LARGEST) & (stamps > 0))
     parts = cut(stamps[good], position[good])
     found = noise or white(parts, position[good], period, reading)
     if found is None:
