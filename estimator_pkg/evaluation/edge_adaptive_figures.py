@@ -71,17 +71,18 @@ def cells_alone(off: float, ahead: float, quantum: float, variance: float, noise
 
 
 def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
-    """Estimate, standard deviation, density, cumulative sums and vibration, sample by sample."""
+    """Estimate, standard deviation, density, cumulative sums, vibration and sway, by samples."""
     rows = []
     for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
         joint.update(stamp, angle)
         position, velocity, _, _ = joint.estimate()
-        band, sensor = joint._track[6][2:4]
+        state = joint._track[6]
+        band, sensor, sway = state[2], state[3], state[7]
         rows.append((position, velocity, *joint.stddev(), band[0], band[3], band[4],
-                     vibration(sensor)))
+                     vibration(sensor), sway[0]))
     columns: Array = np.array(rows, np.float64).T
     return dict(zip(('position', 'velocity', 'position_stddev', 'stddev', 'density', 'up', 'down',
-                     'vibration'), columns))
+                     'vibration', 'sway'), columns))
 
 
 def signal(motion: Motion, **more: Any) -> Signal:
@@ -177,35 +178,48 @@ def _bandwidth(plt: Any) -> Any:
     return figure
 
 
-def shaking(time: Array) -> tuple[Array, Array]:
-    """A slow swing, and after 3 s a vibration of 7 samples' period and 4 quanta on it."""
-    pulsation, size = 2.0 * np.pi * 200.0 / 7.0, 4.0 * 2.0 * np.pi / 2048.0
-    on = time >= 3.0
-    return (np.sin(2.0 * time) + np.where(on, size * np.sin(pulsation * (time - 3.0)), 0.0),
-            2.0 * np.cos(2.0 * time)
-            + np.where(on, size * pulsation * np.cos(pulsation * (time - 3.0)), 0.0))
+def shaking(quanta: float) -> Motion:
+    """A slow swing, and after 3 s a vibration of 7 samples' period at 200 Hz and 2048 counts."""
+    pulsation, size = 2.0 * np.pi * 200.0 / 7.0, quanta * 2.0 * np.pi / 2048.0
+
+    def motion(time: Array) -> tuple[Array, Array]:
+        on = time >= 3.0
+        return (np.sin(2.0 * time) + np.where(on, size * np.sin(pulsation * (time - 3.0)), 0.0),
+                2.0 * np.cos(2.0 * time)
+                + np.where(on, size * pulsation * np.cos(pulsation * (time - 3.0)), 0.0))
+
+    return motion
 
 
 def _vibration(plt: Any) -> Any:
-    """A vibration of a few samples' period: third differences that last, and what they do."""
-    one = signal(shaking, rate=200.0, counts=2048)
-    samples = one.samples(duration=4.0)
-    found = traced(ENTRY.joint(quantum=one.quantum), samples)
-    kalman = KALMAN.joint(quantum=one.quantum).run(samples.stamps, samples.angle, fast=False)
-    time = seconds(samples)
-    part = (time > 2.8) & (time < 3.5)
-    figure, axes = plt.subplots(2, 1, figsize=(9, 5.5), sharex=True)
-    axes[0].plot(time[part], samples.velocity[part], 'k.-', lw=1, ms=3, label='true')
-    axes[0].plot(time[part], kalman.velocity[part], color='tab:orange', lw=1,
-                 label='Kalman filter, acceleration')
-    axes[0].plot(time[part], found['velocity'][part], color='tab:red', lw=1, label='edge_adaptive')
-    axes[0].set(ylabel='velocity [rad/s]', title='4 quanta at a seventh of the sample rate')
-    axes[0].legend(fontsize=8)
-    axes[1].semilogy(time[part], found['density'][part], label='density [(rad/s^3)^2 s]')
-    axes[1].semilogy(time[part], np.maximum(found['vibration'][part], 1.0), color='tab:green',
-                     lw=0.8, label='least, by the third differences that last')
-    axes[1].set(xlabel='time [s]')
-    axes[1].legend(fontsize=8)
+    """Vibrations of a few samples' period: what tells that they are there, and what it does."""
+    figure, axes = plt.subplots(2, 2, figsize=(12, 6), sharex=True)
+    for (above, below), quanta in zip(axes.T, (4.0, 1.3)):
+        one = signal(shaking(quanta), rate=200.0, counts=2048)
+        samples = one.samples(duration=4.0)
+        found = traced(ENTRY.joint(quantum=one.quantum), samples)
+        kalman = KALMAN.joint(quantum=one.quantum).run(samples.stamps, samples.angle, fast=False)
+        time = seconds(samples)
+        part = (time > 2.8) & (time < 3.7)
+        above.plot(time[part], samples.velocity[part], 'k.-', lw=1, ms=3, label='true')
+        above.plot(time[part], kalman.velocity[part], color='tab:orange', lw=1,
+                   label='Kalman filter, acceleration')
+        above.plot(time[part], found['velocity'][part], color='tab:red', lw=1,
+                   label='edge_adaptive')
+        above.set(title=f'{quanta:g} quanta at a seventh of the sample rate')
+        below.semilogy(time[part], found['density'][part], label='density [(rad/s^3)^2 s]')
+        least = found['vibration'][part]
+        below.semilogy(time[part], np.where(least > 0.0, least, np.nan), color='tab:green', lw=0.8,
+                       label='least, by the third differences that last')
+        sway = found['sway'][part] / one.quantum ** 2
+        below.semilogy(time[part], np.where(sway > 0.01, sway, np.nan), color='tab:purple',
+                       lw=0.8, label='sway [quanta^2]')
+        below.axhline(1.0 / 6.0, color='tab:purple', ls=':', lw=0.8,
+                      label='from which on it is believed')
+        below.set(xlabel='time [s]', ylim=(1e-4, 1e10))
+    axes[0, 0].set(ylabel='velocity [rad/s]')
+    axes[0, 0].legend(fontsize=8, loc='lower left')
+    axes[1, 1].legend(fontsize=8, loc='upper right')
     return figure
 
 
