@@ -3,6 +3,7 @@
 import html
 import json
 import math
+import re
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import findings, spectrum
+from estimator_pkg.evaluation.report.tables import Overview
 from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, limits
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 
@@ -42,6 +44,30 @@ def test_the_page_is_small_and_stands_alone(page):
     assert 'gravity_compensation_1000hz' in text and 'finite_difference' in text
     assert 'name="viewport" content="width=device-width' in text  # phones
     assert 'The truth of pendulum, held against the measured position: lag ' in text
+
+
+def test_many_bags_begin_with_one_table(page, tmp_path):
+    path, result = page
+    first = path.read_text().partition('<h2')[0]
+    for place, (bag, found) in enumerate(result['bags'].items(), 1):
+        assert f'<a href="#bag_{place}">{Path(bag).name}</a>' in first
+        for estimate in found['estimates'].values():
+            for joint in estimate['joints'].values():
+                assert f"{joint['velocity']['rms']:.4f}" in first
+    assert first.count('<b>') >= 1
+    one = tmp_path / 'one.html'
+    assert main(['evaluate', str(FAULTS), '--observer', 'pll', '--html', str(one)]) == 0
+    assert '<table' not in one.read_text().partition('<h2')[0]
+
+
+@pytest.mark.parametrize(('errors', 'best'), [([0.3, 0.2], 'b'), ([0.3, 0.05], None)])
+def test_what_the_reference_cannot_rank_has_no_best(errors, best):
+    rows = [SimpleNamespace(source=source, joint='j', velocity={'rms': rms},
+                            reference_cannot_tell=rms < 0.1) for source, rms in zip('ab', errors)]
+    found = Overview()
+    for bag in ('one', 'two'):
+        found.add(SimpleNamespace(bag=bag, rows=rows, refused={}))
+    assert re.findall('<b>([^<]*)', found.html()) == ([f'{errors[1]:.4f}'] * 2 if best else [])
 
 
 def test_every_compared_sample_is_beside_the_page(page):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,8 +17,7 @@ from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement, look, sentences
 from estimator_pkg.evaluation.many import LeftOut
 from estimator_pkg.evaluation.report.full_data import FullData
-from estimator_pkg.evaluation.text import fixed, number
-from estimator_pkg.evaluation.words import describe_smoother, describe_truth
+from estimator_pkg.evaluation.report.tables import Overview, table, worth
 
 HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
 POINTS_OF_A_PAGE = 240_000  # of all lines over time: so many make a few megabytes,
@@ -45,10 +43,6 @@ tr.best td { font-weight: 600; } .note { color: #666; font-size: 13px; }
   .plot { filter: invert(.894) hue-rotate(180deg); }
 }
 """
-
-HEADER = ('estimate', 'joint', 'rms', 'mean', 'worst', 'worst at', 'bias', 'delay', 'noise',
-          'in 95 % band', 'valid', 'samples', 'dropped')
-UNITS = ('', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
 
 
 class Report:
@@ -76,6 +70,7 @@ class Report:
         self._period = period
         self._bags = max(1, bags)
         self._full = FullData(self.data)
+        self._overview = Overview()
         self._sections: list[str] = []
         self._figures: dict[str, Any] = {}
 
@@ -99,9 +94,10 @@ class Report:
                     seen[joint] = found
         said = sentences(comparison, seen)
         bag = Path(comparison.bag)
-        parts = [f'<h2>{html.escape(bag.name)}</h2><p class="note">{html.escape(str(bag))}</p>',
+        parts = [f'<h2 id="{self._overview.add(comparison)}">{html.escape(bag.name)}</h2>',
+                 f'<p class="note">{html.escape(str(bag))}</p>',
                  f'<p>Velocity errors against {html.escape(comparison.truth)}, at zero shift; '
-                 'the delay stands beside them.</p>', _table(comparison), _worth(comparison),
+                 'the delay stands beside them.</p>', table(comparison), worth(comparison),
                  '<h3>What to know, and what to do next</h3>',
                  '<ul>' + ''.join(f'<li>{html.escape(each)}</li>' for each in said) + '</ul>']
         points = self._points(comparison)
@@ -177,7 +173,7 @@ class Report:
             for figure in self._figures.values():
                 document.add_root(figure)
         script, slots = components(self._figures)
-        body = '\n'.join(self._sections)
+        body = '\n'.join([self._overview.html(), *self._sections])
         for name, slot in slots.items():
             body = body.replace(f'<div data-figure="{name}"></div>', slot)
         library = Resources(mode='inline', components=['bokeh'], minified=True).render_js()
@@ -192,51 +188,6 @@ class Report:
         beside = self.path.with_name(f'.{self.path.name}.part')
         beside.write_text(page, encoding='utf-8')
         os.replace(beside, self.path)
-
-
-def _worth(comparison: Comparison) -> str:
-    """What is known of the truth, or of the reference made in its place."""
-    told = [f'{joint}: {describe_smoother(comparison.smoothed[joint])}'
-            if joint in comparison.smoothed else
-            f'The truth of {joint}, held against the measured position: {describe_truth(known)}'
-            for joint, known in comparison.references.items()
-            if any(row.joint == joint for row in comparison.rows)]
-    return ''.join(f'<p class="note">{html.escape(each)}.</p>' for each in told)
-
-
-def _table(comparison: Comparison) -> str:
-    head = ''.join(f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
-                   for name, unit in zip(HEADER, UNITS))
-    best: dict[str, Row] = {}
-    for row in comparison.rows:
-        if row.joint not in comparison.refused and not row.reference_cannot_tell:
-            known = best.get(row.joint)
-            if known is None or row.velocity['rms'] < known.velocity['rms']:
-                best[row.joint] = row
-    lines = ''.join(_line(row, best.get(row.joint) is row) for row in comparison.rows)
-    marked = any(row.reference_cannot_tell for row in comparison.rows)
-    star = ('<p class="note">* The reference cannot tell: the error is no larger than what the '
-            'reference itself may be wrong by.</p>' if marked else '')
-    return f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>{star}'
-
-
-def _line(row: Row, best: bool) -> str:
-    v = row.velocity
-    error = np.abs(row.estimate - row.truth)
-    worst = float(row.time[int(np.nanargmax(error))]) if np.isfinite(error).any() else math.nan
-    dropped = ', '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
-    total = sum(row.validity.values())
-    valid = row.validity.get('tracking', 0.0) + row.validity.get('coasting', 0.0) + (
-        row.validity.get('published', 0.0))
-    places = 2 if total < 1000.0 else 0
-    cells = (row.source, row.joint, fixed(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
-             fixed(v['mean_abs'], 4), fixed(v['max_abs'], 3), fixed(worst, 2), fixed(v['bias'], 4),
-             fixed(v['delay_s'] * 1e3, 2), number(v['noise'], 3),
-             f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
-             f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
-             f'{row.samples["used"]} of {row.samples["received"]}', dropped or '0')
-    made = ''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)
-    return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'
 
 
 def _name(*parts: str) -> str:
