@@ -11,7 +11,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from estimator_pkg.nodes import runtime
@@ -21,6 +22,14 @@ DOMAIN = free_domain()
 os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 PATIENCE = 60.0  # [s] a condition may take; a start that compiles takes 20 on a busy machine
+
+
+def ros_args(*parameters: str, remap: Sequence[str] = ()) -> list[str]:
+    """The command line of a node: parameters and remappings, each as FROM:=TO."""
+    words = ['--ros-args']
+    for flag, pairs in (('-r', remap), ('-p', parameters)):
+        words += [word for pair in pairs for word in (flag, pair)]
+    return words
 
 
 class NodeProcess:
@@ -151,7 +160,13 @@ class Observer:
     topic : where its JointStates come from.
     reliable : what its publisher offers.
     sim_time : the node's clock is a simulated one.
+
+    Attributes
+    ----------
+    process : the node's, where whoever started it has put it here.
     """
+
+    process: NodeProcess
 
     def __init__(self, probe: Probe, name: str = '/joint_observer', topic: str = '/joint_states',
                  *, reliable: bool = True, sim_time: bool = False) -> None:
@@ -266,6 +281,25 @@ class Observer:
         request = GetParameters.Request(names=[name])
         answer = self.probe.call(GetParameters, f'{self.name}/get_parameters', request)
         return parameter_value_to_python(answer.values[0])
+
+
+@contextmanager
+def commanded(probe: Probe, node: str, name: str, kind: type, *parameters: str
+              ) -> Iterator[tuple[Observer, Any]]:
+    """A node whose efforts come by a topic of their own: (observer, publisher of efforts).
+
+    It reads /<name> and /<name>_command, of type `kind`.
+    """
+    words = ros_args('input:=effort_command', *parameters,
+                     remap=(f'joint_states:=/{name}', f'effort_command:=/{name}_command'))
+    with NodeProcess(f'estimator_pkg.nodes.{node}', *words) as process, \
+            Observer(probe, f'/{node}', f'/{name}') as observer:
+        observer.process = process
+        efforts = probe.node.create_publisher(kind, f'/{name}_command', 10)
+        observer.connect()
+        probe.until(efforts.get_subscription_count)
+        yield observer, efforts
+        probe.node.destroy_publisher(efforts)
 
 
 def value(entry: Any, key: str) -> str:

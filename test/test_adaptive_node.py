@@ -105,16 +105,10 @@ def test_efforts_as_an_array_of_numbers(probe):
     """effort_command as Float64MultiArray: in the order of the joints, when it was sent."""
     from std_msgs.msg import Float64MultiArray
 
-    arguments = ['joints:=[left, right]', 'input:=effort_command', 'input_unit:=N m',
-                 'effort_command_type:=Float64MultiArray', 'stamp_source:=publisher',
-                 'joints.right.input_scale:=[-1.0]']
-    with dds.NodeProcess(MODULE, '--ros-args', '-r', 'joint_states:=/arrays', '-r',
-                         'effort_command:=/arrays_command',
-                         *(word for each in arguments for word in ('-p', each))), \
-            dds.Observer(probe, '/adaptive_observer', '/arrays') as node:
-        efforts = probe.node.create_publisher(Float64MultiArray, '/arrays_command', 10)
-        node.connect()
-        probe.until(lambda: efforts.get_subscription_count() > 0)
+    with dds.commanded(probe, 'adaptive_observer', 'arrays', Float64MultiArray,
+                       'joints:=[left, right]', 'input_unit:=N m',
+                       'effort_command_type:=Float64MultiArray', 'stamp_source:=publisher',
+                       'joints.right.input_scale:=[-1.0]') as (node, efforts):
         raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
         assert not node.feed([raw] * 3)[-1].names
         probe.until(lambda: node.status('left') == 'lost')
@@ -125,13 +119,13 @@ def test_efforts_as_an_array_of_numbers(probe):
         node.feed([raw] * 20)
         report = node.next_report()
         assert report['/adaptive_observer']['messages_dropped.malformed'] == '1'
+        node.process.prints('messages on /arrays_command are malformed and dropped: 3 numbers')
         left = report['/adaptive_observer: left']
         assert (left['dropped.non_finite'], left['used']) == ('3', '20')
         assert dds.value(node.statuses['left'], 'input_unit') == 'N m'
         refused = node.set(joints__right__input_scale=[1.0, 2.0])
         assert not refused.successful and "'right': 'input_scale' has 2 numbers" in refused.reason
         assert node.set(joints__right__input_scale=[2.0]).successful
-        probe.node.destroy_publisher(efforts)
 
 
 def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):

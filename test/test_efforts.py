@@ -72,6 +72,16 @@ def test_when_an_effort_command_acts(effort_is, delay, expected):
     assert found[1:] == pytest.approx(expected[1:], nan_ok=True)
 
 
+@pytest.mark.parametrize('source', [FIELD, COMMAND])
+@pytest.mark.parametrize('garbage', [1e9, -1e300, math.inf, NAN])
+def test_garbage_is_no_input(source, garbage):
+    efforts = [(0, 1.0), (1, garbage), (2, 3.0), (3, 3.0)]
+    found = acted(source, DrivenSettings(), efforts, efforts)
+    assert not any(abs(effort) >= 1e9 for effort in found) and found[-1] == 3.0
+    if source == FIELD:
+        assert math.isnan(found[1])
+
+
 def test_scale_sign_and_timeout():
     settings = DrivenSettings(input_scale=(-2.0,), input_timeout=0.004)
     assert acted(FIELD, settings, SAMPLES) == [-2.0, -4.0, -8.0, -16.0]
@@ -195,7 +205,7 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
     silent = bank(COMMAND)
     assert silent.take(START, ('joint',), (0.1,), ()) == []
     assert silent.why_silent('joint') == 'no effort_command is in force'
-    with pytest.raises(UsageError, match="'input_delay' has 2 numbers for 1 inputs"):
+    with pytest.raises(UsageError, match="'input_delay' has 2 numbers for 1 input"):
         bank(FIELD, input_delay=[0.1, 0.2])
 
 

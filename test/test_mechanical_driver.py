@@ -110,6 +110,24 @@ def test_missing_effort_of_an_unactuated_joint_is_no_error():
             assert 'no effort for cart' in mechanisms.joints['m'].why()
 
 
+def test_efforts_of_another_number_than_the_names_are_a_mismatch():
+    mechanisms = bank(model='single_joint', joints=['j'])
+    for efforts in ((0.1, 0.2), (0.1, 0.2, 0.3)):
+        assert mechanisms.update(START, ('j',), (0.1,), efforts) == []
+    assert mechanisms.mismatched == 2 and mechanisms.joints['m'].received == 0
+    commanded = bank(COMMAND, model='single_joint', joints=['j'])
+    commanded.update(START, ('j',), (0.1,), (0.1, 0.2))  # nobody reads them
+    assert commanded.mismatched == 0 and commanded.joints['m'].used == 1
+
+
+def test_a_joint_that_no_longer_comes_is_named():
+    mechanisms = bank(model='cart_pendulum', joints=['p', 'c'])
+    mechanisms.update(START, ('p', 'c'), (0.1, 0.0), (0.0, 0.0))
+    assert mechanisms.why_silent('m') == ''
+    mechanisms.update(START + MS, ('p',), (0.1,), (0.0,))
+    assert mechanisms.why_silent('m') == 'waiting for c'
+
+
 def test_several_mechanisms_in_one_stream():
     mechanisms = bank(names=('arm', 'cart'), bandwidth_hz=20.0, overrides={
         'arm': {'joints': ['elbow']},
@@ -125,7 +143,7 @@ def test_several_mechanisms_in_one_stream():
 @pytest.mark.parametrize('values, words', [
     ({'model': 'cart_pendulum', 'joints': ['a']}, "has 2 joints (pendulum, cart), but 'joints'"),
     ({'model': 'cart_pendulum', 'joints': ['a', 'a']}, 'names a joint twice'),
-    ({'input_scale': [1.0, 2.0]}, "'input_scale' has 2 numbers for 1 inputs"),
+    ({'input_scale': [1.0, 2.0]}, "'input_scale' has 2 numbers for 1 input"),
     ({'names': ('a', 'a')}, "'mechanisms' names 'a' twice"),
     ({'names': ('a', 'b')}, "'a' and 'b' both have the joint 'joint'"),
     ({'bandwith_hz': 3.0}, "did you mean 'bandwidth_hz'?"),

@@ -56,16 +56,10 @@ def test_replay_equals_the_live_node(recording, probe):
 def test_several_mechanisms_separate_messages_and_commands(probe):
     """Two mechanisms; one's joints come in separate messages; the input is a topic of its own."""
     from sensor_msgs.msg import JointState
-    arguments = ['mechanisms:=[arm, lab]', 'input:=effort_command', 'bandwidth_hz:=20.0',
-                 'joints.arm.joints:=[elbow]', 'joints.lab.model:=cart_pendulum',
-                 'joints.lab.joints:=[p, c]']
-    with dds.NodeProcess(MODULE, '--ros-args', '-r', 'joint_states:=/several', '-r',
-                         'effort_command:=/several_command',
-                         *(word for each in arguments for word in ('-p', each))), \
-            dds.Observer(probe, '/mechanical_observer', '/several') as node:
-        command = probe.node.create_publisher(JointState, '/several_command', 10)
-        node.connect()
-        probe.until(lambda: command.get_subscription_count() > 0)
+    with dds.commanded(probe, 'mechanical_observer', 'several', JointState,
+                       'mechanisms:=[arm, lab]', 'bandwidth_hz:=20.0',
+                       'joints.arm.joints:=[elbow]', 'joints.lab.model:=cart_pendulum',
+                       'joints.lab.joints:=[p, c]') as (node, command):
         encode, start = Encoder().encode, 10 ** 15
         for k in range(300):
             stamp = start + k * 2 * MS
@@ -89,9 +83,9 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         assert "mechanism 'leg'" in node.set(joints__leg__bandwidth_hz=3.0).reason
         assert "'arm': 'input_scale' has 2 numbers" in node.set(
             joints__arm__input_scale=[1.0, 2.0]).reason
+        assert "mechanism 'arm': the state cannot be kept" in node.set(disturbance_hz=3.0).reason
         assert node.set(bandwidth_hz=25.0).successful
         probe.until(lambda: float(dds.value(node.statuses['lab'], 'K').split(', ')[0]) > 1.5 * K)
-        probe.node.destroy_publisher(command)
 
 
 def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):

@@ -190,6 +190,15 @@ def test_the_sum_is_right_whichever_publisher_lost(data):
     assert loss.count == lost
 
 
+def test_where_there_are_no_sequence_numbers_the_middleware_is_believed():
+    loss = Loss(lambda: 1)
+    loss.reported = 3
+    assert loss.lost == 3
+    loss.saw(5)
+    loss.saw(7)
+    assert loss.lost == 1
+
+
 def test_a_publisher_that_left_is_forgotten():
     loss = Loss(lambda: 1)
     for number in (1, 2, 3):

@@ -19,7 +19,14 @@ EXECUTABLES = [('mechanical', 'input:=torque'), ('adaptive', 'order:=9'),
 
 # node -> (parameters, what it says)
 WRONG = {
+    'joint': [
+        ({'use_sim_time': 'true'}, "'use_sim_time' to 'true'"),
+        ({'start_type_description_service': 5}, "'start_type_description_service' to '5'"),
+        ({'qos_overrides./joint_states.subscription.depth': -3}, 'depth -3 is outside [1, '),
+        ({'qos_overrides./joint_states.subscription.depth': 10 ** 10}, 'is outside [1, '),
+        ({'qos_overrides./joint_states.subscription.depth': 'many'}, "depth' to 'many'")],
     'mechanical': [
+        ({'mechanisms': ['']}, "'mechanisms' names no mechanism"),
         ({'model': f'{OWN}TwoLinks'}, "use the observer 'hgo'"),
         ({'model': f'{OWN}Singular', 'observer': 'hgo'}, "own_models:Singular'"),
         ({'model': f'{OWN}WrongSize', 'observer': 'hgo'}, "own_models:WrongSize'"),
@@ -41,12 +48,12 @@ WRONG = {
         ({'observer_poles': [-2.0]}, "'observer_poles' needs 2 poles"),
         ({'parameters_file': '/no/such/folder/motor.yaml'}, 'there is no folder'),
         ({'input': 'effort_command', 'effort_command_type': 'Float64MultiArray'}, "set 'joints'"),
-        ({'input_scale': [1.0, 2.0]}, '2 numbers for 1 inputs')],
+        ({'input_scale': [1.0, 2.0]}, '2 numbers for 1 input')],
     'switched': [
         ({'model': f'{OWN}Nope'}, "has no 'Nope'"),
         ({'model': f'{OWN}Singular'}, 'is no SwitchedModel'),
         ({'discrete': 'guess'}, "'guess' is not one of"),
-        ({'joints': ['a', 'b']}, "'joints' needs 1 different names")],
+        ({'joints': ['a', 'b']}, "'joints' must name the model's 1 output")],
     'pmsm': [
         (MOTOR, 'needs the motor data resistance'),
         ({**MOTOR, 'resistance': 0.0}, "'resistance' = 0 is outside"),

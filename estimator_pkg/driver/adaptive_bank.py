@@ -23,7 +23,6 @@ from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive_gains import structure
 from estimator_pkg.observers.adaptive_report import Origin, Report
-from estimator_pkg.observers.angle import LARGEST
 from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
 
 FORMAT = 1
@@ -143,7 +142,7 @@ class AdaptiveBank(Bank):
             settings: Any = joint.settings
             (given,) = self._acting_on(name).given(joint.stamp_ns if joint.used else 0, stamp_ns,
                                                    (effort,), settings)
-            if -LARGEST < given < LARGEST:
+            if math.isfinite(given):
                 self.unknown.discard(name)
             else:
                 position = math.nan  # counted as such: half a sample is none

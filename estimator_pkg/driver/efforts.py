@@ -20,6 +20,7 @@ FIELD, COMMAND = 'joint_states', 'effort_command'  # where efforts come from
 COMMANDED, MEASURED = 'commanded', 'measured'      # what they are
 REMEMBERED = 4096          # efforts kept of each input
 LONGEST = 10 * 10 ** 9     # ns between two samples or efforts that belong together
+LARGEST = 1e9              # N m, N, V or A: an input beyond it is garbage
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class DrivenSettings(JointSettings):
             given = len(getattr(self, name))
             if given not in (1, count):
                 raise UsageError(f"{owner}: '{name}' has {given} numbers for {count} "
-                                 'inputs')
+                                 f'input{"" if count == 1 else "s"}')
 
 
 class Inputs:
@@ -142,7 +143,8 @@ class Acting:
 
     def given(self, before_ns: int, stamp_ns: int, efforts: Sequence[float],
               settings: DrivenSettings) -> tuple[float, ...]:
-        """The mean input from the sample before to this one; nan where it is not known.
+        """The mean input from the sample before to this one; nan where it is not known, or where it
+        is beyond `LARGEST`.
 
         Parameters
         ----------
@@ -167,9 +169,9 @@ class Acting:
             if field and not self._measured and in_order:
                 self._came(stamp_ns, efforts)
         if len(scales) == 1:
-            scale = scales[0]
-            return tuple([value * scale for value in values])
-        return tuple([value * scale for value, scale in zip(values, scales)])
+            scales = scales * len(values)
+        return tuple([given if -LARGEST < (given := value * scale) < LARGEST else math.nan
+                      for value, scale in zip(values, scales)])
 
     def _came(self, since_ns: int, efforts: Sequence[float]) -> None:
         for place, effort in enumerate(efforts):

@@ -21,7 +21,7 @@ from estimator_pkg.driver.guard import (
 )
 from estimator_pkg.driver.track import make_track
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Observer
+from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import parameter
 
 
@@ -70,6 +70,23 @@ class Joint:
         self._design = self.functions.design()
         self.longest_dt = longest_dt(self.functions.limits)
         self._limits = limits(self.settings, self.longest_dt)
+
+    def goes_on_with(self, functions: Functions) -> bool:
+        """Whether the state can be kept with the functions of other gains. One step is tried.
+
+        Raises
+        ------
+        ArithmeticError, ValueError : the functions give no numbers from this state.
+        """
+        design = functions.design()
+        if _shape(functions.init(functions.blank, design)) != _shape(
+                self.functions.init(self.functions.blank, self._design)):
+            return False
+        coefficients = functions.prepare(design, self.mean_dt or 1e-3)
+        state = functions.step(self._track[6], coefficients, design, self._measurement,
+                               self._given)
+        functions.output(state, coefficients, design, self._measurement, self._given)
+        return True
 
     def set_gains(self, gains: Any) -> None:
         """Other gains from the next sample on; the state is kept.
@@ -171,3 +188,8 @@ class Joint:
         if self.functions.why is not None and self._track[7]:
             return self.functions.why(self._track[6], self._design)
         return ''
+
+
+def _shape(state: Any) -> Any:
+    """Of a state: how long its tuples are."""
+    return tuple(map(_shape, state)) if isinstance(state, tuple) else ()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -159,10 +159,14 @@ class Mechanism(Joint):
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
         if not self._track[7]:
-            missing = sorted(set(self.names) - {
-                self.names[k] for waiting in self._pending for k in waiting.positions})
-            return f'waiting for {", ".join(missing)}' if self._pending and missing else ''
+            return self.why_silent()
         return self.functions.why(self._track[6], self._design)
+
+    def why_silent(self) -> str:
+        """Which joints do not come while others do, in words; '' where that is not so."""
+        missing = sorted(set(self.names) - {
+            self.names[k] for waiting in self._pending for k in waiting.positions})
+        return f'waiting for {", ".join(missing)}' if self._pending and missing else ''
 
 
 @dataclass
@@ -213,6 +217,14 @@ class MechanismConfiguration:
                                           if name not in mine}))
 
 
+def check_names(configuration: MechanismConfiguration, names: Collection[str]) -> None:
+    """Raises UsageError if something is set for a mechanism that is none of `names`."""
+    for name in configuration.overrides:
+        if name not in names:
+            raise UsageError(f"parameters are given for a mechanism '{name}': "
+                             f'{suggestion(name, names)}')
+
+
 class MechanismBank:
     """The mechanisms of one stream.
 
@@ -231,7 +243,7 @@ class MechanismBank:
         self.configuration = configuration
         self.joints: dict[str, Mechanism] = {}
         of_joint: dict[str, str] = {}  # joint -> its mechanism
-        for name in names:
+        for name in filter(None, names):  # an empty text is how YAML writes an empty list
             if name in self.joints:
                 raise UsageError(f"parameter 'mechanisms' names '{name}' twice")
             gains, settings = configuration.for_joint(name)
@@ -244,20 +256,14 @@ class MechanismBank:
             self.joints[name] = made
         if not self.joints:
             raise UsageError("parameter 'mechanisms' names no mechanism")
-        self.check_names(configuration)
+        check_names(configuration, self.joints)
         self.orders = (  # names that numbers of an effort_command without names stand for
             tuple(name for each in self.joints.values() for name in each.names),
             tuple(name for each in self.joints.values() for name in each.actuated))
+        self._reads_efforts = source == FIELD and bool(self.orders[1])
         self.only: frozenset[str] = frozenset()
         self.mismatched = 0
         self.empty = 0
-
-    def check_names(self, configuration: MechanismConfiguration) -> None:
-        """Raises UsageError if something is set for a mechanism that there is not."""
-        for name in configuration.overrides:
-            if name not in self.joints:
-                raise UsageError(f"parameters are given for a mechanism '{name}': "
-                                 f'{suggestion(name, self.joints)}')
 
     def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
                efforts: Sequence[float]) -> list[Estimate]:
@@ -265,7 +271,8 @@ class MechanismBank:
         if not positions:
             self.empty += 1
             return []
-        if len(names) != len(positions):
+        if len(names) != len(positions) or (
+                self._reads_efforts and len(efforts) not in (0, len(names))):
             self.mismatched += 1
             return []
         valid: list[Estimate] = []
@@ -281,8 +288,7 @@ class MechanismBank:
 
     def why_silent(self, name: str) -> str:
         """Why a mechanism has no sample, in words, or ''."""
-        mechanism = self.joints[name]
-        return '' if mechanism.used else mechanism.why()
+        return self.joints[name].why_silent()
 
     def stddevs(self, names: Sequence[str]) -> list[tuple[float, float]]:
         """One standard deviation of position and velocity of these joints."""

@@ -49,8 +49,6 @@ class AdaptiveObserver(DrivenNode):
         return AdaptiveConfiguration(OBSERVER, common, overrides, self._saved)
 
     def _make_bank(self, configuration: AdaptiveConfiguration) -> AdaptiveBank:
-        for joint in ('', *configuration.overrides):
-            self._build(configuration, joint)
         return AdaptiveBank(configuration, self.settings.only, self.settings.input)
 
     def _connect(self) -> Subscription:

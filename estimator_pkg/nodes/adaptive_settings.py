@@ -23,6 +23,7 @@ class AdaptiveNodeSettings(EffortSettings):
         '', unit='', structural=True,
         description='where ~/save writes what was learnt; read at start if it is there. With '
                     'adapt: false the node starts frozen on it')
+
     def check(self) -> None:
         """What a range cannot say; raises UsageError."""
         if self.input == COMMAND and self.effort_command_type == ARRAY and not self.only:

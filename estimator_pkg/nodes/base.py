@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from time import perf_counter
+from traceback import extract_tb, format_exception
 from typing import Any, ClassVar
 
 from estimator_pkg.nodes import runtime  # noqa: F401  settles what rclpy and numpy read  # isort: skip
 
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -17,20 +20,21 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import DrivenSettings
-from estimator_pkg.driver.joint import JointSettings
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder, Layout
 from estimator_pkg.nodes.acceleration import trajectory
 from estimator_pkg.nodes.endpoints import Endpoints, OnDemand
 from estimator_pkg.nodes.health import Health, WatchedBank
-from estimator_pkg.nodes.ros_parameters import RosParameters, Values
+from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import declared
 
-LOOK_AROUND = 0.1  # [s]
+LOOK_AROUND = 0.1   # [s]
+TYPICAL_DT = 1e-3   # [s]
+NO_NUMBERS = 'numbers become too large or too small for these gains'
 
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
 Take = Callable[[int, Layout, bytes], None]           # (stamp [ns], layout, CDR bytes)
@@ -65,21 +69,28 @@ class ObserverNode(Node):
     SETTINGS: ClassVar[type]                           # of the node as a whole
     PER_JOINT: ClassVar[type[JointSettings]] = JointSettings
     OVERRIDES: ClassVar[bool] = True                   # joints.<joint>.<parameter> may be set
+    HEALTH: ClassVar[type[Health]] = Health
 
     settings: Any
     bank: WatchedBank
 
     def __init__(self, node_name: str = '', **options: Any) -> None:
-        # Overrides may name joints that have not appeared, so they cannot all be declared.
-        super().__init__(node_name or self.NAME,
-                         **{'allow_undeclared_parameters': self.OVERRIDES, **options})
+        try:
+            # Overrides may name joints that have not appeared, so they cannot all be declared.
+            super().__init__(node_name or self.NAME,
+                             **{'allow_undeclared_parameters': self.OVERRIDES, **options})
+        except ParameterException as error:  # of a parameter of rclpy's own, as use_sim_time
+            raise UsageError(in_words(error)) from error
         try:
             self._declare()
-            self.bank = self._make_bank(self._configuration(self._ros.values,
-                                                            self._ros.overrides))
+            configuration = self._configuration(self._ros.values, self._ros.overrides)
+            self._try(configuration)
+            self.bank = self._make_bank(configuration)
             self._open()
-        except UserError:
+        except BaseException as error:
             self.destroy_node()
+            if isinstance(error, ArithmeticError):
+                raise UsageError(f'{self._observer.name}: {NO_NUMBERS} ({error})') from error
             raise
 
     # What a node says of itself
@@ -100,16 +111,21 @@ class ObserverNode(Node):
         """Gains and settings per joint, of the common values and the overrides."""
         return Configuration(self._observer, common, overrides)
 
+    def _try(self, configuration: Any) -> None:
+        """Raise UsageError for gains that do not work, of joints that have not appeared, too."""
+        for name in ('', *configuration.overrides):
+            self._build(configuration, name)
+
     def _wanted(self) -> str:
         """What is estimated, in words."""
         return 'every joint'
 
     def _restarted(self) -> str:
         """What ~/reset lets start again, in words."""
-        return f'{len(self.bank.joints)} joints start'
+        return f'{len(self.bank.joints)} {self.HEALTH.KEPT}s start'
 
     def _make_health(self) -> Health:
-        return Health(self, self.bank, self._endpoints, self._ros, self.input)
+        return self.HEALTH(self, self.bank, self._endpoints, self._ros, self.input)
 
     def _gains_changed(self, name: str) -> None:
         """A joint has other gains from the next sample on."""
@@ -154,25 +170,31 @@ class ObserverNode(Node):
         """The observer's functions for this joint ('': for one of no override)."""
         gains, settings = configuration.for_joint(joint)
         functions = self._observer.build(gains, Circle(settings.wrap_period, settings.unwrap))
-        functions.design()
-        if isinstance(settings, DrivenSettings):
-            given = functions.no_input
-            settings.check_inputs(len(given) if isinstance(given, tuple) else 1,
-                                  f"joint '{joint}'" if joint else self._observer.name)
+        functions.prepare(functions.design(), TYPICAL_DT)  # raises, where there are no numbers
         return functions
 
+    def _called(self, name: str) -> str:
+        """A joint in words; '' is none, but what is common to all."""
+        return f"{self.HEALTH.KEPT} '{name}'" if name else self._observer.name
+
     def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
-        """Refuse gains that do not work, at the rates measured so far."""
+        """Refuse gains that do not work, at the rates measured so far and from where joints are."""
         configuration = self._configuration(values, overrides)
-        for name in ('', *overrides):  # of joints that have not appeared, too
-            self._build(configuration, name)
-        for name, joint in self.bank.joints.items():
-            if configuration.for_joint(name)[0] == joint.gains:
-                continue
-            functions = self._build(configuration, name)
-            why = functions.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
-            if why:
-                raise UsageError(f"joint '{name}': {why}")
+        try:
+            self._try(configuration)
+            for name, joint in self.bank.joints.items():
+                functions = self._build(configuration, name)
+                if configuration.for_joint(name)[0] != joint.gains:
+                    self._check_change(name, joint, functions)
+        except (ArithmeticError, ValueError) as error:
+            raise UsageError(f'{NO_NUMBERS} ({error})') from error
+
+    def _check_change(self, name: str, joint: Joint, functions: Any) -> None:
+        why = functions.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
+        if not why and not joint.goes_on_with(functions):
+            why = 'the state cannot be kept with this: set it before the node starts'
+        if why:
+            raise UsageError(f'{self._called(name)}: {why}')
 
     def _apply(self) -> None:
         """Use what was set from the next sample on; every joint keeps its state."""
@@ -190,7 +212,7 @@ class ObserverNode(Node):
 
     def _listen(self, kind: type, topic: str, take: Receive, *, answered: bool = True,
                 qos: QoSProfile | None = None) -> Subscription:
-        """A subscription whose malformed messages are counted and go no further.
+        """A subscription; messages of which nothing can be made are counted and go no further.
 
         Parameters
         ----------
@@ -201,13 +223,28 @@ class ObserverNode(Node):
             begun = perf_counter()
             try:
                 take(raw, info)
-            except MalformedMessageError:
-                self.health.malformed += 1
+            except MalformedMessageError as error:
+                self.health.malformed(subscription.topic_name, str(error))
+                return
+            except Exception as error:  # of a user's model, or of numbers that nobody foresaw
+                if not self.context.ok():
+                    raise
+                self._failed(subscription.topic_name, error)
                 return
             if answered:
                 self.health.took(perf_counter() - begun)
 
-        return self._endpoints.subscribe(kind, topic, came, qos)
+        subscription = self._endpoints.subscribe(kind, topic, came, qos)
+        return subscription
+
+    def _failed(self, topic: str, error: Exception) -> None:
+        """An observer that fails must not take the others' estimates with it: start again."""
+        for joint in self.bank.joints.values():
+            joint.reset()
+        place = extract_tb(error.__traceback__)[-1]
+        self.health.failed(topic, f'{type(error).__name__}: {error} (line {place.lineno} of '
+                                  f'{Path(place.filename).name})')
+        self.get_logger().debug(''.join(format_exception(error)))
 
     def _listen_to_states(self, topic: str, take: Take, **options: Any) -> Subscription:
         """As `_listen`, to JointStates; the stamp is that of ``stamp_source``."""

@@ -8,7 +8,14 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from estimator_pkg.driver.guard import DROPPED, DUPLICATE, VERDICTS
+from estimator_pkg.driver.guard import (
+    DROPPED,
+    DUPLICATE,
+    LATE,
+    NON_FINITE,
+    VERDICTS,
+    ZERO_STAMP,
+)
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.contract import (
     COASTING,
@@ -28,6 +35,14 @@ _REASONS = {INITIALISING: 'not settled yet since the start, a reset or the loss 
             COASTING: 'carried by prediction after a gap, an outlier or a loss of lock',
             NOT_OBSERVABLE: 'the signals do not determine the state'}
 EVENTS = VERDICTS[2:DUPLICATE]
+_DROPPED_FOR = {DUPLICATE: 'their stamps repeat', LATE: 'their stamps are late',
+                NON_FINITE: 'their numbers are not finite', ZERO_STAMP: 'they have no time stamp'}
+
+
+def dropped_for(verdict: int) -> str:
+    """Why samples are dropped, in words; '' where this verdict does not say it."""
+    why = _DROPPED_FOR.get(verdict, '')
+    return why and f'those that come are dropped: {why}'
 
 
 def entry(level: bytes, name: str, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:

@@ -20,8 +20,8 @@ from estimator_pkg.nodes.health import Health
 class DrivenHealth(Health):
     """Adds what the node knows of a joint's input."""
 
-    MISMATCH = ('lack a joint or an effort that the observer needs (with input: effort_command '
-                'efforts come by a topic of their own)')
+    MISMATCH = ('their arrays differ in number, or they lack a joint or an effort that the '
+                'observer needs (with input: effort_command efforts come by a topic of their own)')
     _node: DrivenNode
 
     def _why_silent(self, name: str) -> str:
@@ -35,6 +35,7 @@ class DrivenHealth(Health):
 class DrivenNode(ObserverNode):
     """An `ObserverNode` whose efforts come with the joint states or from effort_command."""
 
+    HEALTH = DrivenHealth
     settings: EffortSettings
 
     def about(self, name: str) -> Mapping[str, Any]:
@@ -42,8 +43,12 @@ class DrivenNode(ObserverNode):
         settings: Any = self.bank.joints[name].settings
         return {'input': self.settings.input, 'input_unit': settings.input_unit}
 
-    def _make_health(self) -> Health:
-        return DrivenHealth(self, self.bank, self._endpoints, self._ros, self.input)
+    def _build(self, configuration: Any, joint: str) -> Any:
+        functions = super()._build(configuration, joint)
+        given = functions.no_input
+        configuration.for_joint(joint)[1].check_inputs(
+            len(given) if isinstance(given, tuple) else 1, self._called(joint))
+        return functions
 
     def _orders(self) -> Sequence[Sequence[str]]:
         """Names that the numbers of a Float64MultiArray may stand for."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import (
     PublisherEventCallbacks,
     SubscriptionEventCallbacks,
@@ -16,6 +17,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import (
     DurabilityPolicy,
+    HistoryPolicy,
     QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
@@ -26,6 +28,7 @@ from rclpy.subscription import Subscription
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.nodes.loss import Loss
+from estimator_pkg.nodes.ros_parameters import in_words
 
 
 def sensor_data() -> QoSProfile:
@@ -47,7 +50,16 @@ def latched() -> QoSProfile:
 _OPEN = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
          QoSPolicyKind.DURABILITY)
 
+DEEPEST = 100_000  # messages of a queue
+UNNAMED = '_NODE_NAME_UNKNOWN_'  # what ROS calls a node of which it has not heard all yet
+
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
+
+
+class _Input(NamedTuple):
+    subscription: Subscription
+    callback: Callable[..., None]
+    loss: Loss
 
 
 class OnDemand:
@@ -80,22 +92,32 @@ class Endpoints:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.qos_mismatches = 0
-        self._losses: list[Loss] = []
-        self._inputs: list[tuple[Subscription, Callable[..., None]]] = []
+        self._inputs: list[_Input] = []
         self._on_demand: list[OnDemand] = []
-        self._reported = 0  # by the middleware's own event
 
     @property
     def inputs(self) -> list[str]:
         """Names of the topics that are subscribed to."""
-        return [subscription.topic_name for subscription, _ in self._inputs]
+        return [each.subscription.topic_name for each in self._inputs]
 
     @property
-    def lost(self) -> int:
-        """Messages lost on the way to our subscriptions since they were made."""
-        if any(loss.known for loss in self._losses):
-            return sum(loss.count for loss in self._losses)
-        return self._reported
+    def lost(self) -> dict[str, int]:
+        """Messages lost on the way to our subscriptions since they were made, by topic."""
+        return {each.subscription.topic_name: each.loss.lost for each in self._inputs}
+
+    def of_other_types(self) -> list[str]:
+        """Who publishes on our inputs what we do not read, each in words.
+
+        The middleware says nothing of them: they are not connected, as if they were not there.
+        """
+        texts = []
+        for each in self._inputs:
+            topic, wanted = each.subscription.topic_name, _type_name(each.subscription.msg_type)
+            texts += [f'{found.node_name} publishes {found.topic_type} on {topic}, where this node '
+                      f'reads {wanted}: they are not connected'
+                      for found in self._node.get_publishers_info_by_topic(topic)
+                      if found.topic_type != wanted and found.node_name != UNNAMED]
+        return texts
 
     def subscribe(self, kind: type, topic: str, receive: Receive,
                   qos: QoSProfile | None = None) -> Subscription:
@@ -107,7 +129,6 @@ class Endpoints:
         """
         holder: list[Subscription] = []
         loss = Loss(lambda: holder[0].get_publisher_count())
-        self._losses.append(loss)
         saw = loss.saw
 
         def callback(*arguments: Any) -> None:
@@ -126,7 +147,7 @@ class Endpoints:
                 loss.forget()
 
         def reported(event: Any) -> None:
-            self._reported = event.total_count
+            loss.reported = event.total_count
 
         def make(**events: Any) -> Subscription:
             return self._node.create_subscription(
@@ -135,7 +156,7 @@ class Endpoints:
                 event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch, **events))
 
         holder.append(self._made(topic, make, {'matched': matched, 'message_lost': reported}))
-        self._inputs.append((holder[0], callback))
+        self._inputs.append(_Input(holder[0], callback, loss))
         return holder[0]
 
     def look(self) -> None:
@@ -150,7 +171,7 @@ class Endpoints:
         EventsExecutor takes one message for each event. An event that comes while it takes the
         node in may go unnoticed, and every message after it would be one message late.
         """
-        for subscription, callback in self._inputs:
+        for subscription, callback, _ in self._inputs:
             for _ in range(subscription.qos_profile.depth or 1):
                 with subscription.handle:
                     taken = subscription.handle.take_message(subscription.msg_type, True)
@@ -185,8 +206,10 @@ class Endpoints:
                 return make(**events)
             except UnsupportedEventTypeError:  # of this middleware: then without
                 return make()
-        except (InvalidQosOverridesError, ParameterException, AssertionError, RuntimeError,
-                TypeError, ValueError) as error:
+        except ParameterException as error:
+            raise UsageError(in_words(error)) from error
+        except (InvalidQosOverridesError, AssertionError, RuntimeError, TypeError,
+                ValueError) as error:
             raise UsageError(f"qos_overrides of '{topic}': {error}") from error
 
     def _mismatch(self, topic: str, other: str, own: str, event: Any) -> None:
@@ -198,7 +221,20 @@ class Endpoints:
 
 
 def _overriding() -> QoSOverridingOptions:
-    return QoSOverridingOptions(_OPEN)
+    return QoSOverridingOptions(_OPEN, callback=_possible)
+
+
+def _possible(qos: QoSProfile) -> SetParametersResult:
+    """Whether the middleware can keep so many messages; it would say it in ten lines."""
+    if 1 <= qos.depth <= DEEPEST or qos.history == HistoryPolicy.KEEP_ALL:
+        return SetParametersResult(successful=True)
+    return SetParametersResult(successful=False,
+                               reason=f'depth {qos.depth} is outside [1, {DEEPEST}]')
+
+
+def _type_name(kind: Any) -> str:
+    package, what, _ = kind.__module__.split('.', 2)
+    return f'{package}/{what}/{kind.__name__}'
 
 
 _TWO_ARGUMENTS = inspect.signature(lambda message, info: None)

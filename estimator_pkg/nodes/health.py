@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -12,7 +13,7 @@ from rclpy.subscription import Subscription
 
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import suggestion
-from estimator_pkg.nodes.diagnostics import OK, WARN, counters, entry, joint_status
+from estimator_pkg.nodes.diagnostics import OK, WARN, counters, dropped_for, entry, joint_status
 from estimator_pkg.nodes.endpoints import Endpoints, latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
@@ -21,6 +22,7 @@ DIAGNOSTICS = 1.0       # [s] between two of /diagnostics
 UNHEARD_OF = 5.0        # [s] after which what never appeared is named
 ALL_HERE = 1.0          # [s] after the first joint by which the others have come too
 SAY_AGAIN_AFTER = 10.0  # [s] between two warnings of the same kind
+NAMED = 5               # joints that a warning names at most
 
 
 class WatchedBank(Protocol):
@@ -53,10 +55,25 @@ class Health:
 
     Attributes
     ----------
-    malformed : messages whose bytes were none of their type.
+    KEPT : what the bank keeps by name, in words.
+    MISMATCH : why messages are counted as mismatched, in words.
+    NO_STAMP : what helps where they have no stamps, in words.
+    WRONG : what else is no good, in words, by the name of its counter.
     """
 
-    MISMATCH = 'their names and positions differ in number'  # what may be wrong beside malformed
+    KEPT: ClassVar[str] = 'joint'
+    MISMATCH: ClassVar[str] = 'their names and positions differ in number'
+    NO_STAMP: ClassVar[str] = "start the node with 'stamp_source: publisher'"
+    WRONG: ClassVar[Mapping[str, str]] = {
+        'messages_dropped.empty': 'messages without positions',
+        'messages_dropped.mismatched': 'messages whose arrays do not match',
+        'messages_dropped.failed': 'messages on which the observer failed',
+        'dropped.duplicate': 'duplicates', 'dropped.late': 'late samples',
+        'dropped.non_finite': 'samples that are not finite',
+        'dropped.zero_stamp': 'samples without a stamp',
+        'dropped.misconfigured': 'samples of misconfigured joints',
+        'events.clock_jump': 'clock jumps', 'events.stray_stamp': 'stamps from far ahead',
+        'lost_by_dds': 'messages lost by DDS'}
 
     def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters,
                  input: Subscription) -> None:
@@ -64,13 +81,16 @@ class Health:
         self._input = input
         self._status = endpoints.publisher(DiagnosticArray, '~/status', latched())
         self._diagnostics = endpoints.publisher(DiagnosticArray, '/diagnostics')
-        self.malformed = 0
-        self._decoded = 0
+        self._decoded = self._malformed = self._failed = 0
+        self._complaint = ('', '')  # of the newest malformed message: its topic, and what is wrong
         self._step_time = self._longest_step = 0.0
         self._started = self._last_report = monotonic()
-        self._named_unheard = self._named_unseen = False
+        self._named_unknown = self._named_unseen = False
+        self._told: set[str] = set()  # of topics on which nothing comes
         self._first_input = 0.0
-        self._used: dict[str, tuple[int, float]] = {}  # samples used, and when that last grew
+        # samples used; when that last grew, and how many had been received then
+        self._used: dict[str, tuple[int, float, int]] = {}
+        self._lost: Mapping[str, int] = {}  # by topic
         self._said: dict[str, tuple[int, str]] = {}    # status and why, as published
         self._warned: dict[str, float] = {}
         self._before = _Totals()
@@ -83,24 +103,34 @@ class Health:
         if seconds > self._longest_step:
             self._longest_step = seconds
 
+    def malformed(self, topic: str, why: str) -> None:
+        """A message could not be decoded."""
+        self._malformed += 1
+        self._complaint = topic, why
+
+    def failed(self, topic: str, why: str) -> None:
+        """The observer raised an exception on a message; the joints start again."""
+        self._failed += 1
+        self._say('failed', f'the observer failed on a message of {topic}, and all {self.KEPT}s '
+                            f'start again: {why}', severe=True)
+
     def look(self) -> None:
         """Publish what has changed, and once a second the diagnostics."""
         now = monotonic()
         statuses = {name: self._judge(name, joint, now)
                     for name, joint in self._bank.joints.items()}
         changed = statuses != self._said
-        for name, (status, why) in statuses.items():
-            if status == MISCONFIGURED and self._said.get(name, (0, ''))[0] != MISCONFIGURED:
-                self._node.get_logger().error(f"joint '{name}' is misconfigured: {why}")
+        if changed:
+            self._tell_changes(statuses)
         self._said = statuses
         due = now - self._last_report >= DIAGNOSTICS
         if changed or due:
             self._publish_status()
         if due:
             self._report(now)
-        if not self._named_unheard and now - self._started >= UNHEARD_OF:
-            self._named_unheard = True
-            self._name_unheard()
+            if now - self._started >= UNHEARD_OF:
+                self._name_unknown()
+                self._name_unheard()
         if not self._named_unseen and statuses:
             self._first_input = self._first_input or now
             if now >= max(self._started + UNHEARD_OF, self._first_input + ALL_HERE):
@@ -109,17 +139,18 @@ class Health:
 
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
         """(status, why) of a joint; without a usable sample for its timeout it is lost."""
-        used = joint.used
-        known, since = self._used.get(name, (-1, now))
+        used, received = joint.used, joint.received
+        known, since, before = self._used.get(name, (-1, now, 0))
         if used != known:
-            since = now
-            self._used[name] = (used, now)
+            since, before = now, received
+            self._used[name] = (used, now, received)
         if now - since > joint.settings.timeout:
             reason = self._why_silent(name)
+            if not reason and received > before:
+                reason = dropped_for(joint.verdict)
             return LOST, (f'no usable sample for {joint.settings.timeout:g} s'
                           + (f'; {reason}' if reason else ''))
-        status = joint.estimate()[3]
-        return status, joint.why()
+        return joint.estimate()[3], joint.why()
 
     def _why_silent(self, name: str) -> str:
         """Why there may be no usable sample of a joint, where that can be known; else ''."""
@@ -155,69 +186,107 @@ class Health:
 
     def _of_node(self, name: str, totals: _Totals, new: _Totals, passed: float
                  ) -> DiagnosticStatus:
-        decoded = new['messages_received'] - new['messages_dropped.malformed']
+        decoded = (new['messages_received'] - new['messages_dropped.malformed']
+                   - new['messages_dropped.failed'])
         values: dict[str, Any] = {
             'rate_hz': new['messages_received'] / passed, **totals,
             'publishers': self._input.get_publisher_count(),
             'step_time_mean_us': 1e6 * self._step_time / decoded if decoded else 0.0,
             'step_time_max_us': 1e6 * self._longest_step}
-        wrong = [f'{new[key]} {text}' for key, text in _WRONG.items() if new[key]]
+        wrong = [f'{new[key]} {text}' for key, text in self.WRONG.items() if new.get(key)]
+        if new['messages_dropped.malformed']:
+            wrong.insert(0, f"{new['messages_dropped.malformed']} malformed messages "
+                            f'({self._complaint[1]})')
         if not new['messages_received']:
             wrong.insert(0, 'no input')
         return entry(WARN if wrong else OK, name, ', '.join(wrong) or 'ok', values)
 
     def _totals(self) -> _Totals:
         bank = self._bank
-        received = self._decoded + self.malformed
         return _Totals({
-            'messages_received': received,
+            'messages_received': self._decoded + self._malformed + self._failed,
             'messages_used': self._decoded - bank.empty - bank.mismatched,
-            'messages_dropped.malformed': self.malformed,
+            'messages_dropped.malformed': self._malformed,
+            'messages_dropped.failed': self._failed,
             'messages_dropped.empty': bank.empty,
             'messages_dropped.mismatched': bank.mismatched,
             **counters(bank.joints),
             'resets': sum(joint.reset_count for joint in bank.joints.values()),
-            'lost_by_dds': self._endpoints.lost,
+            'lost_by_dds': sum(self._endpoints.lost.values()),
             'qos_mismatches': self._endpoints.qos_mismatches})
 
     # Warnings
 
     def _warn(self, new: _Totals) -> None:
         """One line for what a person should know of, at most one of a kind in ten seconds."""
+        topic = self._input.topic_name
         if new['dropped.zero_stamp']:
-            self._say('zero', f'messages on {self._input.topic_name} carry no time stamp and are '
-                              "dropped: start the node with 'stamp_source: publisher'")
+            self._say('zero', f"{new['dropped.zero_stamp']} samples on {topic} carry no time stamp "
+                              f'and are dropped: {self.NO_STAMP}')
         if new['events.clock_jump']:
-            self._say('jump', 'the clock of the measurements jumped (a bag that loops, a '
-                              'restarted simulation): its joints start again')
-        if new['messages_dropped.malformed'] or new['messages_dropped.mismatched']:
-            self._say('malformed', f'messages on {self._input.topic_name} are malformed, or '
-                                   f'{self.MISMATCH}: they are dropped')
-        if new['lost_by_dds']:
-            self._say('lost', f"{new['lost_by_dds']} messages on {self._input.topic_name} were "
-                              'lost: more come than this node or the network can take')
+            publishers = self._input.get_publisher_count()
+            several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
+            self._say('jump', 'the clock of the measurements jumped (a bag that loops, a restarted '
+                              f'simulation{several}): its {self.KEPT}s start again')
+        if new['messages_dropped.malformed']:
+            where, why = self._complaint
+            self._say('malformed', f'messages on {where} are malformed and dropped: {why}')
+        if new['messages_dropped.mismatched']:
+            self._say('mismatched', f'messages on {topic} are dropped: {self.MISMATCH}')
+        before, self._lost = self._lost, self._endpoints.lost
+        where = ' and '.join(each for each, count in self._lost.items()
+                             if count > before.get(each, 0))
+        if where:
+            self._say('lost', f"{new['lost_by_dds']} messages on {where} were lost: more come than "
+                              'this node or the network can take')
 
-    def _say(self, kind: str, text: str) -> None:
+    def _tell_changes(self, statuses: Mapping[str, tuple[int, str]]) -> None:
+        """Joints that have become misconfigured, or of which every sample is dropped."""
+        lost: dict[str, list[str]] = {}
+        for name, (status, why) in statuses.items():
+            if status == self._said.get(name, (INITIALISING, ''))[0]:
+                continue
+            if status == MISCONFIGURED:
+                self._node.get_logger().error(f"{self.KEPT} '{name}' is misconfigured: {why}")
+            if status == LOST and ';' in why:  # more than silence
+                lost.setdefault(why, []).append(f"'{name}'")
+        for why, names in lost.items():
+            more = f' and {len(names) - NAMED} more' if len(names) > NAMED else ''
+            self._say(why, f"{self.KEPT} {', '.join(names[:NAMED])}{more}: {why}")
+
+    def _say(self, kind: str, text: str, *, severe: bool = False) -> None:
         now = monotonic()
-        if now - self._warned.get(kind, -SAY_AGAIN_AFTER) >= SAY_AGAIN_AFTER:
+        if now - self._warned.get(kind, -math.inf) >= SAY_AGAIN_AFTER:
             self._warned[kind] = now
-            self._node.get_logger().warning(text)
+            if severe:
+                self._node.get_logger().error(text)
+            else:
+                self._node.get_logger().warning(text)
+
+    def _name_unknown(self) -> None:
+        """Misspelt parameters, once."""
+        if not self._named_unknown:
+            self._named_unknown = True
+            for name, hint in self._ros.unknown().items():
+                self._node.get_logger().warning(f"unknown parameter '{name}': {hint}")
 
     def _name_unheard(self) -> None:
-        """Misspelt parameters, no input at all."""
-        log = self._node.get_logger().warning
-        for name, hint in self._ros.unknown().items():
-            log(f"unknown parameter '{name}': {hint}")
-        if not self._decoded and not self.malformed:
-            log(f'nothing has been received on {self._input.topic_name} for {UNHEARD_OF:g} s; '
-                f'publishers connected: {self._input.get_publisher_count()}')
+        """No input at all, or publishers of another type: as often as that changes."""
+        texts = self._endpoints.of_other_types()
+        if not self._decoded + self._malformed + self._failed:
+            texts.append(f'nothing has been received on {self._input.topic_name} yet; publishers '
+                         f'connected: {self._input.get_publisher_count()}')
+        for text in texts:
+            if text not in self._told:
+                self._told.add(text)
+                self._node.get_logger().warning(text)
 
     def _name_unseen(self) -> None:
         """Joints that were named and did not come with the others."""
         seen = self._bank.joints
         for joint in sorted({*self._ros.overrides, *self._bank.only} - set(seen)):
-            self._node.get_logger().warning(f"joint '{joint}' was named in the parameters and "
-                                            f'never seen: {suggestion(joint, seen)}')
+            self._node.get_logger().warning(f"{self.KEPT} '{joint}' was named in the parameters "
+                                            f'and never seen: {suggestion(joint, seen)}')
 
 
 class _Totals(dict[str, int]):
@@ -226,13 +295,3 @@ class _Totals(dict[str, int]):
     def since(self, before: _Totals) -> _Totals:
         """What was counted since `before`."""
         return _Totals({key: count - before.get(key, 0) for key, count in self.items()})
-
-
-_WRONG = {'messages_dropped.malformed': 'malformed messages',
-          'messages_dropped.empty': 'messages without positions',
-          'messages_dropped.mismatched': 'messages whose arrays do not match',
-          'dropped.duplicate': 'duplicates', 'dropped.late': 'late samples',
-          'dropped.non_finite': 'samples that are not finite',
-          'dropped.zero_stamp': 'samples without a stamp',
-          'dropped.misconfigured': 'samples of misconfigured joints',
-          'events.clock_jump': 'clock jumps', 'lost_by_dds': 'messages lost by DDS'}

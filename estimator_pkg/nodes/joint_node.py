@@ -51,11 +51,9 @@ class JointObserver(ObserverNode):
         return super()._configured(self.settings.implied(common), overrides)
 
     def _make_bank(self, configuration: Configuration) -> Bank:
-        self._gives_acceleration = False
-        for joint in ('', *configuration.overrides):
-            self._build(configuration, joint)
-            self._gives_acceleration |= self._observer.gives_acceleration(
-                configuration.for_joint(joint)[0])
+        self._gives_acceleration = any(
+            self._observer.gives_acceleration(configuration.for_joint(joint)[0])
+            for joint in ('', *configuration.overrides))
         return Bank(configuration, self.settings.only)
 
     def _connect(self) -> Subscription:

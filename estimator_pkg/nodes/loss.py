@@ -20,13 +20,24 @@ class Loss:
     Parameters
     ----------
     publishers : how many publishers are matched now.
+
+    Attributes
+    ----------
+    count : what is missing in the sequence numbers.
+    known : the middleware gives sequence numbers.
+    reported : messages lost by the middleware's own account.
     """
 
     def __init__(self, publishers: Callable[[], int]) -> None:
         self._publishers = publishers
         self._expected: list[int] = []  # the next number of each publisher
-        self.known = False              # the middleware gives sequence numbers
-        self.count = 0
+        self.known = False
+        self.count = self.reported = 0
+
+    @property
+    def lost(self) -> int:
+        """Messages lost, as far as it can be known."""
+        return self.count if self.known else self.reported
 
     def saw(self, sequence: int | None) -> None:
         """A message with this publication sequence number came."""

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from estimator_pkg.nodes.driven import DrivenNode  # first: settles what rclpy reads  # isort: skip
+from estimator_pkg.nodes.driven import DrivenHealth, DrivenNode  # first: settles what rclpy reads  # isort: skip
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.subscription import Subscription
 
 from estimator_pkg.driver.mechanism import (
-    Mechanism,
     MechanismBank,
     MechanismConfiguration,
     MechanismSettings,
+    check_names,
 )
-from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import Layout
 from estimator_pkg.nodes.diagnostics import OK, entry
 from estimator_pkg.nodes.endpoints import latched
@@ -24,6 +23,12 @@ from estimator_pkg.nodes.mechanical_settings import MechanicalNodeSettings
 from estimator_pkg.nodes.ros_parameters import Values
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanical_gains import in_words
+
+
+class MechanismHealth(DrivenHealth):
+    """As of joints."""
+
+    KEPT = 'mechanism'
 
 
 class MechanicalObserver(DrivenNode):
@@ -35,6 +40,7 @@ class MechanicalObserver(DrivenNode):
     NAME = 'mechanical_observer'
     SETTINGS = MechanicalNodeSettings
     PER_JOINT = MechanismSettings
+    HEALTH = MechanismHealth
     settings: MechanicalNodeSettings
     bank: MechanismBank
 
@@ -60,19 +66,9 @@ class MechanicalObserver(DrivenNode):
         return ', '.join(joint for mechanism in self.bank.joints.values()
                          for joint in mechanism.names)
 
-    def _restarted(self) -> str:
-        return f'{len(self.bank.joints)} mechanisms start'
-
-    def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
-        """Refuse gains that do not work, at the rates measured so far."""
-        configuration = self._configuration(values, overrides)
-        self.bank.check_names(configuration)
-        for name, mechanism in self.bank.joints.items():
-            gains, settings = configuration.for_joint(name)
-            fresh = Mechanism(name, self._observer, gains, settings, self.settings.input)
-            why = fresh.functions.limits(mechanism.mean_dt) if mechanism.mean_dt > 0.0 else None
-            if why:
-                raise UsageError(f"mechanism '{name}': {why}")
+    def _try(self, configuration: MechanismConfiguration) -> None:
+        """All mechanisms are known from the start, and what is common need not suit any of them."""
+        check_names(configuration, self.settings.mechanisms)
 
     def _gains_changed(self, name: str) -> None:
         self._meaning.pop(name, None)

@@ -21,6 +21,7 @@ class MechanicalNodeSettings(EffortSettings):
         ('mechanism',), unit='', structural=True,
         description='a name for each mechanism; joints.<mechanism>.<parameter> sets a parameter of '
                     'one of them')
+
     def find_observer(self) -> Observer:
         """The observer; raises UsageError if it is none of mechanisms."""
         found = observers.find(self.observer)

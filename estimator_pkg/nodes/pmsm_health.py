@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from estimator_pkg.driver.drive_stream import DriveStream
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.nodes.diagnostics import WARN
 from estimator_pkg.nodes.endpoints import Endpoints
 from estimator_pkg.nodes.health import Health, WatchedBank
 from estimator_pkg.nodes.ros_parameters import RosParameters
@@ -24,6 +23,11 @@ class PmsmHealth(Health):
     stream : the motor behind its topics.
     """
 
+    NO_STAMP = 'every sample needs its own'
+    WRONG: ClassVar[Mapping[str, str]] = {
+        **Health.WRONG, 'unpaired': 'currents or voltages without their partner',
+        'unbalanced': 'currents whose phases do not sum to zero'}
+
     def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters,
                  input: Subscription, stream: DriveStream) -> None:
         self._stream = stream
@@ -36,20 +40,6 @@ class PmsmHealth(Health):
 
     def _why_silent(self, name: str) -> str:
         return self._stream.why_silent()
-
-    def _of_node(self, name: str, totals: Any, new: Any, passed: float) -> DiagnosticStatus:
-        stream = self._stream
-        status = super()._of_node(name, totals, new, passed)
-        wrong = [] if status.message == 'ok' else [status.message]
-        if new['messages_dropped.malformed']:
-            wrong.append(stream.complaint)
-        if new.get('unpaired', 0):
-            wrong.append(f"{new['unpaired']} currents or voltages without their partner")
-        if new.get('unbalanced', 0):
-            wrong.append(f"{new['unbalanced']} currents whose phases do not sum to zero")
-        if wrong:
-            status.level, status.message = WARN, ', '.join(wrong)
-        return status
 
     def _totals(self) -> Any:
         self._bank.empty = self._stream.empty

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParametersResult
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -245,6 +246,11 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         type=_TYPES[parameter.kind], description=parameter.description + unit,
         additional_constraints=parameter.range_text(), read_only=parameter.structural,
         dynamic_typing=True)
+
+
+def in_words(error: ParameterException) -> str:
+    """What it says; rclpy puts the name of the parameter behind it once more."""
+    return str(error).rpartition(': ')[0] or str(error)
 
 
 def ros_values(values: Mapping[str, Any]) -> list[RosParameter]:

@@ -1,0 +1,221 @@
+"""What nodes say when something is wrong with what comes, or with what is done with it.
+
+The nodes live in this process and in no executor: they take what waits when they look around.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import time
+
+import dds
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages import drive_samples
+from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.models import gripper
+from estimator_pkg.nodes.adaptive_observer import AdaptiveObserver
+from estimator_pkg.nodes.joint_observer import JointObserver
+from estimator_pkg.nodes.pmsm_observer import PmsmObserver
+from estimator_pkg.nodes.ros_parameters import ros_values
+from estimator_pkg.nodes.switched_observer import SwitchedObserver
+
+BEGIN = 1_700_000_000_000_000_000  # [ns]
+MS = 1_000_000
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7,
+         'compile': False}
+
+
+def raising(mode):
+    """What is wrong in a user's model."""
+    return {'': None, 'close': None}[mode]
+
+
+RAISING = dataclasses.replace(gripper.MODEL, transition=raising)
+
+
+class Own:
+    """A node in this process, and who publishes to it."""
+
+    def __init__(self, probe, kind, **values):
+        self.probe = probe
+        self.node = kind(kind.__name__.lower(), parameter_overrides=ros_values(values))
+        self.encode = Encoder().encode
+        self._publishers = []
+
+    def publisher(self, kind, topic):
+        """One more, connected."""
+        before = {each for each in self._publishers if each.topic_name == f'/{topic}'}
+        made = self.probe.node.create_publisher(kind, topic, 50)
+        self._publishers.append(made)
+        self.probe.until(lambda: made.get_subscription_count()
+                         and self.node.count_publishers(topic) > len(before))
+        time.sleep(0.1)
+        return made
+
+    def take(self, publisher, *raws):
+        """Publish, and wait until the node has had them; its counters."""
+        before = self.node.health._totals()['messages_received']
+        for raw in raws:
+            publisher.publish(raw)
+
+        def taken():
+            self.node._look_around()
+            return self.node.health._totals()['messages_received'] - before == len(raws)
+
+        assert dds.until(taken)
+        return self.node.health._totals()
+
+    def reported(self):
+        """The diagnostics' entry, as after a second."""
+        entries = []
+        self.node.health._diagnostics = type('', (), {'publish': entries.append})
+        self.node.health._report(time.monotonic())
+        return entries[-1].status[0]
+
+    def close(self):
+        self.node.destroy_node()
+        for each in self._publishers:
+            self.probe.node.destroy_publisher(each)
+
+
+@pytest.fixture
+def own(probe):
+    """(class of the node, parameters) -> it, in this process."""
+    made = []
+
+    def start(kind, **values):
+        made.append(Own(probe, kind, **values))
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.close()
+
+
+def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
+    from sensor_msgs.msg import JointState
+
+    system = own(SwitchedObserver, model=f'{__name__}:RAISING')
+    states = system.publisher(JointState, 'joint_states')
+    events = system.publisher(JointState, 'switch_event')
+
+    def sample(k):
+        return system.encode(BEGIN + k * MS, '', ('joint',), (1e-3 * k,), (), (0.0,))
+
+    system.take(states, sample(0), sample(1))
+    events.publish(system.encode(BEGIN + 2 * MS, '', ('opne',)))
+    assert dds.until(lambda: system.node._look_around() or system.node.bank.system._waiting)
+    totals = system.take(states, sample(2), sample(3), sample(4))
+    assert totals['messages_dropped.failed'] == 1 and totals['resets'] == 1
+    assert totals['messages_received'] == totals['messages_used'] + 1 == 5
+    assert totals['received'] == totals['used']
+    said = capfd.readouterr().err
+    assert ('the observer failed on a message of /joint_states, and all joints start again: '
+            "KeyError: 'opne' (line " in said) and 'Traceback' not in said
+    assert '1 messages on which the observer failed' in system.reported().message
+
+
+def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
+    from sensor_msgs.msg import JointState
+
+    live = own(JointObserver, timeout=0.02)
+    states = live.publisher(JointState, 'joint_states')
+    for k in range(2):
+        live.take(states, live.encode(BEGIN + k * MS, '', 'abcdefg', [0.0] * 7))
+    time.sleep(0.05)
+    live.take(states, live.encode(BEGIN + 2 * MS, '', 'abcdefg', [math.nan] * 7))
+    said = capfd.readouterr().err
+    assert ("joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; those that "
+            'come are dropped: their numbers are not finite') in said
+    assert live.node.health._said['g'][1].endswith('their numbers are not finite')
+
+
+def test_two_clocks_on_one_topic_are_told(own, capfd):
+    from sensor_msgs.msg import JointState
+
+    live = own(JointObserver)
+    one, other = (live.publisher(JointState, 'joint_states') for _ in range(2))
+    live.take(one, live.encode(BEGIN, '', ['a'], [0.0]))
+    live.take(other, live.encode(BEGIN - 10 ** 12, '', ['a'], [0.0]))
+    live.reported()
+    assert ('the clock of the measurements jumped (a bag that loops, a restarted simulation, '
+            '2 publishers whose clocks differ)') in capfd.readouterr().err
+
+
+def test_publishers_of_another_type_are_told(own, capfd):
+    from std_msgs.msg import Float32, Float64MultiArray
+
+    live, commanded = own(JointObserver, input='angle'), own(AdaptiveObserver,
+                                                             input='effort_command')
+    context = Context()  # of its own: one process has one type on a topic
+    rclpy.init(context=context, domain_id=dds.DOMAIN)
+    stranger = rclpy.create_node('stranger', context=context)
+    for kind, topic in ((Float32, 'angle'), (Float64MultiArray, 'effort_command')):
+        stranger.create_publisher(kind, topic, 1)
+        assert dds.until(lambda topic=topic: any(
+            found.node_name == 'stranger'
+            for found in live.node.get_publishers_info_by_topic(f'/{topic}')))
+    for health in (live.node.health, live.node.health, commanded.node.health):
+        health._name_unheard()
+    said = capfd.readouterr().err
+    assert said.count('stranger publishes std_msgs/msg/Float32 on /angle, where this node reads '
+                      'std_msgs/msg/Float64: they are not connected') == 1
+    assert said.count('nothing has been received on /angle yet; publishers connected: 0') == 1
+    assert ('stranger publishes std_msgs/msg/Float64MultiArray on /effort_command, where this node '
+            'reads sensor_msgs/msg/JointState') in said
+    stranger.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_a_drive_without_stamps_is_not_told_of_a_parameter_it_lacks(own, capfd):
+    from std_msgs.msg import Float64MultiArray
+
+    motor = own(PmsmObserver, **MOTOR)
+    samples = motor.publisher(Float64MultiArray, 'drive_samples')
+    good = drive_samples.encode(np.zeros(5, np.int64), np.zeros((5, 4)))
+    motor.take(samples, good, good.replace(b'channel', b'columns'))
+    entry = motor.reported()
+    said = capfd.readouterr().err
+    assert '5 samples on /drive_samples carry no time stamp and are dropped: every' in said
+    assert 'stamp_source' not in said
+    assert "malformed and dropped: a dimension is called 'columns', not 'channel'" in said
+    assert "1 malformed messages (a dimension is called 'columns'" in entry.message
+
+
+class Overflowing(JointObserver):
+    """Its observer gives no numbers at a bandwidth of 123 Hz."""
+
+    def _find_observer(self):
+        found = super()._find_observer()
+
+        def prepare(design, dt):
+            raise OverflowError('math range error')
+
+        def build(gains, circle):
+            functions = found.build(gains, circle)
+            return (dataclasses.replace(functions, prepare=prepare)
+                    if gains.bandwidth_hz == 123.0 else functions)
+
+        return dataclasses.replace(found, build=build)
+
+
+def test_gains_that_give_no_numbers_are_refused(own):
+    from sensor_msgs.msg import JointState
+
+    told = r'numbers become too large or too small for these gains \(math range error\)'
+    live = own(Overflowing)
+    states = live.publisher(JointState, 'joint_states')
+    live.take(states, live.encode(BEGIN, '', ['a'], [0.0]))
+    result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 123.0}))
+    assert not result.successful and re.fullmatch(told, result.reason)
+    assert live.node.get_parameter('bandwidth_hz').value != 123.0
+    assert live.take(states, live.encode(BEGIN + MS, '', ['a'], [0.0]))['used'] == 2
+    with pytest.raises(UsageError, match=f'hybrid_angle: {told}'):
+        own(Overflowing, bandwidth_hz=123.0)
