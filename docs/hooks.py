@@ -1,4 +1,9 @@
-"""Fills ``{{ parameters NAME }}`` in a page with the table that the code declares (mkdocs hook)."""
+"""What pages are given when the site is built (mkdocs hook).
+
+``{{ parameters NAME }}`` becomes the table that the code declares. A block of mathematics, written
+in LaTeX behind three backquotes and ``math`` (which GitHub typesets by itself), becomes MathML, so
+that a browser needs neither a script nor a network for it.
+"""
 
 import re
 
@@ -8,6 +13,7 @@ from estimator_pkg.listing import default_text
 from estimator_pkg.parameters import declared
 
 PLACE = re.compile(r'\{\{ parameters (\w+) \}\}')
+MATHEMATICS = re.compile(r'^```math\n(.*?)\n```$', re.DOTALL | re.MULTILINE)
 
 
 def parameter_table(name):
@@ -18,9 +24,16 @@ def parameter_table(name):
         for each in declared(gains).values()])
 
 
+def typeset(latex):
+    """A formula on lines of its own, as HTML."""
+    from latex2mathml.converter import convert
+    return f'<div class="mathematics">{convert(latex, display="block")}</div>'
+
+
 def on_page_markdown(markdown, page=None, **_):
     """Called by mkdocs with the text of each page; an observer's page always has its table."""
     folder, _, name = page.file.src_uri.removesuffix('.md').partition('/') if page else ('', '', '')
     if folder == 'observers' and not PLACE.search(markdown):
         markdown += f'\n\n## Parameters\n\n{{{{ parameters {name} }}}}\n'
+    markdown = MATHEMATICS.sub(lambda found: typeset(found.group(1)), markdown)
     return PLACE.sub(lambda found: parameter_table(found.group(1)), markdown)

@@ -182,7 +182,11 @@ def test_the_site_is_built(tmp_path):
     assert done.returncode == 0, done.stderr
     page = (tmp_path / 'site' / 'observers' / 'pll' / 'index.html').read_text()
     assert 'bandwidth_hz' in page and '{{ parameters' not in page
+    assert '<math ' in page and '<script>window.MathJax' not in page
     for name in observers():
         page = (tmp_path / 'site' / 'observers' / name / 'index.html').read_text()
+        formulas = ' '.join(re.findall('<math .*?</math>', page, re.DOTALL))
+        assert '\\' not in formulas and '<mi>&<' not in formulas, name  # LaTeX that was not known
+        assert '```' not in page, name
         for parameter in declared(registry.find(registry.OBSERVERS, name).gains):
             assert f'<code>{parameter}</code>' in page, (name, parameter)
