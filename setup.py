@@ -17,7 +17,7 @@ EXTRAS = {
     'report': ['matplotlib>=3.8,<4', 'bokeh>=3.4,<4'],
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
-    'docs': ['mkdocs-material>=9.5,<10'],
+    'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
     'peers': ['pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
     'test': ['pytest>=8,<10', 'pytest-timeout>=2.3,<3', 'pytest-rerunfailures>=14,<17',
              'hypothesis>=6.100,<7', 'scipy>=1.11,<2',
