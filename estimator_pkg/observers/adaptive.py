@@ -48,6 +48,7 @@ from estimator_pkg.observers.contract import (
     Observer,
 )
 from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.observers.least_squares import kept
 from estimator_pkg.observers.scatter import begin_scatter, follow_scatter, resume_scatter
 from estimator_pkg.observers.unrolled import algebra
 
@@ -138,7 +139,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         average, memory, keep = design[10][1], design[10][2], design[10][3]
         return (rows(f, design[0]), g0, g1, dt, -math.expm1(-dt / average),
                 -math.expm1(-LOOK * dt / average), math.exp(-dt / keep),
-                math.exp(-dt / memory) if memory > 0.0 else 1.0, -math.expm1(-dt * design[10][5]))
+                kept(dt, memory), -math.expm1(-dt * design[10][5]))
 
     def init(measurement: float, design: tuple) -> tuple:
         theta = design[5]

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator_pkg.observers.adaptive_gains import GRADIENT, PAPER, Gains, Structure
 from estimator_pkg.observers.adaptive_motion import Motion
+from estimator_pkg.observers.least_squares import make_update
 from estimator_pkg.observers.unrolled import algebra
 
 # What the parameter law does
@@ -54,8 +55,8 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
     vectors, free = algebra(gains.order), algebra(len(made.free))
     dot, add, apply = vectors.dot, vectors.add, vectors.apply
     dot_m, add_m, apply_m, times_m, clip_m = free.dot, free.add, free.apply, free.times, free.clip
-    nothing = ((0.0,) * len(made.free),) * len(made.free)
-    rank_one, exceeds, wider, parts = free.rank_one, free.exceeds, free.wider, motion.parts
+    rank_one, exceeds, parts = free.rank_one, free.exceeds, motion.parts
+    update = make_update(len(made.free))
 
     def moved(theta: tuple, p: tuple, psi: tuple, e: float, design: tuple, h: float,
               forget: float) -> tuple:
@@ -65,20 +66,11 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
             else:
                 direction = apply_m(design[7], psi)
             size = h * e if is_paper else h * e / (1.0 + h * dot_m(psi, direction))
+            theta = add_m(theta, size, direction)
+            if bounded:
+                theta = clip_m(theta, design[6][0], design[6][1])
         else:
-            direction = apply_m(p, psi)
-            if forget < 1.0:
-                if wider(nothing, p) or dot_m(psi, direction) < 0.0:
-                    p = design[14]  # rounding has left it no covariance
-                    direction = apply_m(p, psi)
-                if wider(p, design[14]):
-                    forget = 1.0  # nothing is known any more: it would grow without bound
-            spread = forget + dot_m(psi, direction)
-            size = e / spread
-            p = rank_one(p, 1.0 / forget, -1.0 / (forget * spread), direction)
-        theta = add_m(theta, size, direction)
-        if bounded and is_gradient:
-            theta = clip_m(theta, design[6][0], design[6][1])
+            theta, p, spread = update(theta, p, psi, e, forget, design[14])
         return theta, p
 
     def variance(scatter: tuple, design: tuple) -> float:

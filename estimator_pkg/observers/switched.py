@@ -38,7 +38,7 @@ from estimator_pkg.observers.switched_regression import (
     vague,
 )
 from estimator_pkg.observers.switched_stages import climb, gates_open
-from estimator_pkg.observers.switched_state import State, SwitchedFunctions
+from estimator_pkg.observers.switched_state import State, SwitchedFunctions, is_sound
 from estimator_pkg.observers.switched_system import make_system
 from estimator_pkg.observers.switched_velocity import motions, observe, poles, spread
 
@@ -107,8 +107,12 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
             scatters=tuple(follow_scatter(state.scatters[i], read[i], h, period)
                            for i in outputs))
         if system.is_regression:
-            return learn(system, state, y, jumps, filters_of, h)
-        return state._replace(y=y)
+            state = learn(system, state, y, jumps, filters_of, h)
+        else:
+            state = state._replace(y=y)
+        if not is_sound(state):
+            return init(measurement, design)  # numbers ran away: only a new start helps
+        return state
 
     def states(state: Any) -> tuple[float, ...]:
         return model.state(system.chains(state)[0], discrete(system, state)[0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from estimator_pkg.observers.least_squares import kept
 from estimator_pkg.observers.switched_state import State
 from estimator_pkg.observers.switched_system import System
 
@@ -43,18 +44,13 @@ def learn(system: System, state: State, y: tuple, jumps: tuple, filters_of: tupl
     state = state._replace(y=y)
     now = system.signals(y, state.u, system.chains(state)[0])
     z, p, power, filters = state.z, state.p, state.power, []
-    memory = system.gains.memory
-    keep = math.exp(-h / memory) if memory > 0.0 else 1.0
-    free = system.free
+    most, keep = vague(system), kept(h, system.gains.memory)
     for i in system.outputs:
         own, rows, target = _filtered(system, state, i, jumps[i], before[i], now[i], filters_of[i])
         filters.append(own)
         if state.deaf <= 0.0:
-            residual = target - free.dot(rows, z)
-            direction = free.apply(p, rows)
-            spread = keep + free.dot(rows, direction)
-            z = free.add(z, residual / spread, direction)
-            p = free.rank_one(p, 1.0 / keep, -1.0 / (keep * spread), direction)
+            residual = target - system.free.dot(rows, z)
+            z, p, spread = system.update(z, p, rows, residual, keep, most)
             power += 0.02 * (residual * residual / spread - power)
     return state._replace(z=z, p=p, power=power, filters=tuple(filters), last_columns=now)
 

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 from estimator_pkg.observers.contract import Functions
 
+LARGEST = 1e15  # of any derivative or parameter, in its own unit
+
 
 class State(NamedTuple):
     """What is carried from sample to sample; tuples by output.
@@ -41,6 +43,13 @@ class State(NamedTuple):
     power: float                     # mean square of its residual
     conventions: tuple
     scatters: tuple
+
+
+def is_sound(state: State) -> bool:
+    """False where an estimate is so large, or no number, that no sample could bring it back."""
+    return (all(-LARGEST < x < LARGEST for x in state.z)
+            and all(-LARGEST < x < LARGEST for chains in (state.zh, state.zt, state.observed)
+                    for chain in chains for x in chain))
 
 
 @dataclass(frozen=True)

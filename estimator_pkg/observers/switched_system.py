@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.models.switched import SwitchedModel, check, load
 from estimator_pkg.observers.adaptive_filter import Companion, companion
 from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.least_squares import make_update
 from estimator_pkg.observers.switched_gains import Gains
 from estimator_pkg.observers.unrolled import Algebra, algebra
 
@@ -26,6 +28,7 @@ class System:
     stages : (lambda, alpha) of each stage, by output.
     columns : first columns of the regression's filters, by output; `filters` their functions.
     free, wide : algebra of the size of Z and of each chain.
+    update : least squares for Z, of `least_squares.make_update`.
     orders : as of the model, with zeros where it gives none.
     """
 
@@ -36,6 +39,7 @@ class System:
     columns: tuple[tuple[float, ...], ...]
     filters: tuple[Companion, ...]
     free: Algebra
+    update: Callable[..., tuple]
     wide: tuple[Algebra, ...]
     orders: tuple[tuple[int, ...], ...]
 
@@ -94,11 +98,15 @@ def make_system(gains: Gains, circle: Circle) -> System:
 
     Raises
     ------
-    UsageError : a model that is not right, or whose rank is never reached with these `steps`.
+    UsageError : a model that is not right, or whose rank is never reached with these `steps`; a
+        memory that is too short.
     """
     model = load(gains.model)
     if gains.discrete != 'copy':
         check(model, gains.steps)
+    if 0.0 < gains.memory < 1.0 / gains.filter_rate:
+        raise UsageError(f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
+                         f'filter: 0, or at least {1.0 / gains.filter_rate:.3g} s')
     m, scale, rate = model.size, gains.bound_scale, gains.filter_rate
     orders = model.orders or tuple((0,) * (m + 1) for _ in model.indices)
     if any(order > 1 or order >= k for own, k in zip(orders, model.indices) for order in own):
@@ -110,4 +118,5 @@ def make_system(gains: Gains, circle: Circle) -> System:
         tuple(tuple(-math.comb(k, i + 1) * rate ** (i + 1) for i in range(k))
               for k in model.indices),
         tuple(companion(k) for k in model.indices), algebra(m),
+        make_update(m),
         tuple(algebra(k) for k in model.indices), orders)

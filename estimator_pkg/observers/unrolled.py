@@ -23,6 +23,8 @@ class Algebra(NamedTuple):
     apply: Callable[..., tuple]      # (matrix, x) -> matrix x
     rank_one: Callable[..., tuple]   # (matrix, keep, a, x) -> keep matrix + a x x^T
     wider: Callable[..., bool]       # (matrix, other): is an entry of its diagonal above other's?
+    limited: Callable[..., tuple]    # (covariance, most, part): rows and columns scaled so that its
+                                     # diagonal is not above that of most, plus a part of that
     exceeds: Callable[..., bool]     # (matrix, keep, a, floor): is matrix - a floor positive
                                      # definite, where the matrix' diagonal counts keep times?
 
@@ -52,6 +54,12 @@ def algebra(size: int) -> Algebra:
         'def apply(m, x): return (' + ''.join(product(f'm[{i}]', 'x') + ', ' for i in index) + ')',
         f'def rank_one(m, keep, a, x): return {matrix("keep * m[{i}][{j}] + a * x[{i}] * x[{j}]")}',
         'def wider(m, x): return ' + ' or '.join(f'm[{i}][{i}] > x[{i}][{i}]' for i in index),
+        'def limited(m, x, part):',
+        *(f'    s{i} = (x[{i}][{i}] / m[{i}][{i}]) ** 0.5 if m[{i}][{i}] > x[{i}][{i}] else 1.0'
+          for i in index),
+        '    return (' + ''.join('(' + ''.join(
+            f'm[{i}][{j}] * (s{i} * s{j})' + (f' + part * x[{i}][{i}], ' if i == j else ', ')
+            for j in index) + '), ' for i in index) + ')',
         'def exceeds(m, keep, a, floor):',  # true where Cholesky's factors exist
     ]
     for j in index:
