@@ -12,7 +12,8 @@ from estimator_pkg.bags.series import joint_series
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import timing
-from estimator_pkg.evaluation.bench import accuracy, live, replay, update
+from estimator_pkg.evaluation.bench import accuracy, replay, update
+from estimator_pkg.evaluation.bench.live import rows as live
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.signals import COUNTS, SIGNALS, Signal, constant, encoder, trapezoid
 
@@ -224,7 +225,7 @@ def test_start_and_latency_become_lines():
 
 def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
     pytest.importorskip('rclpy')
-    from estimator_pkg.nodes.bench import latency, start
+    from estimator_pkg.evaluation.bench.live import latency, start
     taken = iter([{'message': 1.0, 'cpu': 0.5, 'estimate': 1.0}, {'message': 2.0, 'cpu': 1.0},
                   {'message': 4.0, 'cpu': 0.5, 'estimate': 4.0},
                   {'message': 4.0, 'cpu': 2.0, 'estimate': 6.0}])
@@ -246,7 +247,7 @@ def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
 def test_a_node_starts_and_answers_over_dds():
     """As the benchmark does it; the numbers are not judged here."""
     pytest.importorskip('rclpy')
-    from estimator_pkg.nodes.bench import latency, start
+    from estimator_pkg.evaluation.bench.live import latency, start
     found = start.once('joint_observer')
     assert found['cpu'] > 0.1 and 0.2 < found['message'] <= found['estimate'] < start.LONGEST
     late = latency.once('mechanical_observer', rate=200.0, seconds=2.0)

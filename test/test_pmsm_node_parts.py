@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import math
 from pathlib import Path
 
@@ -248,15 +247,3 @@ def test_the_servo_suits_node_and_simulator():
 def test_no_name_is_declared_twice():
     names = [*declared(PmsmSettings), *declared(JointSettings), *declared(Gains)]
     assert len(names) == len(set(names))
-
-
-@pytest.mark.parametrize('module', ['pmsm_observer', 'pmsm_node', 'pmsm_health', 'pmsm_settings'])
-def test_the_node_imports_nothing_that_apt_does_not_have(module):
-    """Numba is imported by the driver alone, and only where it is wanted and there."""
-    tree = ast.parse((ROOT / 'estimator_pkg/nodes' / f'{module}.py').read_text())
-    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import)
-             for alias in node.names}
-    names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    for banned in ('rosbags', 'mcap', 'numba', 'scipy', 'sim_pkg', 'estimator_pkg.bags'):
-        assert not any(name.split('.')[:banned.count('.') + 1] == banned.split('.')
-                       for name in names), banned

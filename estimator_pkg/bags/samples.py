@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.definitions import store_for
+from estimator_pkg.bags.field import Field
 from estimator_pkg.bags.reader import Topic
 from estimator_pkg.driver.raw_angle import RawAngle
-from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state_block import decode_block
 
 
@@ -62,7 +62,7 @@ class AngleField:
     Parameters
     ----------
     topic : whose messages these are.
-    path : see `estimator_pkg.messages.field`.
+    path : see `estimator_pkg.bags.field`.
     joint : name of the joint.
     angle : how the number becomes an angle.
 

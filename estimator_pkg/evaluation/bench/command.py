@@ -14,7 +14,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.bench import accuracy, chart, field
 from estimator_pkg.evaluation.bench.columns import shared
 from estimator_pkg.evaluation.bench.drive import drives
-from estimator_pkg.evaluation.bench.live import latencies, live, starts
+from estimator_pkg.evaluation.bench.live.rows import latencies, live, starts
 from estimator_pkg.evaluation.bench.mechanism import mechanisms
 from estimator_pkg.evaluation.bench.recordings import recorded
 from estimator_pkg.evaluation.bench.replay import MESSAGES, replays

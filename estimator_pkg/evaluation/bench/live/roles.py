@@ -1,88 +1,24 @@
-"""Processes that the node benchmarks put around a node: a publisher, a listener, a null node.
+"""Roles that stand around a node while it is measured: each as a process of its own.
 
-    python -m estimator_pkg.nodes.bench.processes publish RATE SECONDS JOINTS [SUBSCRIPTIONS]
-    python -m estimator_pkg.nodes.bench.processes feed RATE
-    python -m estimator_pkg.nodes.bench.processes listen TOPIC
-    python -m estimator_pkg.nodes.bench.processes time TOPIC
-    python -m estimator_pkg.nodes.bench.processes diagnose
-    python -m estimator_pkg.nodes.bench.processes null
+    python -m estimator_pkg.evaluation.bench.live.roles publish RATE SECONDS JOINTS [SUBSCRIBERS]
+    python -m estimator_pkg.evaluation.bench.live.roles feed RATE
+    python -m estimator_pkg.evaluation.bench.live.roles listen TOPIC
+    python -m estimator_pkg.evaluation.bench.live.roles time TOPIC
+    python -m estimator_pkg.evaluation.bench.live.roles diagnose
+    python -m estimator_pkg.evaluation.bench.live.roles null
 """
 
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.evaluation.bench.live.processes import JOINTS
 from estimator_pkg.nodes.runtime import run as run_node
-from estimator_pkg.nodes.runtime import settle_environment
 
 PERIOD = 6.0    # [s] of the motion that is published
-JOINTS = 7      # in each message
-MODULE = 'estimator_pkg.nodes.{}'
-NULL = 'null_node'
-# The observer nodes that take joint states, with the parameters that they need for these joints.
-# `mechanical_observer` and `switched_observer` take one of the joints, the others all.
-NODES: dict[str, tuple[str, ...]] = {
-    'joint_observer': (),
-    'adaptive_observer': (),
-    'mechanical_observer': ('joints:=[joint_0]',),
-    'switched_observer': ('joints:=[joint_0]',)}
-
-
-@contextmanager
-def process(*words: str, domain: int, extra: tuple[str, ...] = (),
-            module: str = 'estimator_pkg.nodes.joint_observer') -> Iterator[subprocess.Popen]:
-    """A role of this file, or 'node' for `module`, as a process that ends with the block."""
-    settle_environment()
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain),
-                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    program = (['-m', module] if words == ('node',)
-               else ['-m', 'estimator_pkg.nodes.bench.processes', *words])
-    child = subprocess.Popen([sys.executable, *program, *extra], env=environment, text=True,
-                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    try:
-        yield child
-    finally:
-        if child.poll() is None:
-            child.send_signal(signal.SIGINT)
-        try:
-            child.wait(10)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
-
-
-@contextmanager
-def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
-    """One of `NODES`, or the null node, as a process that ends with the block."""
-    if name == NULL:
-        with process('null', domain=domain) as child:
-            yield child
-        return
-    extra = ['--ros-args'] if NODES[name] else []
-    for value in NODES[name]:
-        extra += ['-p', value]
-    with process('node', domain=domain, extra=tuple(extra), module=MODULE.format(name)) as child:
-        yield child
-
-
-def own_domain() -> int:
-    """A ROS domain that nobody else on this machine uses."""
-    return free_domain()
-
-
-def result(child: subprocess.Popen, timeout: float = 60.0) -> dict:
-    """What a role printed as its last line, once it has ended."""
-    output, _ = child.communicate(timeout=timeout)
-    return json.loads(output.splitlines()[-1])
 
 
 def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> None:

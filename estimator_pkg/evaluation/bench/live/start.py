@@ -4,7 +4,7 @@ Beside a node that only republishes; both find a stream that runs already, and b
 listener that runs already. They take turns. CPU time until the first message stands beside: other
 work on the machine does not stretch it.
 
-    python -m estimator_pkg.nodes.bench.start [ROUNDS]
+    python -m estimator_pkg.evaluation.bench.live.start [ROUNDS]
 """
 
 from __future__ import annotations
@@ -19,7 +19,14 @@ from contextlib import ExitStack
 
 import psutil
 
-from estimator_pkg.nodes.bench.processes import NODES, NULL, observer, own_domain, process
+from estimator_pkg.evaluation.bench.live.processes import (
+    NODES,
+    NULL,
+    cpu,
+    observer,
+    process,
+)
+from estimator_pkg.nodes.domain import free_domain
 
 RATE = 200.0        # [Hz] of the stream
 LONGEST = 8.0       # [s] to wait for a first estimate
@@ -31,7 +38,7 @@ def once(name: str) -> dict[str, float]:
 
     An estimate is a message with a joint in it; what does not come is left out.
     """
-    domain = own_domain()
+    domain = free_domain()
     with ExitStack() as stack:
         stack.enter_context(process('feed', str(RATE), domain=domain))
         listener = stack.enter_context(process('time', f'/{name}/estimate', domain=domain))
@@ -57,8 +64,7 @@ def _said(listener: subprocess.Popen, node: psutil.Process) -> dict[str, float]:
         for line in listener.stdout:
             said = json.loads(line)
             if 'message' in said:
-                times = node.cpu_times()
-                found['cpu'] = times.user + times.system
+                found['cpu'] = cpu(node)
             found.update(said)
             if 'estimate' in found:
                 break

@@ -1,6 +1,6 @@
 """What the live node loses of a fast stream, and whether it knows.
 
-    python -m estimator_pkg.nodes.bench.loss
+    python -m estimator_pkg.evaluation.bench.live.loss
 """
 
 from __future__ import annotations
@@ -10,7 +10,11 @@ import sys
 import time
 from contextlib import ExitStack
 
-from estimator_pkg.nodes.bench.processes import own_domain, process, result
+from estimator_pkg.evaluation.bench.live.processes import (
+    process,
+    result,
+)
+from estimator_pkg.nodes.domain import free_domain
 
 OVERLOAD = 150  # joints with which no Python node keeps up at 5 kHz
 
@@ -22,7 +26,7 @@ def measure(rate: float, joints: int = 7, seconds: float = 5.0,
     ``true_loss`` is what was published and never reached the node's callback; ``reported`` is what
     the node says in its diagnostics.
     """
-    domain = own_domain()
+    domain = free_domain()
     chosen = ('--ros-args', '-p', f'observer:={observer}')
     with ExitStack() as stack:
         def start(*words: str, extra: tuple[str, ...] = ()):

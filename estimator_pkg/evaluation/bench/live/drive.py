@@ -1,6 +1,6 @@
 """What `pmsm_observer` costs and how late its estimates are, on batches of 200 samples.
 
-    python -m estimator_pkg.nodes.bench.drive
+    python -m estimator_pkg.evaluation.bench.live.drive
 """
 
 from __future__ import annotations
@@ -14,12 +14,17 @@ from contextlib import ExitStack
 import numpy as np
 import psutil
 
-from estimator_pkg.evaluation.bench import drive as bench_drive
-from estimator_pkg.nodes.bench.processes import own_domain, process, result
+from estimator_pkg.evaluation.bench.drive import MOTOR, RATE, simulate
+from estimator_pkg.evaluation.bench.live.processes import (
+    cpu,
+    process,
+    result,
+)
+from estimator_pkg.nodes.domain import free_domain
 from estimator_pkg.nodes.runtime import run as run_node
 
 MODULE = 'estimator_pkg.nodes.pmsm_observer'
-FEEDER = 'estimator_pkg.nodes.bench.drive'
+FEEDER = 'estimator_pkg.evaluation.bench.live.drive'
 ROWS = 200
 EMPTY = 50     # batches without a row that are sent first
 LATENCY = 2.0  # [ms] from a batch's arrival to its estimates, at the median
@@ -34,8 +39,8 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
     less that of batches without a row (`transport_ms`), which the node answers at once. `step_ms`
     is the mean that the node itself measures in its callback, with whatever interrupts it.
     """
-    domain = own_domain()
-    values = {**bench_drive.MOTOR, 'compile': fast}
+    domain = free_domain()
+    values = {**MOTOR, 'compile': fast}
     extra = ['--ros-args']
     for name, value in values.items():
         extra += ['-p', f'{name}:={str(value).lower()}']
@@ -47,18 +52,14 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
                                              extra=('feed', str(rate), str(seconds))))
         assert feeder.stdout is not None
         feeder.stdout.readline()  # it has begun
-        before, begun = _cpu(meter), time.perf_counter()
+        before, begun = cpu(meter), time.perf_counter()
         time.sleep(0.9 * seconds)
-        load = (_cpu(meter) - before) / (time.perf_counter() - begun)
+        load = (cpu(meter) - before) / (time.perf_counter() - begun)
         said = result(feeder)
     return {'rate_hz': rate, 'compiled': fast, 'load': load, 'allowed': allowed, **said,
             'ok': load <= allowed and said['answered'] == said['sent'],
             'in_time': said['leaves_ms'] <= LATENCY}
 
-
-def _cpu(meter: psutil.Process) -> float:
-    times = meter.cpu_times()
-    return times.user + times.system
 
 
 def feed(rate: float, seconds: float) -> None:
@@ -92,8 +93,8 @@ def feed(rate: float, seconds: float) -> None:
 
         node.create_subscription(JointState, '/pmsm_observer/estimate', answered, 500, raw=True)
         node.create_subscription(DiagnosticArray, '/diagnostics', diagnosed, 10)
-        every = round(bench_drive.RATE / rate)
-        signal = bench_drive.simulate({'publish_rate': rate, 'profile': 'ramps',
+        every = round(RATE / rate)
+        signal = simulate({'publish_rate': rate, 'profile': 'ramps',
                                        'profile_time': 1.0}, seconds)
         assert every >= 1
 

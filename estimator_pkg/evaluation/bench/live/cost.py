@@ -2,7 +2,7 @@
 
 Both run at the same time, as processes of their own, on the same stream and the same executor.
 
-    python -m estimator_pkg.nodes.bench.cost
+    python -m estimator_pkg.evaluation.bench.live.cost
 """
 
 from __future__ import annotations
@@ -14,7 +14,15 @@ from contextlib import ExitStack
 
 import psutil
 
-from estimator_pkg.nodes.bench.processes import JOINTS, NODES, observer, own_domain, process, result
+from estimator_pkg.evaluation.bench.live.processes import (
+    JOINTS,
+    NODES,
+    cpu,
+    observer,
+    process,
+    result,
+)
+from estimator_pkg.nodes.domain import free_domain
 
 ALLOWED = 1.5  # times the null node
 
@@ -28,7 +36,7 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
     rate : messages per second.
     seconds : length of the measured window; the first second of the stream is not in it.
     """
-    domain = own_domain()
+    domain = free_domain()
     with ExitStack() as stack:
         def start(*words: str):
             return stack.enter_context(process(*words, domain=domain))
@@ -41,11 +49,11 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
         publisher.stdout.readline()
         time.sleep(1.0)
         meters = {which: psutil.Process(child.pid) for which, child in nodes.items()}
-        before = {which: _cpu(meter) for which, meter in meters.items()}
+        before = {which: cpu(meter) for which, meter in meters.items()}
         begun = time.perf_counter()
         time.sleep(seconds)
         messages = rate * (time.perf_counter() - begun)
-        used = {which: _cpu(meter) - before[which] for which, meter in meters.items()}
+        used = {which: cpu(meter) - before[which] for which, meter in meters.items()}
         published = result(publisher)['published']
         answered = {}
         for which, listener in listeners.items():
@@ -59,10 +67,6 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
             'node_us_per_message': cost['node'], 'null_us_per_message': cost['null'],
             'ratio': ratio, 'allowed': ALLOWED, 'ok': ratio <= ALLOWED}
 
-
-def _cpu(meter: psutil.Process) -> float:
-    times = meter.cpu_times()
-    return times.user + times.system
 
 
 if __name__ == '__main__':

@@ -3,7 +3,7 @@
 The stamp is the time at which the message was sent. Beside a node that only republishes: what the
 two differ by is the observer's. They take turns, each with the machine for itself.
 
-    python -m estimator_pkg.nodes.bench.latency [ROUNDS]
+    python -m estimator_pkg.evaluation.bench.live.latency [ROUNDS]
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import sys
 import time
 from contextlib import ExitStack
 
-from estimator_pkg.nodes.bench.processes import (
+from estimator_pkg.evaluation.bench.live.processes import (
     JOINTS,
     NODES,
     NULL,
     observer,
-    own_domain,
     process,
     result,
 )
+from estimator_pkg.nodes.domain import free_domain
 
 RATE = 1000.0       # [Hz]
 SECONDS = 5.0       # of which the first quarter does not count
@@ -33,7 +33,7 @@ KEYS = ('median_ms', 'late_ms')
 
 def once(name: str, rate: float = RATE, seconds: float = SECONDS) -> dict[str, float]:
     """Median and 99 % of the latency [ms], and how many answers came."""
-    domain = own_domain()
+    domain = free_domain()
     with ExitStack() as stack:
         stack.enter_context(observer(name, domain))
         listener = stack.enter_context(process('time', f'/{name}/estimate', domain=domain))

@@ -1,6 +1,6 @@
-"""``bench speed``: the live nodes, over real DDS, by `estimator_pkg.nodes.bench`.
+"""What the programs beside this one measure, as rows of ``bench speed``.
 
-Its programs need ROS and psutil, and run as processes of their own.
+They need ROS and psutil, and run as processes of their own.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 from estimator_pkg.evaluation.timing import not_run, row
 
-COST, LOSS = 'estimator_pkg.nodes.bench.cost', 'estimator_pkg.nodes.bench.loss'
-START, LATENCY = 'estimator_pkg.nodes.bench.start', 'estimator_pkg.nodes.bench.latency'
+COST, LOSS, START, LATENCY = (f'estimator_pkg.evaluation.bench.live.{program}'
+                             for program in ('cost', 'loss', 'start', 'latency'))
 LONGEST = 600.0  # [s]
 NULL, REQUIRED = 'null_node', 'joint_observer'
 Reader = Callable[[dict[str, Any]], list[dict[str, Any]]]
