@@ -60,9 +60,10 @@ class Feedback:
         self._fresh = threading.Event()
 
     def put(self, velocities: Vector) -> None:
-        """A new estimate came."""
-        self.velocities = velocities
-        self._fresh.set()
+        """A new estimate came; one that is no number says nothing."""
+        if all(map(math.isfinite, velocities)):
+            self.velocities = velocities
+            self._fresh.set()
 
     def take(self) -> Vector | None:
         """The newest estimate; waits up to `PATIENCE` for one that was not taken yet."""

@@ -11,6 +11,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from estimator_pkg.errors import UsageError, UserError
+
+FASTEST = 2e4  # 1/s, of a plant that can still be followed live
+
 
 class Topic(NamedTuple):
     """A topic of a simulator.
@@ -56,7 +60,9 @@ class Simulator:
     generate : (parameters, duration, seed) -> chunks of messages. `duration` in s (math.inf: for
         ever), `seed` a whole number from 0. Messages are in the order in which they are due,
         within a chunk and from chunk to chunk. A chunk is made on demand while the node runs live,
-        so it is short, and nothing is kept that grows with the duration.
+        so it is short, and nothing is kept that grows with the duration. Raises UsageError for
+        parameters that do not go together, at once or with the first chunk, and UserError for a
+        plant that runs away: no message carries numbers that are none.
     """
 
     name: str
@@ -64,3 +70,17 @@ class Simulator:
     parameters: type
     topics: Callable[[Any], tuple[Topic, ...]]
     generate: Callable[[Any, float, int], Iterator[list[Message]]]
+
+
+def followed(rate: float) -> None:
+    """Raises UsageError where the fastest rate [1/s] of a plant is more than `FASTEST`."""
+    if not rate <= FASTEST:
+        raise UsageError(f'the plant has a time constant of {1.0 / rate:.2g} s, but none below '
+                         f'{1.0 / FASTEST:g} s can be followed: its inertia is too small for its '
+                         'damping or stiffness')
+
+
+def ran_away(time: float) -> UserError:
+    """What is told of a plant whose numbers grew beyond all bounds at `time` [s]."""
+    return UserError(f'the simulated plant ran away at {time:.3g} s: it is unstable, or quicker '
+                     'than the simulator can follow')

@@ -41,6 +41,11 @@ class MotorParameters(DrivenParameters):
         100.0, unit='s', range=(0.0, 1e9),
         description='random_then_square: when the square begins')
 
+    @property
+    def fastest(self) -> float:
+        """A bound of the joint's rates [1/s]."""
+        return self.damping / self.inertia + math.sqrt(self.stiffness / self.inertia)
+
 
 class Motor:
     """The plant; see `sim_pkg.driven.Plant`."""

@@ -17,7 +17,7 @@ import numpy as np
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
-from sim_pkg.contract import Message, Topic
+from sim_pkg.contract import Message, Topic, followed
 from sim_pkg.sensor import RAW_COUNTS, SECOND, AngleSensor, Line, SensorParameters, fixed
 
 MEASURED = Topic('joint_states', JOINT_STATE)
@@ -25,6 +25,7 @@ TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 EVENTS = Topic('switch_event', JOINT_STATE)
 CHUNK = 64         # samples made at a time
 SUBSTEP = 1e-3     # longest integration step [s]
+PART = 0.2         # of the fastest time constant, which a step is no longer than
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,12 @@ class DrivenParameters(SensorParameters):
             raise UsageError("convention 'raw_counts' carries no effort: it is not for this plant")
         if not self.joint:
             raise UsageError("parameter 'joint' must not be empty")
+        followed(self.fastest)
+
+    @property
+    def fastest(self) -> float:
+        """A bound of the joint's rates [1/s]."""
+        raise NotImplementedError
 
 
 class Plant(Protocol):
@@ -67,9 +74,10 @@ class _Motion(NamedTuple):
     w: float
 
 
-def advance(plant: Plant, motion: _Motion, t: float, duration: float, u: float) -> _Motion:
-    """Runge-Kutta 4 over `duration` [s] from t with a held input."""
-    count = max(1, math.ceil(duration / SUBSTEP - 1e-9))
+def advance(plant: Plant, motion: _Motion, t: float, duration: float, u: float,
+            longest: float = SUBSTEP) -> _Motion:
+    """Runge-Kutta 4 over `duration` [s] from t with a held input, in steps up to `longest` [s]."""
+    count = max(1, math.ceil(duration / longest - 1e-9))
     h, (q, w) = duration / count, motion
     for i in range(count):
         at = t + i * h
@@ -93,6 +101,7 @@ def stream(plant: Plant, parameters: DrivenParameters, duration: float, seed: in
     names = (parameters.joint,)
     left = None if math.isinf(duration) else max(1, math.ceil(duration * parameters.rate - 1e-6))
     motion, last, u = _Motion(parameters.start, 0.0), 0.0, 0.0
+    longest = min(SUBSTEP, PART / max(parameters.fastest, 1e-9))
     waiting: list[Message] = []
 
     while left is None or left > 0:
@@ -107,13 +116,13 @@ def stream(plant: Plant, parameters: DrivenParameters, duration: float, seed: in
             if event is not None:
                 at, mode = event
                 if at > last:
-                    motion, last = advance(plant, motion, last, at - last, u), at
+                    motion, last = advance(plant, motion, last, at - last, u, longest), at
                 plant.begin(at)
                 at_ns = round(at * SECOND)
                 messages.append(Message(at_ns, EVENTS.name, partial(
                     _event, announced, at_ns, mode)))
             if taken > last:
-                motion = advance(plant, motion, last, taken - last, u)
+                motion = advance(plant, motion, last, taken - last, u, longest)
             rows.append((motion, u))
             last, u = taken, plant.input(taken)
         readings = sensor.read(np.array([row[0].q for row in rows])).tolist()

@@ -34,6 +34,12 @@ class GripperParameters(DrivenParameters):
         2.0, unit='s', range=(1e-3, 1e9),
         description='time from one event to the next: it opens, closes, opens')
 
+    @property
+    def fastest(self) -> float:
+        """A bound of the joint's rates [1/s], with and without load."""
+        return (self.damping / self.inertia
+                + math.sqrt((self.gravity + self.load_gravity) / self.inertia))
+
 
 class Gripper:
     """The plant; see `sim_pkg.driven.Plant`."""

@@ -20,8 +20,9 @@ from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.mechanical_velocity import make_acceleration
 from estimator_pkg.parameters import parameter
-from sim_pkg.contract import Message, Topic
+from sim_pkg.contract import Message, Topic, followed, ran_away
 from sim_pkg.sensor import SECOND, fixed, random_stream
 
 MEASURED = Topic('joint_states', JOINT_STATE)
@@ -29,6 +30,8 @@ TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 
 CHUNK = 16            # samples made at a time where nothing is fed back
 FINEST = 5e-4         # s, longest step of the plant
+PART = 0.5            # of its fastest time constant, which a step is no longer than
+RUNAWAY = 1e9         # rad or m, or per s: nobody wants a mechanism to get there
 
 Vector = tuple[float, ...]
 Drive = Callable[[float, Vector, Vector], Vector]  # (time, measured, true velocity) -> inputs
@@ -92,6 +95,22 @@ class Encoders:
         return self._last
 
 
+def fastest(mechanics: Mechanics, q: Vector) -> float:
+    """The largest rate [1/s] of the mechanism about `q`, at speeds that no dry friction holds."""
+    n = mechanics.degrees
+    acceleration = make_acceleration(mechanics)
+    state, step = np.concatenate([q, np.ones(n)]), 1e-6
+
+    def derivative(x: np.ndarray) -> np.ndarray:
+        row = tuple(x.tolist())
+        return np.array(row[n:] + acceleration(mechanics.values, row[:n], row[n:],
+                                               (0.0,) * max(1, mechanics.inputs)))
+
+    slopes = np.array([(derivative(state + change) - derivative(state - change)) / (2.0 * step)
+                       for change in step * np.eye(2 * n)])
+    return float(np.abs(np.linalg.eigvals(slopes)).max())
+
+
 def stream(mechanics: Mechanics, parameters: MechanismParameters, q: Vector, v: Vector,
            drive: Drive, duration: float, seed: int, *, chunk: int = CHUNK,
            released: Callable[[], bool] = lambda: True) -> Iterator[list[Message]]:
@@ -102,21 +121,33 @@ def stream(mechanics: Mechanics, parameters: MechanismParameters, q: Vector, v: 
     q, v : where the mechanism starts.
     drive : the inputs, held from this sample to the next.
     released : False keeps the mechanism where it is, as by hand.
+
+    Raises
+    ------
+    UsageError : numbers that are not one or one for each position; a mechanism too quick to follow.
     """
     n = mechanics.degrees
     encoders = Encoders(mechanics, spread('quantum', parameters.quantum, n),
                         spread('noise', parameters.noise, n), parameters.hold, seed)
+    rate = fastest(mechanics, q)
+    followed(rate)
+    parts = max(1, math.ceil(1.0 / parameters.rate / min(FINEST, PART / max(rate, 1e-9))))
+    return _samples(mechanics, parameters.rate, parts, q, v, drive, encoders, duration, chunk,
+                    released)
+
+
+def _samples(mechanics: Mechanics, rate: float, parts: int, q: Vector, v: Vector, drive: Drive,
+             encoders: Encoders, duration: float, chunk: int, released: Callable[[], bool]
+             ) -> Iterator[list[Message]]:
+    n, dt = mechanics.degrees, 1.0 / rate
     plant = make_plant(mechanics)
-    dt = 1.0 / parameters.rate
-    parts = max(1, math.ceil(dt / FINEST))
     measure, true = Encoder(), Encoder()
-    left = math.inf if math.isinf(duration) else max(1, math.ceil(duration * parameters.rate
-                                                                  - 1e-6))
+    left = math.inf if math.isinf(duration) else max(1, math.ceil(duration * rate - 1e-6))
     k = 0
     effort: Vector = (0.0,) * n
     messages: list[Message] = []
     while k < left:
-        due = round(k * SECOND / parameters.rate)
+        due = round(k * SECOND / rate)
         reading = encoders.read(q)
         messages.append(Message(due, MEASURED.name, partial(
             _encode, measure, mechanics.joints, due, reading, (), effort)))
@@ -129,7 +160,12 @@ def stream(mechanics: Mechanics, parameters: MechanismParameters, q: Vector, v: 
             messages = []
         if released():
             u = drive((k - 1) * dt, reading, v)
-            q, v = plant(mechanics.values, q, v, u, dt, parts)
+            try:
+                q, v = plant(mechanics.values, q, v, u, dt, parts)
+            except (ArithmeticError, ValueError):  # of math, for numbers beyond all floats
+                raise ran_away(k * dt) from None
+            if not all(-RUNAWAY < value < RUNAWAY for value in q + v):
+                raise ran_away(k * dt)
             acting = [0.0] * n
             for index, value in zip(mechanics.actuated, u):
                 acting[index] = value

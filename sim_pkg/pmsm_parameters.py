@@ -107,11 +107,26 @@ class PmsmParameters:
                              f'than dc_voltage/sqrt(3) = {room:.3g} V')
         if self.dead_time * self.sample_rate > 0.2:
             raise UsageError(f'dead_time = {self.dead_time:g} s is more than a fifth of the period')
+        if self.fastest > self.sample_rate:
+            raise UsageError(
+                f'inertia = {self.inertia:g} kg m^2: against its torque and friction the rotor has '
+                f'a time constant of {1.0 / self.fastest:.2g} s, less than a sample')
 
     @property
     def period(self) -> float:
         """Sample time [s]."""
         return 1.0 / self.sample_rate
+
+    @property
+    def fastest(self) -> float:
+        """A bound of the mechanical rates [1/s]: friction at the top speed, and the currents' pull.
+
+        Dry friction is left out: it is bounded, and at worst shivers about standstill.
+        """
+        top = abs(self.speed_rpm) * math.pi / 30.0
+        brake = (self.viscous + 2.0 * self.load_quadratic * top) / self.inertia
+        pull = 1.5 * self.pole_pairs ** 2 * self.flux * self.current_max / self.inertia
+        return brake + math.sqrt(pull)
 
     @property
     def rated_torque(self) -> float:

@@ -17,7 +17,7 @@ from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.motor import POWER_INVARIANT, phases
-from sim_pkg.contract import Message, Simulator, Topic
+from sim_pkg.contract import Message, Simulator, Topic, ran_away
 from sim_pkg.pmsm_drive import Drive
 from sim_pkg.pmsm_parameters import PmsmParameters
 from sim_pkg.profiles import fixed
@@ -123,6 +123,8 @@ class Source:
         length = count * every - (every - 1 if self._first else 0)
         begun = self._drive.count
         record = self._drive.run(length)
+        if not np.isfinite(record.truth).all():
+            raise ran_away(begun / parameters.sample_rate)
         picked = np.arange(0 if self._first else every - 1, length, every)
         values = record.samples[picked]
         if every > 1:

@@ -72,8 +72,8 @@ class SensorParameters:
         0.0, description='samples are taken late by up to this, evenly spread, and stamped with '
                          'the time at which they were; shorter than one sample time')
     stamp_jitter: float = interval(
-        0.0, description='stamps are wrong by up to this either way, evenly spread; sampling is '
-                         'on time')
+        0.0, range=(0.0, 100.0),
+        description='stamps are wrong by up to this either way, evenly spread; sampling is on time')
     dropped: float = chance(description='fraction of samples that never arrive')
     duplicated: float = chance(
         description='fraction of messages that arrive twice, with the same stamp')

@@ -279,6 +279,38 @@ def test_node_in_an_executor_of_the_users_own(listener):
     assert not node.deadlines.wait(0)  # its thread has ended
 
 
+FAILING = """
+import sys
+from dataclasses import replace
+from estimator_pkg.errors import UserError
+from sim_pkg.nodes.executable import process
+
+def make_node():
+    import rclpy
+    from sim_pkg.encoder import SIMULATOR
+    from sim_pkg.nodes.simulator_node import SimulatorNode
+
+    def generate(*arguments):
+        yield next(SIMULATOR.generate(*arguments))
+        raise {error}('nothing goes on')
+
+    return SimulatorNode(replace(SIMULATOR, generate=generate), 'failing',
+                         on_end=rclpy.try_shutdown)
+
+sys.exit(process(make_node)())
+"""
+
+
+@pytest.mark.parametrize(('error', 'lines'), [('UserError', 2), ('RuntimeError', None)])
+def test_what_fails_in_mid_run_ends_the_process(graph, error, lines):
+    done = subprocess.run([sys.executable, '-c', FAILING.replace('{error}', error)],
+                          capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 1
+    assert 'nothing goes on' in done.stderr and '128 messages' in done.stderr
+    assert ('Traceback' in done.stderr) == (error == 'RuntimeError')
+    assert lines is None or len(done.stderr.splitlines()) == lines
+
+
 def test_deadlines_are_absolute_and_counted():
     deadlines = Deadlines()
     deadlines.start()

@@ -10,13 +10,13 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from estimator_pkg.nodes.runtime import run
+from sim_pkg.nodes.executable import process
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from sim_pkg.nodes.simulator_node import SimulatorNode
 
 
-def make_node(**options: Any) -> Node:
+def make_node(**options: Any) -> SimulatorNode:
     """The node; its process ends when the simulation does."""
     from dataclasses import replace
     from functools import partial
@@ -40,10 +40,7 @@ def make_node(**options: Any) -> Node:
     return node
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node until it ends or is interrupted; returns the exit code."""
-    return run(make_node, args)
-
+main = process(make_node)
 
 if __name__ == '__main__':
     sys.exit(main())

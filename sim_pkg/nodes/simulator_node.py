@@ -19,6 +19,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from estimator_pkg.errors import UserError
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from sim_pkg.contract import Simulator, Topic
 from sim_pkg.nodes.deadline import Deadlines
@@ -47,13 +48,18 @@ class SimulatorNode(Node):
     ----------
     simulator : what to run.
     name : of the node.
-    on_end : called from the thread when `duration` is over.
+    on_end : called from the thread when `duration` is over, or something ended it before.
+
+    Attributes
+    ----------
+    error : what ended the simulation before its time; None: nothing did.
     """
 
     def __init__(self, simulator: Simulator, name: str, *,
                  on_end: Callable[[], None] | None = None, **options: Any) -> None:
         super().__init__(name, **options)
         self.deadlines = Deadlines()
+        self.error: Exception | None = None
         self._on_end = on_end
         self._thread = threading.Thread(target=self._play, name='deadlines', daemon=True)
         try:
@@ -88,12 +94,21 @@ class SimulatorNode(Node):
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
     def _play(self) -> None:
+        ended = True
         try:
-            if self._played() and self._on_end is not None:
-                self._on_end()
+            ended = self._played()
         except rclpy_implementation.RCLError:
+            ended = False
             if self.context.ok():  # else an interrupt took the context away under a call
                 raise
+        except Exception as error:
+            self.error = error
+            if not isinstance(error, UserError):
+                raise
+            self.get_logger().error(str(error))
+        finally:
+            if ended and self._on_end is not None:
+                self._on_end()
 
     def _played(self) -> bool:
         """Publish everything. False if the node was ended before."""
