@@ -22,6 +22,20 @@ from estimator_pkg.parameters import build
 QUANTUM = 2.0 * math.pi / 65536
 RESTING = dataclasses.replace(gripper.MODEL, probe=lambda t: (0.0,), start=((0.0, 0.0), (2.0,) * 3))
 SHIFTED = dataclasses.replace(gripper.MODEL, lam=lambda zeta, u: ((u[0], zeta[1], 0.0),))
+MODES = {'close': None, 'same': gripper.SAME}
+
+
+def test_a_model_that_knows_its_own_modes_alone_names_a_typical_event():
+    """The checks simulate events, whose mode and v mean something to the user's code."""
+    strict = dataclasses.replace(gripper.MODEL, transition=lambda mode: MODES[mode],
+                                 offset=lambda mode, v, y: (0.0 * v[0], 0.0, 0.0))
+    with pytest.raises(UsageError, match=r"its code fails in '<lambda>', line \d+: KeyError: ''"):
+        check(strict)
+    assert check(dataclasses.replace(strict, event=('same', (1.0,)))) > 0.0
+    with pytest.raises(UsageError, match='KeyError'):
+        check(strict, None)  # Z is not reconstructed, but events come all the same
+    with pytest.raises(UsageError, match="'transition' has shape"):
+        check(dataclasses.replace(gripper.MODEL, transition=lambda mode: ((1.0, 0.0), (0.0, 1.0))))
 
 
 def gripped(count=4000, events=((2000, 'close'),), loads=((2000, gripper.CLOSED),)):

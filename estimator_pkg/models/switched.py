@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from traceback import extract_tb
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ class SwitchedModel:
         these or, where `orders` says 1, the derivatives of these. None: Gamma and Lambda at the
         estimated zeta are used.
     orders : p rows of m + 1 numbers, 0 or 1.
+    event : (mode, v) of a typical event, for the checks.
     """
 
     indices: tuple[int, ...]
@@ -69,6 +71,7 @@ class SwitchedModel:
     phi_inverse: Callable[[Vector, Vector], Vector] | None = None
     basis: Callable[[Vector, Vector], Sequence[Vector]] | None = None
     orders: tuple[tuple[int, ...], ...] = ()
+    event: tuple[str, tuple[float, ...]] = ('', ())
 
     def zeta(self, x: Vector, z: Vector) -> tuple[float, ...]:
         """Phi_Z(x)."""
@@ -107,18 +110,30 @@ def load(name: str) -> SwitchedModel:
     return model
 
 
-def check(model: SwitchedModel, steps: int = 1) -> float:
+def check(model: SwitchedModel, steps: int | None = 1) -> float:
     """Hold a model to its own dynamics; the least singular value of (28) along its trajectory.
 
     Parameters
     ----------
-    steps : N, events that the reconstruction of Z looks back.
+    steps : N, events that the reconstruction of Z looks back; None: Z is not reconstructed, and no
+        rank is asked for.
 
     Raises
     ------
     UsageError : shapes that do not fit, Phi that is not inverted, a chain that F contradicts, a
-        last derivative that is not linear in Z, or a rank that is never reached.
+        last derivative that is not linear in Z, a rank that is never reached, or code that fails.
     """
+    try:
+        return _checked(model, steps)
+    except UsageError:
+        raise
+    except Exception as error:  # a user's model may fail in any way
+        place = extract_tb(error.__traceback__)[-1]
+        raise UsageError(f"model: its code fails in '{place.name}', line {place.lineno}: "
+                         f'{type(error).__name__}: {error}') from error
+
+
+def _checked(model: SwitchedModel, steps: int | None) -> float:
     _check_shapes(model)
     x, z = model.start
     random = np.random.default_rng(1)
@@ -128,6 +143,8 @@ def check(model: SwitchedModel, steps: int = 1) -> float:
         other = tuple(float(a + 0.2 * (1.0 + abs(a)) * b)
                       for a, b in zip(z, random.uniform(-1.0, 1.0, len(z))))
         _check_chain(model, near, other, model.probe(float(random.uniform(0.0, model.period))))
+    if steps is None:
+        return 0.0
     least = observability(model, steps)
     if least <= 0.0:
         raise UsageError(f'the rank of (28) with N = {steps} is never reached along the '
@@ -145,7 +162,14 @@ def _check_shapes(model: SwitchedModel) -> None:
               'lam': (np.shape(model.lam(zeta, u)), (p, m)), 'phi': (np.shape(zeta), (n,)),
               'dynamics': (np.shape(model.dynamics(x, z, u)), (n,)),
               'bounds': (tuple(map(len, model.bounds)), model.indices),
-              'names': (len(model.names), m), 'joints': (len(model.joints), p)}
+              'names': (len(model.names), m), 'units': (len(model.units), m),
+              'joints': (len(model.joints), p)}
+    mode, v = model.event
+    matrix = model.transition(mode)
+    if matrix is not None:
+        shapes['transition'] = (np.shape(matrix), (m, m))
+        shapes['offset'] = (np.shape(model.offset(
+            mode, v, tuple(zeta[i] for i in model.firsts))), (m,))
     if model.basis is not None:
         y = tuple(zeta[i] for i in model.firsts)
         shapes['basis'] = (np.shape(model.basis(y, u)), (p, m + 1))
@@ -176,9 +200,9 @@ def _check_chain(model: SwitchedModel, x: Vector, z: Vector, u: Vector) -> None:
             f'the model says {wanted[worst]:.6g} (a wrong chain, or one that is not linear in Z)')
 
 
-def trajectory(model: SwitchedModel, events: int, step: float = 1e-3, mode: str = ''
+def trajectory(model: SwitchedModel, events: int, step: float = 1e-3
                ) -> tuple[Array, Array, Array]:
-    """A simulation with `events` equal periods: times (n,), states (n, n_x), Z (n, m).
+    """A simulation of `events` typical events, equally apart: times (n,), states (n, n_x), Z (n, m).
 
     Row i belongs to time i step; Z is the one that holds from then on. Runge-Kutta 4.
     """
@@ -189,9 +213,10 @@ def trajectory(model: SwitchedModel, events: int, step: float = 1e-3, mode: str 
     y_at = tuple(model.zeta(tuple(x), tuple(z))[i] for i in model.firsts)
     for i in range(count + 1):
         if i and i % per_period == 0:
+            mode, v = model.event
             matrix = model.transition(mode)
             if matrix is not None:
-                z = np.array(matrix) @ z + np.array(model.offset(mode, (), y_at))
+                z = np.array(matrix) @ z + np.array(model.offset(mode, v, y_at))
             y_at = tuple(model.zeta(tuple(x), tuple(z))[j] for j in model.firsts)
         states[i], discrete[i] = x, z
         t = i * step
@@ -206,15 +231,15 @@ def trajectory(model: SwitchedModel, events: int, step: float = 1e-3, mode: str 
     return np.arange(count + 1) * step, states, discrete
 
 
-def observability(model: SwitchedModel, steps: int, events: int = 12, mode: str = '') -> float:
+def observability(model: SwitchedModel, steps: int, events: int = 12) -> float:
     """Greatest over a trajectory of the least singular value of (28); 0: rank never reached.
 
-    Where the discrete part does not move at events of this mode, rows within an interval serve.
+    Where the discrete part does not move at its typical event, rows within an interval serve.
     """
-    times, states, discrete = trajectory(model, events, mode=mode)
+    times, states, discrete = trajectory(model, events)
     per_period = round(model.period / 1e-3)
     ends = np.arange(per_period - 1, len(times), per_period)
-    matrix = model.transition(mode)
+    matrix = model.transition(model.event[0])
     a = np.eye(model.size) if matrix is None else np.array(matrix)
     if np.allclose(a, np.eye(model.size)):
         ends = np.arange(0, len(times), max(1, per_period // 10))

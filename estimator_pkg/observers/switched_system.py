@@ -102,8 +102,7 @@ def make_system(gains: Gains, circle: Circle) -> System:
         memory that is too short.
     """
     model = load(gains.model)
-    if gains.discrete != 'copy':
-        check(model, gains.steps)
+    check(model, None if gains.discrete == 'copy' else gains.steps)
     if 0.0 < gains.memory < 1.0 / gains.filter_rate:
         raise UsageError(f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
                          f'filter: 0, or at least {1.0 / gains.filter_rate:.3g} s')
