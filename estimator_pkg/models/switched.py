@@ -202,7 +202,7 @@ def _check_chain(model: SwitchedModel, x: Vector, z: Vector, u: Vector) -> None:
 
 def trajectory(model: SwitchedModel, events: int, step: float = 1e-3
                ) -> tuple[Array, Array, Array]:
-    """A simulation of `events` typical events, equally apart: times (n,), states (n, n_x), Z (n, m).
+    """A simulation of `events` typical events, equally apart: times, shape (n,), states, and Z.
 
     Row i belongs to time i step; Z is the one that holds from then on. Runge-Kutta 4.
     """
