@@ -255,3 +255,20 @@ def test_the_quantum_is_seen(counts):
     assert quantum(angle) == 0.0
     assert quantum(np.array([0.0] * 50 + [step] * 50)) == pytest.approx(step)
     assert quantum(np.zeros(100)) == 0.0
+
+
+@pytest.mark.parametrize('speed', [1.7, 13.77, 50.0, 200.1])    # [rad/s] at 1 kHz
+@pytest.mark.parametrize('kind', [np.float64, np.float32])
+def test_the_count_of_a_motion_at_constant_speed(speed, kind):
+    step = 2.0 * math.pi / 4096
+    angle = 3.0 + speed * np.arange(2000) * 1e-3
+    counted = (np.floor(angle / step) * step).astype(kind).astype(float)
+    assert quantum(counted) == pytest.approx(step, rel=0.01)    # and not what a sample moves
+    assert quantum(angle) == 0.0
+    assert quantum(angle + np.random.default_rng(1).normal(0.0, 1e-4, len(angle))) == 0.0
+
+
+def test_dense_readings_have_no_count():
+    random = np.random.default_rng(1)
+    assert quantum(random.uniform(-3.0, 3.0, 1_000_000)) == 0.0
+    assert quantum(np.cumsum(random.normal(0.0, 1e-6, 200_000))) == 0.0

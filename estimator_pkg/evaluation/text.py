@@ -25,6 +25,13 @@ def fixed(value: float | None, decimals: int) -> str:
     return text if float(text) else text.lstrip('-')  # no '-0.00'
 
 
+def error(value: float | None, decimals: int) -> str:
+    """As `fixed`; two digits where so many decimals would leave fewer."""
+    if value is not None and 0.0 < abs(value) < 10.0 ** (1 - decimals):
+        return f'{value:.2g}'
+    return fixed(value, decimals)
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
     """Columns side by side, the first `left` of them set left, the others right."""
     lines = [list(header), *[list(row) for row in rows]]

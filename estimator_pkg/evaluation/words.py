@@ -7,7 +7,7 @@ import math
 from estimator_pkg.evaluation.comparison import ROUNDING, Comparison
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.smoother.smoother import Smoothed
-from estimator_pkg.evaluation.text import fixed, number, table
+from estimator_pkg.evaluation.text import error, fixed, number, table
 from estimator_pkg.evaluation.truth import SMOOTHED
 
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
@@ -23,8 +23,8 @@ def describe(comparison: Comparison) -> str:
         v = row.velocity
         dropped = ' '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
         mark = ' *' if row.reference_cannot_tell else ''
-        rows.append((row.source, row.joint, fixed(v['rms'], 4) + mark, fixed(v['mean_abs'], 4),
-                     fixed(v['max_abs'], 3), fixed(v['bias'], 4), fixed(_ms(v['delay_s']), 2),
+        rows.append((row.source, row.joint, error(v['rms'], 4) + mark, error(v['mean_abs'], 4),
+                     error(v['max_abs'], 3), fixed(v['bias'], 4), fixed(_ms(v['delay_s']), 2),
                      number(v['noise'], 3), str(row.matched['compared']),
                      str(row.samples['received']), str(row.samples['used']), dropped or '0'))
         counts = row.matched

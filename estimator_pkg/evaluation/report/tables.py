@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator_pkg.evaluation.comparison import Comparison, Row
-from estimator_pkg.evaluation.text import fixed, number
+from estimator_pkg.evaluation.text import error, fixed, number
 from estimator_pkg.evaluation.words import describe_smoother, describe_truth
 
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'worst', 'worst at', 'bias', 'delay', 'noise',
@@ -35,7 +35,7 @@ class Overview:
             cells = {}
             for row in comparison.rows:
                 if row.joint == joint:
-                    text = fixed(row.velocity['rms'], 4) + '*' * row.reference_cannot_tell
+                    text = error(row.velocity['rms'], 4) + '*' * row.reference_cannot_tell
                     cells[row.source] = f'<b>{text}</b>' if best.get(joint) is row else text
             self._sources.update(dict.fromkeys(cells))
             self._lines.append((bag, html.escape(joint), cells))
@@ -88,15 +88,15 @@ def _best(comparison: Comparison) -> dict[str, Row]:
 
 def _line(row: Row, best: bool) -> str:
     v = row.velocity
-    error = np.abs(row.estimate - row.truth)
-    worst = float(row.time[int(np.nanargmax(error))]) if np.isfinite(error).any() else math.nan
+    off = np.abs(row.estimate - row.truth)
+    worst = float(row.time[int(np.nanargmax(off))]) if np.isfinite(off).any() else math.nan
     dropped = ', '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
     total = sum(row.validity.values())
     valid = row.validity.get('tracking', 0.0) + row.validity.get('coasting', 0.0) + (
         row.validity.get('published', 0.0))
     places = 2 if total < 1000.0 else 0
-    cells = (row.source, row.joint, fixed(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
-             fixed(v['mean_abs'], 4), fixed(v['max_abs'], 3), fixed(worst, 2), fixed(v['bias'], 4),
+    cells = (row.source, row.joint, error(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
+             error(v['mean_abs'], 4), error(v['max_abs'], 3), fixed(worst, 2), fixed(v['bias'], 4),
              fixed(v['delay_s'] * 1e3, 2), number(v['noise'], 3),
              f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
              f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
