@@ -7,7 +7,6 @@ from typing import Any
 
 from estimator_pkg import observers, registry
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.models.mechanics import Model
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.observers.mechanical_gains import MEANINGS, in_words
@@ -36,9 +35,7 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
         if values:
             raise UsageError(f"'--set' is for observers of mechanisms, not for '{name}'")
         return {}
-    models = [str(values['model'])] if 'model' in values else [
-        model for model in registry.names(registry.MODELS)
-        if isinstance(registry.find(registry.MODELS, model), Model)]
+    models = [str(values['model'])] if 'model' in values else registry.names(registry.MODELS)
     found: dict[str, dict[str, str]] = {}
     for model in models:
         gains: Any = build(record.gains, {**values, 'model': model}, owner=name)

@@ -44,8 +44,9 @@ def find(group: str, name: str) -> Any:
         raise UsageError(f"unknown {what} '{name}': {suggestion(name, _points(group))}")
     try:
         return point.load()
-    except ImportError as error:
-        raise UserError(f"{what} '{name}' cannot be imported: {error}") from error
+    except Exception as error:  # another package's code may fail in any way
+        raise UserError(f"{what} '{name}' ({point.value}) cannot be imported: "
+                        f'{type(error).__name__}: {error}') from error
 
 
 def load(path: str) -> Any:

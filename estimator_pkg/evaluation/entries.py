@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import registry
+from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 
@@ -28,15 +28,14 @@ class Entry:
 
     def joint(self, **settings: Any) -> Joint:
         """A joint with this observer; `settings` are further parameters."""
-        observer = registry.find(registry.OBSERVERS, self.observer)
+        observer = observers.find(self.observer)
         configuration = Configuration(observer, {**dict(self.values), **settings})
         return Joint(observer, *configuration.for_joint(''))
 
 
 def angle_observers() -> list[str]:
     """The names of all observers that take an angle and nothing else."""
-    return [name for name in registry.names(registry.OBSERVERS)
-            if registry.find(registry.OBSERVERS, name).kind == 'angle']
+    return observers.of_kind('angle')
 
 
 def at_defaults() -> list[Entry]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg import registry
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import Mechanics
@@ -27,8 +28,7 @@ class MechanicalGains:
 
     model: str = parameter(
         'single_joint', unit='', structural=True,
-        choices=('single_joint', 'cart_pendulum', 'robotic_leg', 'two_links',
-                 'package.module:name'),
+        choices=(*registry.names(registry.MODELS), 'package.module:name'),
         description="the mechanism; 'velocity_estimator list' shows what each takes, "
                     'docs/own_model.md how to write one')
     model_parameters: tuple[str, ...] = parameter(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg import registry
+from estimator_pkg import observers, registry
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.switched_joint import SwitchedJoint
@@ -101,8 +101,7 @@ def told() -> list[Estimator]:
 
 
 def _mechanisms() -> Iterable[str]:
-    return [name for name in registry.names(registry.OBSERVERS)
-            if registry.find(registry.OBSERVERS, name).kind == 'mechanical']
+    return observers.of_kind('mechanical')
 
 
 def _nothing(column: Column) -> Array:

@@ -1,0 +1,163 @@
+"""Observers and models of another package, as docs/architecture.md says: one file, one line."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+BAG = Path(__file__).parent.parent / 'bags' / 'dfki_simple_pendulum' / 'energy_shaping_200hz'
+OBSERVER = '''
+    """An alpha-beta filter: the seven small functions, and what is declared."""
+
+    import math
+    from dataclasses import dataclass
+
+    from estimator_pkg.observers.angle import AngleCore, AngleGains, around
+    from estimator_pkg.observers.circle import wrap
+    from estimator_pkg.observers.contract import Observer
+    from estimator_pkg.observers.tracking import noise_of_two
+    from estimator_pkg.parameters import parameter
+
+
+    @dataclass(frozen=True)
+    class Gains(AngleGains):
+        alpha: float = parameter(0.3, unit='', range=(0.001, 1.0), search=(0.01, 0.9),
+                                 description='weight of the innovation in the position')
+
+
+    def prepare(design, dt):
+        alpha, period = design
+        return (alpha, alpha * alpha / (2.0 - alpha) / dt, dt, period)
+
+
+    def init(measurement, design):
+        return (measurement, 0.0)
+
+
+    def correct(state, coefficients, measurement):
+        alpha, rate, dt, period = coefficients
+        error = wrap(measurement - state[0] - state[1] * dt, period)
+        return (measurement - (1.0 - alpha) * error, state[1] + rate * error), error
+
+
+    def estimate(state):
+        return state[0], state[1], math.nan
+
+
+    def resume(state, measurement):
+        return (measurement, state[1])
+
+
+    def noise_gains(state, coefficients):
+        return noise_of_two(coefficients[0], coefficients[1] * coefficients[2], coefficients[2])
+
+
+    def build(gains, circle):
+        return around(AngleCore(
+            design=lambda: (gains.alpha, float(circle.period)), settle=0.2, prepare=prepare,
+            init=init, correct=correct, estimate=estimate, resume=resume, noise_gains=noise_gains,
+            limits=lambda dt: None, group_delay=lambda dt: dt * (2.0 / gains.alpha - 1.5)),
+            gains, circle)
+
+
+    OBSERVER = Observer(name='mine', summary='an alpha-beta filter', gains=Gains, build=build,
+                        reference='textbook')
+'''
+MODEL = '''
+    """A slide on a spring."""
+
+    from dataclasses import dataclass
+
+    from estimator_pkg.models.mechanics import Mechanics, Model, everywhere
+    from estimator_pkg.parameters import parameter
+
+
+    @dataclass(frozen=True)
+    class Parameters:
+        stiffness: float = parameter(20.0, unit='N/m', range=(0.0, 1e6), structural=True,
+                                     description='of the spring')
+
+
+    def build(parameters):
+        return Mechanics(
+            name='slide', joints=('slide',), periods=(0.0,), values=(parameters.stiffness,),
+            actuated=(0,), inertia=lambda values, q: ((2.0,),),
+            factors=lambda values, q: (((0.5,),), ((1.0,),)),
+            force=lambda values, q, v, u: (u[0] - values[0] * q[0],),
+            coriolis=lambda values, q, v: (0.0,), damping=None, admits=everywhere, centre=(0.0,),
+            reach=(1.0,))
+
+
+    MODEL = Model(name='slide', summary='a slide on a spring', parameters=Parameters, build=build)
+'''
+ENTRY_POINTS = '''
+    [velocity_estimator.observers]
+    mine = mine:OBSERVER
+    broken = broken:OBSERVER
+    nameless = mine:NOTHING
+    a_number = mine:math
+    [velocity_estimator.models]
+    slide = slide:MODEL
+    ruin = broken:MODEL
+'''
+
+
+@pytest.fixture(scope='module')
+def foreign(tmp_path_factory):
+    """A folder with an installed package in it; two of its entry points lead nowhere."""
+    folder = tmp_path_factory.mktemp('site')
+    about = folder / 'foreign-0.0.1.dist-info'
+    about.mkdir()
+    for name, text in (('mine.py', OBSERVER), ('slide.py', MODEL), ('broken.py', 'def ('),
+                       (f'{about.name}/METADATA', 'Name: foreign\nVersion: 0.0.1\n'),
+                       (f'{about.name}/entry_points.txt', ENTRY_POINTS)):
+        (folder / name).write_text(textwrap.dedent(text))
+    return folder
+
+
+def told(foreign, *words, code=0):
+    """What `velocity_estimator` prints where that package is installed too."""
+    done = subprocess.run(
+        [sys.executable, '-c', 'import sys; from estimator_pkg.cli import main; sys.exit(main())',
+         *map(str, words)], capture_output=True, text=True, timeout=120,
+        env={**os.environ, 'PYTHONPATH': str(foreign)})
+    assert done.returncode == code, done.stderr
+    return done.stdout if code == 0 else done.stderr
+
+
+def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
+    said = told(foreign, 'list')
+    assert 'mine: an alpha-beta filter' in said and 'slide: a slide on a spring' in said
+    assert "(observer 'broken' (broken:OBSERVER) cannot be imported: SyntaxError" in said
+    assert "has no attribute 'NOTHING')" in said
+    assert 'hybrid_angle: ' in said
+
+
+def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path):
+    said = told(foreign, 'replay', BAG, '--observer', 'mine', '--set', 'alpha=0.2', '--out',
+                tmp_path / 'out')
+    assert 'tracking' in said
+    said = told(foreign, 'evaluate', BAG, '--observer', 'mine')
+    assert 'mine' in said and 'rms' in said
+
+
+def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign, tmp_path):
+    said = told(foreign, 'list', 'geso', '--set', 'model=slide', '--set',
+                'model_parameters=[stiffness=5.0]')
+    assert 'what the gains mean' in said
+    said = told(foreign, 'replay', BAG, '--observer', 'geso', '--set', 'model=slide', '--set',
+                'joints=[pendulum]', '--out', tmp_path / 'out')
+    assert 'received' in said
+
+
+@pytest.mark.parametrize('observer, model, wanted', [
+    ('broken', None, 'SyntaxError'), ('a_number', None, 'which is no Observer'),
+    ('geso', 'ruin', 'SyntaxError')])
+def test_what_cannot_be_used_is_one_line(foreign, tmp_path, observer, model, wanted):
+    words = () if model is None else ('--set', f'model={model}')
+    said = told(foreign, 'replay', BAG, '--observer', observer, *words, '--out', tmp_path / 'out',
+                code=1)
+    assert wanted in said and len(said.strip().splitlines()) == 1
