@@ -10,6 +10,7 @@ from estimator_pkg.evaluation.delay import delay
 from estimator_pkg.evaluation.interpolation import cubic
 from estimator_pkg.evaluation.matching import match, pieces
 from estimator_pkg.evaluation.reference_noise import noise
+from estimator_pkg.evaluation.text import error, fixed
 
 TURN = 2.0 * np.pi
 
@@ -329,3 +330,9 @@ def test_a_reference_cannot_tell_below_its_noise():
     found = reference.Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.1, 0.1)
     assert found.cannot_tell(0.1) and found.cannot_tell(0.08)
     assert not found.cannot_tell(0.15)
+
+
+def test_numbers_of_tables():
+    assert [error(value, 4) for value in (0.25, 0.00072, -3e-9, 0.0, math.nan)] == [
+        '0.2500', '0.00072', '-3e-09', '0.0000', '-']
+    assert fixed(-1e-6, 2) == '0.00' and fixed(-0.006, 2) == '-0.01'
