@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import dds
 import pytest
@@ -16,6 +17,7 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.observers.contract import TRACKING
 
 STATES, EVENTS = '/joint_states', '/switch_event'
 DRIVES = Path(__file__).resolve().parent.parent / 'bags' / 'simulated'
@@ -225,6 +227,16 @@ def test_a_damaged_input_is_not_taken_for_a_measurement(tmp_path):
                       *settings('input=effort_command', 'joints=[joint]'))['messages']
     assert (found['received'], found['used'], found['inputs_malformed']) == (100, 99, 25)
     assert found['dropped'] == {'malformed': 1}
+
+
+def test_a_long_gap_is_told_and_a_stray_stamp_is_none():
+    joint = SimpleNamespace(used=0, stamp_ns=0, settings=SimpleNamespace(gap_max=0.2),
+                            estimate=lambda: (0.0, 0.0, 0.0, TRACKING))
+    system = kinds.contract.System(joint, ('joint',))
+    for milliseconds in (1000, 1010, 61010, 61020, 9_000_000, 61030, 2000, 2010):
+        joint.used, joint.stamp_ns = joint.used + 1, milliseconds * 10**6
+        system.note()
+    assert system.seconds == pytest.approx({'tracking': 0.04, 'gap': 60.0})
 
 
 def test_every_observer_has_a_kind():

@@ -28,7 +28,6 @@ from estimator_pkg.parameters import Parameter
 ESTIMATE, STDDEV = 'estimate', 'estimate_stddev'
 OUTPUTS = {ESTIMATE: TYPE, STDDEV: TYPE}    # of every kind, in this order
 GAP = 'gap'                                 # time without samples, beside the statuses
-LONGEST_STEP = 10 ** 10                     # ns; time further apart is a jump, not a step
 PUBLISHER = 'publisher'                     # of 'stamp_source'
 WHY_DROPPED = {
     'duplicate': 'stamps that repeat: the driver publishes faster than it stamps',
@@ -114,6 +113,7 @@ class System:
     stamps: list[int] = field(default_factory=list)
     statuses: list[int] = field(default_factory=list)
     _used: int = 0
+    _gap: float = 0.0   # before the last sample [s]; 0: none
 
     def note(self) -> None:
         """Once after every message: if its sample was used, what the status is."""
@@ -123,12 +123,18 @@ class System:
         self._used = joint.used
         status = joint.estimate()[3]
         passed = joint.stamp_ns - self.stamps[-1] if self.stamps else 0
-        if 0 < passed < LONGEST_STEP:
-            gap = passed > joint.settings.gap_max * 1e9
-            name = GAP if gap else STATUS_NAMES[status]
-            self.seconds[name] = self.seconds.get(name, 0.0) + passed * 1e-9
+        if passed < 0 and self._gap and joint.stamp_ns > self.stamps[-2]:
+            self._count(GAP, -self._gap)    # that sample's stamp was a stray
+            passed = joint.stamp_ns - self.stamps[-2]
+        seconds = max(passed, 0) * 1e-9     # a clock that jumped back tells none
+        self._gap = seconds if seconds > joint.settings.gap_max else 0.0
+        self._count(GAP if self._gap else STATUS_NAMES[status], seconds)
         self.stamps.append(joint.stamp_ns)
         self.statuses.append(status)
+
+    def _count(self, name: str, seconds: float) -> None:
+        if seconds:
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
     def counts(self) -> dict[str, Any]:
         """Its samples: received, used, dropped by kind."""
