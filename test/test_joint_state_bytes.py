@@ -7,7 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from estimator_pkg.messages.joint_state import Decoder, Encoder, JointState, MalformedMessageError
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.joint_state import Decoder, Encoder, JointState
 from estimator_pkg.nodes import runtime  # noqa: F401  (sets the environment that rclpy needs)
 
 rclpy_serialization = pytest.importorskip('rclpy.serialization')

@@ -11,7 +11,8 @@ from estimator_pkg import cli, observers
 from estimator_pkg.bags.kinds.mechanical import settled
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
-from estimator_pkg.driver.mechanism import COMMAND, Inputs, MechanismBank, MechanismConfiguration
+from estimator_pkg.driver.efforts import COMMAND, Inputs
+from estimator_pkg.driver.mechanism import MechanismBank, MechanismConfiguration
 from estimator_pkg.errors import UserError
 
 MS = 1_000_000

@@ -32,7 +32,7 @@ WRONG = {
         ({'model': f'{OWN}WrongSize', 'observer': 'hgo'}, "own_models:WrongSize'"),
         ({'model': f'{OWN}Nope'}, "has no 'Nope'"),
         ({'model': 'no_such_module:Arm'}, "cannot import 'no_such_module'"),
-        ({'model': 'pendulum'}, "'pendulum' is not one of single_joint"),
+        ({'model': 'pendulum'}, "'pendulum' is not one of "),
         ({'model_parameters': ['inertai=1.0']}, "did you mean 'inertia'?"),
         ({'L': [-1.0], 'K': [3.0]}, '-L is not Hurwitz'),
         ({'L': [3.0], 'Gamma': [-1.0]}, "'Gamma' is not positive definite"),

@@ -122,11 +122,7 @@ class AdaptiveBank(Bank):
         ----------
         positions, efforts : as in a JointState; efforts of COMMAND come by `command`.
         """
-        if not positions:
-            self.empty += 1
-            return []
-        if len(names) != len(positions):
-            self.mismatched += 1
+        if not self.fits(names, positions):
             return []
         if self._source == COMMAND:
             efforts = (math.nan,) * len(names)

@@ -9,7 +9,34 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.contract import COASTING, TRACKING
 
 
-class Bank:
+class Received:
+    """Counts messages of joint states that cannot be used.
+
+    Attributes
+    ----------
+    mismatched : those whose arrays did not fit their names.
+    empty : those without a position.
+    """
+
+    def __init__(self) -> None:
+        self.mismatched = self.empty = 0
+
+    def fits(self, names: Sequence[str], positions: Sequence[float]) -> bool:
+        """Whether there are positions, one for each name; counted where not."""
+        if not positions:
+            self.empty += 1
+            return False
+        if len(names) != len(positions):
+            self.mismatched += 1
+            return False
+        return True
+
+    def why_silent(self, name: str) -> str:
+        """Why there may be no usable sample of a joint, where that can be known; else ''."""
+        return ''
+
+
+class Bank(Received):
     """The joints of one stream, made as they appear.
 
     Parameters
@@ -19,11 +46,10 @@ class Bank:
     """
 
     def __init__(self, configuration: Configuration, only: Iterable[str] = ()) -> None:
+        super().__init__()
         self.configuration = configuration
         self.only = frozenset(only)
         self.joints: dict[str, Joint] = {}
-        self.mismatched = 0   # messages whose arrays did not fit their names
-        self.empty = 0        # messages without a position
 
     def joint(self, name: str) -> Joint | None:
         """The joint called `name`, made at its first appearance; None if it is not wanted."""
@@ -42,11 +68,7 @@ class Bank:
         stamp_ns : stamp of the measurement, int nanoseconds.
         names, positions : as in a JointState [rad or m]; of unequal length: counted, not used.
         """
-        if not positions:
-            self.empty += 1
-            return []
-        if len(names) != len(positions):
-            self.mismatched += 1
+        if not self.fits(names, positions):
             return []
         valid = []
         for name, position in zip(names, positions):

@@ -47,15 +47,19 @@ class Configuration:
         gains = {name: value for name, value in values.items() if name in self._gains}
         settings = {name: value for name, value in values.items() if name not in self._gains}
         return (build(self.observer.gains, gains, owner=self.observer.name),
-                build(settings_of(self.observer), settings))
+                build(self._settings, settings))
 
     def parameters(self) -> dict[str, Parameter]:
         """Everything that can be set, by name: the gains first, then the joint settings."""
-        return {**self._gains, **declared(settings_of(self.observer))}
+        return {**self._gains, **declared(self._settings)}
 
     @property
     def _gains(self) -> dict[str, Parameter]:
         return declared(self.observer.gains)
+
+    @property
+    def _settings(self) -> type[JointSettings]:
+        return settings_of(self.observer)
 
     def _check(self, values: Mapping[str, Any]) -> None:
         known = self.parameters()

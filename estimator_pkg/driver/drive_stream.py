@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator_pkg.driver.drive import DriveEstimates
 from estimator_pkg.driver.drive_joint import DriveJoint
 from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases, Vector
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.cdr import MalformedMessageError
@@ -30,7 +31,7 @@ class Answer(NamedTuple):
 
 
 class DriveStream:
-    """A motor behind its topics.
+    """A motor behind its topics; what a node watches of a bank, it has too.
 
     Parameters
     ----------
@@ -45,12 +46,18 @@ class DriveStream:
     messages, empty, malformed : batches, or currents and voltages: all, without a row, with another
         layout (`complaint` says what was wrong with the last one).
     statuses : how many samples were used in which status.
+    joints : the motor by the name of its joint.
     """
+
+    configuration: Any = None  # as of banks; the motor is made already
+    only: frozenset[str] = frozenset()
+    mismatched = 0
 
     def __init__(self, joint: DriveJoint, name: str, *, pair_tolerance: float = 0.0,
                  phases: Phases | None = None) -> None:
         self.joint, self.phases = joint, phases
         self.names = (name, name + ELECTRICAL)
+        self.joints: dict[str, Joint] = {name: joint}
         self.pairs = Pairs(round(pair_tolerance * 1e9))
         self.stddev_wanted = self.flux_wanted = False
         self.messages = self.empty = self.malformed = 0
@@ -138,7 +145,7 @@ class DriveStream:
             flux = vector3.encode(stamp_ns, frame_id, linkage, deviation)
         return Answer(estimate, deviations, None, flux)
 
-    def why_silent(self) -> str:
+    def why_silent(self, name: str = '') -> str:
         """Why no sample may be coming although messages do; '' where nothing is known."""
         pairs = self.pairs
         if self.malformed and self.malformed == self.messages:

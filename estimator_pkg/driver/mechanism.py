@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings, Inputs
+from estimator_pkg.driver.bank import Received
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.contract import COASTING, STATUS_NAMES, TRACKING, Observer
 from estimator_pkg.observers.mechanical import MechanicalFunctions
-from estimator_pkg.parameters import Parameter, build, declared, parameter
+from estimator_pkg.parameters import parameter
 
 WAITING = 16  # stamps of a mechanism that may be incomplete at a time
 
@@ -174,47 +176,16 @@ class _Partial:
     """A sample whose joints are still coming."""
 
     stamp_ns: int
-    positions: dict[int, float]
-    efforts: dict[int, float]
-
-    def __init__(self, stamp_ns: int) -> None:
-        self.stamp_ns = stamp_ns
-        self.positions, self.efforts = {}, {}
+    positions: dict[int, float] = field(default_factory=dict)  # by place among the joints
+    efforts: dict[int, float] = field(default_factory=dict)    # by place among the inputs
 
 
-class MechanismConfiguration:
-    """Gains and settings: common values, and `joints.<mechanism>.<parameter>` for one mechanism.
+class MechanismConfiguration(Configuration):
+    """Gains and settings: common values, and `joints.<mechanism>.<parameter>` for one mechanism."""
 
-    Raises
-    ------
-    UsageError : an unknown name (the nearest one is suggested) or a value out of range.
-    """
-
-    def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
-                 overrides: Mapping[str, Mapping[str, Any]] | None = None) -> None:
-        self.observer = observer
-        self.common = dict(common or {})
-        self.overrides = {name: dict(values) for name, values in (overrides or {}).items()}
-        known = self.parameters()
-        for values in (self.common, *self.overrides.values()):
-            for name, value in values.items():
-                if name not in known:
-                    raise UsageError(f"unknown parameter '{name}' of {observer.name}: "
-                                     f'{suggestion(name, known)}')
-                known[name].check(value)
-
-    def parameters(self) -> dict[str, Parameter]:
-        """Everything that can be set, by name."""
-        return {**declared(self.observer.gains), **declared(MechanismSettings)}
-
-    def for_joint(self, mechanism: str) -> tuple[Any, MechanismSettings]:
-        """(gains, settings) of this mechanism."""
-        values = {**self.common, **self.overrides.get(mechanism, {})}
-        mine = declared(self.observer.gains)
-        return (build(self.observer.gains, {name: value for name, value in values.items()
-                                            if name in mine}, owner=self.observer.name),
-                build(MechanismSettings, {name: value for name, value in values.items()
-                                          if name not in mine}))
+    @property
+    def _settings(self) -> type[MechanismSettings]:
+        return MechanismSettings
 
 
 def check_names(configuration: MechanismConfiguration, names: Collection[str]) -> None:
@@ -225,7 +196,7 @@ def check_names(configuration: MechanismConfiguration, names: Collection[str]) -
                              f'{suggestion(name, names)}')
 
 
-class MechanismBank:
+class MechanismBank(Received):
     """The mechanisms of one stream.
 
     Parameters
@@ -240,12 +211,14 @@ class MechanismBank:
 
     def __init__(self, configuration: MechanismConfiguration, names: Iterable[str],
                  source: str = FIELD) -> None:
+        super().__init__()
         self.configuration = configuration
         self.joints: dict[str, Mechanism] = {}
         of_joint: dict[str, str] = {}  # joint -> its mechanism
         for name in filter(None, names):  # an empty text is how YAML writes an empty list
             if name in self.joints:
                 raise UsageError(f"parameter 'mechanisms' names '{name}' twice")
+            settings: Any
             gains, settings = configuration.for_joint(name)
             made = Mechanism(name, configuration.observer, gains, settings, source)
             for joint in made.names:
@@ -262,17 +235,13 @@ class MechanismBank:
             tuple(name for each in self.joints.values() for name in each.actuated))
         self._reads_efforts = source == FIELD and bool(self.orders[1])
         self.only: frozenset[str] = frozenset()
-        self.mismatched = 0
-        self.empty = 0
 
     def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
                efforts: Sequence[float]) -> list[Estimate]:
         """One message of joint states in; the estimates of the mechanisms that it completed."""
-        if not positions:
-            self.empty += 1
+        if not self.fits(names, positions):
             return []
-        if len(names) != len(positions) or (
-                self._reads_efforts and len(efforts) not in (0, len(names))):
+        if self._reads_efforts and len(efforts) not in (0, len(names)):
             self.mismatched += 1
             return []
         valid: list[Estimate] = []
@@ -298,7 +267,3 @@ class MechanismBank:
                 of_each: Any = mechanism.stddev()  # two tuples, where a joint has two numbers
                 found.update(zip(mechanism.names, zip(*of_each)))
         return [found[name] for name in names]
-
-
-__all__ = ['COMMAND', 'FIELD', 'Estimate', 'Inputs', 'Mechanism', 'MechanismBank',
-           'MechanismConfiguration', 'MechanismSettings']

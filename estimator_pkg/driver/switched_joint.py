@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from estimator_pkg.driver.bank import Received
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
@@ -102,7 +103,7 @@ class SwitchedJoint(Joint):
         return functions.discrete(self._track[6])
 
 
-class SwitchedBank:
+class SwitchedBank(Received):
     """The joints of one hybrid system, as one; messages carry all its outputs.
 
     What a node or a replay calls: `take` once for each message of joint states and `system.event`
@@ -128,13 +129,12 @@ class SwitchedBank:
 
     def __init__(self, joint: SwitchedJoint, names: tuple[str, ...],
                  source: str = FIELD) -> None:
+        super().__init__()
         self.system = joint
         self.configuration: Any = None  # as of other banks; the joint is made already
         self.names = names
         self.joints: dict[str, Joint] = {names[0]: joint}
         self.only: frozenset[str] = frozenset()
-        self.mismatched = 0
-        self.empty = 0
         self._inputs = len(joint.functions.no_input)
         settings: Any = joint.settings
         settings.check_inputs(self._inputs, 'switched')
@@ -173,13 +173,11 @@ class SwitchedBank:
         A message without one of the joints, or without the efforts that the model needs, is
         counted as mismatched.
         """
-        if not positions:
-            self.empty += 1
+        if not self.fits(names, positions):
             return []
         places = [names.index(name) for name in self.names if name in names]
         needed = self._inputs > 0 and self._source == FIELD
-        if (len(places) < len(self.names) or len(names) != len(positions)
-                or (needed and len(efforts) != len(names))):
+        if len(places) < len(self.names) or (needed and len(efforts) != len(names)):
             self.mismatched += 1
             return []
         measurement = tuple(positions[place] for place in places)

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from estimator_pkg.messages.cdr import MalformedMessageError, Reader, Writer
+from estimator_pkg.messages.cdr import Reader, Writer
 
 TYPE = 'sensor_msgs/msg/JointState'
 EARLIEST, LATEST = -2 ** 31 * 10 ** 9, 2 ** 31 * 10 ** 9 - 1  # stamps that a header can carry [ns]
@@ -173,5 +173,3 @@ class _WithCounts:
 
 
 _STAMP = struct.Struct('<4BiI')
-
-__all__ = ['TYPE', 'Decoder', 'Encoder', 'JointState', 'Layout', 'MalformedMessageError']

@@ -20,7 +20,7 @@ from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import Layout
 from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
-from estimator_pkg.nodes.diagnostics import OK, WARN, entry
+from estimator_pkg.nodes.diagnostics import OK, WARN, array, entry
 from estimator_pkg.nodes.ros_parameters import Values
 from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.observers.contract import Observer
@@ -68,22 +68,17 @@ class AdaptiveObserver(DrivenNode):
     def _states_came(self, stamp_ns: int, layout: Layout, raw: bytes) -> None:
         valid = self.bank.take(stamp_ns, layout.names, layout.numbers(raw, 0),
                                layout.numbers(raw, 2))
-        self._answer(stamp_ns, layout.frame_id, [name for name, joint, estimate in valid],
-                     [estimate for name, joint, estimate in valid],
-                     lambda: [joint.stddev() for name, joint, estimate in valid])
+        self._answer_joints(stamp_ns, layout.frame_id, valid)
 
     def _look(self) -> None:
         if self._identified.wanted:
             self._tell_parameters()
 
     def _tell_parameters(self) -> None:
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
-        for name, said in self.bank.reports().items():
-            message.status.append(entry(OK if said.trusted else WARN, name,
-                                        f'{said.phase}: {said.reason}',
-                                        values_of(said, self.bank.unit(name))))
-        self._identified.publish(message)
+        self._identified.publish(array(self, (
+            entry(OK if said.trusted else WARN, name, f'{said.phase}: {said.reason}',
+                  values_of(said, self.bank.unit(name)))
+            for name, said in self.bank.reports().items())))
 
     # Services
 

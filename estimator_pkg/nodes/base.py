@@ -284,6 +284,13 @@ class ObserverNode(Node):
         if self._acceleration is not None and self._acceleration.wanted:
             self._acceleration.publish(trajectory(stamp_ns, frame_id, names, estimates))
 
+    def _answer_joints(self, stamp_ns: int, frame_id: str,
+                       valid: Sequence[tuple[str, Joint, Sequence[Any]]]) -> None:
+        """`_answer` with (name, joint, estimate) of each."""
+        self._answer(stamp_ns, frame_id, [name for name, joint, estimate in valid],
+                     [estimate for name, joint, estimate in valid],
+                     lambda: [joint.stddev() for name, joint, estimate in valid])
+
     def _look_around(self) -> None:
         """Ten times a second, by the steady clock: who listens, and how the joints are."""
         self._endpoints.look()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 
 from estimator_pkg.driver.guard import (
     DROPPED,
@@ -17,6 +18,7 @@ from estimator_pkg.driver.guard import (
     ZERO_STAMP,
 )
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.messages.diagnostics import text
 from estimator_pkg.observers.contract import (
     COASTING,
     INITIALISING,
@@ -45,17 +47,18 @@ def dropped_for(verdict: int) -> str:
     return why and f'those that come are dropped: {why}'
 
 
+def array(node: Node, entries: Iterable[DiagnosticStatus]) -> DiagnosticArray:
+    """A message with these entries, stamped now."""
+    message = DiagnosticArray(status=list(entries))
+    message.header.stamp = node.get_clock().now().to_msg()
+    return message
+
+
 def entry(level: bytes, name: str, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:
     """One entry; numbers are written as a person reads them."""
     return DiagnosticStatus(level=level, name=name, message=message,
-                            values=[KeyValue(key=key, value=_text(value))
+                            values=[KeyValue(key=key, value=text(value))
                                     for key, value in values.items()])
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, float):
-        return f'{value:.6g}' if math.isfinite(value) else ''
-    return str(value)
 
 
 def group_delay(joint: Joint) -> float:

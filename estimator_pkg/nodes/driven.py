@@ -24,10 +24,6 @@ class DrivenHealth(Health):
                 'observer needs (with input: effort_command efforts come by a topic of their own)')
     _node: DrivenNode
 
-    def _why_silent(self, name: str) -> str:
-        bank: Any = self._bank
-        return bank.why_silent(name)
-
     def _more(self, name: str) -> Mapping[str, Any]:
         return self._node.about(name)
 

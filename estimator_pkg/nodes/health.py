@@ -13,7 +13,15 @@ from rclpy.subscription import Subscription
 
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import suggestion
-from estimator_pkg.nodes.diagnostics import OK, WARN, counters, dropped_for, entry, joint_status
+from estimator_pkg.nodes.diagnostics import (
+    OK,
+    WARN,
+    array,
+    counters,
+    dropped_for,
+    entry,
+    joint_status,
+)
 from estimator_pkg.nodes.endpoints import Endpoints, latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
@@ -43,6 +51,9 @@ class WatchedBank(Protocol):
     @property
     def joints(self) -> Mapping[str, Joint]:
         """The joints (or mechanisms) by name."""
+
+    def why_silent(self, name: str) -> str:
+        """Why there may be no usable sample of a joint, where that can be known; else ''."""
 
 
 class Health:
@@ -145,28 +156,21 @@ class Health:
             since, before = now, received
             self._used[name] = (used, now, received)
         if now - since > joint.settings.timeout:
-            reason = self._why_silent(name)
+            reason = self._bank.why_silent(name)
             if not reason and received > before:
                 reason = dropped_for(joint.verdict)
             return LOST, (f'no usable sample for {joint.settings.timeout:g} s'
                           + (f'; {reason}' if reason else ''))
         return joint.estimate()[3], joint.why()
 
-    def _why_silent(self, name: str) -> str:
-        """Why there may be no usable sample of a joint, where that can be known; else ''."""
-        return ''
-
     def _more(self, name: str) -> Mapping[str, Any]:
         """What else a joint's status tells."""
         return {}
 
     def _publish_status(self) -> None:
-        message = DiagnosticArray()
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        for name, joint in self._bank.joints.items():
-            status, why = self._said.get(name, (INITIALISING, ''))
-            message.status.append(joint_status(name, joint, status, why, self._more(name)))
-        self._status.publish(message)
+        self._status.publish(array(self._node, (
+            joint_status(name, joint, *self._said.get(name, (INITIALISING, '')), self._more(name))
+            for name, joint in self._bank.joints.items())))
 
     def _report(self, now: float) -> None:
         passed, self._last_report = now - self._last_report, now
@@ -174,14 +178,11 @@ class Health:
         new = totals.since(self._before)
         self._before = totals
         self._warn(new)
-        message = DiagnosticArray()
-        message.header.stamp = self._node.get_clock().now().to_msg()
         name = self._node.get_fully_qualified_name()
-        message.status.append(self._of_node(name, totals, new, passed))
-        for joint, (status, why) in self._said.items():
-            message.status.append(joint_status(f'{name}: {joint}', self._bank.joints[joint],
-                                               status, why))
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(array(self._node, (
+            self._of_node(name, totals, new, passed),
+            *(joint_status(f'{name}: {joint}', self._bank.joints[joint], status, why)
+              for joint, (status, why) in self._said.items()))))
         self._step_time = self._longest_step = 0.0
 
     def _of_node(self, name: str, totals: _Totals, new: _Totals, passed: float

@@ -13,7 +13,6 @@ from rclpy.subscription import Subscription
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import Layout
 from estimator_pkg.messages.number import decoder as number_decoder
@@ -23,8 +22,6 @@ from estimator_pkg.observers.contract import Observer
 
 NODE_OF = {'angle_and_input': 'adaptive_observer', 'drive': 'pmsm_observer',
            'mechanical': 'mechanical_observer', 'switched': 'switched_observer'}  # by kind
-
-Valid = list[tuple[str, Joint, tuple[float, float, float, int]]]
 
 
 class JointObserver(ObserverNode):
@@ -73,15 +70,10 @@ class JointObserver(ObserverNode):
     # Messages
 
     def _states_came(self, stamp_ns: int, layout: Layout, raw: bytes) -> None:
-        self._publish(stamp_ns, layout.frame_id,
-                      self.bank.update(stamp_ns, layout.names, layout.numbers(raw, 0)))
+        self._answer_joints(stamp_ns, layout.frame_id,
+                            self.bank.update(stamp_ns, layout.names, layout.numbers(raw, 0)))
 
     def _angle_came(self, raw: bytes, info: Mapping[str, Any]) -> None:
         angle = self._angle(self._number(raw))
         stamp_ns = info['source_timestamp']
-        self._publish(stamp_ns, '', self.bank.update(stamp_ns, self._names, (angle,)))
-
-    def _publish(self, stamp_ns: int, frame_id: str, valid: Valid) -> None:
-        self._answer(stamp_ns, frame_id, [name for name, joint, estimate in valid],
-                     [estimate for name, joint, estimate in valid],
-                     lambda: [joint.stddev() for name, joint, estimate in valid])
+        self._answer_joints(stamp_ns, '', self.bank.update(stamp_ns, self._names, (angle,)))

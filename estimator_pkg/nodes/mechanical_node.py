@@ -17,7 +17,7 @@ from estimator_pkg.driver.mechanism import (
     check_names,
 )
 from estimator_pkg.messages.joint_state import Layout
-from estimator_pkg.nodes.diagnostics import OK, entry
+from estimator_pkg.nodes.diagnostics import OK, array, entry
 from estimator_pkg.nodes.endpoints import latched
 from estimator_pkg.nodes.mechanical_settings import MechanicalNodeSettings
 from estimator_pkg.nodes.ros_parameters import Values
@@ -98,8 +98,5 @@ class MechanicalObserver(DrivenNode):
 
     def _tell_gains(self) -> None:
         """Poles, limits and noise of the gains at the measured rate, on ~/gains."""
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
-        message.status += [entry(OK, name, self._observer.name, words)
-                           for name, words in self._meaning.items()]
-        self._gains.publish(message)
+        self._gains.publish(array(self, (entry(OK, name, self._observer.name, words)
+                                         for name, words in self._meaning.items())))

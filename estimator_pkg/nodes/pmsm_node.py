@@ -11,10 +11,8 @@ from geometry_msgs.msg import Vector3Stamped
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
-from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.drive_joint import DriveJoint
-from estimator_pkg.driver.drive_stream import Answer
+from estimator_pkg.driver.drive_stream import Answer, DriveStream
 from estimator_pkg.nodes.pmsm_health import PmsmHealth
 from estimator_pkg.nodes.pmsm_settings import DRIVE_SAMPLES, PmsmSettings
 from estimator_pkg.observers.contract import Observer
@@ -23,56 +21,47 @@ from estimator_pkg.observers.contract import Observer
 class PmsmObserver(ObserverNode):
     """Estimates speed, angle and flux of a motor from its currents and voltages.
 
-    Parameters and errors as of `ObserverNode`.
-
-    Attributes
-    ----------
-    stream : the motor behind its topics.
+    Parameters, errors and attributes as of `ObserverNode`; ``bank`` is the motor behind its topics.
     """
 
     NAME = 'pmsm_observer'
     SETTINGS = PmsmSettings
     OVERRIDES = False
+    HEALTH = PmsmHealth
     settings: PmsmSettings
-    bank: Bank
+    bank: DriveStream
 
     def _find_observer(self) -> Observer:
         self.settings.check()
         return self.settings.find()
 
-    def _make_bank(self, configuration: Configuration) -> Bank:
-        self.stream = self.settings.stream(configuration)
-        self.joint: DriveJoint = self.stream.joint
-        self.joint.warm_up()
-        bank = Bank(configuration, (self.settings.joint,))
-        bank.joints[self.settings.joint] = self.joint
-        return bank
+    def _make_bank(self, configuration: Configuration) -> DriveStream:
+        stream = self.settings.stream(configuration)
+        stream.joint.warm_up()
+        return stream
 
     def _connect(self) -> Subscription:
         self._flux = self._endpoints.on_demand(Vector3Stamped, '~/flux_linkage')
         if self.settings.input == DRIVE_SAMPLES:
             self._samples = self._endpoints.publisher(Float64MultiArray, '~/estimate_samples')
             return self._listen(Float64MultiArray, 'drive_samples', self._batch_came)
-        current = self._listen(Vector3Stamped, 'current', self._vectors(self.stream.current))
-        self._listen(Vector3Stamped, 'voltage', self._vectors(self.stream.voltage))
+        current = self._listen(Vector3Stamped, 'current', self._vectors(self.bank.current))
+        self._listen(Vector3Stamped, 'voltage', self._vectors(self.bank.voltage))
         return current
 
-    def _make_health(self) -> PmsmHealth:
-        return PmsmHealth(self, self.bank, self._endpoints, self._ros, self.input, self.stream)
-
     def _wanted(self) -> str:
-        return f"'{self.settings.joint}'{' (compiled)' if self.joint.fast else ''}"
+        return f"'{self.settings.joint}'{' (compiled)' if self.bank.joint.fast else ''}"
 
     def _restarted(self) -> str:
         return f'{self.settings.joint} starts'
 
     def _gains_changed(self, name: str) -> None:
-        self.joint.warm_up()
+        self.bank.joint.warm_up()
 
     # Messages
 
     def _batch_came(self, raw: bytes, info: Mapping[str, Any]) -> None:
-        answer = self.stream.batch(raw)
+        answer = self.bank.batch(raw)
         self._publish(answer)  # first: a controller may wait for the newest estimate
         if answer.samples is not None:
             self._samples.publish(answer.samples)
@@ -91,5 +80,5 @@ class PmsmObserver(ObserverNode):
             self._flux.publish(answer.flux)
 
     def _look(self) -> None:
-        self.stream.stddev_wanted = self._stddev.wanted
-        self.stream.flux_wanted = self._flux.wanted
+        self.bank.stddev_wanted = self._stddev.wanted
+        self.bank.flux_wanted = self._flux.wanted
