@@ -18,7 +18,16 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from sim_pkg.contract import Message, Topic, followed
-from sim_pkg.sensor import RAW_COUNTS, SECOND, AngleSensor, Line, SensorParameters, fixed
+from sim_pkg.sensor import (
+    MULTI_TURN,
+    SECOND,
+    SIGNED,
+    UNSIGNED,
+    AngleSensor,
+    Line,
+    SensorParameters,
+    fixed,
+)
 
 MEASURED = Topic('joint_states', JOINT_STATE)
 TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
@@ -34,12 +43,13 @@ class DrivenParameters(SensorParameters):
 
     joint: str = fixed('joint', unit='', description='name of the joint')
     start: float = fixed(0.0, unit='rad', range=(-1e3, 1e3), description='angle at the start')
+    convention: str = fixed(  # not raw_counts: they come without an effort
+        SIGNED, unit='', choices=(SIGNED, UNSIGNED, MULTI_TURN),
+        description='how an angle is written: in [-pi, pi), in [0, 2 pi), or turns counted')
 
     def __post_init__(self) -> None:
         """What a range cannot say; raises UsageError."""
         super().__post_init__()
-        if self.convention == RAW_COUNTS:
-            raise UsageError("convention 'raw_counts' carries no effort: it is not for this plant")
         if not self.joint:
             raise UsageError("parameter 'joint' must not be empty")
         followed(self.fastest)

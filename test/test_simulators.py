@@ -1,18 +1,22 @@
 """What every simulator does with parameters that no plant can have: one line, never a NaN."""
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 
-from estimator_pkg import registry
+from estimator_pkg import params_file, registry
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models.load import load
-from estimator_pkg.parameters import build
+from estimator_pkg.parameters import build, declared
 from sim_pkg.cart_pendulum import Feedback
 from sim_pkg.mechanism_simulator import MechanismParameters, fastest, stream
+
+CONFIG = Path(__file__).resolve().parent.parent / 'config'
 
 
 def simulated(name, seconds, **values):
@@ -29,6 +33,24 @@ def simulated(name, seconds, **values):
             elif 'samples' in message.topic:
                 found[message.topic].append(drive_samples.decode(raw))
     return found
+
+
+@pytest.mark.parametrize('name', registry.names(registry.SIMULATORS))
+def test_the_examples_in_its_config_can_be_used(name, tmp_path):
+    """Keys with '#' before them show an example; the command in the head observes this plant."""
+    text = (CONFIG / f'{name}_sim.yaml').read_text()
+    path = tmp_path / 'all.yaml'
+    path.write_text(re.sub(r'^( +)#(?=\w+:)', r'\1', text, flags=re.MULTILINE))
+    simulator = registry.find(registry.SIMULATORS, name)
+    values = {key: value for key, value in params_file.load(path, f'{name}_sim').items()
+              if key in declared(simulator.parameters)}
+    assert values.keys() == declared(simulator.parameters).keys()
+    simulator.generate(build(simulator.parameters, values), 0.1, 1)
+    command, = re.findall(r"it:\n#   ros2 run velocity_estimator (.*(?:\n#     .*)?)", text)
+    settings = dict(re.findall(r'(\w+):=(\[.*?\]|[^\s"]+)', command))
+    numbers = settings.get('model_parameters', '[]').strip('[]')
+    if command.startswith('mechanical_observer'):
+        load(settings.get('model', 'single_joint'), tuple(numbers.split(', ')) if numbers else ())
 
 
 @pytest.mark.parametrize(('name', 'values', 'said'), [
