@@ -90,6 +90,11 @@ def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str
     return common, overrides
 
 
+def parameter_of(name: str) -> str:
+    """The parameter of ``joints.<joint>.<parameter>``; any other name is that of a parameter."""
+    return name.rpartition('.')[2] if name.startswith(f'{OVERRIDES}.') else name
+
+
 def of_this_node(values: Mapping[str, Any]) -> dict[str, Any]:
     """`values` without what ROS gives to every node."""
     return {name: value for name, value in values.items()

@@ -204,6 +204,18 @@ def test_mechanical_stands_beside_angle_observers(tmp_path, capsys):
     assert rows['pll'] == alone['pll']
 
 
+def test_a_file_without_an_observer_goes_to_the_kind_that_knows_its_parameters(tmp_path):
+    run('simulate', 'pendulum', '--duration', 1, '--set', 'rate=500', '--out', tmp_path / 'bag')
+    params = tmp_path / 'identified.yaml'   # as identify writes it
+    for parameters, observer in (('model_parameters: [inertia=0.05]', 'geso'),
+                                 ('joints.joint: {gravity: true}', 'adaptive'),
+                                 ('bandwidth_hz: 20.0', 'hybrid_angle'),
+                                 ('joints.joint: {bandwidth_hz: 20.0}', 'hybrid_angle')):
+        params.write_text(f'/**:\n  ros__parameters:\n    {parameters}\n')
+        found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--params', params)
+        assert found['observer'] == observer, parameters
+
+
 def test_parameters_go_to_the_observers_that_know_them(motor, tmp_path):
     rows = evaluated(tmp_path, motor, '--observer', 'pll', '--observer', 'adaptive',
                      *settings('damping=0.9', 'order=2'))

@@ -46,7 +46,7 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
         _check(names_of, by_observer)
     return [Entry(name, name, tuple((key, _plain(value)) for key, value in
                                     {**from_file[name], **given}.items()
-                                    if _parameter(key) in by_observer[name]))
+                                    if params_file.parameter_of(key) in by_observer[name]))
             for name in wanted]
 
 
@@ -71,14 +71,9 @@ def _from_file(params: str | None, observer: str) -> dict[str, Any]:
 def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any]]) -> None:
     every = {name for known in by_observer.values() for name in known}
     for name in values:
-        if _parameter(name) not in every:
+        if params_file.parameter_of(name) not in every:
             raise UsageError(f"unknown parameter '{name}' of {', '.join(by_observer)}: "
-                             f'{suggestion(_parameter(name), every)}')
-
-
-def _parameter(name: str) -> str:
-    """The parameter of ``joints.<joint>.<parameter>``."""
-    return name.rpartition('.')[2] if name.startswith(f'{params_file.OVERRIDES}.') else name
+                             f'{suggestion(params_file.parameter_of(name), every)}')
 
 
 def _plain(value: Any) -> Any:

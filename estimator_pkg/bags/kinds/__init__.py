@@ -13,7 +13,8 @@ from typing import Any
 from estimator_pkg import observers, params_file, registry
 from estimator_pkg.bags.kinds.contract import Kind
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.errors import UsageError
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.parameters import declared
 
 USUAL = 'angle'     # where nothing says otherwise
 
@@ -35,7 +36,7 @@ def of_observer(observer: str) -> Kind:
 
 def wanted(bag: Bag, observer: str | None, params: str | None, values: dict[str, Any],
            node: str | None = None) -> Kind:
-    """The kind that is asked for: by observer, parameter file or --set, else by what the bag has.
+    """The kind that is asked for: by observer or parameters, else by what the bag has.
 
     Parameters
     ----------
@@ -57,7 +58,26 @@ def wanted(bag: Bag, observer: str | None, params: str | None, values: dict[str,
                 return kind
     if isinstance(values.get('observer'), str):
         return of_observer(values['observer'])
+    given = set(values)
+    if params:
+        with suppress(UsageError):
+            given |= set(params_file.of_this_node(params_file.load(params, node or known[0].node)))
+    if given and not _knows(USUAL, given):
+        for name in registry.names(registry.KINDS):
+            if _knows(name, given):
+                return named(name)
     return next((kind for kind in known if kind.recognises(bag)), named(USUAL))
+
+
+def _knows(kind: str, given: set[str]) -> bool:
+    """True if all these parameters, as named in files and on command lines, are of this kind."""
+    of = named(kind)
+    known = {'observer', *declared(of.settings)}
+    for name in registry.names(registry.OBSERVERS):
+        with suppress(UserError):   # one that cannot be imported is told where it is asked for
+            if observers.find(name).kind == kind:
+                known |= set(of.parameters(name))
+    return {params_file.parameter_of(name) for name in given} <= known
 
 
 def parameters(kind: Kind, params: str | None, assignments: dict[str, Any],
