@@ -158,6 +158,31 @@ def test_a_blow_is_not_overshot(noise):
         assert np.max(np.abs(v[612:] - 3.0)) < 1.5
 
 
+@pytest.mark.parametrize('noise', [0.1, 0.2, 0.4, 0.65])
+def test_flicker_between_counts_is_no_motion(noise):
+    """Noise before the counter at 10 kHz: at rest by an edge, at creep and when a motion starts."""
+    t = np.arange(30_000) * 1e-4
+    start = np.clip(t - 1.5, 0.0, 0.2)
+    for angle, speed, most in ((0.4 * QUANTUM + 0.0 * t, 0.0 * t, 0.05),
+                               (0.02 * t, 0.02 + 0.0 * t, 0.05),
+                               (2.5 * start ** 2 + np.clip(t - 1.7, 0.0, None), 5.0 * start, 0.3)):
+        read_so = angle + noise * QUANTUM * np.random.default_rng(7).normal(size=len(t))
+        out = run(read_so, stamps(len(t), 1e-4))
+        error = np.abs(out.velocity - speed)[5000:]
+        assert np.max(error) < most
+        assert rms(error) < 0.2 * most
+
+
+@pytest.mark.parametrize('noise', [0.1, 0.2, 0.4])
+def test_the_noise_is_learnt_from_flicker(noise):
+    """At creep edges agree with each other however large it is; what flickers tells it."""
+    way = 0.02 * np.arange(30_000) * 1e-4
+    one = joint()
+    flicker = noise * QUANTUM * np.random.default_rng(3).normal(size=len(way))
+    one.run(stamps(len(way), 1e-4), read(way + flicker), fast=False)
+    assert math.sqrt(one._track[6][3][1]) == pytest.approx(noise * QUANTUM, rel=0.35)
+
+
 # ---------------------------------------------------------------- faults
 
 @pytest.mark.parametrize('size', [0.5, 0.02])
@@ -171,6 +196,16 @@ def test_a_glitch_leaves_no_trace(speed, size):
     assert np.max(error[3010:]) * 0.01 < QUANTUM
     assert np.max(error[3000:]) < 1.0
     assert out.status[3000] == COASTING and out.status[3010] == TRACKING
+
+
+@pytest.mark.parametrize('quanta', [1.0, 2.0, 3.0])
+def test_a_glitch_of_a_few_counts_is_no_motion(quanta):
+    for speed in (0.0, 0.02):
+        angle = speed * np.arange(5000) * DT + 0.4e-3
+        angle[3000] += quanta * QUANTUM
+        error = np.abs(run(angle).velocity - speed)
+        assert np.max(error[3000:]) < 0.05
+        assert np.max(error[3010:]) * 0.01 < 0.1 * QUANTUM
 
 
 @pytest.mark.parametrize('counts', [64, 256, 65536])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimator_pkg.observers import edge_bandwidth, edge_sensor
+from estimator_pkg.observers import edge_bandwidth, edge_covariance, edge_sensor
 from estimator_pkg.observers.edge_interval import HELD, INTERVAL, NOTHING, interval, within
 
 Q = 1.0
@@ -102,10 +102,10 @@ def full(p):
 
 
 def test_opening_keeps_the_covariance_positive_and_explains_the_deviation():
-    wide = edge_bandwidth.widened(COVARIANCE, 2.0)
+    wide = edge_covariance.widened(COVARIANCE, 2.0)
     assert np.all(np.linalg.eigvalsh(full(wide)) > 0.0)
     assert wide[3] / COVARIANCE[3] == pytest.approx(math.exp(1.0))
-    opened = edge_bandwidth.manoeuvred(COVARIANCE, 0.01, 5e-3)
+    opened = edge_covariance.manoeuvred(COVARIANCE, 0.01, 5e-3)
     added = full(opened) - full(COVARIANCE)
     assert added[0, 0] == pytest.approx(1e-4)
     assert np.all(np.linalg.eigvalsh(added) > -1e-9)
@@ -236,6 +236,23 @@ def test_noise_does_not_sway_and_a_speed_that_goes_at_random_does():
 def test_a_sway_is_white_acceleration():
     dt, sway = 2e-3, 3e-6
     rate = 2.0 * sway / dt ** 3     # (rad/s)^2 per s
-    p = edge_bandwidth.swayed((1e-6, 0.0, 0.1, 1.0, 0.2, 5.0), sway, dt)
+    p = edge_covariance.swayed((1e-6, 0.0, 0.1, 1.0, 0.2, 5.0), sway, dt)
     assert p == pytest.approx((1e-6 + rate * dt ** 3 / 3.0, rate * dt ** 2 / 2.0, 0.1,
                                1.0 + rate * dt, 0.2, 5.0))
+
+
+SUMS = (3.0, 12.0)     # their slack and alarm
+
+
+def test_an_alarm_in_noise_dates_further_back():
+    """A deviation t^3 of which only the part above SIGMAS counts: when did it begin?"""
+    dt, grown = 1e-3, 2e-5
+    z = grown * np.arange(400) ** 3.0
+    run = np.cumsum(np.clip(z - SUMS[0], 0.0, None))
+    alarm = int(np.argmax(run > SUMS[1]))
+    first = int(np.argmax(z > SUMS[0]))
+    date = (alarm - first + 1) * dt
+    assert edge_bandwidth.began(date, dt, False, *SUMS) == pytest.approx(date + dt)
+    assert edge_bandwidth.began(date, dt, True, *SUMS) == pytest.approx((alarm + 1) * dt, rel=0.4)
+    assert edge_bandwidth.began(2.0 * dt, dt, True, *SUMS) == pytest.approx(3.0 * dt)
+    assert edge_bandwidth.began(dt, dt, True, *SUMS) > 0.0

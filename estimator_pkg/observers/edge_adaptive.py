@@ -2,10 +2,11 @@
 
     a' = -a/FADE + w,  v' = a,  x' = v,       w white jerk of a density that is found on line
 
-What differs from a Kalman filter is what it makes of a reading (`edge_interval`: a count is an
-interval, an edge is a time), how fast it listens (`edge_bandwidth`) and that it learns its sensor
-(`edge_sensor`). The one thing a user says is the quantum, and even that is checked. The derivation
-is in docs/observers/edge_adaptive.md.
+What differs from a Kalman filter (`edge_covariance`) is what it makes of a reading
+(`edge_interval`: a count is an interval, an edge is a time), how fast it listens
+(`edge_bandwidth`), that it learns its sensor (`edge_sensor`) and how it starts (`edge_start`). The
+one thing a user says is the quantum, and even that is checked. The derivation is in
+docs/observers/edge_adaptive.md.
 """
 
 from __future__ import annotations
@@ -26,14 +27,19 @@ from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.observers.edge_bandwidth import (
     STEADY,
     Laws,
+    began,
     begin_band,
     follow_band,
     follow_sway,
+)
+from estimator_pkg.observers.edge_covariance import (
+    corrected,
     manoeuvred,
+    predicted,
     swayed,
     widened,
 )
-from estimator_pkg.observers.edge_interval import HELD, NOTHING, interval, within
+from estimator_pkg.observers.edge_interval import HELD, NOTHING, cell, interval, within
 from estimator_pkg.observers.edge_sensor import (
     FIRST_STEPS,
     SURPRISE,
@@ -48,6 +54,7 @@ from estimator_pkg.observers.edge_sensor import (
     tells_quantum,
     vibration,
 )
+from estimator_pkg.observers.edge_start import started, stood, waiting
 from estimator_pkg.parameters import parameter
 
 # The constants, all of them; docs/observers/edge_adaptive.md says where each comes from.
@@ -64,9 +71,8 @@ STRAY = 2.0       # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
 CALM = 0.5        # of its variance the speed keeps at least, however small the innovations are
 
-SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
-VAGUE = 100.0     # the same in quanta, where there is no turn
 SLIGHT = 0.3      # a rise of the log density by less changes next to nothing of what was told
+PLAIN = 4.0 * BLUR * BLUR   # square quanta: a noise above it is more than the blur of the edges
 UNTOLD = 0.05     # of its variance an innovation has at least, were it to count in sigmas
 
 
@@ -86,40 +92,11 @@ class Gains:
 
 
 def prepare(design: tuple, dt: float) -> tuple:
-    """What depends on dt alone: (dt, dt^2/2, part of the acceleration kept, q11, q01, q00).
-
-    q : what white jerk of density 1 adds within dt to that element of the covariance. q02 is half
-        of q11, q12 is dt^2/2, q22 is dt.
-    """
+    """What depends on dt alone; see `predicted`."""
     square = dt * dt
     cube = square * dt
     return (dt, 0.5 * square, FADE / (FADE + dt), cube / 3.0, 0.125 * cube * dt,
             0.05 * cube * square)
-
-
-def predicted(p: tuple, density: float, coefficients: tuple) -> tuple:
-    """The covariance one sample later."""
-    p00, p01, p02, p11, p12, p22 = p
-    dt, half, kept, q11, q01, q00 = coefficients
-    r12 = p12 + dt * p22
-    r02 = p02 + dt * p12 + half * p22
-    r01 = p01 + dt * p11 + half * p12
-    shaken = density * q11
-    return (p00 + dt * (p01 + r01) + half * (p02 + r02) + density * q00,
-            r01 + dt * r02 + density * q01,
-            kept * r02 + 0.5 * shaken,
-            p11 + dt * (p12 + r12) + shaken,
-            kept * r12 + density * half,
-            kept * kept * p22 + density * dt)
-
-
-def corrected(p: tuple, s: float, known: float) -> tuple:
-    """The covariance after an innovation of variance `s`, of which the part `known` was learnt."""
-    p00, p01, p02, p11, p12, p22 = p
-    part = known / s
-    k0, k1 = p00 * part, p01 * part
-    return (p00 - k0 * p00, p01 - k0 * p01, p02 - k0 * p02, p11 - k1 * p01, p12 - k1 * p02,
-            p22 - part * p02 * p02)
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -150,33 +127,68 @@ def build(gains: Gains, circle: Circle) -> Functions:
         fresh = init(measurement, design)
         return (fresh[0], fresh[1], fresh[2], sensor, steps, convention, fresh[6], STEADY)
 
-    def started(measurement: float, change: float, coefficients: tuple, quantum: float,
-                noise: float, period: float) -> tuple:
-        """(motion, covariance, band): a straight line through the first two readings."""
-        rate = 1.0 / coefficients[0]
-        floor = quantum * quantum / 12.0 + noise
-        bend = max(VAGUE * quantum, SWERVE * 0.5 * period)
-        bend *= bend / 3.0
-        return ((measurement, change * rate, 0.0, 0.0),
-                (floor, floor * rate, 0.0, (2.0 * floor + 0.25 * bend) * rate * rate,
-                 0.5 * bend * rate * rate * rate, bend * rate * rate * rate * rate),
-                begin_band(quantum * quantum / LONGEST ** 5))
+    def told(kind: int, centre: float, half: float, off: float, ahead: float, p: tuple,
+             band: tuple, sensor: tuple, noisy: bool, flickers: bool, idle: float, dt: float,
+             laws: tuple) -> tuple:
+        """What a reading changes that tells something.
 
-    def waiting(rested: float, quantum: float) -> tuple:
-        """The covariance at the first change after so long a rest [s]: no speed is known.
+        Parameters
+        ----------
+        kind, centre, half, off, ahead : what it is worth, and from what; see `edge_interval`.
+        idle : time since the last one that told something [s].
 
-        It shows the quantum. Was it an edge of a shaft that still stands, or has it begun to move?
-        The next reading tells.
+        Returns
+        -------
+        Whether it is believed, correction of the motion, covariance, band, sensor.
         """
-        rate = 1.0 / (rested if rested < LONGEST else LONGEST)
-        least = quantum * quantum / 12.0
-        return (least, 0.0, 0.0, 0.0, 0.0, least * rate * rate * rate * rate)
-
-    def stood(edge: float, p: tuple) -> tuple:
-        """(motion, covariance, band) of a shaft that stands at an edge, after `waiting`."""
-        return ((edge, 0.0, 0.0, 0.0),
-                (p[0], 0.0, 0.0, math.sqrt(p[0] * p[5]), 0.0, p[5]),
-                begin_band(12.0 * p[0] / LONGEST ** 5))
+        quantum, noise = sensor[0], sensor[1]
+        s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
+        d, left = within(centre, half, math.sqrt(s))
+        known = 1.0 - left
+        z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
+        beyond = z > ALARM or z < -ALARM
+        if beyond:
+            z = ALARM if z > 0.0 else -ALARM
+        least = (quantum * quantum + 12.0 * noise) / LONGEST ** 5
+        if not flickers:
+            shaken = vibration(sensor)
+            if shaken > least:
+                least = shaken
+        low, variance = band[1], band[2]
+        listening, growth, date, product = follow_band(band, z, known * p[0] / s, idle, least,
+                                                       laws)
+        if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
+            return (False, (0.0, 0.0, 0.0), p, band[:3] + listening[3:7] + band[7:], sensor)
+        score = d * d / s - known
+        if growth > 0.0:
+            s -= p[0]
+            p = widened(p, growth)
+            s += p[0]
+        if date > 0.0 or growth > SLIGHT:   # the same reading tells a vaguer prediction more
+            if date > 0.0:
+                date = began(date, dt, noisy, SIGMAS, ALARM)
+                if flickers and -STRAY * quantum < d < STRAY * quantum and p[3] > 0.0:
+                    # flicker that begins anew: it moved in all the time that is remembered
+                    date = max(date, math.sqrt(p[0] / p[3]))
+                p = manoeuvred(p, d, date)
+            if not flickers:
+                edges = math.sqrt(noise)
+                kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
+            s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
+            d, left = within(centre, half, math.sqrt(s))
+            known = 1.0 - left
+        # flicker tells the noise from either side alike; elsewhere what is correlated is motion
+        if (low * low < variance if flickers
+                else kind != HELD and (score < 0.0 or product < 1.0)):
+            most = noise if flickers and sensor[2] < noise else sensor[2]
+            likelier = follow_noise(noise, score * noise / s, most, quantum, MEMORY, BLUR)
+            if likelier != noise:
+                sensor = sensor[:1] + (likelier,) + sensor[2:]
+        pull = d / s
+        shift = (p[0] * pull, p[1] * pull, p[2] * pull)
+        if kind != HELD:     # that an edge did not come moves the estimate, but is no reading
+            p = corrected(p, s, known)
+        return True, shift, p, listening, sensor
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
@@ -199,13 +211,13 @@ def build(gains: Gains, circle: Circle) -> Functions:
         last, convention = convention[0], follow(convention, measurement, period)
         status, count, astray = lock
         if p[3] == 0.0 < p[5] and stepped * change <= 0.0:   # it was an edge, and no start
-            motion, p, band = stood(last - 0.5 * stepped, p)
+            motion, p, band = stood(last - 0.5 * stepped, p, LONGEST)
         if p[3] == 0.0:      # no speed is known: the second reading, or the first that differs
             if p[5] == 0.0 < quantum and rested > CONFIRMED * dt:
-                p = waiting(rested, quantum)
+                p = waiting(rested, quantum, LONGEST)
             elif quantum > 0.0:
-                motion, p, band = started(measurement, change, coefficients, quantum, sensor[1],
-                                          period)
+                motion, p, band = started(measurement, change, dt, quantum, sensor[1], period,
+                                          LONGEST)
             return (motion, p, band, sensor, steps, convention,
                     (TRACKING if count + 1.0 >= CONFIRMED and quantum == 0.0 else status,
                      count + 1.0, astray), sway)
@@ -217,9 +229,11 @@ def build(gains: Gains, circle: Circle) -> Functions:
         v += a * dt
         a *= coefficients[2]
         p = predicted(p, band[0], coefficients)
-        swing = sway[0] - quantum * quantum / 6.0 - 2.0 * sensor[1]
-        if swing > 0.0:
-            p = swayed(p, swing, dt)
+        square = quantum * quantum
+        if sway[0] > 0.0:
+            swing = sway[0] - square / 6.0 - 2.0 * sensor[1]
+            if swing > 0.0:
+                p = swayed(p, swing, dt)
         idle += dt
         if off > design[3] or off < -design[3]:
             # an eighth of a turn off: no reading of this shaft, or not of this speed
@@ -228,66 +242,44 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 return again(measurement, design, sensor, steps, convention)
             return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
                     (COASTING if status != INITIALISING else status, 0.0, astray), sway)
-        noise, ahead, half = sensor[1], change - moved, 0.5 * quantum
+        ahead, half = change - moved, 0.5 * quantum
         if count > 0.0:
-            sway = follow_sway(sway, ahead, SURPRISE * (sensor[2] + quantum * quantum), MEMORY)
+            sway = follow_sway(sway, ahead, SURPRISE * (sensor[2] + square), MEMORY)
         else:     # it moved away from a reading that was not believed
             sway = (sway[0], 0.0, 0.0)
-        kind, centre, edges = NOTHING, 0.0, 0.0
+        noise = sensor[1]
+        noisy = noise > PLAIN * square
+        if not noisy and change * stepped < 0.0 and -half < moved < half and sway[0] <= 0.0:
+            # a reading that the next undoes: its noise is as unknown as an angle in its cell
+            noise, noisy = square / 12.0, True
+            sensor = sensor[:1] + (noise,) + sensor[2:]
+        # where it crosses an edge more often than the angle does, no edge is a time
+        flickers = noisy and moved * moved < noise < half * half
+        kind, centre = NOTHING, 0.0
+        if flickers:
+            kind, centre, half = cell(off, quantum, p[0], SIGMAS * math.sqrt(noise))
         # of most readings it is plain that they tell nothing: no edge, and none was expected
-        if (ahead > half or ahead < -half or off > half or off < -half
-                or 12.0 * p[0] > quantum * quantum):
+        elif (ahead > half or ahead < -half or off > half or off < -half
+                or 12.0 * p[0] > square):
             edges = math.sqrt(noise)
             kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
         if kind != NOTHING:
-            s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
-            d, left = within(centre, half, math.sqrt(s))
-            known = 1.0 - left
-            z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
-            beyond = z > ALARM or z < -ALARM
-            if beyond:
-                z = ALARM if z > 0.0 else -ALARM
-            least = (quantum * quantum + 12.0 * noise) / LONGEST ** 5
-            shaken = vibration(sensor)
-            if shaken > least:
-                least = shaken
-            before = band
-            band, growth, date, product = follow_band(band, z, known * p[0] / s, idle, least,
-                                                      laws)
+            believed, shift, p, band, sensor = told(
+                kind, centre, half, off, ahead, p, band, sensor, noisy, flickers, idle, dt, laws)
             idle = 0.0
-            if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
-                band = before[:3] + band[3:7] + before[7:]
+            if not believed:
                 return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
                         (COASTING if status != INITIALISING else status, 0.0, astray), sway)
-            score = d * d / s - known
-            if growth > 0.0:
-                s -= p[0]
-                p = widened(p, growth)
-                s += p[0]
-            if date > 0.0 or growth > SLIGHT:   # the same reading tells a vaguer prediction more
-                if date > 0.0:
-                    p = manoeuvred(p, d, date + dt)
-                kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
-                s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
-                d, left = within(centre, half, math.sqrt(s))
-                known = 1.0 - left
-            if kind != HELD and (score < 0.0 or product < 1.0):
-                likelier = follow_noise(noise, score * noise / s, sensor[2], quantum, MEMORY, BLUR)
-                if likelier != noise:
-                    sensor = sensor[:1] + (likelier,) + sensor[2:]
-            pull = d / s
-            off -= p[0] * pull
-            v += p[1] * pull
-            a += p[2] * pull
-            if kind != HELD:     # that an edge did not come moves the estimate, but is no reading
-                p = corrected(p, s, known)
+            off -= shift[0]
+            v += shift[1]
+            a += shift[2]
             turn = (v + v) * dt
             if (turn > period or turn < -period) and period > 0.0:
                 # faster than half a turn per sample: lock was lost
                 return again(measurement, design, sensor, steps, convention)
         if status != TRACKING:
             count += 1.0
-            if count >= CONFIRMED and p[3] * dt * dt < quantum * quantum + 12.0 * noise:
+            if count >= CONFIRMED and p[3] * dt * dt < square + 12.0 * noise:
                 status, astray = TRACKING, 0.0
             lock = (status, count, astray)
         return (measurement - off, v, a, idle), p, band, sensor, steps, convention, lock, sway

@@ -29,7 +29,6 @@ from typing import NamedTuple
 # cumulative sum of positive and of negative innovations; run time of either [s]; mean square of the
 # innovations, over their variance)
 Band = tuple[float, float, float, float, float, float, float, float]
-Covariance = tuple[float, float, float, float, float, float]
 # (mean of what the reading moved by beyond the prediction times the change of this before [rad^2];
 # what it moved by beyond the prediction, of the last sample and of the one before [rad])
 Sway = tuple[float, float, float]
@@ -104,30 +103,6 @@ def follow_band(band: Band, z: float, gain: float, idle: float, least: float, la
             move if move > 0.0 else 0.0, date, product)
 
 
-def widened(p: Covariance, growth: float) -> Covariance:
-    """The covariance of the steady state at exp(growth) times the density."""
-    w = math.exp(growth / 6.0)
-    w2 = w * w
-    w3 = w2 * w
-    w4 = w2 * w2
-    return (p[0] * w, p[1] * w2, p[2] * w3, p[3] * w3, p[4] * w4, p[5] * w4 * w)
-
-
-def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
-    """The covariance with a manoeuvre since `date` [s] ago that explains a deviation `d` [rad].
-
-    Half of it may be white acceleration (a blow), half white jerk (a motor): were it jerk alone, a
-    blow would be overshot by 2.5 times.
-    """
-    square = d * d
-    rate = 1.0 / date
-    first = square * rate
-    second = first * rate
-    third = second * rate
-    return (p[0] + square, p[1] + 2.0 * first, p[2] + 5.0 / 3.0 * second,
-            p[3] + 29.0 / 6.0 * second, p[4] + 5.0 * third, p[5] + 10.0 * third * rate)
-
-
 def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
     """After a reading that moved by `ahead` [rad] beyond the prediction.
 
@@ -153,7 +128,13 @@ def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
     return (mean + (product - mean) / memory, ahead, last)
 
 
-def swayed(p: Covariance, sway: float, dt: float) -> Covariance:
-    """The covariance with a speed that goes at random, by 2 `sway` [rad^2] / dt^2 in a sample."""
-    speed = sway / dt
-    return (p[0] + sway / 1.5, p[1] + speed, p[2], p[3] + 2.0 * speed / dt, p[4], p[5])
+def began(date: float, dt: float, noisy: bool, sigmas: float, alarm: float) -> float:
+    """How long ago [s] the manoeuvre began whose cumulative sum has run for `date` [s].
+
+    Without noise a deviation is large at once. In noise one that grows as the cube of time is
+    `sigmas` large at n, if the excess over `sigmas` takes m samples more to sum up to the alarm:
+    3 sigmas/n m^2/2 = alarm. The two samples that it takes at least are no growth.
+    """
+    if noisy:
+        date += 1.5 * sigmas / alarm * (date / dt - 2.0) * date
+    return date + dt

@@ -74,3 +74,16 @@ def interval(off: float, ahead: float, quantum: float, variance: float, noise: f
     if off > half + hold or off < -half - hold:
         return HELD, off, half
     return NOTHING, off, half
+
+
+def cell(off: float, quantum: float, variance: float, hold: float) -> tuple[int, float, float]:
+    """As `interval`, where noise crosses an edge more often than the angle does.
+
+    No edge is a time then; but with noise of a known size the whole cell is news as soon as noise
+    of `hold` [rad] reaches out of it.
+    """
+    half = 0.5 * quantum
+    near = half - hold
+    if off > near or off < -near or 12.0 * variance > quantum * quantum:
+        return INTERVAL, off, half
+    return NOTHING, off, half

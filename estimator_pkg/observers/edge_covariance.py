@@ -1,0 +1,74 @@
+"""The covariance of angle, speed and acceleration: what time, a reading and each law do to it.
+
+    a' = -a/fade + w,  v' = a,  x' = v,       w white jerk
+
+A covariance is (P00, P01, P02, P11, P12, P22), the angle first.
+"""
+
+from __future__ import annotations
+
+import math
+
+Covariance = tuple[float, float, float, float, float, float]
+
+
+def predicted(p: Covariance, density: float, coefficients: tuple) -> Covariance:
+    """The covariance one sample later.
+
+    Parameters
+    ----------
+    density : of the jerk [(rad/s^3)^2 s].
+    coefficients : (dt, dt^2/2, part of the acceleration kept, q11, q01, q00), q being what white
+        jerk of density 1 adds within dt. q02 is half of q11, q12 is dt^2/2, q22 is dt.
+    """
+    p00, p01, p02, p11, p12, p22 = p
+    dt, half, kept, q11, q01, q00 = coefficients
+    r12 = p12 + dt * p22
+    r02 = p02 + dt * p12 + half * p22
+    r01 = p01 + dt * p11 + half * p12
+    shaken = density * q11
+    return (p00 + dt * (p01 + r01) + half * (p02 + r02) + density * q00,
+            r01 + dt * r02 + density * q01,
+            kept * r02 + 0.5 * shaken,
+            p11 + dt * (p12 + r12) + shaken,
+            kept * r12 + density * half,
+            kept * kept * p22 + density * dt)
+
+
+def corrected(p: Covariance, s: float, known: float) -> Covariance:
+    """The covariance after an innovation of variance `s`, of which the part `known` was learnt."""
+    p00, p01, p02, p11, p12, p22 = p
+    part = known / s
+    k0, k1 = p00 * part, p01 * part
+    return (p00 - k0 * p00, p01 - k0 * p01, p02 - k0 * p02, p11 - k1 * p01, p12 - k1 * p02,
+            p22 - part * p02 * p02)
+
+
+def widened(p: Covariance, growth: float) -> Covariance:
+    """The covariance of the steady state at exp(growth) times the density."""
+    w = math.exp(growth / 6.0)
+    w2 = w * w
+    w3 = w2 * w
+    w4 = w2 * w2
+    return (p[0] * w, p[1] * w2, p[2] * w3, p[3] * w3, p[4] * w4, p[5] * w4 * w)
+
+
+def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
+    """The covariance with a manoeuvre since `date` [s] ago that explains a deviation `d` [rad].
+
+    Half of it may be white acceleration (a blow), half white jerk (a motor): were it jerk alone, a
+    blow would be overshot by 2.5 times.
+    """
+    square = d * d
+    rate = 1.0 / date
+    first = square * rate
+    second = first * rate
+    third = second * rate
+    return (p[0] + square, p[1] + 2.0 * first, p[2] + 5.0 / 3.0 * second,
+            p[3] + 29.0 / 6.0 * second, p[4] + 5.0 * third, p[5] + 10.0 * third * rate)
+
+
+def swayed(p: Covariance, sway: float, dt: float) -> Covariance:
+    """The covariance with a speed that goes at random, by 2 `sway` [rad^2] / dt^2 in a sample."""
+    speed = sway / dt
+    return (p[0] + sway / 1.5, p[1] + speed, p[2], p[3] + 2.0 * speed / dt, p[4], p[5])
