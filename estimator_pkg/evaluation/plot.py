@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ def check(path: str) -> None:
         from matplotlib.backend_bases import FigureCanvasBase
     except ImportError as error:
         raise UserError(HINT) from error
+    logging.getLogger('matplotlib').setLevel(logging.ERROR)     # it lists fonts that it misses
     kinds = FigureCanvasBase.get_supported_filetypes()
     kind = Path(path).suffix[1:].lower()
     if kind not in kinds:
