@@ -17,6 +17,7 @@ import numpy as np
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
+from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Topic, followed
 from sim_pkg.sensor import (
     MULTI_TURN,
@@ -106,20 +107,20 @@ def advance(plant: Plant, motion: _Motion, t: float, duration: float, u: float,
 def stream(plant: Plant, parameters: DrivenParameters, duration: float, seed: int
            ) -> Iterator[list[Message]]:
     """The messages (see `sim_pkg.contract`); truth is given where the stamp says."""
+    return in_order(_chunks(plant, parameters, sizes(duration, parameters.rate, CHUNK), seed))
+
+
+def _chunks(plant: Plant, parameters: DrivenParameters, counts: Iterator[int], seed: int
+            ) -> Iterator[tuple[list[Message], int]]:
     sensor, line = AngleSensor(parameters, seed), Line(parameters, seed)
     measured, true, announced = Encoder(), Encoder(), Encoder()
     names = (parameters.joint,)
-    left = None if math.isinf(duration) else max(1, math.ceil(duration * parameters.rate - 1e-6))
     motion, last, u = _Motion(parameters.start, 0.0), 0.0, 0.0
     longest = min(SUBSTEP, PART / max(parameters.fastest, 1e-9))
-    waiting: list[Message] = []
-
-    while left is None or left > 0:
-        count = CHUNK if left is None else min(CHUNK, left)
-        left = None if left is None else left - count
+    for count in counts:
         samples = line.carry(count)
         rows = []
-        messages = waiting
+        messages: list[Message] = []
         for taken_ns in samples.taken_ns.tolist():
             taken = taken_ns / SECOND
             event = plant.event(last, taken)
@@ -144,16 +145,7 @@ def stream(plant: Plant, parameters: DrivenParameters, duration: float, seed: in
             ahead = (stamp - taken_ns) / SECOND  # where stamps are wrong
             messages.append(Message(taken_ns, TRUTH.name, partial(
                 _truth, true, names, stamp, q + ahead * w, w)))
-        messages.sort(key=_due)
-        ready = sum(message.due_ns < samples.horizon_ns for message in messages)
-        yield messages[:ready]
-        waiting = messages[ready:]
-    if waiting:
-        yield waiting
-
-
-def _due(message: Message) -> int:
-    return message.due_ns
+        yield messages, samples.horizon_ns
 
 
 def _measurement(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, u: float,

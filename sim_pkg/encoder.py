@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +12,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
+from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic
 from sim_pkg.profiles import Profile, ProfileParameters, fixed, make_profile
 from sim_pkg.sensor import (
@@ -75,41 +75,33 @@ def generate(parameters: EncoderParameters, duration: float, seed: int) -> Itera
     The truth is the continuous position and the velocity at the very time that the stamp of the
     measurement names, for every sample, also where the measurement does not arrive.
     """
+    return in_order(_chunks(parameters, sizes(duration, parameters.rate, CHUNK), seed))
+
+
+def _chunks(parameters: EncoderParameters, counts: Iterator[int], seed: int
+            ) -> Iterator[tuple[list[Message], int]]:
     shafts = [Shaft(parameters, seed, joint) for joint in range(len(parameters.joints))]
     line = Line(parameters, seed)
     measure = _counts if parameters.convention == RAW_COUNTS else _joint_states(parameters.joints)
     measured = topics(parameters)[0].name
     true = Encoder()
-    left = None if math.isinf(duration) else max(1, math.ceil(duration * parameters.rate - 1e-6))
-    waiting: list[Message] = []  # held up past the end of their chunk
-    while left is None or left > 0:
-        count = CHUNK if left is None else min(CHUNK, left)
-        left = None if left is None else left - count
+    for count in counts:
         samples = line.carry(count)
         taken, stamped = _seconds(samples.taken_ns), _seconds(samples.stamp_ns)
         readings = np.array([shaft.sensor.read(shaft.motion(taken)[0]) for shaft in shafts]).T
         motions = np.array([shaft.motion(stamped)[:2] for shaft in shafts]).transpose(2, 1, 0)
-        messages = waiting
+        messages: list[Message] = []
         for stamp, taken_ns, due, copies, reading, (position, velocity) in zip(
                 samples.stamp_ns.tolist(), samples.taken_ns.tolist(), samples.due_ns.tolist(),
                 samples.copies.tolist(), readings.tolist(), motions.tolist()):
             messages += [Message(due, measured, partial(measure, stamp, reading))] * copies
             messages.append(Message(taken_ns, TRUTH.name, partial(
                 _truth, true, parameters.joints, stamp, position, velocity)))
-        messages.sort(key=_due)  # stable: messages that are due together keep their order
-        ready = sum(message.due_ns < samples.horizon_ns for message in messages)
-        yield messages[:ready]
-        waiting = messages[ready:]
-    if waiting:
-        yield waiting
+        yield messages, samples.horizon_ns
 
 
 def _seconds(nanoseconds: Whole) -> Floats:
     return nanoseconds.astype(np.float64) / SECOND
-
-
-def _due(message: Message) -> int:
-    return message.due_ns
 
 
 def _truth(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, position: list[float],

@@ -22,6 +22,7 @@ from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.mechanical_velocity import make_acceleration
 from estimator_pkg.parameters import parameter
+from sim_pkg.chunks import sample_count
 from sim_pkg.contract import Message, Topic, followed, ran_away
 from sim_pkg.sensor import SECOND, fixed, random_stream
 
@@ -142,7 +143,7 @@ def _samples(mechanics: Mechanics, rate: float, parts: int, q: Vector, v: Vector
     n, dt = mechanics.degrees, 1.0 / rate
     plant = make_plant(mechanics)
     measure, true = Encoder(), Encoder()
-    left = math.inf if math.isinf(duration) else max(1, math.ceil(duration * rate - 1e-6))
+    left = sample_count(duration, rate)
     k = 0
     effort: Vector = (0.0,) * n
     messages: list[Message] = []

@@ -17,6 +17,7 @@ from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.motor import POWER_INVARIANT, phases
+from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic, ran_away
 from sim_pkg.pmsm_drive import Drive
 from sim_pkg.pmsm_parameters import PmsmParameters
@@ -144,30 +145,20 @@ class Source:
 def generate(parameters: PmsmSimulatorParameters, duration: float, seed: int
              ) -> Iterator[list[Message]]:
     """Measurement and truth, a batch at a time (see `sim_pkg.contract`)."""
-    source = Source(parameters, seed)
     rate = parameters.sample_rate / parameters.every
-    left = None if math.isinf(duration) else max(1, math.ceil(duration * rate - 1e-6))
-    batches = parameters.publish == BATCHES
-    size = parameters.batch if batches else max(1, round(AHEAD * rate))
-    speak = _batch if batches else _single
+    size = parameters.batch if parameters.publish == BATCHES else max(1, round(AHEAD * rate))
+    return in_order(_chunks(parameters, sizes(duration, rate, size), seed))
+
+
+def _chunks(parameters: PmsmSimulatorParameters, counts: Iterator[int], seed: int
+            ) -> Iterator[tuple[list[Message], int]]:
+    source = Source(parameters, seed)
+    speak = _batch if parameters.publish == BATCHES else _single
     chance = random_stream(seed, 'batches')
     truth = Truth(parameters.joint)
-    held: list[Message] = []
-    while left is None or left > 0:
-        count = size if left is None else min(size, left)
-        left = None if left is None else left - count
-        messages = speak(parameters, source.take(count), truth, chance.random(3))
-        messages, held = _held_back(messages + held, messages[-1].due_ns)
-        yield messages
-    if held:
-        yield held
-
-
-def _held_back(messages: list[Message], horizon_ns: int) -> tuple[list[Message], list[Message]]:
-    """Messages due up to `horizon_ns` in their order, and the others."""
-    messages.sort(key=lambda message: message.due_ns)
-    ready = sum(message.due_ns <= horizon_ns for message in messages)
-    return messages[:ready], messages[ready:]
+    for count in counts:
+        rows = source.take(count)
+        yield speak(parameters, rows, truth, chance.random(3)), int(rows.stamps_ns[-1]) + 1
 
 
 def _batch(parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats

@@ -46,7 +46,7 @@ def test_the_examples_in_its_config_can_be_used(name, tmp_path):
               if key in declared(simulator.parameters)}
     assert values.keys() == declared(simulator.parameters).keys()
     simulator.generate(build(simulator.parameters, values), 0.1, 1)
-    command, = re.findall(r"it:\n#   ros2 run velocity_estimator (.*(?:\n#     .*)?)", text)
+    command, = re.findall(r'it:\n#   ros2 run velocity_estimator (.*(?:\n#     .*)?)', text)
     settings = dict(re.findall(r'(\w+):=(\[.*?\]|[^\s"]+)', command))
     numbers = settings.get('model_parameters', '[]').strip('[]')
     if command.startswith('mechanical_observer'):
