@@ -36,7 +36,10 @@ def test_gamma_follows_from_k_at_the_operating_point():
     ('hgo', {'L': [10.0], 'K': [-70.0]}, 'does not decay'),
     ('hgo', {'h': [1.0, 2.0, 3.0]}, "'hgo' takes 2"),
     ('ehgo', {'h': [1.0, 1.0, 4.0]}, 'do not make the error decay'),
-    ('smo', {'L': [1.0]}, "no 'L'")])
+    ('ehgo', {'damping': 0.7}, "unknown parameter 'damping'"),
+    ('ehgo', {'disturbance_hz': 1.0}, "unknown parameter 'disturbance_hz'"),
+    ('smo', {'bandwidth_hz': 20.0}, "unknown parameter 'bandwidth_hz'"),
+    ('smo', {'L': [1.0]}, "unknown parameter 'L'")])
 def test_wrong_gains_are_refused_in_one_line(name, values, words):
     with pytest.raises(UsageError) as error:
         made(name, model='cart_pendulum', **values)

@@ -149,7 +149,8 @@ def test_frequency_response_is_the_closed_form(name, form, hold, hertz):
 @pytest.mark.parametrize('name', ('geso', 'hgo', 'ehgo'))
 def test_bandwidth_is_the_minus_3_db_frequency(name):
     """From true to estimated velocity, for motion that the model does not foresee."""
-    functions = made(name, model='single_joint', bandwidth_hz=12.0, damping=0.8)
+    damping = {} if name == 'ehgo' else {'damping': 0.8}
+    functions = made(name, model='single_joint', bandwidth_hz=12.0, **damping)
     matrix, shown = functions.core.linear(np.zeros(1), np.zeros(1))
     s = 2j * math.pi * 12.0
     arrival = np.zeros(len(matrix))

@@ -80,13 +80,13 @@ def test_a_mechanical_observer_whatever_the_workers(pendulum, tmp_path):
 
 
 def test_gains_that_change_nothing_are_left_alone(pendulum, tmp_path, capsys):
-    found, out = tuned(tmp_path, pendulum, '--observer', 'smo', '--trials', 12,
-                       *held(f'model_parameters={MODEL}'))
+    found, out = tuned(tmp_path, pendulum, '--observer', 'hgo', '--trials', 12,
+                       *held(f'model_parameters={MODEL}', 'L=[60.0]', 'K=[900.0]'))
     each, = found['tuned']
-    assert each['idle'] == ['bandwidth_hz', 'damping'] and 'mu' in each['gains']
+    assert each['idle'] == ['bandwidth_hz', 'damping'] and 'disturbance_hz' in each['gains']
     values = params_file.load(out, 'mechanical_observer')
-    assert 'bandwidth_hz' not in values and values['mu'] == pytest.approx(each['gains']['mu'],
-                                                                          rel=1e-5)
+    assert 'bandwidth_hz' not in values and values['disturbance_hz'] == pytest.approx(
+        each['gains']['disturbance_hz'], rel=1e-5)
     assert "'damping' changes nothing" in out.read_text()
     assert "'damping' changes nothing" in capsys.readouterr().out
 

@@ -19,7 +19,12 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanical import MechanicalFunctions, around
-from estimator_pkg.observers.mechanical_parameters import MechanicalGains, model_of, operating_point
+from estimator_pkg.observers.mechanical_parameters import (
+    BandwidthGains,
+    MechanicalGains,
+    model_of,
+    operating_point,
+)
 from estimator_pkg.observers.mechanical_velocity import (
     describe_linear,
     linear_core,
@@ -33,8 +38,8 @@ REACH = 1.642467686        # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from 
 
 
 @dataclass(frozen=True)
-class Gains(MechanicalGains):
-    """Parameters of `ehgo`; `L`, `damping` and `disturbance_hz` are not used."""
+class Gains(MechanicalGains, BandwidthGains):
+    """Parameters of `ehgo`."""
 
     h: tuple[float, ...] | None = parameter(
         None, unit='', kind=list, range=(0.0, 1e9), advanced=True,
@@ -47,9 +52,6 @@ class Gains(MechanicalGains):
 def tune(gains: Gains) -> tuple[float, float, float]:
     """(l, k, s); raises UsageError."""
     h, epsilon = gains.h, gains.epsilon
-    if gains.L is not None or gains.disturbance_hz > 0.0:
-        raise UsageError("'ehgo' takes 'h' and 'epsilon', or 'bandwidth_hz': no 'L', no "
-                         "'disturbance_hz'")
     if h is None:
         h, epsilon = TRIPLE, REACH / (2.0 * np.pi * gains.bandwidth_hz)
     if len(h) != 3:

@@ -30,6 +30,7 @@ from estimator_pkg.observers.mechanical_parameters import (
     LINEAR,
     MEASUREMENT,
     PAPER,
+    LoopGains,
     MechanicalGains,
     model_of,
     operating_point,
@@ -44,7 +45,7 @@ TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class Gains(MechanicalGains):
+class Gains(MechanicalGains, LoopGains):
     """Parameters of `geso`."""
 
     Gamma: tuple[float, ...] | None = parameter(

@@ -19,6 +19,7 @@ from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanical import MechanicalFunctions, around
 from estimator_pkg.observers.mechanical_parameters import (
+    LoopGains,
     MechanicalGains,
     model_of,
     operating_point,
@@ -37,7 +38,7 @@ TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class Gains(MechanicalGains):
+class Gains(MechanicalGains, LoopGains):
     """Parameters of `hgo`."""
 
     K: tuple[float, ...] | None = parameter(

@@ -35,27 +35,6 @@ class MechanicalGains:
         (), unit='', structural=True,
         description="the model's numbers as 'name=value', such as ['inertia=0.05', "
                     "'damping=0.01']; 'velocity_estimator identify' finds them")
-    bandwidth_hz: float = parameter(
-        10.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
-        description='-3 dB frequency from true to estimated velocity for motion that the model '
-                    'does not foresee; lower trusts the model more. Not used where L is set',
-        equation='K/(s^2 + L s + K) at the operating point')
-    damping: float = parameter(
-        1.0, unit='', range=(0.1, 10.0), search=(0.5, 2.0),
-        description='damping ratio of the error at the operating point',
-        equation='L = 2 damping sqrt(K)')
-    operating_point: tuple[float, ...] | None = parameter(
-        None, unit='rad or m', kind=list, range=(-1e6, 1e6),
-        description='positions at which bandwidth and damping hold; unset: the middle of the '
-                    "model's range")
-    L: tuple[float, ...] | None = parameter(
-        None, unit='1/s', kind=list, range=(-1e9, 1e9), advanced=True,
-        description='gain of the position: one number, one per position, or a matrix row by row',
-        equation="qh' = vh + L (y - qh)")
-    disturbance_hz: float = parameter(
-        0.0, unit='Hz', range=(0.0, 1e4), search=(0.0, 50.0),
-        description='how fast a constant or slow force that the model does not know is found and '
-                    'taken into account; 0: not at all')
     form: str = parameter(
         EXACT, unit='', choices=(EXACT, PAPER), structural=True,
         description='exact: the step is exact for the time between samples; paper: forward Euler, '
@@ -75,6 +54,38 @@ class MechanicalGains:
     quantum: tuple[float, ...] | None = parameter(
         None, unit='rad or m', kind=list, range=(0.0, 10.0),
         description='smallest step of each measurement; unset: not known')
+
+
+@dataclass(frozen=True)
+class BandwidthGains:
+    """The parameters of observers that are as fast as a bandwidth says, at an operating point."""
+
+    bandwidth_hz: float = parameter(
+        10.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
+        description='-3 dB frequency from true to estimated velocity for motion that the model '
+                    'does not foresee; lower trusts the model more. Not used where L or h is set')
+    operating_point: tuple[float, ...] | None = parameter(
+        None, unit='rad or m', kind=list, range=(-1e6, 1e6),
+        description='positions at which bandwidth and damping hold; unset: the middle of the '
+                    "model's range")
+
+
+@dataclass(frozen=True)
+class LoopGains(BandwidthGains):
+    """The parameters of observers whose error is one of second order, with a disturbance beside."""
+
+    damping: float = parameter(
+        1.0, unit='', range=(0.1, 10.0), search=(0.5, 2.0),
+        description='damping ratio of the error at the operating point',
+        equation='L = 2 damping sqrt(K), velocity/true = K/(s^2 + L s + K)')
+    L: tuple[float, ...] | None = parameter(
+        None, unit='1/s', kind=list, range=(-1e9, 1e9), advanced=True,
+        description='gain of the position: one number, one per position, or a matrix row by row',
+        equation="qh' = vh + L (y - qh)")
+    disturbance_hz: float = parameter(
+        0.0, unit='Hz', range=(0.0, 1e4), search=(0.0, 50.0),
+        description='how fast a constant or slow force that the model does not know is found and '
+                    'taken into account; 0: not at all')
 
 
 def model_of(gains: MechanicalGains) -> Mechanics:
@@ -126,7 +137,7 @@ def per_joint(name: str, values: tuple[float, ...] | None, count: int) -> tuple[
     return tuple(values)
 
 
-def operating_point(gains: MechanicalGains, mechanics: Mechanics) -> Array:
+def operating_point(gains: BandwidthGains, mechanics: Mechanics) -> Array:
     """Where bandwidth and damping hold; raises UsageError."""
     if gains.operating_point is None:
         return np.array(mechanics.centre, float)

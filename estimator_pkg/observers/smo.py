@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.errors import UsageError
 from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
@@ -59,7 +58,7 @@ SMALLEST = 1e-18            # rad^2 or m^2: no innovation is taken for smaller
 
 @dataclass(frozen=True)
 class Gains(MechanicalGains):
-    """Parameters of `smo`; `L`, `bandwidth_hz`, `damping`, `disturbance_hz` are not used."""
+    """Parameters of `smo`."""
 
     variant: str = parameter(
         SUPER_TWISTING, unit='', choices=(SUPER_TWISTING, UNIFORM), structural=True,
@@ -82,8 +81,6 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     """The functions of the observer at these gains; raises UserError, UsageError."""
     mechanics = model_of(gains)
     n = mechanics.degrees
-    if gains.L is not None or gains.disturbance_hz > 0.0:
-        raise UsageError("'smo' takes 'mu', or 'k1' and 'k2': no 'L', no 'disturbance_hz'")
     twists = gains.variant == SUPER_TWISTING
     if twists:
         mu = np.array(per_joint('mu', gains.mu, n))

@@ -89,10 +89,16 @@ def _published(velocity: Array, status: NDArray[np.int8], verdict: NDArray[np.in
     return np.where((verdict < DUPLICATE) & np.isin(status, PUBLISHED), velocity, np.nan)
 
 
+SWEPT = {'smo': ('mu', grid(1.0, 1000.0, TOLD_GRID))}  # it has no bandwidth
+
+
 def told() -> list[Estimator]:
     """Observers of a joint whose torque is known."""
-    found = [Estimator(name, _mechanical(name), grid(0.5, 50.0, TOLD_GRID), 'bandwidth_hz', TOLD,
-                       'torque and the numbers of the joint') for name in _mechanisms()]
+    found = []
+    for name in _mechanisms():
+        gain, values = SWEPT.get(name, ('bandwidth_hz', grid(0.5, 50.0, TOLD_GRID)))
+        found.append(Estimator(name, _mechanical(name, gain), values, gain, TOLD,
+                               'torque and the numbers of the joint'))
     return [*found,
             Estimator('adaptive', _adaptive, grid(1.0, 30.0, TOLD_GRID), 'bandwidth_hz', TOLD,
                       'torque, and that it acts on an inertia with viscous friction'),
@@ -108,14 +114,14 @@ def _nothing(column: Column) -> Array:
     return np.full(len(column.samples.stamps), np.nan)
 
 
-def _mechanical(name: str) -> Run:
+def _mechanical(name: str, gain: str) -> Run:
     observer = registry.find(registry.OBSERVERS, name)
 
     def run(column: Column, value: float) -> Array:
         if column.torque is None or not column.joint:
             return _nothing(column)
         numbers = tuple(f'{key}={each:.9g}' for key, each in column.joint.items())
-        joint = Joint(observer, build(observer.gains, {'bandwidth_hz': value,
+        joint = Joint(observer, build(observer.gains, {gain: value,
                                                        'model_parameters': numbers}),
                       JointSettings())
         velocity = _nothing(column)
