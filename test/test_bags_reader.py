@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
 from pathlib import Path
 
 import bag_making as make
@@ -178,6 +179,19 @@ def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path, capsys):
     assert 0 < len(found) < len(messages)
     assert set(found) < set(messages)
     assert 'wrong checksum' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('kind', 'data', 'said'), [
+    ('sqlite3', 'text', 'messages are no bytes'), ('sqlite3', 5, 'messages are no bytes'),
+    ('sqlite3, messages compressed', b'\0' * 20, 'cannot be unpacked')])
+def test_messages_that_are_damaged_are_left_out(kind, data, said, tmp_path, capsys):
+    path = make.KINDS[kind](tmp_path / 'bag', make.content(9))
+    with sqlite3.connect(next(path.glob('*.db3'))) as base:
+        base.execute('update messages set data = ? where id in (2, 3)', (data,))
+    base.close()
+    with open_bag(path) as bag:
+        assert len(list(bag.messages())) == bag.count - 2
+    assert capsys.readouterr().err.count(said) == 1
 
 
 def test_a_missing_file_of_a_split_bag_is_named(tmp_path, capsys):

@@ -157,7 +157,7 @@ class Bag:
         for block in _merged(sorted(self._parts(keep), key=lambda part: part[0])
                              if not self._sqlites else self._sqlite_parts(keep)):
             if self._unpack_messages:
-                block = _unpacked(block)
+                block = self._unpacked(block)
             if len(block):
                 yield self._names, block
 
@@ -186,6 +186,21 @@ class Bag:
             for start_ns, load in sqlite.parts(wanted):
                 block = load()
                 yield start_ns, partial(replace, block, topic=lookup[block.topic])
+
+    def _unpacked(self, block: Block) -> Block:
+        """The messages of a bag whose messages are compressed one by one."""
+        view = block.data.data
+        unpacker = zstandard.ZstdDecompressor()
+        rows, raws = [], []
+        for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
+            try:
+                raws.append(unpacker.decompressobj().decompress(view[start:end]))
+                rows.append(row)
+            except zstandard.ZstdError:
+                self.warn(f'{self.path} is damaged: messages that cannot be unpacked are left out')
+        good = block.take(np.array(rows, np.int64))
+        return from_messages(good.topic.tolist(), good.log_ns.tolist(), good.publish_ns.tolist(),
+                             raws)
 
     def warn(self, text: str) -> None:
         """Tell the user, once, what is wrong with the bag."""
@@ -372,13 +387,3 @@ def _merged(parts: Iterable[tuple[int, Callable[[], Block]]]) -> Iterator[Block]
         held = load()
     if held is not None and len(held):
         yield held
-
-
-def _unpacked(block: Block) -> Block:
-    """The messages of a bag whose messages are compressed one by one."""
-    view = block.data.data
-    unpacker = zstandard.ZstdDecompressor()
-    raws = [unpacker.decompressobj().decompress(view[start:end])
-            for start, end in zip(block.start.tolist(), block.end.tolist())]
-    return from_messages(block.topic.tolist(), block.log_ns.tolist(), block.publish_ns.tolist(),
-                         raws)

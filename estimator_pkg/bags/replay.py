@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
@@ -18,9 +19,12 @@ from estimator_pkg.bags.output import Output
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
+from estimator_pkg.errors import UsageError
 from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.progress import progress
+
+NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,6 +60,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Replays and says what happened to the samples."""
     begun = time.perf_counter()
+    if parsed.name is not None and not NODE_NAME.fullmatch(parsed.name):
+        raise UsageError(f"--name '{parsed.name}': a node is called with letters, digits and '_', "
+                         "behind a namespace if need be, as in 'arm/observer'")
     with open_bag(parsed.bag) as bag:
         kind, setup = settled(bag, parsed)
         replay = kind.start(setup)

@@ -31,6 +31,7 @@ class SqliteFile:
 
     def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
         self.path = path
+        self._warn = warn
         log = path.with_name(f'{path.name}-wal')
         if log.exists() and log.stat().st_size:
             warn(f'{path} was not closed: what is in {log.name} is left out (opening it once with '
@@ -69,8 +70,12 @@ class SqliteFile:
             block = from_messages(topic, times, times, raws)
             return times[0], lambda: block
 
+        strange = 0
         try:
             for connection, time_ns, raw in self._reader.messages(connections):
+                if not isinstance(raw, bytes):
+                    strange += 1
+                    continue
                 topic.append(connection.id)
                 times.append(time_ns)
                 raws.append(raw)
@@ -81,6 +86,8 @@ class SqliteFile:
             raise UserError(f'{self.path} is damaged: {_line(error)}') from error
         if raws:
             yield full()
+        if strange:
+            self._warn(f'{self.path} is damaged: {strange} messages are no bytes and are left out')
 
 
 def _line(error: Exception) -> str:
