@@ -78,7 +78,7 @@ def test_only_runs_the_parts_that_are_asked_for():
     parts = (Part('p', (Reference('p b', 'b', 2.0), Reference('p a', 'a', 1.0)),
                   lambda: iter([('p a', 1.0), ('p b', 2.0)])),
              Part('q', (Reference('q a', 'a', 1.0),), never))
-    reproduction = contract.Reproduction('paper', 'summary', parts, lambda folder: [])
+    reproduction = contract.Reproduction('paper', 'summary', parts, '')
     counted = []
     rows = list(reproduction.rows(counted.append, 'p'))
     assert [row.reference.id for row in rows] == ['p b', 'p a']  # the order of the table
@@ -106,7 +106,7 @@ def test_command_fails_when_a_row_fails(monkeypatch, capsys):
     wrong = contract.Reproduction(
         'hybrid_angle', 'summary',
         (Part('p', (Reference('p a', 'the thing', 1.0, 0.1),), lambda: iter([('p a', 1.2)])),),
-        lambda folder: [])
+        '')
     monkeypatch.setattr('sim_pkg.reproduce.hybrid_angle.REPRODUCTION', wrong)
     assert cli.main(['reproduce', 'hybrid_angle']) == 1
     out = capsys.readouterr().out
@@ -135,7 +135,7 @@ def test_without_matplotlib_plot_is_one_line_before_the_work(monkeypatch, capsys
 
 def test_figures_are_drawn(tmp_path):
     image = pytest.importorskip('matplotlib.image')
-    paths = REPRODUCTION.figures(tmp_path)
+    paths = REPRODUCTION.draw(tmp_path)
     assert [path.name for path in paths] == [f'hybrid_angle_figure_{n}.png' for n in (3, 4, 5, 6)]
     for path in paths:
         pixels = image.imread(path)[..., :3]

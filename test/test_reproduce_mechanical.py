@@ -57,7 +57,7 @@ def test_tables_are_laid_out_as_in_the_paper():
 @pytest.mark.slow
 def test_figures_are_drawn(tmp_path):
     pytest.importorskip('matplotlib')
-    paths = REPRODUCTION.figures(tmp_path)
+    paths = REPRODUCTION.draw(tmp_path)
     assert [path.name for path in paths] == [
         f'mechanical_figure_{n}.png' for n in (2, 3, 5, 6, 7, 9, 10, 11, 12, 13)]
     assert all(path.stat().st_size > 10_000 for path in paths)

@@ -10,7 +10,6 @@ from sim_pkg.reproduce import pmsm_alias_rows, pmsm_continuous_rows, pmsm_drive_
 from sim_pkg.reproduce.pmsm import REPRODUCTION
 from sim_pkg.reproduce.pmsm_alias_rows import ROBUST, outcome
 from sim_pkg.reproduce.pmsm_continuous_rows import drawn_times, later
-from sim_pkg.reproduce.pmsm_figures import draw
 from sim_pkg.reproduce.pmsm_references import REFERENCE_RUNS, SCHEMES, rows
 
 # the 120 starts and ten seeds per speed take long: here a part of each
@@ -84,7 +83,7 @@ def test_the_loop_closes_over_the_observer():
 
 
 def test_the_figures_are_drawn(tmp_path):
-    paths = draw(tmp_path)
+    paths = REPRODUCTION.draw(tmp_path)
     assert [path.name for path in paths] == ['pmsm_figure_1.png', 'pmsm_figure_2.png',
                                              'pmsm_closed_loop.png']
     assert all(path.read_bytes()[:8] == b'\x89PNG\r\n\x1a\n' for path in paths)

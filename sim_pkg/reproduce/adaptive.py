@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from sim_pkg.reproduce import (
     adaptive_excitation_rows,
     adaptive_recorded_rows,
@@ -12,19 +10,12 @@ from sim_pkg.reproduce import (
 )
 from sim_pkg.reproduce.contract import Reproduction
 
-
-def figures(folder: Path) -> list[Path]:
-    """Draw Figures 1 and 2 into `folder`; needs matplotlib."""
-    from sim_pkg.reproduce.adaptive_figures import draw
-    return draw(folder)
-
-
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
     parts=(*adaptive_rows.PARTS, *adaptive_sampling_rows.PARTS, *adaptive_excitation_rows.PARTS,
            *adaptive_recorded_rows.PARTS),
-    figures=figures,
+    figures='sim_pkg.reproduce.adaptive_figures',
     tables=adaptive_recorded_rows.table,
     notes=('The inputs, the start values and the gains of example 4.1 are not published: ours are '
            'in sim_pkg/reproduce/adaptive_plant.py.',

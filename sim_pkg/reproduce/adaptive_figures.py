@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from sim_pkg.reproduce.adaptive_plant import (
     IDENTIFICATION,
@@ -19,14 +18,8 @@ from sim_pkg.reproduce.adaptive_rows import FROZEN_FROM, NAMES, example_1, paral
 THIN = 20  # points drawn: one of so many
 
 
-def draw(folder: Path) -> list[Path]:
-    """Draw both figures into `folder`."""
-    return [_figure_1(folder), _figure_2(folder)]
-
-
-def _figure_1(folder: Path) -> Path:
-    from matplotlib.figure import Figure
-
+def estimation() -> Figure:
+    """Figure 1: the velocity while the parameters are learnt, and after that."""
     run = continuous(VELOCITY, example_1(), freeze=FROZEN_FROM)
     figure = Figure(figsize=(8.0, 6.0), layout='constrained')
     for axes, begin, end, title in zip(figure.subplots(2, 1), (0.0, FROZEN_FROM),
@@ -39,14 +32,11 @@ def _figure_1(folder: Path) -> Path:
         axes.set(title=title, xlabel='time [s]', ylabel='[rad/s]')
         axes.grid(True)
         axes.legend()
-    path = folder / 'adaptive_figure_1.png'
-    figure.savefig(path, dpi=90)
-    return path
+    return figure
 
 
-def _figure_2(folder: Path) -> Path:
-    from matplotlib.figure import Figure
-
+def identification() -> Figure:
+    """Figure 2: the parameters, and the identified model beside the plant."""
     run = continuous(IDENTIFICATION, random_input(IDENTIFICATION, RK4_STEP, 600.0))
     inputs = random_input(IDENTIFICATION, RK4_STEP, 100.0, seed=999)
     plant = response(IDENTIFICATION, inputs, RK4_STEP)[0]
@@ -67,6 +57,7 @@ def _figure_2(folder: Path) -> Path:
     third.set(title='c) their difference', xlabel='time [s]', ylabel='[rad]')
     for axes in (first, second, third):
         axes.grid(True)
-    path = folder / 'adaptive_figure_2.png'
-    figure.savefig(path, dpi=90)
-    return path
+    return figure
+
+
+FIGURES = {'adaptive_figure_1': estimation, 'adaptive_figure_2': identification}

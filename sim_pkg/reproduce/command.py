@@ -39,7 +39,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         print(line)
     if parsed.plot is not None:
         parsed.plot.mkdir(parents=True, exist_ok=True)
-        for path in reproduction.figures(parsed.plot):
+        for path in reproduction.draw(parsed.plot):
             print(path)
     return {'paper': reproduction.name, 'ok': all(row.ok for row in rows),
             'rows': [row.as_dict() for row in rows]}

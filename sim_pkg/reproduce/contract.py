@@ -6,6 +6,7 @@ lose a row unseen: `Part.rows` fails when a value has no reference or a referenc
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ EXACT = 'exact'         # value == reference
 AT_MOST = 'at most'     # value <= reference
 AT_LEAST = 'at least'   # value >= reference
 KINDS = (ABSOLUTE, PERCENT, EXACT, AT_MOST, AT_LEAST)
+DPI = 100  # of the figures
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,8 @@ class Reproduction:
     name : as users write it.
     summary : one line; the paper.
     parts : in the order of the table.
-    figures : (folder) -> the files drawn into it. Imports matplotlib when called.
+    figures : the module whose FIGURES name what it draws: name of the file -> () -> figure. It is
+        imported when they are wanted, as it imports matplotlib.
     notes : lines printed below the table.
     tables : (rows) -> the paper's own tables, ours beside the printed numbers, as lines; only what
         the rows hold.
@@ -143,9 +146,17 @@ class Reproduction:
     name: str
     summary: str
     parts: tuple[Part, ...]
-    figures: Callable[[Path], list[Path]]
+    figures: str
     notes: tuple[str, ...] = field(default=())
     tables: Callable[[Sequence[Row]], list[str]] = field(default=lambda rows: [])
+
+    def draw(self, folder: Path) -> list[Path]:
+        """Draw the figures as PNG files into `folder`; their paths. Needs matplotlib."""
+        paths = []
+        for name, make in importlib.import_module(self.figures).FIGURES.items():
+            paths.append(folder / f'{name}.png')
+            make().savefig(paths[-1], dpi=DPI, pil_kwargs={'optimize': True})
+        return paths
 
     def references(self, prefix: str = '') -> list[Reference]:
         """The references whose id starts with `prefix`, in the order of the table."""

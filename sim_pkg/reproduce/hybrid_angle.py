@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from sim_pkg.reproduce import (
     hybrid_continuous_rows,
     hybrid_limit_rows,
@@ -12,20 +10,13 @@ from sim_pkg.reproduce import (
 )
 from sim_pkg.reproduce.contract import Reproduction
 
-
-def figures(folder: Path) -> list[Path]:
-    """Draw Figures 3 to 6 into `folder`; needs matplotlib."""
-    from sim_pkg.reproduce.hybrid_figures import draw
-    return draw(folder)
-
-
 REPRODUCTION = Reproduction(
     name='hybrid_angle',
     summary='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
             'measurements with jumps (2018)',
     parts=(*hybrid_continuous_rows.PARTS, *hybrid_sampled_rows.PARTS, *hybrid_limit_rows.PARTS,
            *hybrid_stream_rows.PARTS),
-    figures=figures,
+    figures='sim_pkg.reproduce.hybrid_figures',
     notes=('The paper prints curves and words, no numbers but the 150 rad/s: the references come '
            'from an independent implementation.',
            'What each row shows, misprints and findings: docs/papers/hybrid_angle.md'))

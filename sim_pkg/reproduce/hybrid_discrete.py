@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from sim_pkg.reproduce import hybrid_discrete_differentiators, hybrid_discrete_rows
 from sim_pkg.reproduce.contract import Reproduction
-
-
-def figures(folder: Path) -> list[Path]:
-    """Draw Figures 2 to 4 into `folder`; needs matplotlib."""
-    from sim_pkg.reproduce.hybrid_discrete_figures import draw
-    return draw(folder)
-
 
 REPRODUCTION = Reproduction(
     name='hybrid_discrete',
     summary='Barbot, Djemai, Manamanni: State observer and observability conditions for a class '
             'of hybrid continuous-discrete dynamic system (2007)',
     parts=(*hybrid_discrete_rows.PARTS, *hybrid_discrete_differentiators.PARTS),
-    figures=figures,
+    figures='sim_pkg.reproduce.hybrid_discrete_figures',
     notes=('The paper prints no gains, start values or results as numbers: the references come '
            'from an independent implementation.',
            'What each row shows, misprints and findings: docs/papers/hybrid_discrete.md'))

@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from sim_pkg.reproduce.adaptive_plant import Array
 from sim_pkg.reproduce.hybrid_discrete_runs import example
 
+STEP = 1e-3   # [s]
 UNTIL = 10.0  # [s]
+KEPT = slice(0, round(UNTIL / STEP), 5)
 
 
-def draw(folder: Path) -> list[Path]:
-    """Draw the three figures into `folder`."""
-    run = example(1e-3)
-    kept = slice(0, round(UNTIL / 1e-3), 5)
-    time = run.times[kept]
-    figure_2 = _panels(folder / 'hybrid_discrete_figure_2.png', time, run.state[kept],
-                       (run.state + run.state_error)[kept], 'x', 'continuous states')
-    figure_3 = _panels(folder / 'hybrid_discrete_figure_3.png', time, run.zeta[kept],
-                       run.zeta_hat[kept], 'zeta', 'in the coordinates of the outputs')
+def continuous_states() -> Figure:
+    """Figure 2."""
+    run = example(STEP)
+    return _panels(run.times[KEPT], run.state[KEPT], (run.state + run.state_error)[KEPT], 'x',
+                   'continuous states')
+
+
+def output_coordinates() -> Figure:
+    """Figure 3."""
+    run = example(STEP)
+    return _panels(run.times[KEPT], run.zeta[KEPT], run.zeta_hat[KEPT], 'zeta',
+                   'in the coordinates of the outputs')
+
+
+def discrete_states() -> Figure:
+    """Figure 4."""
+    run = example(STEP)
     events = np.arange(round(UNTIL / 0.5) + 1)
-    figure_4 = _panels(folder / 'hybrid_discrete_figure_4.png', 0.5 * events, run.z[events],
-                       run.z_hat[events], 'z', 'discrete states', steps=True)
-    return [figure_2, figure_3, figure_4]
+    return _panels(0.5 * events, run.z[events], run.z_hat[events], 'z', 'discrete states',
+                   steps=True)
 
 
-def _panels(path: Path, time: Array, real: Array, observed: Array, name: str, title: str,
-            steps: bool = False) -> Path:
+def _panels(time: Array, real: Array, observed: Array, name: str, title: str,
+            steps: bool = False) -> Figure:
     """Real and observed, one panel for each column."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(8.0, 1.8 * real.shape[1] + 0.6), layout='constrained')
     figure.suptitle(f'{title}: real and observed')
     for i, axes in enumerate(figure.subplots(real.shape[1], 1, sharex=True, squeeze=False)[:, 0]):
@@ -43,5 +49,9 @@ def _panels(path: Path, time: Array, real: Array, observed: Array, name: str, ti
         if i == 0:
             axes.legend()
     axes.set_xlabel('time [s]')
-    figure.savefig(path, dpi=90)
-    return path
+    return figure
+
+
+FIGURES = {'hybrid_discrete_figure_2': continuous_states,
+           'hybrid_discrete_figure_3': output_coordinates,
+           'hybrid_discrete_figure_4': discrete_states}

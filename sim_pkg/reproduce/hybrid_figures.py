@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,18 +26,6 @@ GREY = '#cfcfcf'
 SOFT = '#555555'
 BAND = '#e9e4d8'        # of the jump set J2
 THIN = 25               # every so many integration steps are drawn: 2.5 ms
-DPI = 100
-
-
-def draw(folder: Path) -> list[Path]:
-    """Draw the four figures as PNG files into `folder`; their paths."""
-    figures = {3: injection_curves, 4: noise_free, 5: noisy, 6: sampled}
-    paths = []
-    for number, make in figures.items():
-        path = folder / f'hybrid_angle_figure_{number}.png'
-        make().savefig(path, dpi=DPI, pil_kwargs={'optimize': True})
-        paths.append(path)
-    return paths
 
 
 def injection_curves() -> Figure:
@@ -174,3 +161,7 @@ def _tidy(axes: Axes) -> None:
     axes.spines[['top', 'right']].set_visible(False)
     axes.grid(color='#ececec', linewidth=0.7)
     axes.set_axisbelow(True)
+
+
+FIGURES = {'hybrid_angle_figure_3': injection_curves, 'hybrid_angle_figure_4': noise_free,
+           'hybrid_angle_figure_5': noisy, 'hybrid_angle_figure_6': sampled}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from sim_pkg.reproduce import (
     mechanical_benefit,
     mechanical_cart,
@@ -17,13 +15,6 @@ from sim_pkg.reproduce import (
 )
 from sim_pkg.reproduce.contract import Reproduction
 
-
-def figures(folder: Path) -> list[Path]:
-    """Draw Figures 2, 3, 5 to 7 and 9 to 13 into `folder`; needs matplotlib."""
-    from sim_pkg.reproduce import mechanical_figures
-    return mechanical_figures.draw(folder)
-
-
 REPRODUCTION = Reproduction(
     name='mechanical',
     summary='Aranovskiy, Ortega, Romero, Sokolov: A globally exponentially stable speed observer '
@@ -31,6 +22,6 @@ REPRODUCTION = Reproduction(
     parts=(*mechanical_gain_rows.PARTS, *mechanical_cart.PARTS, *mechanical_leg.PARTS,
            *mechanical_lab.PARTS, *mechanical_loop.PARTS, *mechanical_smoother.PARTS,
            *mechanical_benefit.PARTS, *mechanical_fast.PARTS),
-    figures=figures, tables=mechanical_tables.lines,
+    figures='sim_pkg.reproduce.mechanical_figures', tables=mechanical_tables.lines,
     notes=('References are from an independent implementation; "paper" is what the paper prints.',
            'Which printed numbers cannot be reproduced, and why: docs/papers/mechanical.md'))

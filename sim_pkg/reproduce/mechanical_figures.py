@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,22 +21,7 @@ COLOURS = {'GESO': '#2a9d4a', 'HGO': '#1f6fb4', 'SMO': '#d1342f', 'SMO-BL': '#d1
 TRUTH: dict[str, Any] = {'color': '#222222', 'linewidth': 1.1, 'linestyle': (0, (5, 2)),
                          'label': 'true'}
 MEASURED = '#e0912f'
-DPI = 100
 SEED = 0
-
-
-def draw(folder: Path) -> list[Path]:
-    """Draw the figures as PNG files into `folder`; their paths."""
-    makers = {2: cart_positions, 3: cart_velocities, 5: lambda: leg_errors(0),
-              6: lambda: leg_errors(1), 7: lambda: leg_errors(2), 9: lab_motion,
-              10: lambda: lab_velocities(0), 11: lambda: lab_velocities(1),
-              12: lambda: tracking('GESO'), 13: lambda: tracking('SMO-BL')}
-    paths = []
-    for number, make in makers.items():
-        path = folder / f'mechanical_figure_{number}.png'
-        make().savefig(path, dpi=DPI, pil_kwargs={'optimize': True})
-        paths.append(path)
-    return paths
 
 
 def _figure(count: int, title: str) -> tuple[Figure, Any]:
@@ -136,3 +121,10 @@ def tracking(name: str) -> Figure:
     axes[1].set(ylabel='$q_2$ [m]', xlabel='time [s]')
     axes[1].legend(frameon=False)
     return figure
+
+
+FIGURES = {f'mechanical_figure_{number}': make for number, make in {
+    2: cart_positions, 3: cart_velocities,
+    5: partial(leg_errors, 0), 6: partial(leg_errors, 1), 7: partial(leg_errors, 2),
+    9: lab_motion, 10: partial(lab_velocities, 0), 11: partial(lab_velocities, 1),
+    12: partial(tracking, 'GESO'), 13: partial(tracking, 'SMO-BL')}.items()}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from sim_pkg.reproduce import (
     pmsm_alias_rows,
     pmsm_continuous_rows,
@@ -12,20 +10,13 @@ from sim_pkg.reproduce import (
 )
 from sim_pkg.reproduce.contract import Reproduction
 
-
-def figures(folder: Path) -> list[Path]:
-    """Draw Figures 1 and 2, and the closed loop, into `folder`; needs matplotlib."""
-    from sim_pkg.reproduce import pmsm_figures
-    return pmsm_figures.draw(folder)
-
-
 REPRODUCTION = Reproduction(
     name='pmsm',
     summary='Bosso, Azzollini, Tilli: A semi-global hybrid sensorless observer for permanent '
             'magnets synchronous machines with unknown mechanical model (2020)',
     parts=(*pmsm_continuous_rows.PARTS, *pmsm_sampled_rows.PARTS, *pmsm_alias_rows.PARTS,
            *pmsm_drive_rows.PARTS),
-    figures=figures,
+    figures='sim_pkg.reproduce.pmsm_figures',
     notes=('The paper prints curves and no results as numbers: the references come from an '
            'independent implementation; rows "status" and "loop" are held to our own bounds.',
            'What each row shows, misprints and limits: docs/papers/pmsm.md'))

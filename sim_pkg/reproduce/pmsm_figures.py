@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,7 +23,6 @@ from sim_pkg.reproduce.pmsm_reference import (
 )
 
 BLUE, RED, GREY, SOFT = '#1f6fb4', '#d1342f', '#cfcfcf', '#555555'
-DPI = 100
 CHI, K_ETA, GAMMA = 1.0, 1.5, 1.0          # of Figure 1, as printed
 ROWS = ((CONTINUOUS, 'observer (5)'), (HYBRID, 'observer (16)'),
         (ID_POST, 'observer (16), (25), (26)'))
@@ -32,17 +30,6 @@ LETTERS = ('adgj', 'behk', 'cfil')
 RPM = 30.0 / math.pi
 
 Array = NDArray[np.float64]
-
-
-def draw(folder: Path) -> list[Path]:
-    """Draw the figures as PNG files into `folder`; their paths."""
-    paths = []
-    for name, make in (('figure_1', phase_portrait), ('figure_2', transients),
-                       ('closed_loop', loops)):
-        path = folder / f'pmsm_{name}.png'
-        make().savefig(path, dpi=DPI, pil_kwargs={'optimize': True})
-        paths.append(path)
-    return paths
 
 
 def reduced(angle: Array, xi: Array, step: float, steps: int) -> tuple[Array, Array]:
@@ -175,3 +162,6 @@ def loops() -> Figure:
     for axes, text in zip(panels[:, 0], ('speed [rpm]', 'angle error [deg]', 'speed error [%]')):
         axes.set_ylabel(text)
     return figure
+
+
+FIGURES = {'pmsm_figure_1': phase_portrait, 'pmsm_figure_2': transients, 'pmsm_closed_loop': loops}
