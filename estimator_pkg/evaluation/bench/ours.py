@@ -89,7 +89,7 @@ def _published(velocity: Array, status: NDArray[np.int8], verdict: NDArray[np.in
     return np.where((verdict < DUPLICATE) & np.isin(status, PUBLISHED), velocity, np.nan)
 
 
-SWEPT = {'smo': ('mu', grid(0.01, 1000.0, TOLD_GRID))}  # it has no bandwidth
+SWEPT = {'smo': ('mu', grid(1.0, 1000.0, TOLD_GRID))}  # it has no bandwidth
 
 
 def told() -> list[Estimator]:
