@@ -8,7 +8,8 @@ import dds
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration, load, save
+from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.adaptive_file import load, save
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.adaptive import OBSERVER

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from adaptive_cases import excited, feed, joint, named, servo
 
-from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration, save
-from estimator_pkg.driver.adaptive_bank import load as load_file
+from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.adaptive_file import load as load_file
+from estimator_pkg.driver.adaptive_file import save
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.observers.adaptive_evidence import FEWEST, MOST, Evidence, judge

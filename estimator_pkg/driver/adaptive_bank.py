@@ -1,31 +1,21 @@
-"""Joints of the observer `adaptive`: with a known input, and with parameters kept in a file.
-
-The file holds the plant itself, the first column of A and B, so that it serves whatever poles the
-observer has later.
-"""
+"""Joints of the observer `adaptive`: with a known input, and with parameters to start from."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
-
-import yaml
 
 from estimator_pkg.driver.adaptive_joint import AdaptiveJoint
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive_gains import structure
 from estimator_pkg.observers.adaptive_report import Origin, Report
 from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
-
-FORMAT = 1
 
 
 class AdaptiveConfiguration(Configuration):
@@ -34,7 +24,7 @@ class AdaptiveConfiguration(Configuration):
     Parameters
     ----------
     observer, common, overrides : as of `Configuration`.
-    saved : joint -> what a file says of it.
+    saved : joint -> what a file says of it (see `estimator_pkg.driver.adaptive_file`).
 
     Raises
     ------
@@ -85,9 +75,8 @@ class AdaptiveBank(Bank):
     What a node or a replay calls: `take` once for each message of joint states, in the order in
     which they came; from what it returns the estimate is published. `joint.stddev()` of each
     returned joint gives the standard deviations; `reports()`, ten times a second of their own
-    time, what is told as identified parameters; `save(path, bank)` writes them, `load(path)`
-    reads them for `AdaptiveConfiguration(saved=...)`. To freeze, give a configuration with
-    `adapt: false` and call `joint.set_gains` with each joint's new gains.
+    time, what is told as identified parameters; `adaptive_file` keeps them. To freeze, give a
+    configuration with `adapt: false` and call `joint.set_gains` with each joint's new gains.
 
     Parameters
     ----------
@@ -103,16 +92,11 @@ class AdaptiveBank(Bank):
         self.unknown: set[str] = set()  # joints whose input was not known at their newest sample
         self.without_input = 0  # messages with positions but without their efforts
 
-    def joint(self, name: str) -> Joint | None:
-        """The joint called `name`, made at its first appearance; None if it is not wanted."""
-        joint = self.joints.get(name)
-        if joint is None and (not self.only or name in self.only):
-            gains, settings = self.configuration.for_joint(name)
-            made = AdaptiveJoint(self.configuration.observer, gains, settings)
-            if isinstance(self.configuration, AdaptiveConfiguration):
-                made.origin = self.configuration.origin(name)
-            joint = self.joints[name] = made
-        return joint
+    def _make(self, name: str) -> Joint:
+        made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name))
+        if isinstance(self.configuration, AdaptiveConfiguration):
+            made.origin = self.configuration.origin(name)
+        return made
 
     def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
              efforts: Sequence[float]) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
@@ -178,77 +162,3 @@ class AdaptiveBank(Bank):
         """What each joint has identified."""
         return {name: joint.report() for name, joint in self.joints.items()
                 if joint.used and isinstance(joint, AdaptiveJoint)}
-
-
-def save(path: str, bank: AdaptiveBank) -> list[str]:
-    """Write what the joints have learnt, beside what the file says of others; their names.
-
-    Raises
-    ------
-    UserError : nothing was learnt, or the file cannot be written.
-    """
-    joints = load(path) if Path(path).exists() else {}
-    names = []
-    for name, said in bank.reports().items():
-        gains = bank.joints[name].gains
-        if said.adapted == 0.0 and gains.theta is None:
-            continue
-        n = gains.order
-        model = structure(gains).model
-        joints[name] = {
-            'order': n, 'a': [known + value for known, value in zip(model, said.theta)],
-            'b': list(said.theta[n:2 * n]),
-            'stddev': [item.stddev for item in said.parameters[:len(said.theta)]],
-            'trusted': said.trusted}
-        for word, letter, has in (('load', 'd', gains.load), ('gravity', 's', gains.gravity)):
-            if has:
-                joints[name][word] = said.theta[said.names.index(f'{letter}{n}')]
-        names.append(name)
-    if not names:
-        raise UserError('nothing has been learnt yet')
-    text = ('# x1\' = A x + B u in observable canonical form: a is the first column of A, b is B.\n'
-            + yaml.safe_dump({'adaptive_parameters': FORMAT, 'joints': joints}, sort_keys=False))
-    beside = f'{path}.part'
-    try:
-        Path(beside).write_text(text, encoding='utf-8')
-        os.replace(beside, path)
-    except OSError as error:
-        raise UserError(f'cannot write {path}: {error.strerror}') from error
-    return names
-
-
-def load(path: str) -> dict[str, dict[str, Any]]:
-    """What a file written by `save` says, by joint.
-
-    Raises
-    ------
-    UsageError : it cannot be read or is no such file.
-    """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except OSError as error:
-        raise UsageError(f'cannot read {path}: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError):
-        content = None
-    if not isinstance(content, dict) or content.get('adaptive_parameters') != FORMAT:
-        raise UsageError(f'{path} holds no parameters of the adaptive observer')
-    joints = content.get('joints')
-    for name, own in (joints or {}).items():
-        if not _whole(own):
-            raise UsageError(f"{path}: the parameters of joint '{name}' are damaged")
-    return dict(joints or {})
-
-
-def _whole(own: Any) -> bool:
-    """True if this is what `save` writes of a joint."""
-    if not isinstance(own, dict) or not isinstance(own.get('order'), int):
-        return False
-    a, b = own.get('a'), own.get('b')
-    if not isinstance(a, list) or not isinstance(b, list):
-        return False
-    others = (own.get('load', 0.0), own.get('gravity', 0.0))
-    said = own.get('stddev', [])
-    if not isinstance(said, list) or not all(isinstance(x, float) for x in said):
-        return False
-    return len(a) == len(b) == own['order'] and all(
-        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others))

@@ -65,8 +65,8 @@ class AdaptiveJoint(Joint):
 
     def report(self) -> Report:
         """What was identified."""
-        return report(self.gains, self._track[6], self.mean_dt or 1e-3, self.evidence, self.origin)
+        return report(self.gains, self.state, self.mean_dt or 1e-3, self.evidence, self.origin)
 
     def _look(self) -> None:
-        state = self._track[6]
+        state = self.state
         self.evidence.look(state[7][4], state[9])

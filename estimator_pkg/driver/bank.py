@@ -55,9 +55,11 @@ class Bank(Received):
         """The joint called `name`, made at its first appearance; None if it is not wanted."""
         joint = self.joints.get(name)
         if joint is None and (not self.only or name in self.only):
-            gains, settings = self.configuration.for_joint(name)
-            joint = self.joints[name] = Joint(self.configuration.observer, gains, settings)
+            joint = self.joints[name] = self._make(name)
         return joint
+
+    def _make(self, name: str) -> Joint:
+        return Joint(self.configuration.observer, *self.configuration.for_joint(name))
 
     def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]
                ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:

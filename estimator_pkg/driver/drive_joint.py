@@ -20,6 +20,7 @@ from estimator_pkg.driver.guard import (
     VERDICTS,
 )
 from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.track import COEFFICIENTS
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, Observer
 from estimator_pkg.observers.pmsm_watch import BLIND, describe
@@ -111,7 +112,7 @@ class DriveJoint(Joint):
         fresh: Any = slice(None)
         last = self._track[0]
         old = (stamps <= last) & (stamps > 0)
-        if self._track[7] and old.any() and last - int(stamps.max()) <= self._limits.reorder_ns:
+        if self.running and old.any() and last - int(stamps.max()) <= self._limits.reorder_ns:
             if old.all():
                 if (int(stamps[0]), int(stamps[-1])) in self._recent:
                     return self._dropped(count, DUPLICATE)
@@ -176,24 +177,24 @@ class DriveJoint(Joint):
 
     def electrical(self) -> tuple[float, float, float, float]:
         """(angle [rad], speed [rad/s], flux linkage [Wb], 1.0 where it counts), electrical."""
-        return self._motor.electrical(self._track[6], self._track[5], self._design)
+        return self._motor.electrical(self.state, self._track[COEFFICIENTS], self._design)
 
     def electrical_stddev(self) -> tuple[float, float, float]:
         """One standard deviation of electrical angle, electrical speed and flux linkage."""
-        return self._motor.electrical_stddev(self._track[6], self._track[5], self._design)
+        return self._motor.electrical_stddev(self.state, self._track[COEFFICIENTS], self._design)
 
     def speed_bound(self) -> float:
         """Mechanical speed [rad/s] that is not exceeded while the rotor is not observable; inf."""
-        return self._motor.speed_bound(self._track[6], self._track[5], self._design)
+        return self._motor.speed_bound(self.state, self._track[COEFFICIENTS], self._design)
 
     def why(self) -> str:
         """What the status means, in words."""
-        if self.misfit or not self._track[7]:
+        if self.misfit or not self.running:
             return self.misfit
         limit = super().why()
         if limit:
             return limit
-        reasons = self._motor.reasons(self._track[6])
+        reasons = self._motor.reasons(self.state)
         if self.estimate()[3] != NOT_OBSERVABLE:
             return describe(reasons)
         said, bound = describe(reasons & BLIND), self.speed_bound()

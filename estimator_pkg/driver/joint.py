@@ -19,7 +19,7 @@ from estimator_pkg.driver.guard import (
     GuardSettings,
     limits,
 )
-from estimator_pkg.driver.track import make_track
+from estimator_pkg.driver.track import MEAN_DT, RUNNING, STATE, make_track
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import parameter
@@ -83,7 +83,7 @@ class Joint:
                 self.functions.init(self.functions.blank, self._design)):
             return False
         coefficients = functions.prepare(design, self.mean_dt or 1e-3)
-        state = functions.step(self._track[6], coefficients, design, self._measurement,
+        state = functions.step(self.state, coefficients, design, self._measurement,
                                self._given)
         functions.output(state, coefficients, design, self._measurement, self._given)
         return True
@@ -122,7 +122,7 @@ class Joint:
 
     def estimate(self) -> tuple[float, float, float, int]:
         """(position, velocity, acceleration or nan, status) at the last used sample."""
-        if not self._track[7]:
+        if not self._track[RUNNING]:
             return math.nan, math.nan, math.nan, INITIALISING
         return self._read(self._track, self._design, self._limits, self._measurement, self._given)
 
@@ -157,9 +157,19 @@ class Joint:
         return out
 
     @property
+    def running(self) -> bool:
+        """Whether a sample has come since the start or the last reset."""
+        return self._track[RUNNING]
+
+    @property
+    def state(self) -> Any:
+        """The observer's."""
+        return self._track[STATE]
+
+    @property
     def mean_dt(self) -> float:
         """Mean sample time [s]; 0 before the second sample."""
-        return self._track[4]
+        return self._track[MEAN_DT]
 
     @property
     def received(self) -> int:
@@ -185,8 +195,8 @@ class Joint:
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
-        if self.functions.why is not None and self._track[7]:
-            return self.functions.why(self._track[6], self._design)
+        if self.functions.why is not None and self.running:
+            return self.functions.why(self.state, self._design)
         return ''
 
 

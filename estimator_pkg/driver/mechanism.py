@@ -160,9 +160,9 @@ class Mechanism(Joint):
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
-        if not self._track[7]:
+        if not self.running:
             return self.why_silent()
-        return self.functions.why(self._track[6], self._design)
+        return self.functions.why(self.state, self._design)
 
     def why_silent(self) -> str:
         """Which joints do not come while others do, in words; '' where that is not so."""

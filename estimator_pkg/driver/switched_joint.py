@@ -14,6 +14,7 @@ from typing import Any
 from estimator_pkg.driver.bank import Received
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.track import STATE
 from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
 
 # What becomes of an event
@@ -94,13 +95,13 @@ class SwitchedJoint(Joint):
     def _apply(self) -> None:
         stamp_ns, event = self._waiting.pop(0)
         jump = self.functions.jump
-        if jump is not None and self._track[7]:
-            self._track = (*self._track[:6], jump(self._track[6], event), self._track[7])
+        if jump is not None and self.running:
+            self._track = (*self._track[:STATE], jump(self.state, event), self.running)
 
     def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
         """(Z, its standard deviations, converged)."""
         functions: Any = self.functions
-        return functions.discrete(self._track[6])
+        return functions.discrete(self.state)
 
 
 class SwitchedBank(Received):
@@ -194,9 +195,9 @@ class SwitchedBank(Received):
         if self.system.estimate()[3] not in (TRACKING, COASTING):
             return []
         functions: Any = self.system.functions
-        return functions.outputs(self.system._track[6], measurement)
+        return functions.outputs(self.system.state, measurement)
 
     def deviations(self) -> list[tuple[float, float]]:
         """One standard deviation of (position, velocity) of each joint."""
         functions: Any = self.system.functions
-        return functions.deviations(self.system._track[6])
+        return functions.deviations(self.system.state)

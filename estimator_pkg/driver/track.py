@@ -2,6 +2,9 @@
 
 The live node calls these as ordinary Python, replay and benchmarks may compile them.
 A track is a tuple; `blank` makes an empty one, `advance` takes one sample in, `read` looks at it.
+Its entries: the last stamp [ns]; the one before it, after a gap [ns]; late stamps in a row; the
+last sample time [ns]; the mean one [s]; the observer's coefficients; its state; whether a sample
+has come.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from estimator_pkg.driver.guard import (
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import Functions
 
+MEAN_DT, COEFFICIENTS, STATE, RUNNING = 4, 5, 6, 7  # places in a track
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 
 

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import SetBool, Trigger
 
-from estimator_pkg.driver import adaptive_bank
+from estimator_pkg.driver import adaptive_file
 from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.identified import values_of
@@ -41,7 +41,7 @@ class AdaptiveObserver(DrivenNode):
     def _find_observer(self) -> Observer:
         self.settings.check()
         path = self.settings.parameters_file
-        self._saved = adaptive_bank.load(path) if path and Path(path).exists() else {}
+        self._saved = adaptive_file.load(path) if path and Path(path).exists() else {}
         return OBSERVER
 
     def _configured(self, common: Mapping[str, Any], overrides: Mapping[str, Values]
@@ -93,7 +93,7 @@ class AdaptiveObserver(DrivenNode):
         try:
             if not path:
                 raise UserError("parameter 'parameters_file' is not set")
-            response.message = f'{", ".join(adaptive_bank.save(path, self.bank))}: {path}'
+            response.message = f'{", ".join(adaptive_file.save(path, self.bank))}: {path}'
             response.success = True
         except UserError as error:
             response.success, response.message = False, str(error)

@@ -15,7 +15,7 @@ from estimator_pkg.bags.kinds.values import apart
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, joint_series
-from estimator_pkg.driver import adaptive_bank
+from estimator_pkg.driver import adaptive_file
 from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.identified import values_of
@@ -70,7 +70,7 @@ def settled(values: Mapping[str, Any]) -> tuple[AdaptiveNodeSettings, AdaptiveBa
                                         Configuration(OBSERVER).parameters())
     settings.check()
     path = settings.parameters_file
-    saved = adaptive_bank.load(path) if path and Path(path).exists() else {}
+    saved = adaptive_file.load(path) if path and Path(path).exists() else {}
     configuration = AdaptiveConfiguration(OBSERVER, common, overrides, saved)
     for joint in ('', *configuration.overrides):
         configuration.for_joint(joint)
