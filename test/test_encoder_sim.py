@@ -15,7 +15,7 @@ from estimator_pkg.nodes.runtime import make_executor  # first: it settles what 
 
 # isort: split
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -277,6 +277,21 @@ def test_node_in_an_executor_of_the_users_own(listener):
         node.destroy_node()
     assert node.deadlines.met > 20
     assert not node.deadlines.wait(0)  # its thread has ended
+
+
+def test_a_machine_that_cannot_keep_up_is_warned_about_once(listener, capfd, monkeypatch):
+    monkeypatch.setattr(simulator_node, 'BEHIND', -1.0)  # as if every message left late
+    listener.subscribe(DiagnosticArray, '/diagnostics', 10, raw=False)
+    node = SimulatorNode(SIMULATOR, 'slow')
+    listener.executor.add_node(node)
+    try:
+        assert listener.spin(lambda: len(listener.heard['/diagnostics']) > 1)
+    finally:
+        listener.executor.remove_node(node)
+        node.destroy_node()
+    assert {status.level for message, _ in listener.heard['/diagnostics']
+            for status in message.status} == {DiagnosticStatus.WARN}
+    assert capfd.readouterr().err.count('this machine is too slow for so many of them') == 1
 
 
 FAILING = """

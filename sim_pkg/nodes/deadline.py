@@ -20,12 +20,13 @@ class Deadlines:
     ----------
     met : deadlines passed so far.
     late : those passed by more than `LATE`.
-    mean_lateness, worst_lateness : s.
+    lateness, mean_lateness, worst_lateness : of the last one, of all, and the worst [s].
     """
 
     def __init__(self) -> None:
         self.met = 0
         self.late = 0
+        self._last_ns = 0
         self._total_ns = 0
         self._worst_ns = 0
         self._start_ns = 0
@@ -54,6 +55,7 @@ class Deadlines:
         lateness = max(0, -remaining)
         self.met += 1
         self.late += lateness > LATE
+        self._last_ns = lateness
         self._total_ns += lateness
         self._worst_ns = max(self._worst_ns, lateness)
         return True
@@ -65,6 +67,11 @@ class Deadlines:
     def stop(self) -> None:
         """End every wait, now and later."""
         self._stop.set()
+
+    @property
+    def lateness(self) -> float:
+        """Lateness of the last message [s]."""
+        return self._last_ns / SECOND
 
     @property
     def mean_lateness(self) -> float:

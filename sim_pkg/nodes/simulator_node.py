@@ -30,6 +30,7 @@ SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=50,
 LINGER = 0.2    # the last messages get this long to leave before the process ends [s]
 LOOK = 0.01     # between two looks for the subscribers that are waited for [s]
 PATIENCE = 5.0  # after which a person is told who is waited for [s]
+BEHIND = 0.5    # lateness that no pause of the machine explains: it cannot keep up [s]
 
 
 def message_type(name: str) -> Any:
@@ -60,6 +61,7 @@ class SimulatorNode(Node):
         super().__init__(name, **options)
         self.deadlines = Deadlines()
         self.error: Exception | None = None
+        self._behind = False
         self._on_end = on_end
         self._thread = threading.Thread(target=self._play, name='deadlines', daemon=True)
         try:
@@ -143,11 +145,18 @@ class SimulatorNode(Node):
     def _report(self) -> None:
         """How well the deadlines are met, for /diagnostics."""
         told = self.deadlines
+        behind = told.lateness > BEHIND
+        if behind and not self._behind:
+            self.get_logger().warning(f'messages leave {told.lateness:.1f} s late: this machine is '
+                                      'too slow for so many of them')
+        self._behind = behind
         status = DiagnosticStatus(
-            level=DiagnosticStatus.OK, name=f'{self.get_fully_qualified_name()}: deadlines',
+            level=DiagnosticStatus.WARN if behind else DiagnosticStatus.OK,
+            name=f'{self.get_fully_qualified_name()}: deadlines',
             message=told.summary(),
             values=[KeyValue(key=key, value=value) for key, value in (
                 ('messages', str(told.met)), ('late', str(told.late)),
+                ('lateness [s]', f'{told.lateness:.6f}'),
                 ('mean lateness [s]', f'{told.mean_lateness:.6f}'),
                 ('worst lateness [s]', f'{told.worst_lateness:.6f}'))])
         array = DiagnosticArray(status=[status])
