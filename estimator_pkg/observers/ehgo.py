@@ -16,20 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanical import MechanicalFunctions, around
+from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.observers.mechanical_parameters import (
     BandwidthGains,
     MechanicalGains,
     model_of,
     operating_point,
 )
-from estimator_pkg.observers.mechanical_velocity import (
-    describe_linear,
-    linear_core,
-    matrices_over_range,
-)
+from estimator_pkg.observers.mechanical_velocity import linear_observer
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
@@ -65,16 +60,10 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     point = operating_point(gains, mechanics)
     eye = np.eye(mechanics.degrees)
     L, K, E = (gain * eye for gain in tune(gains))
-    matrices = matrices_over_range(mechanics, L, K, E, point)
-    if mechanical_gains.slowest_pole(matrices[0]) <= 0.0:
-        raise UsageError("the gains 'h' do not make the error decay: s^3 + h1 s^2 + h2 s + h3 has "
-                         'a root that is not stable')
-    core = linear_core(mechanics, gains, L, K, E, point)
-
-    def describe(dt: float) -> dict[str, Any]:
-        return describe_linear(L, K, matrices, dt)
-
-    return around(core, gains, mechanics, circle, describe)
+    return linear_observer(
+        mechanics, gains, circle, L, K, E, point,
+        "the gains 'h' do not make the error decay: s^3 + h1 s^2 + h2 s + h3 has a root that is "
+        'not stable')
 
 
 OBSERVER = Observer(

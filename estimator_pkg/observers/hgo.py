@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanical import MechanicalFunctions, around
+from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.observers.mechanical_parameters import (
     LoopGains,
     MechanicalGains,
@@ -25,11 +24,7 @@ from estimator_pkg.observers.mechanical_parameters import (
     operating_point,
     spread,
 )
-from estimator_pkg.observers.mechanical_velocity import (
-    describe_linear,
-    linear_core,
-    matrices_over_range,
-)
+from estimator_pkg.observers.mechanical_velocity import linear_observer
 from estimator_pkg.observers.tracking import natural_frequency
 from estimator_pkg.parameters import parameter
 
@@ -79,17 +74,9 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     mechanics = model_of(gains)
     point = operating_point(gains, mechanics)
     L, K, E = tune(gains, mechanics.degrees)
-    matrices = matrices_over_range(mechanics, L, K, E, point)
-    slowest = mechanical_gains.slowest_pole(matrices[0])
-    if slowest <= 0.0:
-        raise UsageError("the gains 'L' and 'K' are not positive definite: the error does not "
-                         f'decay (slowest pole {-slowest:+.3g} 1/s)')
-    core = linear_core(mechanics, gains, L, K, E, point)
-
-    def describe(dt: float) -> dict[str, Any]:
-        return describe_linear(L, K, matrices, dt)
-
-    return around(core, gains, mechanics, circle, describe)
+    return linear_observer(
+        mechanics, gains, circle, L, K, E, point,
+        "the gains 'L' and 'K' are not positive definite: the error does not decay")
 
 
 OBSERVER = Observer(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.observers.steady_noise import settled
 
 Array = NDArray[np.float64]
 
@@ -69,23 +70,6 @@ class NoiseGains(NamedTuple):
     own_position: Array
     own_velocity: Array
     own_innovation: Array
-
-
-def settled(step: Array, entering: Array) -> Array:
-    """P = step P step^T + entering: the covariance that white disturbances lead to.
-
-    Infinite where `step` is not stable.
-    """
-    if max(abs(np.linalg.eigvals(step))) >= 1.0:
-        return np.full_like(entering, np.inf)
-    covariance, power = entering, step
-    for _ in range(60):
-        added = power @ covariance @ power.T
-        covariance = covariance + added
-        if np.max(np.abs(added)) <= 1e-14 * np.max(np.abs(covariance)):
-            break
-        power = power @ power
-    return covariance
 
 
 def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.errors import UsageError
 from estimator_pkg.models import check
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers import mechanical_gains
-from estimator_pkg.observers.mechanical import MechanicalCore
+from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_flow import make_flow
 from estimator_pkg.observers.mechanical_parameters import (
@@ -122,8 +123,28 @@ def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at:
     return matrix
 
 
+def linear_observer(mechanics: Mechanics, gains: MechanicalGains, circle: Any, L: Array, K: Array,
+                    E: Array | None, point: Array, complaint: str) -> MechanicalFunctions:
+    """HGO (E None) or EHGO with these gain matrices.
+
+    Raises
+    ------
+    UsageError : `complaint`, with the slowest pole, where the error does not decay.
+    """
+    matrices = matrices_over_range(mechanics, L, K, E, point)
+    slowest = mechanical_gains.slowest_pole(matrices[0])
+    if slowest <= 0.0:
+        raise UsageError(f'{complaint} (slowest pole {-slowest:+.3g} 1/s)')
+
+    def describe(dt: float) -> dict[str, Any]:
+        return describe_linear(L, K, matrices, dt)
+
+    return around(linear_core(mechanics, gains, L, K, E, matrices), gains, mechanics, circle,
+                  describe)
+
+
 def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array,
-                E: Array | None, point: Array) -> MechanicalCore:
+                E: Array | None, matrices: list[Array]) -> MechanicalCore:
     """HGO (E None) and EHGO: qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)."""
     n = mechanics.degrees
     extended = E is not None
@@ -185,7 +206,6 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
         return linear_matrix(mechanics, L, K, E, at), np.eye(n)
 
-    matrices = matrices_over_range(mechanics, L, K, E, point)
     return MechanicalCore(
         design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin, linear=linear,
         limits=(mechanical_gains.euler_limit(matrices) if paper

@@ -11,18 +11,14 @@ import math
 from typing import Any
 
 from estimator_pkg.observers.mechanical_algebra import column
+from estimator_pkg.observers.twisting import implicit_step, injections
 
 NEWTON = 60  # steps at most; from above they fall monotonically
 
 
 def twisting(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
     """The two injections of super_twisting at e."""
-    if e == 0.0:
-        return 0.0, 0.0
-    root = math.sqrt(abs(e))
-    if e > 0.0:
-        return first * root, second
-    return -first * root, -second
+    return injections(e, first, second)
 
 
 def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
@@ -41,16 +37,7 @@ def implicit_twisting(free: float, h: float, first: float, second: float, m1: fl
     """(e, second injection) after an implicit step: e + h first sqrt|e| sgn e + h^2 second sgn e
     = free, with sgn 0 anything in [-1, 1].
     """
-    size = abs(free)
-    held = h * h * second
-    if size <= held:
-        return 0.0, free / (h * h)
-    half = 0.5 * h * first
-    over = size - held
-    root = over / (half + math.sqrt(half * half + over))
-    if free > 0.0:
-        return root * root, second
-    return -root * root, -second
+    return implicit_step(free, h, first, second)
 
 
 def implicit_uniform(free: float, h: float, first: float, second: float, m1: float, m2: float

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers.mechanical_noise import NoiseGains, settled
+from estimator_pkg.observers.mechanical_noise import NoiseGains
+from estimator_pkg.observers.steady_noise import settled
 
 Array = NDArray[np.float64]
 

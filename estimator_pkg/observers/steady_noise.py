@@ -6,6 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def settled(step: NDArray[np.float64], entering: NDArray[np.float64]) -> NDArray[np.float64]:
+    """P = step P step^T + entering: the covariance that white disturbances lead to.
+
+    Summed by doubling. Infinite where `step` is not stable.
+    """
+    if max(abs(np.linalg.eigvals(step))) >= 1.0:
+        return np.full_like(entering, np.inf)
+    covariance, power = entering, step
+    for _ in range(60):
+        added = power @ covariance @ power.T
+        covariance = covariance + added
+        if np.max(np.abs(added)) <= 1e-15 * np.max(np.abs(covariance)):
+            break
+        power = power @ power
+    return covariance
+
+
 def steady_variances(transition: NDArray[np.float64], gain: NDArray[np.float64]
                      ) -> tuple[float, float, float]:
     """Variances of position, velocity and innovation per unit variance of white noise.
@@ -15,25 +32,16 @@ def steady_variances(transition: NDArray[np.float64], gain: NDArray[np.float64]
     transition : A, shape (n, n); the first state is measured, the second is its rate.
     gain : K, shape (n,), of the correction x + K (y - x_0) after the prediction A x.
 
-    The error after the correction obeys e+ = (I - K C) A e + K noise; its covariance is summed by
-    doubling, which converges for every stable observer.
+    The error after the correction obeys e+ = (I - K C) A e + K noise.
 
     Raises
     ------
     ValueError : the observer is unstable.
     """
-    count = len(gain)
-    kept = np.eye(count)
+    kept = np.eye(len(gain))
     kept[:, 0] -= gain
-    power = kept @ transition
-    if max(abs(np.linalg.eigvals(power))) >= 1.0:
+    covariance = settled(kept @ transition, np.outer(gain, gain))
+    if not np.all(np.isfinite(covariance)):
         raise ValueError('the observer is unstable')
-    covariance = np.outer(gain, gain)
-    for _ in range(60):
-        added = power @ covariance @ power.T
-        covariance = covariance + added
-        if np.max(np.abs(added)) <= 1e-15 * np.max(np.abs(covariance)):
-            break
-        power = power @ power
     before = transition @ covariance @ transition.T
     return float(covariance[0, 0]), float(covariance[1, 1]), float(before[0, 0]) + 1.0

@@ -30,6 +30,7 @@ from estimator_pkg.observers.super_twisting_gains import (
     noise_table,
     roots,
 )
+from estimator_pkg.observers.twisting import implicit_step
 from estimator_pkg.parameters import parameter
 
 REFRESH = 8.0       # samples between two looks at what noise makes of the gains
@@ -69,14 +70,17 @@ def euler(state: tuple, dt: float) -> tuple[float, float, float, float]:
     return (x + dt * v, v + dt * a, a + dt * j, j)
 
 
-def moved_back(k: tuple, dt: float, is_euler: float) -> tuple[float, float, float, float]:
+def taylor_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
     """The correction that a predictor's gain times innovation `k` is before the step: A^-1 k."""
-    if is_euler > 0.0:
-        j = k[3]
-        a = k[2] - dt * j
-        v = k[1] - dt * a
-        return (k[0] - dt * v, v, a, j)
     return taylor(k, -dt)
+
+
+def euler_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
+    """The same of `euler`."""
+    j = k[3]
+    a = k[2] - dt * j
+    v = k[1] - dt * a
+    return (k[0] - dt * v, v, a, j)
 
 
 def power_terms(innovation: float, design: tuple, dt: float) -> tuple[float, float, float, float]:
@@ -133,13 +137,15 @@ def correction(form: str, order: int) -> Callable[..., tuple]:
         return (wrap(state[0] + k[0], coefficients[1][11]), state[1] + k[1], state[2] + k[2],
                 state[3] + k[3], power, tick, noise), innovation
 
-    made = {'matching': _matching, 'implicit': _implicit, 'taylor': _taylor,
-            'explicit': _explicit}[form]
-    return made(order, begin, moved)
+    if form == 'matching':
+        return _matching(order, begin)
+    if form == 'implicit':
+        return _implicit(begin, moved)
+    ahead, back = (taylor, taylor_back) if form == 'taylor' else (euler, euler_back)
+    return _explicit(ahead, back, begin, moved)
 
 
-def _matching(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
-              ) -> Callable[..., tuple]:
+def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
     """With eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `super_twisting_gains`."""
     matched, root, noise_gains = MATCHED[order], 1.0 / (order + 1.0), NOISE_GAINS[order]
 
@@ -172,42 +178,26 @@ def _matching(order: int, begin: Callable[..., tuple], moved: Callable[..., tupl
     return correct
 
 
-def _taylor(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
-            ) -> Callable[..., tuple]:
-    """Explicit with Taylor terms."""
+def _explicit(ahead: Callable[..., tuple], back: Callable[..., tuple],
+              begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Callable[..., tuple]:
+    """Explicit: with Taylor terms, or forward Euler as printed in textbooks."""
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
         if state[5] == 0.0:
             return begin(state, coefficients, measurement)
         dt, design = coefficients[0], coefficients[1]
-        x, v, a, j = taylor(state, dt)
+        x, v, a, j = ahead(state, dt)
         innovation = wrap(measurement - x, design[11])
-        k = moved_back(power_terms(innovation, design, dt), dt, 0.0)
+        k = back(power_terms(innovation, design, dt), dt)
         return moved((x, v, a, j, state[4], state[5], state[6]), k, innovation, coefficients)
 
     return correct
 
 
-def _explicit(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
-              ) -> Callable[..., tuple]:
-    """Forward Euler as printed in textbooks."""
-    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        if state[5] == 0.0:
-            return begin(state, coefficients, measurement)
-        dt, design = coefficients[0], coefficients[1]
-        x, v, a, j = euler(state, dt)
-        innovation = wrap(measurement - x, design[11])
-        k = moved_back(power_terms(innovation, design, dt), dt, 1.0)
-        return moved((x, v, a, j, state[4], state[5], state[6]), k, innovation, coefficients)
-
-    return correct
-
-
-def _implicit(order: int, begin: Callable[..., tuple], moved: Callable[..., tuple]
-              ) -> Callable[..., tuple]:
+def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Callable[..., tuple]:
     """The implicit Euler form of order 1, in closed form.
 
-    In sliding (|e| <= dt^2 alpha) it is the backward difference; outside it the change of the
-    velocity is clipped to dt alpha. It cannot chatter.
+    In sliding it is the backward difference; outside it the change of the velocity is clipped to
+    dt alpha.
     """
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
         if state[5] == 0.0:
@@ -216,16 +206,9 @@ def _implicit(order: int, begin: Callable[..., tuple], moved: Callable[..., tupl
         x = state[0] + dt * state[1]
         innovation = wrap(measurement - x, design[11])
         root = design[1]  # sqrt(L)
-        gain, step = design[2] * root, dt * dt * design[3] * root * root
-        size = abs(innovation)
-        if size <= step:
-            k0, k1 = innovation, innovation / dt
-        else:
-            q = 0.5 * (math.sqrt(dt * dt * gain * gain + 4.0 * (size - step)) - dt * gain)
-            sign = 1.0 if innovation > 0.0 else -1.0
-            k0, k1 = innovation - sign * q * q, sign * step / dt
-        return moved((x, state[1], 0.0, 0.0, state[4], state[5], state[6]), (k0, k1, 0.0, 0.0),
-                     innovation, coefficients)
+        left, push = implicit_step(innovation, dt, design[2] * root, design[3] * root * root)
+        return moved((x, state[1], 0.0, 0.0, state[4], state[5], state[6]),
+                     (innovation - left, dt * push, 0.0, 0.0), innovation, coefficients)
 
     return correct
 

@@ -2,28 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from estimator_pkg.observers.switched_state import State
 from estimator_pkg.observers.switched_system import System
-
-
-def implicit_stage(error: float, slope: float, h: float, gain: float, alpha: float
-                   ) -> tuple[float, float]:
-    """One super-twisting stage: (error left, slope), from the error of the prediction."""
-    size, most = abs(error), h * h * alpha
-    if size <= most:
-        return 0.0, slope + error / h
-    sign = 1.0 if error > 0.0 else -1.0
-    root = 0.5 * (math.sqrt(h * h * gain * gain + 4.0 * (size - most)) - h * gain)
-    return sign * root * root, slope + sign * h * alpha
-
-
-def explicit_stage(error: float, slope: float, h: float, gain: float, alpha: float
-                   ) -> tuple[float, float]:
-    """The same by forward Euler: `error` is that before the step, and so is what it returns."""
-    sign = 1.0 if error > 0.0 else -1.0 if error < 0.0 else 0.0
-    return error, slope + sign * h * alpha
+from estimator_pkg.observers.twisting import implicit_step, injections
 
 
 def climb(system: System, i: int, state: State, jump: float, h: float) -> tuple:
@@ -36,14 +17,15 @@ def climb(system: System, i: int, state: State, jump: float, h: float) -> tuple:
     for j, (gain, alpha) in enumerate(system.stages[i]):
         if system.is_implicit:
             ahead = zh[j] + h * zt[j]
-            left, zt[j] = implicit_stage(signal - ahead, zt[j], h, gain, alpha)
+            left, push = implicit_step(signal - ahead, h, gain, alpha)
+            zt[j] += h * push
             zh[j] = signal - left
         else:
             before = state.y[i] if j == 0 else state.zt[i][j - 1]
-            left, slope = explicit_stage(before - zh[j], zt[j], h, gain, alpha)
-            root = math.sqrt(abs(left))
-            zh[j] += h * (zt[j] + gain * (root if left > 0.0 else -root))
-            zt[j] = slope
+            left = before - zh[j]
+            first, second = injections(left, gain, alpha)
+            zh[j] += h * (zt[j] + first)
+            zt[j] += h * second
         errors[j] = left
         if abs(left) >= system.gains.gate:
             break
