@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 LOOK = 0.1       # s between looks at the graph
 PATIENCE = 10.0  # s added to a given duration while no message has come yet
+ARRIVED = 3      # looks in a row without a message after which all that came is recorded,
+AWAITED = 0.02   # s that each takes,
+AT_MOST = 0.3    # and s that all of them may
 FLUSH = 2.0      # s after which what has come is on its way to the disk
 
 
@@ -90,10 +93,19 @@ class Recorder:
         self._wanted = wanted
         self._refused: set[str] = set()
         self._first_ns = 0
+        self._received = 0
         self.tracks: dict[str, Track] = {}
 
     def run(self, duration: float | None) -> None:
         """Record for so long [s] from the first message on, or until Ctrl-C."""
+        self._follow(duration)
+        until, quiet = time.monotonic() + AT_MOST, 0  # what waits to be taken in has come, too
+        while quiet < ARRIVED and time.monotonic() < until:
+            before = self._received
+            self._here.spin(AWAITED)
+            quiet = quiet + 1 if self._received == before else 0
+
+    def _follow(self, duration: float | None) -> None:
         look = flush = 0.0
         told = False
         begun = time.monotonic()
@@ -181,6 +193,7 @@ class Recorder:
             loss.saw(info['publication_sequence_number'])
             now = time.time_ns()
             write(name, info['received_timestamp'] or now, raw, info['source_timestamp'] or now)
+            self._received += 1
             if not self._first_ns:
                 self._first_ns = time.monotonic_ns()
 
