@@ -93,3 +93,23 @@ def test_exponential():
     expm = pytest.importorskip('scipy.linalg').expm
     matrix = np.random.default_rng(1).normal(size=(6, 6)) * 3.0
     np.testing.assert_allclose(exponential(matrix), expm(matrix), rtol=1e-9)
+
+
+@pytest.mark.parametrize('name, model, dt, values', [
+    ('geso', 'cart_pendulum', 0.0132, {'model_parameters': ['cart_damping=1e6']}),
+    ('geso', 'robotic_leg', 0.016, {'bandwidth_hz': 19.5}),
+    ('hgo', 'single_joint', 0.0212, {'bandwidth_hz': 0.0189, 'disturbance_hz': 9605.0}),
+    ('ehgo', 'two_links', 0.033, {'h': [1.6e8, 1e9, 1e9], 'epsilon': 5.2e-9}),
+    ('smo', 'single_joint', 0.02, {'mu': [1e9], 'form': 'paper'})])
+def test_deviations_are_numbers_or_say_that_nothing_holds(name, model, dt, values):
+    """Variances of nearly nothing, and numbers beyond every float on the way to them."""
+    functions = made(name, model=model, **values)
+    design, random = functions.design(), np.random.default_rng(3)
+    coefficients, state = functions.prepare(design, dt), functions.init(functions.blank, design)
+    given = (0.0,) * max(1, functions.mechanics.inputs)
+    for _ in range(60):
+        reading = tuple((np.array(functions.blank) + random.normal(0.0, 1e-3, len(functions.blank)))
+                        .tolist())
+        state = functions.step(state, coefficients, design, reading, given)
+        for deviations in functions.stddev(state, coefficients, design):
+            assert all(each >= 0.0 for each in deviations)  # not nan

@@ -124,6 +124,12 @@ def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
     given = np.array(noise) ** 2 + floor
     reach = [GRID * each for each in mechanics.reach]
 
+    def variances(at: Array, sizes: tuple[int, ...], dt: float) -> NoiseGains:
+        if core.noise is not None:
+            return core.noise(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
+        matrix, shown = core.linear(at, np.zeros(n))
+        return noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
+
     @lru_cache(KEPT)
     def gains(place: tuple[int, ...], sizes: tuple[int, ...], period: int
               ) -> tuple[NoiseGains, Array] | None:
@@ -131,13 +137,15 @@ def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
         at, dt = np.array(reach) * np.array(place), math.exp(GRID * period)
         if not mechanics.admits(mechanics.values, tuple(at.tolist())):
             return None
-        if core.noise is not None:
-            found: NoiseGains = core.noise(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
-        else:
-            matrix, shown = core.linear(at, np.zeros(n))
-            found = noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
-        if not np.all(np.isfinite(found.innovation)):
+        try:
+            with np.errstate(all='ignore'):  # what is not finite is looked at below
+                found = variances(at, sizes, dt)
+        except np.linalg.LinAlgError:  # numbers beyond every float on the way
             return None
+        if not all(np.all(np.isfinite(each)) for each in found):
+            return None
+        # a variance of nearly nothing may come out a rounding error below it
+        found = NoiseGains(*(np.maximum(each, 0.0) for each in found))
         return found, np.array(np.linalg.pinv(found.innovation), float)
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple:
