@@ -24,9 +24,9 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 PATIENCE = 60.0  # [s] a condition may take; a start that compiles takes 20 on a busy machine
 
 
-def ros_args(*parameters: str, remap: Sequence[str] = ()) -> list[str]:
-    """The command line of a node: parameters and remappings, each as FROM:=TO."""
-    words = ['--ros-args']
+def ros_args(*parameters: str, remap: Sequence[str] = (), file: Any = None) -> list[str]:
+    """The command line of a node: remappings and parameters as FROM:=TO, a file of parameters."""
+    words = ['--ros-args', *(('--params-file', str(file)) if file is not None else ())]
     for flag, pairs in (('-r', remap), ('-p', parameters)):
         words += [word for pair in pairs for word in (flag, pair)]
     return words

@@ -24,11 +24,8 @@ CONFIG = Path(__file__).parent.parent / 'config/joint_observer.yaml'
 
 def launch(name, *parameters):
     """A node called `name` whose input is /<name>/joint_states or /<name>/angle."""
-    words = ['--ros-args', '-r', f'__node:={name}', '-r', f'__ns:=/{name}',
-             '--params-file', str(CONFIG)]
-    for pair in parameters:
-        words += ['-p', pair]
-    return dds.NodeProcess(MODULE, *words)
+    return dds.NodeProcess(MODULE, *dds.ros_args(
+        *parameters, remap=(f'__node:={name}', f'__ns:=/{name}'), file=CONFIG))
 
 
 @pytest.fixture(scope='module')

@@ -104,11 +104,10 @@ def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):
     observer = ['model:=cart_pendulum', f'model_parameters:={numbers}', 'L:=[50.0, 80.0]',
                 'Gamma:=[80.0, 150.0]']
     plant = ['control:=observer', 'wait_for_subscribers:=2', 'duration:=9.0']
-    with dds.NodeProcess(MODULE, '--ros-args', '-r', '__ns:=/loop',
-                         *(word for each in observer for word in ('-p', each))), \
-            dds.NodeProcess('sim_pkg.nodes.cart_pendulum_sim', '--ros-args', '-r', '__ns:=/loop',
-                            '-r', 'estimate:=mechanical_observer/estimate',
-                            *(word for each in plant for word in ('-p', each))) as simulator:
+    there = '__ns:=/loop'
+    with dds.NodeProcess(MODULE, *dds.ros_args(*observer, remap=[there])), \
+            dds.NodeProcess('sim_pkg.nodes.cart_pendulum_sim', *dds.ros_args(
+                *plant, remap=[there, 'estimate:=mechanical_observer/estimate'])) as simulator:
         probe.until(lambda: not simulator.alive)
         assert simulator.ends() == 0
     probe.node.destroy_subscription(subscription)
