@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 
 import bag_making as make
 import numpy as np
@@ -200,6 +202,48 @@ def test_an_error_or_interrupt_half_way_leaves_nothing(error, tmp_path):
         bag.flush()
         raise error
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
+def test_a_recording_is_kept_whatever_goes_wrong(name, tmp_path, capsys):
+    path = tmp_path / name
+    with pytest.raises(KeyError, match='later'), BagWriter(path, keep=True) as bag:
+        bag.add_topic(STATES, TYPE)
+        bag.write(STATES, START, b'x')
+        raise KeyError('later')
+    assert [raw for _, _, _, raw in messages_of(path)] == [b'x']
+    assert f'{path} holds what was written until then' in capsys.readouterr().err
+    with pytest.raises(KeyError), BagWriter(tmp_path / 'empty', keep=True) as bag:
+        bag.add_topic(STATES, TYPE)
+        raise KeyError
+    assert list(tmp_path.iterdir()) == [path]
+
+
+FULL = """
+import random, resource, sys
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.errors import UserError
+resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+try:
+    with BagWriter(sys.argv[1], keep=True) as bag:
+        bag.add_topic('/chatter', 'std_msgs/msg/String')
+        for i in range(9000):
+            bag.write('/chatter', 10**18 + i, random.randbytes(1000))
+except UserError as error:
+    print(error)
+"""
+
+
+def test_a_recording_is_kept_when_the_disk_is_full(tmp_path, capsys):
+    pytest.importorskip('resource', reason='not run: no limits of files here')
+    path = tmp_path / 'bag'
+    done = subprocess.run([sys.executable, '-c', FULL, str(path)], capture_output=True, text=True,
+                          timeout=60, check=False)
+    assert done.stdout == f'{path} cannot be written: File too large\n'
+    assert done.stderr == f'{path} holds what was written until then\n'
+    with open_bag(path) as bag:
+        assert 1500 < bag.count < 3000
+        assert len(list(bag.messages())) == bag.count
 
 
 def test_a_full_disk_leaves_nothing_and_says_so(tmp_path, monkeypatch):

@@ -47,7 +47,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f'--duration {parsed.duration:g}: it must be above 0 s')
     from estimator_pkg.bags.live import live
     wanted = [name if name.startswith('/') else f'/{name}' for name in parsed.topics]
-    with BagWriter(parsed.out) as writer:
+    with BagWriter(parsed.out, keep=True) as writer:
         with live('bag_recorder') as here:
             recorder = Recorder(here, writer, wanted)
             recorder.run(parsed.duration)

@@ -5,7 +5,7 @@
 ...     bag.write('/joint_states', log_ns, raw)
 
 The bag is written beside its place and moved there when it is whole, so that neither an error nor
-an interrupt leaves half a bag.
+an interrupt leaves half a bag. What cannot be made again (a recording) is kept all the same.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -39,13 +40,16 @@ class BagWriter:
     Parameters
     ----------
     path : where the bag will be: a folder, or a single file if it ends in .mcap.
+    keep : what was written stays, whatever goes wrong; if need be without its end.
 
     Raises
     ------
     UserError : something is there already, or it cannot be written.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, keep: bool = False) -> None:
+        self._keep = keep
+        self._torn = False      # a write failed: the end of the file is not known
         self.path = Path(os.path.abspath(path))
         self._name = Path(path)
         self._bare = self.path.suffix == '.mcap'
@@ -77,8 +81,14 @@ class BagWriter:
                  trace: TracebackType | None) -> None:
         if kind is None:
             self.close()
-        else:
+        elif not self._keep or not any(self.counts().values()):
             self.abort()
+        elif self._torn:
+            self._give_up()
+        else:
+            with contextlib.suppress(UserError):  # the first error is the one to be told
+                self.close()
+                self._say_kept()
 
     def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] | Qos | None = None, *,
                   definition: str = '', definition_format: str = 'ros2msg', type_hash: str = ''
@@ -131,14 +141,23 @@ class BagWriter:
         self._write(block)
 
     def flush(self) -> None:
-        """Hand what `write` gathered to the operating system."""
+        """Hand what `write` gathered to the operating system.
+
+        Raises
+        ------
+        UserError : the disk is full or the like.
+        """
         if self._pending[0]:
             block = from_messages(*self._pending)
             self._pending = ([], [], [], [])
             self._pending_size = 0
             self._write(block)
         if self._stream is not None:
-            self._stream.flush()
+            try:
+                self._stream.flush()
+            except OSError as error:
+                self._torn = True
+                raise self._unwritable(error) from error
 
     def counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
@@ -151,7 +170,7 @@ class BagWriter:
 
         Raises
         ------
-        UserError : that was not possible; nothing is left behind.
+        UserError : that was not possible; nothing is left behind, but for what is to be kept.
         """
         try:
             self.flush()
@@ -160,20 +179,41 @@ class BagWriter:
                                                                      sort_keys=False).strip()})
             assert self._stream is not None
             self._stream.close()
-            if self._bare:
-                os.link(self._folder / self._file, self.path)  # fails where something is by now
-                shutil.rmtree(self._folder)
-            else:
+            if not self._bare:
                 text = yaml.safe_dump({'rosbag2_bagfile_information': information},
                                       sort_keys=False)
                 (self._folder / 'metadata.yaml').write_text(text, encoding='utf-8')
-                os.rename(self._folder, self.path)
+            self._move()
         except OSError as error:
-            self.abort()
+            self._give_up()
             raise self._unwritable(error) from error
         except BaseException:
-            self.abort()
+            self._give_up()
             raise
+
+    def _move(self) -> None:
+        """Put what was written in its place; fails where something is by now."""
+        if self._bare:
+            os.link(self._folder / self._file, self.path)
+            shutil.rmtree(self._folder)
+        else:
+            os.rename(self._folder, self.path)
+
+    def _give_up(self) -> None:
+        """Leave nothing behind; of what is to be kept, all that can be read of it."""
+        if not self._keep or not any(self._mcap.counts.values()):
+            self.abort()
+            return
+        if self._stream is not None:
+            with contextlib.suppress(OSError):
+                self._stream.close()
+        with contextlib.suppress(OSError):
+            self._move()
+        self._say_kept()
+
+    def _say_kept(self) -> None:
+        place = self._folder if self._folder.exists() else self._name
+        print(f'{place} holds what was written until then', file=sys.stderr)
 
     def abort(self) -> None:
         """Leave nothing behind."""
@@ -188,6 +228,7 @@ class BagWriter:
         try:
             self._mcap.write(block)
         except OSError as error:
+            self._torn = True
             raise self._unwritable(error) from error
 
     def _information(self) -> dict[str, Any]:
