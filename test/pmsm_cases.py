@@ -11,9 +11,9 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.pmsm import build
 from estimator_pkg.observers.pmsm_gains import Gains
 from estimator_pkg.parameters import build as build_parameters
-from sim_pkg.pmsm_drive import Drive
-from sim_pkg.pmsm_parameters import PmsmParameters
-from sim_pkg.pmsm_profiles import Profile
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.profiles import Profile
 
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 RATE, DT = 20000.0, 5e-5

@@ -14,7 +14,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.parameters import build
-from sim_pkg.dc_motor import SIMULATOR, MotorParameters
+from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
 
 MODULE = 'estimator_pkg.nodes.adaptive_observer'
 

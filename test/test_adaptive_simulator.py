@@ -13,8 +13,8 @@ from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers import find
 from estimator_pkg.parameters import build, declared
-from sim_pkg.dc_motor import SIMULATOR, Motor, MotorParameters
-from sim_pkg.driven import _Motion, advance
+from sim_pkg.joints.dc_motor import SIMULATOR, Motor, MotorParameters
+from sim_pkg.joints.driven import _Motion, advance
 
 MOTION, TRUTH = 'joint_states', 'ground_truth/joint_states'
 

@@ -28,7 +28,7 @@ from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
 from estimator_pkg.parameters import build
-from sim_pkg.dc_motor import SIMULATOR, MotorParameters
+from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
 
 MS = 1_000_000
 START = 10 ** 15

@@ -26,7 +26,7 @@ from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.nodes.domain import free_domain
 from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.parameters import build
-from sim_pkg.encoder import SIMULATOR, EncoderParameters
+from sim_pkg.joints.encoder import SIMULATOR, EncoderParameters
 from sim_pkg.nodes import simulator_node
 from sim_pkg.nodes.deadline import Deadlines
 from sim_pkg.nodes.simulator_node import SimulatorNode
@@ -302,7 +302,7 @@ from sim_pkg.nodes.executable import process
 
 def make_node():
     import rclpy
-    from sim_pkg.encoder import SIMULATOR
+    from sim_pkg.joints.encoder import SIMULATOR
     from sim_pkg.nodes.simulator_node import SimulatorNode
 
     def generate(*arguments):

@@ -18,8 +18,8 @@ from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build
-from sim_pkg import cart_pendulum, pendulum, robotic_leg
-from sim_pkg.mechanism_simulator import MechanismParameters, stream
+from sim_pkg.mechanisms import cart_pendulum, pendulum, robotic_leg
+from sim_pkg.mechanisms.stream import MechanismParameters, stream
 
 ROOT = Path(__file__).parent.parent
 RECORDINGS = ROOT / 'bags'

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.recordings import judge
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.parameters import build
-from sim_pkg.pmsm_simulator import SIMULATOR, PmsmSimulatorParameters
+from sim_pkg.pmsm.simulator import SIMULATOR, PmsmSimulatorParameters
 
 ROOT = Path(__file__).resolve().parent.parent
 BAGS = ROOT / 'bags' / 'simulated'

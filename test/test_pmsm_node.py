@@ -15,7 +15,7 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.nodes.pmsm_settings import PmsmSettings
-from sim_pkg.pmsm_simulator import SIMULATOR, PmsmSimulatorParameters
+from sim_pkg.pmsm.simulator import SIMULATOR, PmsmSimulatorParameters
 
 OBSERVER, SIMULATION = 'estimator_pkg.nodes.pmsm_observer', 'sim_pkg.nodes.pmsm_sim'
 PARAMS = Path(__file__).resolve().parent.parent / 'config' / 'pmsm_observer.yaml'
@@ -25,13 +25,11 @@ MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs
 
 def node(name, *, params=PARAMS, **values):
     """pmsm_observer, not compiled, under a name and topics of its own."""
-    words = ['-r', f'__node:={name}', '-r', f'drive_samples:=/{name}/samples',
-             '-r', f'current:=/{name}/current', '-r', f'voltage:=/{name}/voltage']
-    if params is not None:
-        words += ['--params-file', str(params)]
-    for key, value in {'compile': False, **values}.items():
-        words += ['-p', f'{key}:={str(value).lower() if isinstance(value, bool) else value}']
-    return dds.NodeProcess(OBSERVER, '--ros-args', *words)
+    remap = (f'__node:={name}', f'drive_samples:=/{name}/samples',
+             f'current:=/{name}/current', f'voltage:=/{name}/voltage')
+    return dds.NodeProcess(OBSERVER, *dds.ros_args(
+        *(f'{key}:={str(value).lower() if isinstance(value, bool) else value}'
+          for key, value in {'compile': False, **values}.items()), remap=remap, file=params))
 
 
 class Drive:

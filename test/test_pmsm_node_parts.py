@@ -21,7 +21,7 @@ from estimator_pkg.observers.contract import INITIALISING, TRACKING
 from estimator_pkg.observers.pmsm_gains import Gains
 from estimator_pkg.parameters import build, declared
 from sim_pkg.nodes.settings import RunSettings
-from sim_pkg.pmsm_simulator import PmsmSimulatorParameters, Source
+from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
 
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN = 1_700_000_000_000_000_000

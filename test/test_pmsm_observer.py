@@ -42,9 +42,9 @@ from estimator_pkg.observers.pmsm_watch import (
     prepare_watch,
 )
 from estimator_pkg.parameters import build as build_parameters
-from sim_pkg.pmsm_drive import Drive
-from sim_pkg.pmsm_parameters import PmsmParameters
-from sim_pkg.pmsm_profiles import P1, Profile
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.profiles import P1, Profile
 from sim_pkg.reproduce.pmsm_observer import run_log, start_state
 from sim_pkg.reproduce.pmsm_reference import signals
 

@@ -17,13 +17,13 @@ from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.pmsm import build as build_observer
 from estimator_pkg.observers.pmsm_gains import Gains
 from estimator_pkg.parameters import build, declared
-from sim_pkg.pmsm_control import current_control, speed_control
-from sim_pkg.pmsm_drive import Drive, quantised
-from sim_pkg.pmsm_inverter import dead_time_error, edges, limited, switch
-from sim_pkg.pmsm_parameters import PmsmParameters
-from sim_pkg.pmsm_plant import electric, move, resisting, torque
-from sim_pkg.pmsm_profiles import NAMES, P1, Profile, named
-from sim_pkg.pmsm_sensorless import RUNNING, begin, make_feedback
+from sim_pkg.pmsm.control import current_control, speed_control
+from sim_pkg.pmsm.drive import Drive, quantised
+from sim_pkg.pmsm.inverter import dead_time_error, edges, limited, switch
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.plant import electric, move, resisting, torque
+from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
+from sim_pkg.pmsm.sensorless import RUNNING, begin, make_feedback
 from sim_pkg.reproduce.pmsm_observer import judge, run_log
 
 RPM = math.pi / 30.0

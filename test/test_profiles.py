@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator_pkg.parameters import build, declared
-from sim_pkg.profiles import (
+from sim_pkg.joints.profiles import (
     NAMES,
     ProfileParameters,
     chirp,

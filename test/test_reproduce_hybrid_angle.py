@@ -16,7 +16,7 @@ from estimator_pkg.observers import hybrid_angle_continuous as continuous
 from estimator_pkg.observers import injections
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
-from sim_pkg import profiles
+from sim_pkg.joints import profiles
 from sim_pkg.reproduce import contract, hybrid_continuous, splitmix
 from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, EXACT, PERCENT, Part, Reference, Row
 from sim_pkg.reproduce.hybrid_angle import REPRODUCTION

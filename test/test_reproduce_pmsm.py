@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_pkg.pmsm_profiles import P1, Profile
+from sim_pkg.pmsm.profiles import P1, Profile
 from sim_pkg.reproduce import pmsm_alias_rows, pmsm_continuous_rows, pmsm_drive_rows
 from sim_pkg.reproduce.pmsm import REPRODUCTION
 from sim_pkg.reproduce.pmsm_alias_rows import ROBUST, outcome

@@ -7,7 +7,7 @@ import pytest
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import build
-from sim_pkg.sensor import TURN, AngleSensor, Episodes, Line, SensorParameters, written
+from sim_pkg.joints.sensor import TURN, AngleSensor, Episodes, Line, SensorParameters, written
 
 COUNT = 40_000
 

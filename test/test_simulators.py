@@ -13,8 +13,8 @@ from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build, declared
-from sim_pkg.cart_pendulum import Feedback
-from sim_pkg.mechanism_simulator import MechanismParameters, fastest, stream
+from sim_pkg.mechanisms.cart_pendulum import Feedback
+from sim_pkg.mechanisms.stream import MechanismParameters, fastest, stream
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
 

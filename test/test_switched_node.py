@@ -10,7 +10,7 @@ import pytest
 
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.models import gripper as model
-from sim_pkg.gripper import SIMULATOR
+from sim_pkg.joints.gripper import SIMULATOR
 
 MODULE = 'estimator_pkg.nodes.switched_observer'
 QUANTUM = 2.0 * math.pi / 65536

@@ -9,7 +9,7 @@ from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models import gripper as model
 from estimator_pkg.observers.switched import OBSERVER
 from estimator_pkg.parameters import build
-from sim_pkg.gripper import SIMULATOR, Gripper, GripperParameters
+from sim_pkg.joints.gripper import SIMULATOR, Gripper, GripperParameters
 
 
 def messages(duration, seed=1, **values):

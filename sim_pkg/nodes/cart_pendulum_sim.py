@@ -24,7 +24,7 @@ def make_node(**options: Any) -> SimulatorNode:
     import rclpy
     from sensor_msgs.msg import JointState
 
-    from sim_pkg.cart_pendulum import SIMULATOR, Feedback, generate
+    from sim_pkg.mechanisms.cart_pendulum import SIMULATOR, Feedback, generate
     from sim_pkg.nodes.simulator_node import SENSOR_DATA, SimulatorNode
 
     feedback = Feedback()

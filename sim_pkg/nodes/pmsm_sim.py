@@ -1,6 +1,6 @@
 """The executable `pmsm_sim`: the simulator `pmsm`, live.
 
-To run it in an executor of your own, give `sim_pkg.pmsm_simulator.SIMULATOR` to a
+To run it in an executor of your own, give `sim_pkg.pmsm.simulator.SIMULATOR` to a
 `sim_pkg.nodes.simulator_node.SimulatorNode`.
 """
 
@@ -8,7 +8,7 @@ import sys
 
 from sim_pkg.nodes.executable import executable
 
-main = executable('pmsm_sim', 'sim_pkg.pmsm_simulator')
+main = executable('pmsm_sim', 'sim_pkg.pmsm.simulator')
 
 if __name__ == '__main__':
     sys.exit(main())

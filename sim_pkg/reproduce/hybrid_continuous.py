@@ -27,7 +27,7 @@ from estimator_pkg.observers.hybrid_angle_continuous import (
     make_lyapunov,
     observer_gains,
 )
-from sim_pkg import profiles
+from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 
 Array = NDArray[np.floating[Any]]

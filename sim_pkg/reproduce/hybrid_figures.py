@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from estimator_pkg.observers import injections
-from sim_pkg import profiles
+from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.hybrid_continuous import MARGIN, Trace, figure_4, figure_5
 from sim_pkg.reproduce.hybrid_continuous_rows import FOUR

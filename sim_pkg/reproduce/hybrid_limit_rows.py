@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator_pkg.observers import injections
 from estimator_pkg.observers.hybrid_angle_continuous import observer_gains
-from sim_pkg import profiles
+from sim_pkg.joints import profiles
 from sim_pkg.reproduce.contract import (
     AT_LEAST,
     AT_MOST,

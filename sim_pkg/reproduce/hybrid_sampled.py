@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg.observers import hybrid_angle
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.parameters import build
-from sim_pkg.profiles import Profile
+from sim_pkg.joints.profiles import Profile
 from sim_pkg.reproduce.hybrid_continuous import K1, K2, MARGIN
 
 Array = NDArray[np.floating[Any]]

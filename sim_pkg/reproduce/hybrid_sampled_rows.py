@@ -12,7 +12,7 @@ from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.observers import hybrid_angle
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
-from sim_pkg import profiles
+from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.contract import AT_MOST, EXACT, PERCENT, Part, Reference, Values, family
 from sim_pkg.reproduce.hybrid_continuous_rows import FOUR, SEEDS, four

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_pkg.pmsm_profiles import Profile
+from sim_pkg.joints.sensor import random_stream
+from sim_pkg.pmsm.profiles import Profile
 from sim_pkg.reproduce.contract import ABSOLUTE, AT_MOST, PERCENT, Part, Reference, Values
 from sim_pkg.reproduce.pmsm_observer import PAPER, ROBUST, functions_of, run_log, start_state
 from sim_pkg.reproduce.pmsm_reference import FLUX, GAMMA, POLE_PAIRS, Signals, settling, signals
 from sim_pkg.reproduce.pmsm_references import ALIASING, rows
-from sim_pkg.sensor import random_stream
 
 RATE = 20000.0
 DURATION = 0.6      # s

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_pkg.pmsm_drive import Drive
-from sim_pkg.pmsm_parameters import PmsmParameters
-from sim_pkg.pmsm_profiles import Profile
-from sim_pkg.pmsm_sensorless import RUNNING, begin, make_feedback
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.profiles import Profile
+from sim_pkg.pmsm.sensorless import RUNNING, begin, make_feedback
 from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, Part, Reference, Values
 from sim_pkg.reproduce.pmsm_observer import ROBUST, Verdict, functions_of, judge, run_log
 

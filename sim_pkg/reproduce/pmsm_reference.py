@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.observers.pmsm_equations import emf, flow, reflect, wants_reflection
 from estimator_pkg.observers.pmsm_identifier import empty_registers, shift, solve
-from sim_pkg.pmsm_profiles import P1, Profile
+from sim_pkg.pmsm.profiles import P1, Profile
 
 # Table 1
 RESISTANCE, INDUCTANCE, FLUX, POLE_PAIRS = 0.06, 33.75e-6, 1.9e-3, 7

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from estimator_pkg.observers.drive import DriveFunctions
-from sim_pkg.pmsm_drive import Drive
-from sim_pkg.pmsm_parameters import PmsmParameters
-from sim_pkg.pmsm_profiles import P1, Profile
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.profiles import P1, Profile
 from sim_pkg.reproduce.contract import EXACT, Part, Reference, Values
 from sim_pkg.reproduce.pmsm_continuous_rows import shown, time_reference
 from sim_pkg.reproduce.pmsm_observer import PAPER, functions_of, observer_run, run_log, start_state

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.driven import MEASURED, SUBSTEP, TRUTH, DrivenParameters, stream
-from sim_pkg.sensor import fixed
+from sim_pkg.joints.driven import MEASURED, SUBSTEP, TRUTH, DrivenParameters, stream
+from sim_pkg.joints.sensor import fixed
 
 RANDOM, SQUARE, SINES, EXAMPLE = 'random', 'square', 'sines', 'random_then_square'
 
@@ -48,7 +48,7 @@ class MotorParameters(DrivenParameters):
 
 
 class Motor:
-    """The plant; see `sim_pkg.driven.Plant`."""
+    """The plant; see `sim_pkg.joints.driven.Plant`."""
 
     def __init__(self, parameters: MotorParameters, seed: int) -> None:
         self._p = parameters

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from sim_pkg.pmsm_plant import Plant, move
+from sim_pkg.pmsm.plant import Plant, move
 
 HALF_ROOT_3 = 0.5 * math.sqrt(3.0)
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.mechanism_simulator import CHUNK, MechanismParameters, Vector, merged, stream, topics
-from sim_pkg.pendulum_control import balancing_force, triangle
-from sim_pkg.sensor import fixed
+from sim_pkg.joints.sensor import fixed
+from sim_pkg.mechanisms.balance import balancing_force, triangle
+from sim_pkg.mechanisms.stream import CHUNK, MechanismParameters, Vector, merged, stream, topics
 
 OPEN, TRUE_VELOCITY, OBSERVER = 'open', 'true_velocity', 'observer'
 FULL, NORMALISED = 'full', 'normalised'

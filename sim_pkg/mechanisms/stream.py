@@ -24,7 +24,7 @@ from estimator_pkg.observers.mechanical_velocity import make_acceleration
 from estimator_pkg.parameters import parameter
 from sim_pkg.chunks import sample_count
 from sim_pkg.contract import Message, Topic, followed, ran_away
-from sim_pkg.sensor import SECOND, fixed, random_stream
+from sim_pkg.joints.sensor import SECOND, fixed, random_stream
 
 MEASURED = Topic('joint_states', JOINT_STATE)
 TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)

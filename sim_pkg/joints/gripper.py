@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from estimator_pkg.models import gripper
 from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.driven import EVENTS, MEASURED, TRUTH, DrivenParameters, stream
-from sim_pkg.sensor import fixed
+from sim_pkg.joints.driven import EVENTS, MEASURED, TRUTH, DrivenParameters, stream
+from sim_pkg.joints.sensor import fixed
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class GripperParameters(DrivenParameters):
 
 
 class Gripper:
-    """The plant; see `sim_pkg.driven.Plant`."""
+    """The plant; see `sim_pkg.joints.driven.Plant`."""
 
     def __init__(self, parameters: GripperParameters) -> None:
         self._p = parameters

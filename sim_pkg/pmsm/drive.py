@@ -2,7 +2,7 @@
 
 `make_loop` puts the parts together as one pure function over a chunk of samples, so that it can be
 compiled. What feeds the controller its angle and speed is an argument: the true ones (`sensored`),
-or an observer (`sim_pkg.pmsm_sensorless`).
+or an observer (`sim_pkg.pmsm.sensorless`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import available, compiled
-from sim_pkg.pmsm_control import current_control, speed_control
-from sim_pkg.pmsm_inverter import dead_time_error, switch
-from sim_pkg.pmsm_parameters import PmsmParameters
-from sim_pkg.pmsm_plant import Plant, move
-from sim_pkg.pmsm_profiles import Profile
-from sim_pkg.sensor import random_stream
+from sim_pkg.joints.sensor import random_stream
+from sim_pkg.pmsm.control import current_control, speed_control
+from sim_pkg.pmsm.inverter import dead_time_error, switch
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.plant import Plant, move
+from sim_pkg.pmsm.profiles import Profile
 
 CHUNK = 0.01  # s simulated at a time: the temperature steps once per chunk
 

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
-from sim_pkg.pmsm_control import Control, tuned
-from sim_pkg.pmsm_plant import Plant
-from sim_pkg.pmsm_profiles import NAMES, Profile, named
-from sim_pkg.profiles import fixed
+from sim_pkg.joints.profiles import fixed
+from sim_pkg.pmsm.control import Control, tuned
+from sim_pkg.pmsm.plant import Plant
+from sim_pkg.pmsm.profiles import NAMES, Profile, named
 
 COPPER = 0.0039   # 1/K, of the resistance
 MAGNET = -0.0011  # 1/K, of the flux (neodymium)

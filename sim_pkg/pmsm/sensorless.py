@@ -14,13 +14,13 @@ from estimator_pkg.observers.contract import NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.drive import DriveFunctions
 from estimator_pkg.observers.pmsm_equations import rotor_angle
 from estimator_pkg.observers.pmsm_state import CORE
-from sim_pkg.pmsm_parameters import PmsmParameters
+from sim_pkg.pmsm.parameters import PmsmParameters
 
 WAITING, FORCED, RUNNING = 0.0, 1.0, 2.0
 
 
 def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
-    """A feedback for `pmsm_drive.make_loop`; its state is from `begin`."""
+    """A feedback for `drive.make_loop`; its state is from `begin`."""
     step, output = functions.step, functions.output
 
     def feedback(held: tuple, current: complex, voltage: complex, theta: float, speed: float,

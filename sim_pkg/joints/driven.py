@@ -19,7 +19,7 @@ from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Topic, followed
-from sim_pkg.sensor import (
+from sim_pkg.joints.sensor import (
     MULTI_TURN,
     SECOND,
     SIGNED,

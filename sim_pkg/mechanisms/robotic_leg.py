@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from estimator_pkg.models.load import load
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.mechanism_simulator import MechanismParameters, Vector, merged, stream, topics
-from sim_pkg.sensor import fixed
+from sim_pkg.joints.sensor import fixed
+from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream, topics
 
 START = (2.2, 1.8, 0.4)
 

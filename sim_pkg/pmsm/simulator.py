@@ -19,10 +19,10 @@ from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.motor import POWER_INVARIANT, phases
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic, ran_away
-from sim_pkg.pmsm_drive import Drive
-from sim_pkg.pmsm_parameters import PmsmParameters
-from sim_pkg.profiles import fixed
-from sim_pkg.sensor import random_stream
+from sim_pkg.joints.profiles import fixed
+from sim_pkg.joints.sensor import random_stream
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.parameters import PmsmParameters
 
 BATCHES, SINGLE = 'batches', 'single'
 SAMPLES = Topic('drive_samples', drive_samples.TYPE)

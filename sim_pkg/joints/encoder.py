@@ -14,8 +14,8 @@ from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.profiles import Profile, ProfileParameters, fixed, make_profile
-from sim_pkg.sensor import (
+from sim_pkg.joints.profiles import Profile, ProfileParameters, fixed, make_profile
+from sim_pkg.joints.sensor import (
     RAW_COUNTS,
     SECOND,
     AngleSensor,

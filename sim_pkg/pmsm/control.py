@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from sim_pkg.pmsm_inverter import limited
+from sim_pkg.pmsm.inverter import limited
 
 # (kp current [ohm], ki current x period [ohm], kp speed [N m s], ki speed x period [N m s],
 #  torque constant [N m/A], largest current [A], L [H], flux [Wb], pole pairs, period [s],

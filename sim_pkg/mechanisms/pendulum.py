@@ -10,8 +10,8 @@ import numpy as np
 
 from estimator_pkg.models.load import load
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.mechanism_simulator import MechanismParameters, Vector, merged, stream, topics
-from sim_pkg.sensor import fixed, random_stream
+from sim_pkg.joints.sensor import fixed, random_stream
+from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream, topics
 
 PLANT = {'inertia': 0.05, 'damping': 0.02, 'gravity': 1.5, 'coulomb': 0.05}
 SINES = 12

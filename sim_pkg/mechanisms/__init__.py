@@ -1,0 +1,1 @@
+"""Mechanisms that move by their equations, and the encoders that read them."""

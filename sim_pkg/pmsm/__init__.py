@@ -1,0 +1,1 @@
+"""A permanent-magnet motor in its drive: plant, inverter, controller, and what it publishes."""
