@@ -194,6 +194,13 @@ def test_messages_that_are_damaged_are_left_out(kind, data, said, tmp_path, caps
     assert capsys.readouterr().err.count(said) == 1
 
 
+def test_a_damaged_size_takes_no_memory(tmp_path):
+    with open_bag(make.mcap(tmp_path / 'a.mcap', make.content(30))) as bag:
+        mcap, _ = bag._mcaps[0]
+        mcap._parts = [part._replace(index_size=2**50) for part in mcap._parts]
+        assert len(list(bag.messages())) == bag.count
+
+
 def test_a_missing_file_of_a_split_bag_is_named(tmp_path, capsys):
     messages = make.content()
     path = make.KINDS['mcap split'](tmp_path / 'bag', messages)

@@ -70,6 +70,7 @@ class McapFile:
         self.metadata: dict[str, dict[str, str]] = {}
         self._parts: list[_Part] = []
         self._file = path.open('rb')  # closed by `close`
+        self._size = path.stat().st_size
         try:
             self._open()
         except BaseException:
@@ -111,7 +112,7 @@ class McapFile:
 
     def _scan(self) -> None:
         """Walk all records; what the end of the file cuts off is left out, with a warning."""
-        size = self._file.seek(0, io.SEEK_END)
+        size = self._size
         at, whole, loose = len(MAGIC), False, False
         view = memoryview(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
         end = size
@@ -207,7 +208,7 @@ class McapFile:
         packed_size = int.from_bytes(rest[text:], 'little')
         if packed_size > LARGEST:
             raise damaged('wrong size')
-        packed = self._file.read(packed_size) if len(rest) == text + 8 else b''
+        packed = self._read(packed_size) if len(rest) == text + 8 else b''
         try:
             if len(packed) == packed_size:
                 data = _unpack(packed, compression, size)
@@ -221,12 +222,16 @@ class McapFile:
             raise damaged('wrong checksum')
         return np.frombuffer(data, np.uint8), False
 
+    def _read(self, size: int) -> bytes:
+        """So many bytes, or up to the end: a damaged size must not take all the memory."""
+        return self._file.read(min(size, self._size))
+
     def _indexed_offsets(self, part: _Part) -> NDArray[np.int64] | None:
         """Where the message records stand by the chunk's index, ascending; None if there is none.
 
         The file must have just been read up to the end of the chunk: the index stands behind it.
         """
-        raw = self._file.read(part.index_size)
+        raw = self._read(part.index_size)
         at, found = 0, []
         while at + _RECORD.size + 6 <= len(raw):
             opcode, length = _RECORD.unpack_from(raw, at)
