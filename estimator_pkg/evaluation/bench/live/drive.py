@@ -8,20 +8,24 @@ from __future__ import annotations
 import json
 import statistics
 import sys
+import threading
 import time
 from contextlib import ExitStack
 
+from estimator_pkg.nodes.runtime import run as run_node  # first: settles what rclpy reads  # isort: skip
+
 import numpy as np
 import psutil
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
-from estimator_pkg.evaluation.bench.drive import MOTOR, RATE, simulate
-from estimator_pkg.evaluation.bench.live.processes import (
-    cpu,
-    process,
-    result,
-)
+from estimator_pkg.evaluation.bench.drive import MOTOR, simulate
+from estimator_pkg.evaluation.bench.live.processes import cpu, process, result
+from estimator_pkg.messages import drive_samples
 from estimator_pkg.nodes.domain import free_domain
-from estimator_pkg.nodes.runtime import run as run_node
 
 MODULE = 'estimator_pkg.nodes.pmsm_observer'
 FEEDER = 'estimator_pkg.evaluation.bench.live.drive'
@@ -41,12 +45,11 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
     """
     domain = free_domain()
     values = {**MOTOR, 'compile': fast}
-    extra = ['--ros-args']
-    for name, value in values.items():
-        extra += ['-p', f'{name}:={str(value).lower()}']
+    words = [word for name, value in values.items()
+             for word in ('-p', f'{name}:={str(value).lower()}')]
     with ExitStack() as stack:
-        node = stack.enter_context(process('node', domain=domain, extra=tuple(extra),
-                                           module=MODULE))
+        node = stack.enter_context(process('node', domain=domain, module=MODULE,
+                                           extra=('--ros-args', *words)))
         meter = psutil.Process(node.pid)
         feeder = stack.enter_context(process('node', domain=domain, module=FEEDER,
                                              extra=('feed', str(rate), str(seconds))))
@@ -62,74 +65,84 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
 
 
 
+class Feeder(Node):
+    """Publishes batches as a drive would, and notes when each leaves and when its answer comes.
+
+    Parameters
+    ----------
+    rate : of the samples [Hz]. seconds : how long.
+
+    Attributes
+    ----------
+    sent, answered : times, batch by batch [s]; the first `EMPTY` ones have no row.
+    steps : the node's own mean times of a step [ms], as in its diagnostics.
+    """
+
+    def __init__(self, rate: float, seconds: float) -> None:
+        super().__init__('benchmark_drive')
+        self.sent: list[float] = []
+        self.answered: list[float] = []
+        self.steps: list[float] = []
+        self._period = ROWS / rate
+        self._signal = simulate({'publish_rate': rate, 'profile': 'ramps', 'profile_time': 1.0},
+                                seconds)
+        self._publisher = self.create_publisher(Float64MultiArray, 'drive_samples', 50)
+        self.create_subscription(JointState, '/pmsm_observer/estimate',
+                                 lambda raw: self.answered.append(time.perf_counter()), 500,
+                                 raw=True)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        threading.Thread(target=self._play, daemon=True).start()
+
+    def _diagnosed(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == '/pmsm_observer':
+                mean = {item.key: item.value for item in status.values}['step_time_mean_us']
+                if float(mean) > 0.0:
+                    self.steps.append(1e-3 * float(mean))
+
+    def _send(self, raw: bytes) -> None:
+        self.sent.append(time.perf_counter())
+        self._publisher.publish(raw)
+
+    def _play(self) -> None:
+        while not self._publisher.get_subscription_count():
+            time.sleep(0.02)
+        time.sleep(1.0)  # for the connection of the answers
+        nothing = drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))
+        for _ in range(EMPTY):
+            self._send(nothing)
+            time.sleep(self._period)
+        time.sleep(0.2)
+        print('started', flush=True)
+        stamps, samples = self._signal.stamps, self._signal.samples
+        begun = time.perf_counter()
+        stamps = stamps + (time.time_ns() - int(stamps[0]))
+        for index, start in enumerate(range(0, len(stamps) - ROWS + 1, ROWS)):
+            raw = drive_samples.encode(stamps[start:start + ROWS], samples[start:start + ROWS])
+            wait = begun + (index + 1) * self._period - time.perf_counter()
+            if wait > 0.0:
+                time.sleep(wait)
+            self._send(raw)
+        time.sleep(1.5)
+        rclpy.try_shutdown()
+
+
 def feed(rate: float, seconds: float) -> None:
-    """Publishes batches as a drive would; ends with how many were answered and how soon."""
-    begun_at: list[float] = []
-    trips: list[float] = []
-    steps: list[float] = []
+    """Feeds a node; ends with how many batches were answered and how soon."""
+    made: list[Feeder] = []
 
-    def make():
-        import threading
-
-        import rclpy
-        from diagnostic_msgs.msg import DiagnosticArray
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import Float64MultiArray
-
-        from estimator_pkg.messages import drive_samples
-
-        node = rclpy.create_node('benchmark_drive')
-        publisher = node.create_publisher(Float64MultiArray, 'drive_samples', 50)
-
-        def answered(raw: bytes) -> None:
-            trips.append(time.perf_counter() - begun_at[len(trips)])
-
-        def diagnosed(message: DiagnosticArray) -> None:
-            for status in message.status:
-                if status.name == '/pmsm_observer':
-                    mean = {item.key: item.value for item in status.values}['step_time_mean_us']
-                    if float(mean) > 0.0:
-                        steps.append(1e-3 * float(mean))
-
-        node.create_subscription(JointState, '/pmsm_observer/estimate', answered, 500, raw=True)
-        node.create_subscription(DiagnosticArray, '/diagnostics', diagnosed, 10)
-        every = round(RATE / rate)
-        signal = simulate({'publish_rate': rate, 'profile': 'ramps',
-                                       'profile_time': 1.0}, seconds)
-        assert every >= 1
-
-        def play() -> None:
-            while not publisher.get_subscription_count():
-                time.sleep(0.02)
-            time.sleep(1.0)  # for the connection of the answers
-            nothing = drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))
-            for _ in range(EMPTY):
-                begun_at.append(time.perf_counter())
-                publisher.publish(nothing)
-                time.sleep(ROWS / rate)
-            time.sleep(0.2)
-            print('started', flush=True)
-            begun, begun_ns = time.perf_counter(), time.time_ns()
-            shift = begun_ns - int(signal.stamps[0])
-            for index, start in enumerate(range(0, len(signal.stamps) - ROWS + 1, ROWS)):
-                raw = drive_samples.encode(signal.stamps[start:start + ROWS] + shift,
-                                           signal.samples[start:start + ROWS])
-                wait = begun + (index + 1) * ROWS / rate - time.perf_counter()
-                if wait > 0.0:
-                    time.sleep(wait)
-                begun_at.append(time.perf_counter())
-                publisher.publish(raw)
-            time.sleep(1.5)
-            rclpy.try_shutdown()
-
-        threading.Thread(target=play, daemon=True).start()
-        return node
+    def make() -> Feeder:
+        made.append(Feeder(rate, seconds))
+        return made[0]
 
     run_node(make, [])
-    transport, full = (1e3 * statistics.median(part) for part in (trips[:EMPTY], trips[EMPTY:]))
-    print(json.dumps({'sent': len(begun_at), 'answered': len(trips), 'round_trip_ms': full,
-                      'transport_ms': transport, 'leaves_ms': full - transport,
-                      'step_ms': statistics.median(steps)}), flush=True)
+    feeder = made[0]
+    trips = [1e3 * (came - left) for left, came in zip(feeder.sent, feeder.answered)]
+    transport, full = statistics.median(trips[:EMPTY]), statistics.median(trips[EMPTY:])
+    print(json.dumps({'sent': len(feeder.sent), 'answered': len(feeder.answered),
+                      'round_trip_ms': full, 'transport_ms': transport,
+                      'leaves_ms': full - transport,
+                      'step_ms': statistics.median(feeder.steps)}), flush=True)
 
 
 if __name__ == '__main__':

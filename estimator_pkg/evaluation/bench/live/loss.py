@@ -10,10 +10,7 @@ import sys
 import time
 from contextlib import ExitStack
 
-from estimator_pkg.evaluation.bench.live.processes import (
-    process,
-    result,
-)
+from estimator_pkg.evaluation.bench.live.processes import process, result
 from estimator_pkg.nodes.domain import free_domain
 
 OVERLOAD = 150  # joints with which no Python node keeps up at 5 kHz

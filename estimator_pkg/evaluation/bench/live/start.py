@@ -19,13 +19,7 @@ from contextlib import ExitStack
 
 import psutil
 
-from estimator_pkg.evaluation.bench.live.processes import (
-    NODES,
-    NULL,
-    cpu,
-    observer,
-    process,
-)
+from estimator_pkg.evaluation.bench.live.processes import NODES, NULL, cpu, observer, process
 from estimator_pkg.nodes.domain import free_domain
 
 RATE = 200.0        # [Hz] of the stream
