@@ -38,7 +38,9 @@ setup(
               'estimator_pkg.evaluation.identify', 'estimator_pkg.evaluation.report',
               'estimator_pkg.evaluation.smoother', 'estimator_pkg.evaluation.tuning',
               'sim_pkg', 'sim_pkg.joints', 'sim_pkg.mechanisms', 'sim_pkg.pmsm', 'sim_pkg.nodes',
-              'sim_pkg.reproduce', 'sim_pkg.demo'],
+              'sim_pkg.reproduce', 'sim_pkg.reproduce.adaptive', 'sim_pkg.reproduce.hybrid_angle',
+              'sim_pkg.reproduce.hybrid_discrete', 'sim_pkg.reproduce.mechanical',
+              'sim_pkg.reproduce.pmsm', 'sim_pkg.demo'],
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -132,11 +134,11 @@ setup(
             'pmsm = sim_pkg.pmsm.simulator:SIMULATOR',
         ],
         'velocity_estimator.reproductions': [
-            'hybrid_angle = sim_pkg.reproduce.hybrid_angle:REPRODUCTION',
-            'pmsm = sim_pkg.reproduce.pmsm:REPRODUCTION',
-            'adaptive = sim_pkg.reproduce.adaptive:REPRODUCTION',
-            'hybrid_discrete = sim_pkg.reproduce.hybrid_discrete:REPRODUCTION',
-            'mechanical = sim_pkg.reproduce.mechanical:REPRODUCTION',
+            'hybrid_angle = sim_pkg.reproduce.hybrid_angle.paper:REPRODUCTION',
+            'pmsm = sim_pkg.reproduce.pmsm.paper:REPRODUCTION',
+            'adaptive = sim_pkg.reproduce.adaptive.paper:REPRODUCTION',
+            'hybrid_discrete = sim_pkg.reproduce.hybrid_discrete.paper:REPRODUCTION',
+            'mechanical = sim_pkg.reproduce.mechanical.paper:REPRODUCTION',
         ],
     },
 )

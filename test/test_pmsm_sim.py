@@ -24,7 +24,7 @@ from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import electric, move, resisting, torque
 from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
 from sim_pkg.pmsm.sensorless import RUNNING, begin, make_feedback
-from sim_pkg.reproduce.pmsm_observer import judge, run_log
+from sim_pkg.reproduce.pmsm.observer import judge, run_log
 
 RPM = math.pi / 30.0
 PLANT = PmsmParameters(viscous=1e-5).plant()

@@ -17,10 +17,11 @@ from estimator_pkg.observers import injections
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
-from sim_pkg.reproduce import contract, hybrid_continuous, splitmix
+from sim_pkg.reproduce import contract, splitmix
 from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, EXACT, PERCENT, Part, Reference, Row
-from sim_pkg.reproduce.hybrid_angle import REPRODUCTION
-from sim_pkg.reproduce.hybrid_sampled import FIGURE_6, PERIOD, algorithm_1, samples
+from sim_pkg.reproduce.hybrid_angle import continuous as hybrid_continuous
+from sim_pkg.reproduce.hybrid_angle.paper import REPRODUCTION
+from sim_pkg.reproduce.hybrid_angle.sampled import FIGURE_6, PERIOD, algorithm_1, samples
 
 TURN = 2.0 * math.pi
 
@@ -107,7 +108,7 @@ def test_command_fails_when_a_row_fails(monkeypatch, capsys):
         'hybrid_angle', 'summary',
         (Part('p', (Reference('p a', 'the thing', 1.0, 0.1),), lambda: iter([('p a', 1.2)])),),
         '')
-    monkeypatch.setattr('sim_pkg.reproduce.hybrid_angle.REPRODUCTION', wrong)
+    monkeypatch.setattr('sim_pkg.reproduce.hybrid_angle.paper.REPRODUCTION', wrong)
     assert cli.main(['reproduce', 'hybrid_angle']) == 1
     out = capsys.readouterr().out
     assert 'NO' in out

@@ -3,7 +3,7 @@
 import pytest
 
 from estimator_pkg import cli
-from sim_pkg.reproduce.hybrid_discrete import REPRODUCTION
+from sim_pkg.reproduce.hybrid_discrete.paper import REPRODUCTION
 
 SLOW = ('B2',)
 PARTS = [pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else (), id=part.name)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 
 from estimator_pkg.driver.compiled import available
-from sim_pkg.reproduce import mechanical_benefit, mechanical_table, mechanical_tables
 from sim_pkg.reproduce.contract import Row
-from sim_pkg.reproduce.mechanical import REPRODUCTION
+from sim_pkg.reproduce.mechanical import benefit as mechanical_benefit
+from sim_pkg.reproduce.mechanical import table as mechanical_table
+from sim_pkg.reproduce.mechanical import tables as mechanical_tables
+from sim_pkg.reproduce.mechanical.paper import REPRODUCTION
 
 pytestmark = pytest.mark.skipif(not available(), reason='takes hours without numba')
 

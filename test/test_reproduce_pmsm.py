@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from sim_pkg.pmsm.profiles import P1, Profile
-from sim_pkg.reproduce import pmsm_alias_rows, pmsm_continuous_rows, pmsm_drive_rows
-from sim_pkg.reproduce.pmsm import REPRODUCTION
-from sim_pkg.reproduce.pmsm_alias_rows import ROBUST, outcome
-from sim_pkg.reproduce.pmsm_continuous_rows import drawn_times, later
-from sim_pkg.reproduce.pmsm_references import REFERENCE_RUNS, SCHEMES, rows
+from sim_pkg.reproduce.pmsm import alias_rows as pmsm_alias_rows
+from sim_pkg.reproduce.pmsm import continuous_rows as pmsm_continuous_rows
+from sim_pkg.reproduce.pmsm import drive_rows as pmsm_drive_rows
+from sim_pkg.reproduce.pmsm.alias_rows import ROBUST, outcome
+from sim_pkg.reproduce.pmsm.continuous_rows import drawn_times, later
+from sim_pkg.reproduce.pmsm.paper import REPRODUCTION
+from sim_pkg.reproduce.pmsm.references import REFERENCE_RUNS, SCHEMES, rows
 
 # the 120 starts and ten seeds per speed take long: here a part of each
 LONG = ('order', 'T6', 'status', 'loop')

@@ -1,0 +1,1 @@
+"""Gonzalez-Olvera, Tang: the adaptive observers."""

@@ -1,0 +1,146 @@
+"""Rows of the recorded pendulum: what the observer identifies of it, recording by recording.
+
+The paper has no recordings, so the references are what we found, there as guards against change;
+what the rows show is which numbers agree between the recordings and which are not trusted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.driver.adaptive_joint import AdaptiveJoint
+from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.observers.adaptive import OBSERVER
+from estimator_pkg.observers.adaptive_report import Report
+from estimator_pkg.parameters import build
+from sim_pkg.reproduce.contract import (
+    AT_LEAST,
+    AT_MOST,
+    EXACT,
+    PERCENT,
+    Part,
+    Reference,
+    Row,
+    Values,
+)
+
+RECORDINGS = {'energy_shaping': 'energy_shaping_200hz', 'sac': 'sac_200hz_multiturn',
+              'system_identification': 'system_identification_300hz',
+              'gravity_compensation': 'gravity_compensation_1000hz'}
+QUANTUM = 2.914e-3  # [rad] of the position column
+# Torque in; gravity is a known regressor and there is no spring. Where the joint sticks, or
+# somebody pushes it, nothing is learnt.
+SETTINGS: dict[str, Any] = {
+    'gravity': True, 'known': ('b1=0', 'k/J=0'), 'bandwidth_hz': 3.0, 'moving_above': 0.5,
+    'torque_constant': 1.0, 'quantum': QUANTUM}
+LINEAR: dict[str, Any] = {
+    'known': ('b1=0',), 'torque_constant': 1.0, 'quantum': QUANTUM}  # as somebody may start
+NAMES = {'1/J': 'Kv/J', 'b/J': 'b/J', 'mgl/J': 'mgl/J'}
+UNITS = {'1/J': '1/(kg m^2)', 'b/J': '1/s', 'mgl/J': '1/s^2'}
+FOUND = {  # value, standard deviation
+    'energy_shaping': {'1/J': (4.93, 0.195), 'b/J': (0.179, 0.0329), 'mgl/J': (19.6, 0.145)},
+    'sac': {'1/J': (5.06, 0.140), 'b/J': (0.172, 0.0164), 'mgl/J': (19.77, 0.141)},
+    'system_identification': {'1/J': (5.72, 0.942), 'b/J': (0.0956, 0.0790),
+                              'mgl/J': (20.49, 0.531)}}
+PAIRS = tuple(combinations(FOUND, 2))
+
+RECORDED = (
+    *(Reference(f'recorded {recording} {name}', f'identified [{UNITS[name]}]', value, 2.0, PERCENT)
+      for recording, row in FOUND.items() for name, (value, _) in row.items()),
+    *(Reference(f'recorded {recording} {name} stddev', f'one of it [{UNITS[name]}]', sigma, 10.0,
+                PERCENT)
+      for recording, row in FOUND.items() for name, (_, sigma) in row.items()),
+    *(Reference(f'recorded {recording} explained', 'part of the acceleration that was predicted',
+                0.99, kind=AT_LEAST) for recording in FOUND),
+    *(Reference(f'recorded disagreement {name}',
+                'largest difference of two recordings, in its standard deviations', 2.0,
+                kind=AT_MOST) for name in NAMES),
+    Reference('recorded gravity_compensation explained',
+              'part of the acceleration that was predicted: a hand moves the joint', 0.5,
+              kind=AT_MOST),
+    Reference('recorded gravity_compensation trusted', 'parameters that are trusted', 0.0,
+              kind=EXACT),
+    *(Reference(f'recorded spring {recording} trusted',
+                'parameters that are trusted with a spring in place of gravity', 0.0, kind=EXACT)
+      for recording in RECORDINGS),
+)
+
+
+def folder() -> Path | None:
+    """Where the recordings are; None: not here (they are no part of an installation)."""
+    for place in (Path('bags'), Path(__file__).parents[3] / 'bags'):
+        if (place / 'dfki_simple_pendulum').is_dir():
+            return place / 'dfki_simple_pendulum'
+    return None
+
+
+@lru_cache
+def identified(recording: str, linear: bool = False) -> Report:
+    """What the observer says at the end of a recording."""
+    place = folder()
+    assert place is not None
+    with open_bag(place / RECORDINGS[recording]) as bag:
+        series = next(iter(joint_series(bag, '/joint_states').values()))
+    joint = AdaptiveJoint(OBSERVER, build(OBSERVER.gains, LINEAR if linear else SETTINGS),
+                          JointSettings(wrap_period=0.0))
+    for stamp, angle, torque in zip(series.stamps_ns.tolist(), series.position.tolist(),
+                                    series.effort.tolist()):
+        joint.update(stamp, angle, torque)  # as live: a batch would end its blocks elsewhere
+    return joint.report()
+
+
+def values() -> Values:
+    """The values of all rows."""
+    found = {recording: identified(recording) for recording in RECORDINGS}
+    numbers = {recording: {item.name: item for item in report.parameters}
+               for recording, report in found.items()}
+    for recording in FOUND:
+        for name, own in NAMES.items():
+            yield f'recorded {recording} {name}', numbers[recording][own].value
+            yield f'recorded {recording} {name} stddev', numbers[recording][own].stddev
+        yield f'recorded {recording} explained', found[recording].explained
+    for name, own in NAMES.items():
+        yield f'recorded disagreement {name}', max(
+            abs(numbers[a][own].value - numbers[b][own].value)
+            / math.hypot(numbers[a][own].stddev, numbers[b][own].stddev) for a, b in PAIRS)
+    yield 'recorded gravity_compensation explained', found['gravity_compensation'].explained
+    yield 'recorded gravity_compensation trusted', _trusted(found['gravity_compensation'])
+    for recording in RECORDINGS:
+        yield f'recorded spring {recording} trusted', _trusted(identified(recording, linear=True))
+
+
+def _trusted(report: Report) -> int:
+    """How many of the parameters that had to be learnt are trusted."""
+    return sum(item.trusted for item in report.parameters if item.stddev > 0.0)
+
+
+def table(rows: Sequence[Row]) -> list[str]:
+    """The recordings beside each other, as lines; none if the rows were not asked for."""
+    value = {row.reference.id: row.value for row in rows}
+    if not all(reference.id in value for reference in RECORDED):
+        return []
+    lines = ['The recorded pendulum (torque in, gravity known as a regressor), value and its '
+             'standard deviation:', f'  {"recording":22}' + ''.join(
+                 f'{f"{name} [{UNITS[name]}]":>22}' for name in NAMES) + '  predicted']
+    for recording in FOUND:
+        numbers = ''.join(
+            f'{value[f"recorded {recording} {name}"]:14.4g} +- '
+            f'{value[f"recorded {recording} {name} stddev"]:<4.2g}' for name in NAMES)
+        lines.append(f'  {recording:22}{numbers}'
+                     f'{100.0 * value[f"recorded {recording} explained"]:9.1f} %')
+    lines.append(f'  {"gravity_compensation":22}{"nothing that is trusted":>66}'
+                 f'{100.0 * value["recorded gravity_compensation explained"]:9.1f} %')
+    worst = {name: value[f'recorded disagreement {name}'] for name in NAMES}
+    lines.append('  They agree within ' + ', '.join(
+        f'{far:.1f} ({name})' for name, far in worst.items()) + ' standard deviations.')
+    return lines
+
+
+PARTS = (Part('recorded', RECORDED, values),) if folder() else ()

@@ -1,0 +1,115 @@
+"""The observer `adaptive` on sampled signals, without the driver: what the rows are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.observers.adaptive import OBSERVER
+from estimator_pkg.observers.adaptive_gains import Gains
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.unrolled import algebra
+from sim_pkg.reproduce.adaptive.plant import Array, Example
+
+COMPILE_FROM = 50_000  # samples from which compiling pays
+
+
+class Run(NamedTuple):
+    """What was kept of a run, every so many samples; the first row is the first kept sample.
+
+    time : s. position : estimated [rad]. paper, full : velocity by (38) and by the full formula
+    [rad/s]. theta : shape (n, m). phase : see `estimator_pkg.observers.adaptive`.
+    """
+
+    time: Array
+    position: Array
+    paper: Array
+    full: Array
+    theta: Array
+    phase: Array
+
+
+def gains(example: Example, **changes: Any) -> Gains:
+    """The paper's observer: the gradient in the sampled form, without gate or time to settle."""
+    plain = Gains(law='gradient', observer_poles=example.observer_poles,
+                  model_poles=example.model_poles, gamma=example.gamma, settle=0.0, gate='off',
+                  velocity='paper', start_variance=(1e6,), knock=0.0)
+    return replace(plain, **changes)
+
+
+@lru_cache
+def _loop(step: Callable, output: Callable, size: int) -> Callable:
+    add, scale = algebra(size).add, algebra(size).scale
+
+    def loop(state: tuple, coefficients: tuple, design: tuple, angles: Array, inputs: Array,
+             every: int, kept: Array, leak: float, dead: float) -> tuple:
+        for k in range(1, len(angles)):
+            before = state[2]
+            state = step(state, coefficients, design, angles[k], inputs[k - 1])
+            if dead > 0.0:
+                unmoved = (state[0], state[1], before, state[3], state[4], state[5], state[6],
+                           state[7], state[8], state[9])
+                e = angles[k] - output(unmoved, coefficients, design, angles[k], inputs[k - 1])[0]
+                if -dead <= e <= dead:
+                    state = unmoved
+            elif leak > 0.0:
+                theta = add(scale(1.0 - leak, state[2]), leak, design[5])
+                state = (state[0], state[1], theta, state[3], state[4], state[5], state[6],
+                         state[7], state[8], state[9])
+            if k % every == 0:
+                position, speed, acceleration, status = output(state, coefficients, design,
+                                                               angles[k], inputs[k - 1])
+                row = kept[k // every - 1]
+                row[0], row[1], row[2] = position, speed, state[8][0]
+                i = 3
+                for value in state[2]:
+                    row[i] = value
+                    i += 1
+        return state
+
+    return loop
+
+
+def run(settings: Gains, angles: Array, inputs: Array, dt: float, every: int = 1, *,
+        from_zero: bool = False, leak: float = 0.0, dead_zone: float = 0.0) -> Run:
+    """The observer on these samples.
+
+    Parameters
+    ----------
+    angles : shape (n + 1,) [rad]; inputs : shape (n,), held between the samples.
+    every : how many samples pass between two that are kept.
+    from_zero : regressor and x start at zero, not settled on the first angle.
+    leak : the parameters fall back to where they started at this rate [1/s]. dead_zone : nothing is
+        learnt from an innovation below it [rad]. Both are others' remedies, which the observer
+        does not have; they need the sampled form, where x follows theta by itself.
+    """
+    functions = OBSERVER.build(settings, Circle(0.0))
+    design = functions.design()
+    state = functions.init(float(angles[0]), design)
+    if from_zero:
+        state = (((0.0, 0.0),) * 4, (0.0, 0.0), *state[2:])
+    coefficients = functions.prepare(design, dt)
+    count = len(inputs) // every
+    kept = np.full((count, 3 + len(state[2])), math.nan)
+    loop = _loop(functions.step, functions.output, len(state[2]))
+    remedies = (leak * dt, dead_zone)
+    with np.errstate(over='ignore', invalid='ignore'):
+        if len(inputs) >= COMPILE_FROM and available():
+            compiled(loop)(state, coefficients, design, angles, inputs, every, kept, *remedies)
+        else:
+            try:
+                loop(state, coefficients, design, angles.tolist(), inputs.tolist(), every, kept,
+                     *remedies)
+            except OverflowError:
+                kept[:, :] = math.nan  # diverged
+    rows = np.arange(1, count + 1) * every
+    free = kept[:, 3:]
+    b1 = free[:, 2] if free.shape[1] >= 4 else 0.0
+    return Run(rows * dt, kept[:, 0], kept[:, 1], kept[:, 1] + b1 * inputs[rows - 1], free,
+               kept[:, 2])

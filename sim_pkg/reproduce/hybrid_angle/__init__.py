@@ -1,0 +1,1 @@
+"""Brentari, Bosetti, Zaccarian: the hybrid observers of an angle."""

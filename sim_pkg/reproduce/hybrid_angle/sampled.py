@@ -1,0 +1,122 @@
+"""Runs the sampled forms of the project's own `hybrid_angle` over measured angles.
+
+The observer's core alone runs: the guard, the restart after a lost lock and the low-speed bound
+that the driver puts around every observer are no part of the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.observers import hybrid_angle
+from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.parameters import build
+from sim_pkg.joints.profiles import Profile
+from sim_pkg.reproduce.hybrid_angle.continuous import K1, K2, MARGIN
+
+Array = NDArray[np.floating[Any]]
+Numbers = Sequence[float] | Array
+
+PERIOD = 0.01           # sample time of the paper's experiment [s]
+TURN = 2.0 * math.pi
+QUANTUM = TURN / 2**14  # of the 14-bit encoder [rad]
+
+
+# The paper's parameters in its experiment: epsilon in s, M and delta_pi in rad.
+FIGURE_6 = {'epsilon': 0.1, 'k1': K1, 'k2': K2, 'M': 1.0, 'delta_pi': MARGIN}
+
+
+class Run(NamedTuple):
+    """Arrays of shape (n,), one row per sample.
+
+    position : rad. velocity : rad/s. resets : True where the observer jumped to the measurement.
+    """
+
+    position: Array
+    velocity: Array
+    resets: NDArray[np.bool_]
+
+
+def algorithm_1(injection: str, angles: Numbers, periods: float | Numbers = PERIOD,
+                **gains: float) -> Run:
+    """Algorithm 1 (``form: paper``) from (0, 0); its first pass predicts over one sample time.
+
+    Parameters
+    ----------
+    injection : sin, tan, saw or sat.
+    angles : measurements in [-pi, pi) [rad], shape (n,).
+    periods : T [s], or the time before each sample, shape (n,).
+    gains : where they differ from Figure 6: epsilon [s], M, delta_pi [rad].
+    """
+    return _run(angles, periods, start=0.0, form='paper', injection=injection,
+                **{**FIGURE_6, **gains})
+
+
+def robust(injection: str, angles: Numbers, periods: float | Numbers = PERIOD, *,
+           order: int = 2, **gains: float) -> Run:
+    """``form: robust``, started at the first sample; parameters as for `algorithm_1`."""
+    return _run(angles, periods, start=None, form='robust', injection=injection, order=order,
+                **{'epsilon': FIGURE_6['epsilon'], **gains})
+
+
+def _run(angles: Numbers, periods: float | Numbers, *, start: float | None, **gains: Any) -> Run:
+    core = hybrid_angle.core(build(hybrid_angle.Gains, gains), Circle())
+    design = core.design()
+    times = np.broadcast_to(np.asarray(periods, float), (len(angles),)).tolist()
+    measured = np.asarray(angles, float).tolist()
+    state = core.init(measured[0] if start is None else start, design)
+    last, coefficients = times[0], core.prepare(design, times[0])
+    positions, velocities, resets = [], [], []
+    for place, (angle, period) in enumerate(zip(measured, times)):
+        if period != last:
+            last, coefficients = period, core.prepare(design, period)
+        innovation = 0.0
+        if place or start is not None:
+            state, innovation = core.correct(state, coefficients, angle)
+        position, velocity, _ = core.estimate(state)
+        positions.append(position)
+        velocities.append(velocity)
+        # a reset leaves the position at the measurement, to the bit, although it was surprised
+        resets.append(position == angle and abs(innovation) > 1e-3)
+    return Run(np.array(positions), np.array(velocities), np.array(resets))
+
+
+def wrapped(angles: Numbers, quantum: float = 0.0) -> Array:
+    """Angles [rad] in [-pi, pi), rounded to the nearest multiple of `quantum` where it is not 0."""
+    exact = np.asarray(angles, float)
+    if quantum > 0.0:
+        exact = quantum * np.round(exact / quantum)
+    return np.array([wrap(angle, TURN) for angle in exact.tolist()])
+
+
+def samples(profile: Profile, duration: float, *, start: float = 0.0, quantum: float = 0.0
+            ) -> tuple[Array, Array, Array]:
+    """A motion sampled every PERIOD.
+
+    Returns
+    -------
+    times [s], true velocity [rad/s] and measured angle in [-pi, pi), each of shape (n,).
+    """
+    time = np.asarray(PERIOD * np.arange(round(duration / PERIOD) + 1), np.float64)
+    position, velocity, _ = profile(time)
+    return time, velocity, wrapped(position + start, quantum)
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def rows(start: float, end: float) -> slice:
+    """The samples with start <= time < end [s]."""
+    return slice(round(start / PERIOD), round(end / PERIOD))
+
+
+def error_of(run: Run, velocity: Array) -> Array:
+    """True minus estimated velocity [rad/s]."""
+    return velocity - run.velocity

@@ -1,0 +1,151 @@
+"""Rows on streams as they are: jitter, drops, gaps, duplicates and outliers at 150 rad/s, 14 bit.
+
+Three columns: Algorithm 1 told a fixed T, Algorithm 1 told the true sample times, the robust form
+told the true sample times. Deterministic rows are means over start angles (where the angle stands
+within a quantum moves the small numbers), random ones over seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_pkg.reproduce import splitmix
+from sim_pkg.reproduce.contract import ABSOLUTE, AT_MOST, PERCENT, Part, Reference, Values
+from sim_pkg.reproduce.hybrid_angle.continuous_rows import SEEDS
+from sim_pkg.reproduce.hybrid_angle.sampled import (
+    PERIOD,
+    QUANTUM,
+    Array,
+    algorithm_1,
+    error_of,
+    rms,
+    robust,
+    wrapped,
+)
+
+SPEED = 150.0                                   # [rad/s]
+COUNT = 1001                                    # samples of a stream
+SETTLED = 400                                   # samples before which nothing happens
+PLACE = 500                                     # sample of the gap or outlier
+ANGLES = tuple(0.0137 * SPEED * k for k in range(6))  # start angles [rad]
+JITTER = 0.001                                  # reach of the jitter [s]
+COLUMNS = ('fixed T', 'true T', 'robust')
+
+
+def reference(name: str, column: str, value: float, tolerance: float = 0.0, kind: str = PERCENT
+              ) -> Reference:
+    """A row of the table; the name ends in RMS or max."""
+    what = {'fixed T': 'Algorithm 1 told a fixed T', 'true T': 'Algorithm 1 told the true times',
+            'robust': 'robust form, order 2'}[column]
+    return Reference(f'stream {name} {column}', f'velocity error, {what} [rad/s]', value,
+                     tolerance, kind)
+
+
+STREAMS = (
+    *(reference('clean RMS', column, value, 5.0)
+      for column, value in zip(COLUMNS, (0.00050, 0.00050, 0.00037))),
+    *(reference('sampling jitter RMS', column, value, 10.0)
+      for column, value in zip(COLUMNS, (0.476, 0.00062, 0.00051))),
+    *(reference('stamp jitter RMS', column, value, 10.0)
+      for column, value in zip(COLUMNS, (0.00050, 0.479, 0.392))),
+    reference('5 % drops RMS', 'fixed T', 10.6, 25.0),
+    reference('5 % drops RMS', 'true T', 0.00056, 10.0),
+    reference('5 % drops RMS', 'robust', 0.00040, 10.0),
+    reference('gap 40 ms max', 'fixed T', 12.7, 1.0),
+    reference('gap 40 ms max', 'true T', 0.0026, 0.0010, ABSOLUTE),
+    reference('gap 40 ms max', 'robust', 0.0008, 0.0006, ABSOLUTE),
+    reference('gap 1.01 s max', 'fixed T', 5.7, 1.0),
+    reference('gap 1.01 s max', 'robust', 0.0008, 0.0010, ABSOLUTE),
+    reference('duplicates 1 in 50 RMS', 'fixed T', 4.37, 2.0),
+    reference('outlier 0.5 rad saw max', 'fixed T', 2.5, 1.0),
+    reference('outlier 3 rad saw max', 'fixed T', 15.0, 1.0),
+    reference('outlier 3.13 rad saw max', 'fixed T', 15.7, 1.0),
+    reference('outlier 0.5 rad saw max', 'robust', 1.9, 2.0),
+    reference('outlier 3 rad saw max', 'robust', 11.2, kind=AT_MOST),  # it may hold its own
+    reference('outlier 3.13 rad saw max', 'robust', 0.001, 0.001, ABSOLUTE),
+    reference('outlier 0.5 rad sat max', 'fixed T', 2.5, 1.0),
+    reference('outlier 3 rad sat max', 'fixed T', 5.0, 1.0),
+    reference('outlier 3.13 rad sat max', 'fixed T', 5.0, 1.0),
+    reference('outlier 0.5 rad sin max', 'fixed T', 2.4, 1.0),
+    reference('outlier 3 rad sin max', 'fixed T', 0.70, 1.0),
+    reference('outlier 3.13 rad sin max', 'fixed T', 0.06, 5.0),
+)
+
+
+def columns(taken: Array, stamped: Array, *, start: float = 0.0, outlier: float = 0.0,
+            injection: str = 'saw') -> dict[str, Array]:
+    """Velocity errors [rad/s] from the settled part on, by column.
+
+    Parameters
+    ----------
+    taken, stamped : when the angle was read and when the stamp says so [s], shape (n,).
+    start : angle at time 0 [rad].
+    outlier : added to the reading at PLACE [rad].
+    """
+    exact = SPEED * taken + start
+    angles = wrapped(exact, QUANTUM)
+    angles[PLACE] = wrapped([angles[PLACE] + outlier])[0]
+    periods = np.diff(stamped, prepend=stamped[0] - PERIOD)
+    runs = (algorithm_1(injection, angles), algorithm_1(injection, angles, periods),
+            robust(injection, angles, periods))
+    speed = np.full(len(angles), SPEED)
+    return {column: error_of(run, speed)[SETTLED:] for column, run in zip(COLUMNS, runs)}
+
+
+def mean_of(cases: Iterator[dict[str, Array]], measure: Callable[[Array], float]
+            ) -> dict[str, float]:
+    """The mean of a measure over the cases, by column."""
+    found = [{column: measure(error) for column, error in case.items()} for case in cases]
+    return {column: float(np.mean([case[column] for case in found])) for column in COLUMNS}
+
+
+def largest(error: Array) -> float:
+    """Largest absolute error."""
+    return float(np.abs(error).max())
+
+
+def stream_values() -> Values:
+    """The values of STREAMS."""
+    wanted = {row.id for row in STREAMS}
+    for name, values in measured():
+        for column, value in values.items():
+            if f'stream {name} {column}' in wanted:
+                yield f'stream {name} {column}', value
+
+
+def measured() -> Iterator[tuple[str, dict[str, float]]]:
+    """(defect and measure, values by column)."""
+    time = PERIOD * np.arange(COUNT)
+    jitter = {seed: splitmix.uniforms(seed, COUNT, JITTER) for seed in SEEDS}
+    yield 'clean RMS', mean_of((columns(time, time, start=start) for start in ANGLES), rms)
+    yield 'sampling jitter RMS', mean_of(
+        (columns(time + late, time + late) for late in jitter.values()), rms)
+    yield 'stamp jitter RMS', mean_of(
+        (columns(time, time + wrong) for wrong in jitter.values()), rms)
+    kept = [time[~dropped(seed)] for seed in SEEDS]
+    yield '5 % drops RMS', mean_of((columns(left, left) for left in kept), rms)
+    for name, length in (('40 ms', 4), ('1.01 s', 101)):
+        left = np.delete(time, slice(PLACE + 1, PLACE + length))
+        yield f'gap {name} max', mean_of(
+            (columns(left, left, start=start) for start in ANGLES), largest)
+    twice = np.sort(np.concatenate([time, time[::50]]))
+    run = algorithm_1('saw', wrapped(SPEED * twice, QUANTUM))
+    yield 'duplicates 1 in 50 RMS', {'fixed T': rms(SPEED - run.velocity[SETTLED:])}
+    for size in (0.5, 3.0, 3.13):
+        for injection in ('saw', 'sat', 'sin'):
+            yield f'outlier {size:g} rad {injection} max', mean_of(
+                (columns(time, time, start=start, outlier=size, injection=injection)
+                 for start in ANGLES), largest)
+
+
+def dropped(seed: int) -> NDArray[np.bool_]:
+    """Which samples never arrive: 5 % of those after the start."""
+    lost = splitmix.uniforms(seed, COUNT, 1.0) >= 0.9
+    lost[:SETTLED] = False
+    return lost
+
+
+PARTS = (Part('stream', STREAMS, stream_values),)

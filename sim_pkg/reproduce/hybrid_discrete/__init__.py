@@ -1,0 +1,1 @@
+"""Barbot, Djemai, Manamanni: the observer of a hybrid continuous-discrete system."""

@@ -1,0 +1,1 @@
+"""Aranovskiy, Ortega, Romero, Sokolov: the observer of mechanisms."""

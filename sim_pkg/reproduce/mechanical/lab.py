@@ -1,0 +1,164 @@
+"""Section 6.2: the laboratory cart-pendulum in open loop, Table 5 (rows D, H3, H4)."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.models import cart_pendulum
+from estimator_pkg.models.mechanics import Mechanics
+from sim_pkg.reproduce.contract import Part, Values
+from sim_pkg.reproduce.mechanical.runs import make, metrics, move, observe, quantise
+from sim_pkg.reproduce.mechanical.table import references
+
+Array = NDArray[np.float64]
+
+RATE, COUNT, PARTS_PLANT = 224.0, 2464, 64
+DT = 1.0 / RATE
+CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87     # N/A, N, N
+QUANTA = {'HPM': (7.85e-4, 1.8e-5), 'LPM': (1.23e-2, 1e-3)}
+HELD = {'HPM': 1, 'LPM': 2}                        # samples for which a reading is held
+AMPLITUDE = 2.5                                    # A
+OFFSETS = range(12)
+THREE = ('ME1e2', 'MSE1e4', 'ME2e2')
+
+FRICTION = {'friction_forward': FORWARD, 'friction_backward': BACKWARD}
+KNOWN = {'force_constant': CONSTANT, **FRICTION}   # of the observers: a hard sign
+
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    'GESO': ('geso', {'L': [50.0, 80.0], 'Gamma': [400.0, 150.0]}),
+    'SMO-BL': ('smo', {'mu': [29.0, 10.0]}),
+    'EHGO-BL': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.0126}),
+    'SMO-CV': ('smo', {'mu': [78.0, 28.0]}),
+    'EHGO-CV': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.009}),
+    'GESO80': ('geso', {'L': [50.0, 80.0], 'Gamma': [80.0, 150.0]}),
+}
+
+
+def current(time: Array, amplitude: float = AMPLITUDE) -> Array:
+    """The excitation [A]: a chirp, a rest, a square wave."""
+    chirp = amplitude * np.sin(2.0 * math.pi * (2.0 * time + 0.7 * time ** 2))
+    square = np.where(np.floor(2.0 * 2.0 * (time - 6.0) + 1e-9) % 2 == 0, 0.8, -0.8)
+    return np.where(time < 5.0, chirp, np.where(time < 6.0, 0.0, square))
+
+
+def plant(kind: str) -> Mechanics:
+    """The plant, 'nominal' or with the 'mismatch' of the specification."""
+    numbers: dict[str, float] = {'force_constant': CONSTANT, 'friction_speed': 2e-3, **FRICTION}
+    if kind == 'mismatch':
+        # l_m m_p = 0.105 with m_p 3 % heavier; M_c + m_p = 1.15, split by MASS
+        numbers.update(
+            pendulum_inertia=0.0484 * 0.97, pendulum_moment=0.105 * 1.03,
+            moving_mass=1.02 * (1.15 - MASS) + 1.03 * MASS, force_constant=CONSTANT * 0.97,
+            friction_forward=FORWARD * 1.1, friction_backward=BACKWARD * 0.9,
+            pendulum_damping=0.002, cart_damping=0.3)
+    return cart_pendulum.build(cart_pendulum.Parameters(**numbers))
+
+
+MASS = 0.30   # m_p [kg], Table 3
+
+
+@lru_cache
+def truth(kind: str, amplitude: float = AMPLITUDE) -> tuple[Array, Array, Array]:
+    """(positions, velocities, currents)."""
+    inputs = current(DT * np.arange(COUNT, dtype=float), amplitude)[:, None]
+    return *move(plant(kind), (math.pi, 0.0), (0.0, 0.0), inputs, DT, PARTS_PLANT), inputs
+
+
+def measured(positions: Array, scenario: str, seed: int) -> Array:
+    """Quantised with an encoder offset; in LPM every reading is held for two samples."""
+    quanta = np.array(QUANTA[scenario])
+    offset = np.random.default_rng(seed).uniform(-0.5, 0.5, 2) * quanta
+    readings = quantise(positions + offset, quanta) - offset
+    held = HELD[scenario]
+    return readings[(np.arange(len(readings)) // held) * held]
+
+
+def estimate(case: tuple[str, dict[str, Any]], readings: Array, inputs: Array,
+             parameters: dict[str, Any] | None = None) -> Array:
+    """Velocities from readings; the observers keep their state in single precision."""
+    observer, gains = case
+    functions = make(observer, 'cart_pendulum', KNOWN if parameters is None else parameters,
+                     **gains)
+    return observe(functions, readings, inputs, DT, single=True)
+
+
+def three(case: tuple[str, dict[str, Any]], kind: str, scenario: str, seeds: Any,
+          amplitude: float = AMPLITUDE, parameters: dict[str, Any] | None = None) -> Array:
+    """(ME1, MSE1, ME2), the mean over encoder offsets."""
+    q, v, inputs = truth(kind, amplitude)
+    return np.mean([metrics(estimate(case, measured(q, scenario, seed), inputs, parameters) - v)[:3]
+                    for seed in seeds], axis=0)
+
+
+def largest_accelerations(amplitude: float) -> Array:
+    """Largest |q''|: central differences of the true velocities at the samples."""
+    return np.max(np.abs(np.gradient(truth('nominal', amplitude)[1], DT, axis=0)), axis=0)
+
+
+def values() -> Values:
+    """Rows D."""
+    q = truth('nominal')[0]
+    for k in (1120, 2463):
+        for joint in (0, 1):
+            yield f'D1.{k}.q{joint + 1}', q[k, joint]
+    for index, amplitude in enumerate((AMPLITUDE, 1.25)):
+        for joint, value in enumerate(largest_accelerations(amplitude)):
+            yield f'D2.{2 * index + joint + 1}', value
+    for kind in ('nominal', 'mismatch'):
+        for scenario in ('HPM', 'LPM'):
+            for name, case in CASES.items():
+                for metric, value in zip(THREE, three(case, kind, scenario, OFFSETS)):
+                    yield f'D3.{kind}.{scenario}.{name}.{metric}', value
+    yield from low_rate_values()
+
+
+def low_rate_values() -> Values:
+    """D4 and D5: the printed gains at a true 112 Hz."""
+    q, v, inputs = truth('nominal')
+    held = inputs[::2]
+    found, diverged = [], 1.0
+    for seed in range(3):
+        readings = measured(q, 'LPM', seed)[::2]
+        for form in ('exact', 'paper'):
+            functions = make('geso', 'cart_pendulum', KNOWN, **CASES['GESO'][1], form=form,
+                             hold='previous')
+            with np.errstate(all='ignore'):
+                velocities = observe(functions, readings, held, 2.0 * DT)
+                if form == 'paper':
+                    diverged *= float(not np.max(np.abs(velocities)) < 1e6)
+                else:
+                    found.append(metrics(velocities - v[::2])[:3])
+    for metric, value in zip(THREE, np.mean(found, axis=0)):
+        yield f'D4.{metric}', value
+    yield 'D5', diverged
+
+
+def normalised_by_inertia() -> dict[str, Any]:
+    """The nominal model divided by J_f: the same motion, K smaller by the factor J_f."""
+    j = 0.0484
+    return {'pendulum_inertia': 1.0, 'pendulum_moment': 0.105 / j, 'moving_mass': 1.15 / j,
+            'gravity': 9.81 * 0.105 / j, 'force_constant': CONSTANT / j,
+            'friction_forward': FORWARD / j, 'friction_backward': BACKWARD / j}
+
+
+def study_values() -> Values:
+    """Rows H3 and H4."""
+    variants = {'model divided by J_f': normalised_by_inertia(),
+                'friction not in u': {'force_constant': CONSTANT}}
+    for scenario in ('HPM', 'LPM'):
+        for name, parameters in variants.items():
+            found = three(CASES['GESO'], 'mismatch', scenario, OFFSETS, parameters=parameters)
+            for metric, value in zip(THREE, found):
+                yield f'H3.{scenario}.{name}.{metric}', value
+    for name in ('EHGO-BL', 'EHGO-CV'):
+        for metric, value in zip(THREE, three(CASES[name], 'nominal', 'LPM', OFFSETS, 1.25)):
+            yield f'H4.{name}.{metric}', value
+
+
+PARTS = (Part('D', references('D'), values),
+         Part('H3', (*references('H3'), *references('H4')), study_values))

@@ -1,0 +1,85 @@
+"""Section 5.2: the robotic leg, three observers, Table 2 (rows C); retuned (rows H1)."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_pkg.reproduce.contract import Part, Values
+from sim_pkg.reproduce.mechanical.runs import METRICS, leg, make, metrics, move, observe, quantise
+from sim_pkg.reproduce.mechanical.table import references
+
+Array = NDArray[np.float64]
+
+DT, COUNT, DROPPED, SEEDS = 1e-3, 25000, 10000, range(20)
+VARIANCE, QUANTA = 0.1, (1.0 / 500.0, 2.0 * math.pi / 256.0, 2.0 * math.pi / 256.0)
+START, GUESS = (2.2, 1.8, 0.4), (0.1, 0.2, 0.4)
+
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    'HGO': ('hgo', {'L': [1.2, 2.0, 2.0], 'K': [3.9, 2.5, 1.3]}),
+    'SMO': ('smo', {'variant': 'uniform', 'k1': [1.0, 0.52, 0.71], 'k2': [1.0, 1.2, 1.17],
+                    'mu1': 1.86, 'mu2': 0.303}),
+    'GESO': ('geso', {'L': [0.61, 0.9, 1.9], 'Gamma': [1.74, 4.9, 0.71]}),
+}
+
+
+@lru_cache
+def run() -> tuple[Array, Array, Array]:
+    """(positions, velocities, inputs)."""
+    time = DT * np.arange(COUNT)
+    inputs = np.column_stack([0.0535 * np.cos(10.0 * time), 0.067 * np.sin(10.0 * time)])
+    return *move(leg(), START, (0.0,) * 3, inputs, DT, 4), inputs
+
+
+def measured(seed: int, variance: float = VARIANCE) -> Array:
+    """Noisy, then quantised."""
+    noise = np.random.default_rng(seed).standard_normal((COUNT, 3)) * math.sqrt(variance)
+    return quantise(run()[0] + noise, QUANTA)
+
+
+def estimate(name: str, readings: Array, start: Any = GUESS) -> Array:
+    """Velocities from readings."""
+    observer, gains = CASES[name]
+    functions = make(observer, 'robotic_leg', {'margin': 1e-9}, **gains)
+    return observe(functions, readings, run()[2], DT, start=start)
+
+
+def values() -> Values:
+    """Rows C."""
+    q, v, _ = run()
+    for joint in range(3):
+        yield f'C1.{joint + 1}', q[-1, joint]
+        yield f'C2.{joint + 1}', 1e2 * math.sqrt(float(np.mean(v[DROPPED:, joint] ** 2)))
+    for name in CASES:
+        found = np.median([metrics((estimate(name, measured(seed)) - v)[DROPPED:])
+                           for seed in SEEDS], axis=0)
+        for metric, value in zip(METRICS, found):
+            yield f'C3.{name}.{metric}', value
+
+
+def retuned() -> dict[str, Any]:
+    """GESO with L of the HGO and Gamma for its K at the start."""
+    return {'L': [1.2, 2.0, 2.0], 'K': [3.9, 2.5, 1.3], 'operating_point': list(START)}
+
+
+def study_values() -> Values:
+    """Rows H1: the noise that scheduling on the measurement lets in."""
+    v = run()[1]
+    cases: dict[str, tuple[str, dict[str, Any]]] = {
+        'HGO': CASES['HGO'], 'GESO sched y': ('geso', retuned()),
+        'GESO sched qhat': ('geso', {**retuned(), 'schedule': 'estimate'})}
+    for variance in ('0.0001', '0.01'):
+        for name, (observer, gains) in cases.items():
+            functions = make(observer, 'robotic_leg', {'margin': 1e-9}, **gains)
+            found = np.median([metrics((observe(
+                functions, measured(seed, float(variance)), run()[2], DT) - v)[DROPPED:])
+                for seed in range(6)], axis=0)
+            yield f'H1.{variance}.{name}.1', found[1]
+            yield f'H1.{variance}.{name}.2', found[3]
+
+
+PARTS = (Part('C', references('C'), values), Part('H1', references('H1.'), study_values))

@@ -1,0 +1,90 @@
+"""Tables 1, 2, 5, 6 and 7 in the paper's layout, ours beside the printed numbers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from sim_pkg.reproduce.contract import Row
+from sim_pkg.reproduce.mechanical.cart import cart_of
+from sim_pkg.reproduce.mechanical.runs import METRICS, make
+from sim_pkg.reproduce.table import number
+
+PRINTED_7 = {'GESO': 466.0, 'SMO-BL': 551.0, 'EHGO-BL': 472.0}  # us on an Arduino Nano
+OURS_7: dict[str, tuple[str, dict[str, Any]]] = {
+    'GESO': ('geso', {'L': [10.0], 'Gamma': [70.0]}), 'SMO-BL': ('smo', {'mu': [29.0, 10.0]}),
+    'EHGO-BL': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.0126})}
+STEPS, REPEATS = 400, 5
+
+
+def lines(rows: Sequence[Row]) -> list[str]:
+    """The tables for which `rows` hold every entry."""
+    found = {row.reference.id: row for row in rows}
+    first = [f'{name}{joint}{unit}' for joint in (1, 2) for name, unit in
+             (('ME', 'e2'), ('MSE', 'e4'))]
+    three = ['ME1e2', 'MSE1e4', 'ME2e2']
+    plans: list[tuple[str, list[str], dict[str, list[str]]]] = [
+        ('Table 1: cart-pendulum, simulated (20 seeds)', first,
+         {name: [f'B4.{name}.{metric}' for metric in first] for name in ('HGO', 'SMO', 'GESO')}),
+        ('Table 2: robotic leg, simulated (median of 20 seeds)', list(METRICS),
+         {name: [f'C3.{name}.{metric}' for metric in METRICS] for name in ('HGO', 'SMO', 'GESO')})]
+    for kind in ('nominal', 'mismatch'):
+        for scenario, words in (('HPM', 'high'), ('LPM', 'low')):
+            plans.append((
+                f'Table 5: open loop, {words}-precision measurements, {kind} plant', three,
+                {name: [f'D3.{kind}.{scenario}.{name}.{metric}' for metric in three]
+                 for name in ('GESO', 'SMO-BL', 'EHGO-BL', 'SMO-CV', 'EHGO-CV')}))
+    for scenario, words, names in (('HPM', 'high', ('GESO', 'SMO-BL')), ('LPM', 'low', ('GESO',))):
+        plans.append((f'Table 6: closed loop, {words}-precision measurements',
+                      ['mean|q1|e2', 'mean q1^2 e4'],
+                      {name: [f'E2.{name}.{scenario}', f'E3.{name}.{scenario}']
+                       for name in names}))
+    out: list[str] = []
+    for title, columns, body in plans:
+        if all(name in found for names in body.values() for name in names):
+            out += ['', *_table(title, columns, {
+                name: [_entry(found[each]) for each in names] for name, names in body.items()})]
+    if out:
+        out += ['', *table_7()]
+    return out + [''] if out else out
+
+
+def _entry(row: Row) -> str:
+    paper = row.reference.paper
+    printed = paper if isinstance(paper, str) else number(paper) if paper is not None else '-'
+    return f'{row.value:.4g} ({printed})'
+
+
+def _table(title: str, columns: list[str], body: dict[str, list[str]]) -> list[str]:
+    cells = [['', *columns], *([name, *entries] for name, entries in body.items())]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
+    return [f'{title}; ours (printed)'] + [
+        '  ' + '  '.join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
+        for row in cells]
+
+
+def costs() -> dict[str, float]:
+    """Seconds of one forward Euler step of each observer, in plain Python: the least of several."""
+    found = {}
+    for name, (observer, gains) in OURS_7.items():
+        functions = make(observer, 'cart_pendulum', cart_of(), **gains)
+        design = functions.core.design()
+        coefficients, core = functions.core.prepare(design, 1e-3), functions.core.begin()
+        advance, at, moved = functions.core.advance, (0.1, 0.2), (1e-3, 1e-3)
+        times = []
+        for _ in range(REPEATS):
+            begun = time.perf_counter()
+            for _ in range(STEPS):
+                advance(core, coefficients, design, at, moved, at, (0.1,))
+            times.append((time.perf_counter() - begun) / STEPS)
+        found[name] = min(times)
+    return found
+
+
+def table_7() -> list[str]:
+    """Cost of a step relative to GESO's."""
+    ours = costs()
+    body = {'relative cost': [f'{ours[name] / ours["GESO"]:.2f} '
+                              f'({PRINTED_7[name] / PRINTED_7["GESO"]:.2f})' for name in ours]}
+    return _table('Table 7: one forward Euler step, GESO = 1', list(ours), body)

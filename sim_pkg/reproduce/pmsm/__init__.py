@@ -1,0 +1,1 @@
+"""Bosso, Azzollini, Tilli: the sensorless observer of a motor."""

@@ -1,0 +1,114 @@
+"""T6: speeds at which the rotor comes back to the same angle at every clock tick."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_pkg.joints.sensor import random_stream
+from sim_pkg.pmsm.profiles import Profile
+from sim_pkg.reproduce.contract import ABSOLUTE, AT_MOST, PERCENT, Part, Reference, Values
+from sim_pkg.reproduce.pmsm.observer import PAPER, ROBUST, functions_of, run_log, start_state
+from sim_pkg.reproduce.pmsm.reference import FLUX, GAMMA, POLE_PAIRS, Signals, settling, signals
+from sim_pkg.reproduce.pmsm.references import ALIASING, rows
+
+RATE = 20000.0
+DURATION = 0.6      # s
+SEEDS = 10
+NOISE = 0.1         # A
+STEP, REACH = 120.0 / 4096.0, 60.0   # A, of the 12-bit ADC
+RPM = math.pi / 30.0
+
+FORMS: dict[str, dict[str, Any]] = {
+    'paper': {**PAPER, 'initial_flux': 0.0},
+    'gated': {**ROBUST, 'second_period': 1.0, 'initial_flux': 0.0, 'flux_min': 0.5e-3,
+              'flux_max': 8e-3},
+    'dithered': {**ROBUST, 'initial_flux': 0.0, 'flux_min': 0.5e-3, 'flux_max': 8e-3},
+}
+BAD_SPEEDS = (1714.2857, 3428.5714, 5142.8571, 6857.1429)   # rpm: 1, 2, 3, 4 turns per tick
+
+
+def references() -> tuple[Reference, ...]:
+    """T6, and the four bad speeds with the default observer."""
+    found = []
+    for rpm, form, lost, median, fires in rows(ALIASING):
+        name = f'T6 {float(rpm):.0f} rpm {form}'
+        robust = form != 'paper'
+        found.append(Reference(f'{name} lost', f'of {SEEDS} runs, xi_hat from 0', float(lost), 2.0,
+                               AT_MOST if robust else ABSOLUTE))
+        if median != 'never':
+            found.append(Reference(f'{name} t_th5', 'median settling [ms]', float(median),
+                                   10.0))
+        found.append(Reference(f'{name} fires', 'false replacements in a converged run',
+                               float(fires), 0.0 if robust else 25.0,
+                               AT_MOST if robust else PERCENT))
+    for speed in BAD_SPEEDS:
+        name = f'T6 default {speed:.0f} rpm'
+        found += [Reference(f'{name} lost', f'of {SEEDS} runs, default gains', 0.0, kind=AT_MOST),
+                  Reference(f'{name} fires', 'false replacements, all runs', 0.0, kind=AT_MOST)]
+    return tuple(found)
+
+
+def noisy(rpm: float, seed: int) -> tuple[Signals, NDArray[np.float64]]:
+    """Truth and samples (n + 1, 4) at constant speed, noisy and quantised."""
+    times = np.arange(round(DURATION * RATE) + 1, dtype=np.float64) / RATE
+    truth = signals(times, profile=Profile([(1.0, rpm, rpm)]))
+    half = 0.5 * rpm * RPM * POLE_PAIRS / RATE
+    mean = truth.voltage * np.exp(-1j * half) * math.sin(half) / half
+    noise = NOISE * random_stream(seed, 'aliasing').standard_normal((len(times), 2))
+    read = np.column_stack((truth.current.real, truth.current.imag)) + noise
+    read = STEP * np.round(np.clip(read, -REACH, REACH) / STEP)
+    return truth, np.column_stack((read, mean.real, mean.imag))
+
+
+def count_fires(x: NDArray[np.float64]) -> int:
+    """Replacements of xi_hat: steps no flow could make within a sample."""
+    return int((np.abs(np.diff(x)) > 2.0 * math.sqrt(GAMMA)).sum())
+
+
+def outcome(gains: dict[str, Any], rpm: float, seeds: int, *, cold: bool = True
+            ) -> tuple[list[float], list[int]]:
+    """Per seed: settling from the unknown start [ms, nan: never], fires from the settled one.
+
+    Parameters
+    ----------
+    cold : start as the observer does that has seen no sample; else at eta = 1 and xi_hat = 0, with
+        the rotor known to turn.
+    """
+    functions = functions_of(**gains)
+    times, fires = [], []
+    omega = rpm * RPM * POLE_PAIRS
+    for seed in range(seeds):
+        truth, samples = noisy(rpm, seed)
+        start = functions.init(tuple(samples[0].tolist()), functions.design())
+        if not cold:
+            start = start_state(functions, samples[0], 1.0 + 0.0j, 0.0, seen=omega)
+        log = run_log(functions, samples, 1.0 / RATE, start, fast=True)
+        error = np.angle(np.exp(1j * (log.angle - truth.theta[1:])))
+        times.append(settling(truth.time[1:], error, math.radians(5.0)))
+        settled = start_state(functions, samples[0], 1.0 + 0.0j, 1.0 / FLUX, -1j * omega * FLUX,
+                              seen=omega)
+        fires.append(count_fires(run_log(functions, samples, 1.0 / RATE, settled, fast=True).x))
+    return times, fires
+
+
+def values(seeds: int = SEEDS) -> Values:
+    """The values of T6."""
+    for rpm, form, _, median, _ in rows(ALIASING):
+        times, fires = outcome(FORMS[form], float(rpm), seeds, cold=False)
+        name = f'T6 {float(rpm):.0f} rpm {form}'
+        yield f'{name} lost', float(np.isnan(times).sum())
+        if median != 'never':
+            yield f'{name} t_th5', float(np.median(times))
+        yield f'{name} fires', float(np.mean(fires))
+    for speed in BAD_SPEEDS:
+        times, fires = outcome(ROBUST, speed, seeds)
+        yield f'T6 default {speed:.0f} rpm lost', float(np.isnan(times).sum())
+        yield f'T6 default {speed:.0f} rpm fires', float(np.sum(fires))
+
+
+PARTS = (Part('T6', references(), partial(values, SEEDS)),)

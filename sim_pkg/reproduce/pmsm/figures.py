@@ -1,0 +1,167 @@
+"""Figures 1 and 2 of the sensorless-motor paper, and the drive on the observer's own estimates."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sim_pkg.reproduce.pmsm.continuous_rows import grid
+from sim_pkg.reproduce.pmsm.drive_rows import LOOPS, closed_loop
+from sim_pkg.reproduce.pmsm.reference import (
+    CONTINUOUS,
+    FLUX,
+    HYBRID,
+    ID_POST,
+    POLE_PAIRS,
+    STARTS,
+    errors,
+    reference_run,
+)
+
+BLUE, RED, GREY, SOFT = '#1f6fb4', '#d1342f', '#cfcfcf', '#555555'
+CHI, K_ETA, GAMMA = 1.0, 1.5, 1.0          # of Figure 1, as printed
+ROWS = ((CONTINUOUS, 'observer (5)'), (HYBRID, 'observer (16)'),
+        (ID_POST, 'observer (16), (25), (26)'))
+LETTERS = ('adgj', 'behk', 'cfil')
+RPM = 30.0 / math.pi
+
+Array = NDArray[np.float64]
+
+
+def reduced(angle: Array, xi: Array, step: float, steps: int) -> tuple[Array, Array]:
+    """Trajectories of (6) from (angle, xi error), by RK4; shape (steps + 1, n), angle unwrapped."""
+    def slope(state: Array) -> Array:
+        sine = np.sin(state[0])
+        return np.array([CHI * state[1] - K_ETA * CHI * sine, -GAMMA * CHI * sine])
+
+    state = np.array([angle, xi], dtype=float)
+    path = [state]
+    for _ in range(steps):
+        a = slope(state)
+        b = slope(state + 0.5 * step * a)
+        c = slope(state + 0.5 * step * b)
+        d = slope(state + step * c)
+        state = state + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        path.append(state)
+    rows = np.array(path)
+    return rows[:, 0], rows[:, 1]
+
+
+def unstable_manifold() -> list[tuple[Array, Array]]:
+    """Both branches of the curve from which (6) runs into the saddle (pi, 0), backwards in time."""
+    # linearised at the saddle: d(angle) = chi xi + k chi angle, d(xi) = gamma chi angle
+    slow = 0.5 * (K_ETA - math.sqrt(K_ETA ** 2 + 4.0 * GAMMA))
+    direction = np.array([slow, GAMMA]) / math.hypot(slow, GAMMA)
+    branches = []
+    for sign in (1.0, -1.0):
+        start = np.array([math.pi, 0.0]) + 1e-4 * sign * direction
+        angle, xi = reduced(start[:1], start[1:], -2e-3, 20000)
+        angle, xi = angle[:, 0], xi[:, 0]
+        xi[np.abs(xi) > 4.2] = np.nan  # out of the picture
+        branches.append((angle, xi))
+    return branches
+
+
+def wrapped(angle: Array) -> Array:
+    """In [-pi, pi), with a nan where it jumps, so that no line is drawn across."""
+    shown = np.mod(angle + math.pi, 2.0 * math.pi) - math.pi
+    shown[1:][np.abs(np.diff(shown)) > math.pi] = np.nan
+    return shown
+
+
+def phase_portrait() -> Figure:
+    """Figure 1: the reduced system (6) on the plane and on the cylinder."""
+    figure = Figure(figsize=(11.0, 4.8), layout='constrained')
+    plane = figure.add_subplot(1, 2, 1)
+    cylinder = figure.add_subplot(1, 2, 2, projection='3d')
+    starts = [(-math.pi, 3.6), (math.pi, -3.6), (-2.8, 2.0), (2.8, -2.0), (-1.5, 1.5), (1.5, -1.5),
+              (-2.5, -0.3), (2.5, 0.3), (-1.0, -1.0), (1.0, 1.0)]
+    angles, xis = reduced(np.array([a for a, _ in starts]), np.array([x for _, x in starts]), 5e-3,
+                          6000)
+    curves = [(angles[:, k], xis[:, k], BLUE, 0.8) for k in range(len(starts))]
+    curves += [(angle, xi, RED, 1.8) for angle, xi in unstable_manifold()]
+    for angle, xi, colour, width in curves:
+        plane.plot(wrapped(angle), xi, color=colour, linewidth=width)
+        cylinder.plot(np.cos(angle), np.sin(angle), xi, color=colour, linewidth=width)
+    plane.plot(0.0, 0.0, 'o', color=BLUE, label=r'$\bar x_s$')
+    plane.plot([-math.pi, math.pi], [0.0, 0.0], 'o', color=RED, label=r'$\bar x_u$')
+    plane.set(xlim=(-math.pi, math.pi), ylim=(-4.2, 4.2), xlabel=r'$\tilde\vartheta$ [rad]',
+              ylabel=r'$\tilde\xi$ [1/Wb]',
+              title=r'Phase diagram of (6): $\chi=1$, $k_\eta=1.5$, $\gamma=1$')
+    plane.grid(color=GREY, linewidth=0.5)
+    plane.legend(loc='upper right', frameon=False)
+    cylinder.set(xlabel=r'$\eta_1$', ylabel=r'$\eta_2$', zlabel=r'$\tilde\xi$', zlim=(-4.2, 4.2))
+    cylinder.set_title('The same on the cylinder')
+    return figure
+
+
+def tidy(axes: Axes) -> None:
+    """What all panels over time share."""
+    axes.grid(color=GREY, linewidth=0.5)
+    axes.tick_params(labelsize=8, colors=SOFT)
+    axes.margins(x=0.0)
+
+
+def transients() -> Figure:
+    """Figure 2: speed, angle error, xi and back-EMF error for the three observers, start A."""
+    figure = Figure(figsize=(15.0, 8.5), layout='constrained')
+    panels = figure.subplots(3, 4, sharex=True)
+    direction, eta0, xi0 = STARTS['A']
+    for row, (kind, name) in enumerate(ROWS):
+        run = reference_run(grid(direction), kind, eta0, xi0)
+        wrong, time = errors(run), run.truth.time
+        speed, angle, xi, emf = panels[row]
+        speed.plot(time, np.abs(run.h) * run.x / POLE_PAIRS * RPM, color=RED, linewidth=0.9)
+        speed.plot(time, run.truth.omega / POLE_PAIRS * RPM, color=BLUE, linewidth=0.9)
+        speed.set_ylabel(f'{name}\nspeed [rpm]', fontsize=9)
+        speed.set_ylim(-1000.0, 8000.0)
+        angle.plot(time, np.degrees(wrapped(wrong.angle)), color=BLUE, linewidth=0.9)
+        angle.set_ylabel('angle error [deg]', fontsize=9)
+        angle.set_ylim(-180.0, 180.0)
+        xi.axhline(1.0 / FLUX, color=BLUE, linewidth=0.9)
+        xi.plot(time, run.x, color=RED, linewidth=0.9)
+        xi.set_ylabel(r'$\xi$, $\hat\xi$ [1/Wb]', fontsize=9)
+        xi.set_ylim(-50.0, 700.0)
+        emf.plot(time, wrong.emf.real, color=BLUE, linewidth=0.9)
+        emf.plot(time, wrong.emf.imag, color=RED, linewidth=0.9)
+        emf.set_ylabel(r'$h-\hat h$ [V]', fontsize=9)
+        emf.set_ylim(-1.2, 1.2)
+        for letter, axes in zip(LETTERS[row], panels[row]):
+            axes.set_title(f'({letter})', fontsize=9, color=SOFT)
+            tidy(axes)
+    for axes in panels[-1]:
+        axes.set_xlabel('time [s]', fontsize=9)
+    return figure
+
+
+def loops() -> Figure:
+    """Speed and errors of a drive on the observer's own angle and speed, with a load step."""
+    figure = Figure(figsize=(13.0, 6.0), layout='constrained')
+    panels = figure.subplots(3, len(LOOPS), sharex='col')
+    for column, name in enumerate(LOOPS):
+        loop = closed_loop(name)
+        time = 1e-3 * np.arange(1, len(loop.speed) + 1)
+        top, middle, bottom = panels[:, column]
+        top.plot(time, loop.wanted, color=GREY, linewidth=1.5, label='wanted')
+        top.plot(time, loop.speed, color=BLUE, linewidth=1.0, label='true')
+        estimate = np.where(loop.running, loop.speed * (1.0 + 0.01 * loop.speed_error), np.nan)
+        top.plot(time, estimate, color=RED, linewidth=1.0, label='estimate, once it leads')
+        top.set_title(f'{name}, load step at {LOOPS[name][3]:g} s', fontsize=10)
+        middle.plot(time, np.where(loop.running, loop.angle_error, np.nan), color=BLUE,
+                    linewidth=0.9)
+        bottom.plot(time, np.where(loop.running, loop.speed_error, np.nan), color=BLUE,
+                    linewidth=0.9)
+        bottom.set_xlabel('time [s]')
+        for axes in (top, middle, bottom):
+            tidy(axes)
+    panels[0][0].legend(fontsize=8, frameon=False)
+    for axes, text in zip(panels[:, 0], ('speed [rpm]', 'angle error [deg]', 'speed error [%]')):
+        axes.set_ylabel(text)
+    return figure
+
+
+FIGURES = {'pmsm_figure_1': phase_portrait, 'pmsm_figure_2': transients, 'pmsm_closed_loop': loops}

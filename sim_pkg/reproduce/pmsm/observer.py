@@ -1,0 +1,167 @@
+"""The observer `pmsm` itself, run over samples from a chosen start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.observers.drive import DriveFunctions
+from estimator_pkg.observers.pmsm import build
+from estimator_pkg.observers.pmsm_gains import Gains
+from estimator_pkg.observers.pmsm_state import CORE, OUT, WATCH
+from sim_pkg.reproduce.pmsm.reference import (
+    FLUX,
+    GAMMA,
+    INDUCTANCE,
+    K_ETA,
+    K_I,
+    K_P,
+    POLE_PAIRS,
+    RESISTANCE,
+    Errors,
+    Run,
+    Signals,
+    errors,
+    start_frame,
+)
+from sim_pkg.reproduce.pmsm.schemes import Samples
+
+COMPILE_FROM = 100_000  # samples from which compiling pays off
+
+PAPER: dict[str, Any] = {'form': 'paper', 'resistance': RESISTANCE, 'inductance': INDUCTANCE,
+                         'flux': FLUX, 'pole_pairs': POLE_PAIRS, 'k_p': K_P, 'k_i': K_I,
+                         'k_eta': K_ETA, 'gamma': GAMMA}
+ROBUST: dict[str, Any] = {'resistance': RESISTANCE, 'inductance': INDUCTANCE, 'flux': FLUX,
+                          'pole_pairs': POLE_PAIRS}
+
+
+def functions_of(**gains: Any) -> DriveFunctions:
+    """The observer's functions at these gains."""
+    return build(Gains(**gains), Circle())
+
+
+def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
+    """A loop that logs h, z, xi_hat, the speed output, status and reasons after each sample."""
+    step, output, reasons_of = functions.step, functions.output, functions.reasons
+
+    def log(state: Any, coefficients: tuple, design: tuple, samples: NDArray[np.float64],
+            out_h: NDArray[np.complex128], out_z: NDArray[np.complex128],
+            out_x: NDArray[np.float64], speed: NDArray[np.float64], status: NDArray[np.int8],
+            reasons: NDArray[np.int16]) -> tuple:
+        for k in range(len(samples)):
+            row = samples[k]
+            sample = (row[0], row[1], row[2], row[3])
+            state = step(state, coefficients, design, sample, 0.0)
+            i, out_h[k], out_z[k], out_x[k], current, y = state[CORE]
+            position, velocity, spare, status[k] = output(state, coefficients, design, sample, 0.0)
+            speed[k] = state[OUT][0]
+            reasons[k] = reasons_of(state)
+        return state
+
+    return log
+
+
+class Log(NamedTuple):
+    """Arrays of shape (n,), one entry after each sample but the first; speed electrical."""
+
+    h: NDArray[np.complex128]
+    z: NDArray[np.complex128]
+    x: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    status: NDArray[np.int8]
+    reasons: NDArray[np.int16]
+
+    @property
+    def angle(self) -> NDArray[np.float64]:
+        """Rotor angle as the observer has it, whether it is shown or not [rad]."""
+        return np.angle(self.z * np.where(self.x < 0.0, -1.0, 1.0))
+
+
+def start_state(functions: DriveFunctions, first: NDArray[np.float64], z: complex, x: float,
+                h: complex = 0j, seen: float = 0.0) -> Any:
+    """The observer's state at a chosen start.
+
+    Parameters
+    ----------
+    seen : electrical speed [rad/s] that its watch has seen for long; 0: it has seen nothing, and
+        the robust form will search for the rotor first.
+    """
+    state: Any = functions.init(tuple(float(value) for value in first), functions.design())
+    current = complex(first[0], first[1])
+    y = z * complex(-h.imag, h.real)
+    watch = state[WATCH]
+    if seen:
+        chi = abs(seen) * FLUX
+        watch = (chi, complex(0.0, -chi), seen, 0.0, watch[4], 0.0, 1.0, 0)
+    core = (z.conjugate() * current, h, z, float(x), current, y)
+    return (core, *state[1:WATCH], watch, *state[WATCH + 1:])
+
+
+def run_log(functions: DriveFunctions, samples: NDArray[np.float64], dt: float, state: Any, *,
+            fast: bool | None = None) -> Log:
+    """The observer over `samples`, shape (n + 1, 4), from the state at the first of them."""
+    count = len(samples) - 1
+    design = functions.design()
+    log = Log(np.empty(count, complex), np.empty(count, complex), np.empty(count), np.empty(count),
+              np.empty(count, np.int8), np.empty(count, np.int16))
+    loop = make_log(functions)
+    if (available() and count >= COMPILE_FROM) if fast is None else fast:
+        compiled(loop)(state, functions.prepare(design, dt), design,
+                       np.ascontiguousarray(samples[1:]), *log)
+    else:
+        loop(state, functions.prepare(design, dt), design, samples[1:].tolist(), *log)
+    return log
+
+
+def table_of(samples: Samples) -> NDArray[np.float64]:
+    """Exact currents and mean voltages as rows, shape (n + 1, 4)."""
+    return np.column_stack((samples.truth.current.real, samples.truth.current.imag,
+                            samples.mean.real, samples.mean.imag))
+
+
+def observer_run(functions: DriveFunctions, samples: Samples, rate: float, eta0_deg: float,
+                 xi0: float) -> tuple[Run, Errors]:
+    """The observer on exact samples, as a run that can be judged like the reference runs."""
+    truth = samples.truth
+    rows = table_of(samples)
+    z = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
+    log = run_log(functions, rows, 1.0 / rate, start_state(functions, rows[0], z, xi0))
+    later = Signals(truth.time[1:], truth.theta[1:], truth.omega[1:], truth.current[1:],
+                    truth.voltage[1:])
+    run = Run(later, log.h, log.z, log.x, 0, 0)
+    return run, errors(run)
+
+
+class Verdict(NamedTuple):
+    """How honest a run's status was [ms].
+
+    wrong : flagged tracking while the angle was wrong by more than 10 degrees.
+    withheld : flagged otherwise while the angle was right and the speed above 200 rpm.
+    tracking : in all; worst : largest angle error [deg] while tracking.
+    """
+
+    wrong: float
+    withheld: float
+    tracking: float
+    worst: float
+
+
+def judge(log: Log, theta: NDArray[np.float64], speed: NDArray[np.float64], dt: float) -> Verdict:
+    """The verdict on a log against true electrical angle [rad] and mechanical speed [rad/s]."""
+    error = np.abs(np.angle(np.exp(1j * (log.angle - theta))))
+    tracking = log.status == TRACKING
+    good = error <= math.radians(10.0)
+    fast = np.abs(speed) > 200.0 * math.pi / 30.0
+    worst = math.degrees(float(error[tracking].max())) if tracking.any() else 0.0
+    return Verdict(1e3 * dt * float((tracking & ~good).sum()),
+                   1e3 * dt * float((~tracking & good & fast).sum()),
+                   1e3 * dt * float(tracking.sum()), worst)
+
+

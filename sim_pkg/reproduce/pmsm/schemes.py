@@ -1,0 +1,197 @@
+"""Ways to sample the observer, for the comparison: Euler, Runge-Kutta, and scheme X with variants.
+
+The observer itself uses `pmsm_scheme.advance` (X, voltage rotated, two passes); `exponential_step`
+here is the same with its choices open.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.observers.pmsm_equations import emf, flow
+from estimator_pkg.observers.pmsm_identifier import empty_registers
+from estimator_pkg.observers.pmsm_scheme import prepare_scheme, turned_emf
+from sim_pkg.reproduce.pmsm.reference import (
+    CLOCK,
+    GAMMA,
+    INDUCTANCE,
+    K_ETA,
+    K_I,
+    K_P,
+    PERIODS,
+    RESISTANCE,
+    Run,
+    Signals,
+    signals,
+    start_frame,
+    tick,
+)
+
+(EULER_INSTANT, EULER_MEAN, RK4_MEAN, RK4_LINEAR, X_HELD, X_TURNED, X_ONE_PASS) = range(7)
+NAMES = ('Euler inst-held', 'Euler avg-u', 'RK4 held avg-u', 'RK4 i,u lerp inst', 'X zoh-ab',
+         'X rot-avg', 'X rot-avg 1 pass')
+DIVERGED = 1e6   # V or 1/Wb
+FINE = 200000.0  # Hz, of the sums that give mean voltages
+
+
+def _held_voltage(voltage, speed, turn, scheme):
+    """What a voltage that stands still in the static frame adds to i and h: exact.
+
+    The integral of exp(A0 (dt - s)) exp(-j w s) is (A0 + j w)^-1 (E - exp(-j w dt)).
+
+    Parameters
+    ----------
+    voltage : in the frame at the start of the sample [V].
+    turn : exp(j w dt).
+    """
+    rate = -(RESISTANCE / INDUCTANCE + K_P)
+    turning = complex(0.0, speed)
+    a, b, c, d = turning + rate, 1.0 / INDUCTANCE, -K_I, turning
+    inverse = 1.0 / (a * d - b * c)
+    drive = voltage * (1.0 / INDUCTANCE)
+    first = (scheme[1] - turn.conjugate()) * drive
+    second = scheme[3] * drive
+    return inverse * (d * first - b * second), inverse * (a * second - c * first)
+
+
+def exponential_step(i, h, z, x, before, now, voltage, scheme, k_eta, gamma, held, passes):
+    """`pmsm_scheme.advance` with its choices open.
+
+    Parameters
+    ----------
+    held : the mean voltage stands still in the static frame, instead of turning with the rotor.
+    passes : over the frame speed.
+    """
+    (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
+    back = z.conjugate()
+    start = back * before
+    first = abs(h) * x + k_eta * h.real
+    speed = first
+    new_i, new_h, new_x, turn = i, h, x, complex(1.0, 0.0)
+    for _ in range(passes):
+        turn = complex(math.cos(speed * dt), math.sin(speed * dt))
+        end = back * turn.conjugate() * now
+        u = complex(0.0, 0.0)
+        held_i, held_h = u, u
+        if held:
+            held_i, held_h = _held_voltage(back * voltage, speed, turn, scheme)
+        else:
+            angle = 0.5 * speed * dt
+            sinc = math.sin(angle) / angle if angle != 0.0 else 1.0
+            middle = complex(math.cos(angle), -math.sin(angle))
+            u = back * middle * voltage * (1.0 / max(0.2, sinc))
+        change = end - start
+        back_turn = complex(0.0, -speed)
+        new_i = (e11 * i + e12 * h + iu * u + ia * start + idd * change
+                 + back_turn * (iw * start + idw * change) + held_i)
+        new_h = (e21 * i + e22 * h + hu * u + ha * start + hdd * change
+                 + back_turn * (hw * start + hdw * change) + held_h)
+        new_x = x + 0.5 * gamma * dt * (h.real + new_h.real)
+        speed = 0.5 * (first + abs(new_h) * new_x + k_eta * new_h.real)
+    new_z = z * turn
+    return new_i, new_h, new_z * (1.0 / abs(new_z)), new_x
+
+
+def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, i, h, z, x,
+            out_h, out_z, out_x):
+    """A run at one sample rate; (reflections, replacements of x). Rows after divergence are nan.
+
+    Parameters
+    ----------
+    way : one of the ways above.
+    current, instant : at the samples, shape (n + 1,) [A], [V].
+    mean : mean voltage over the interval before each sample [V].
+    period : samples between clock ticks.
+    """
+    integral = complex(0.0, 0.0)
+    y = emf(h, z)
+    count, jumps, fires = 0, 0, 0
+    threshold = 4.0 * math.sqrt(GAMMA)
+    out_h[0], out_z[0], out_x[0] = h, z, x
+    for k in range(1, len(current)):
+        if way >= X_HELD:
+            passes = 1 if way == X_ONE_PASS else 2
+            i, h, z, x = exponential_step(i, h, z, x, current[k - 1], current[k], mean[k], scheme,
+                                          K_ETA, GAMMA, way == X_HELD, passes)
+        else:
+            c0 = c1 = c2 = current[k - 1]
+            u0 = u1 = u2 = mean[k]
+            if way == EULER_INSTANT:
+                u0 = instant[k - 1]
+            elif way == RK4_LINEAR:
+                c2, u0, u2 = current[k], instant[k - 1], instant[k]
+                c1, u1 = 0.5 * (c0 + c2), 0.5 * (u0 + u2)
+            a_i, a_h, a_z, a_x = flow(i, h, z, x, c0, u0, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA,
+                                      GAMMA)
+            if way == EULER_INSTANT or way == EULER_MEAN:
+                i, h, z, x = i + dt * a_i, h + dt * a_h, z + dt * a_z, x + dt * a_x
+            else:
+                s = 0.5 * dt
+                b_i, b_h, b_z, b_x = flow(i + s * a_i, h + s * a_h, z + s * a_z, x + s * a_x, c1,
+                                          u1, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
+                c_i, c_h, c_z, c_x = flow(i + s * b_i, h + s * b_h, z + s * b_z, x + s * b_x, c1,
+                                          u1, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
+                d_i, d_h, d_z, d_x = flow(i + dt * c_i, h + dt * c_h, z + dt * c_z, x + dt * c_x,
+                                          c2, u2, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
+                s = dt / 6.0
+                i = i + s * (a_i + 2.0 * b_i + 2.0 * c_i + d_i)
+                h = h + s * (a_h + 2.0 * b_h + 2.0 * c_h + d_h)
+                z = z + s * (a_z + 2.0 * b_z + 2.0 * c_z + d_z)
+                x = x + s * (a_x + 2.0 * b_x + 2.0 * c_x + d_x)
+            if not (-DIVERGED < h.real < DIVERGED and -DIVERGED < h.imag < DIVERGED
+                    and -DIVERGED < x < DIVERGED and -10.0 < z.real < 10.0
+                    and -10.0 < z.imag < 10.0 and -DIVERGED < i.real < DIVERGED
+                    and -DIVERGED < i.imag < DIVERGED):
+                return jumps, fires
+            z = z * (1.0 / abs(z))
+        new_y = emf(h, z)
+        area, turned = turned_emf(y, new_y, dt)
+        integral += area
+        y = new_y
+        if k % period == 0:
+            count += 1
+            i, h, z, x, registers, jumped, fired = tick(i, h, z, x, registers, integral, count,
+                                                        kind, threshold)
+            integral = complex(0.0, 0.0)
+            jumps += jumped
+            fires += fired
+        out_h[k], out_z[k], out_x[k] = h, z, x
+    return jumps, fires
+
+
+class Samples(NamedTuple):
+    """Truth at the samples and the mean voltage over the interval before each [V]."""
+
+    truth: Signals
+    mean: NDArray[np.complex128]
+
+
+def drive_samples(rate: float, direction: int = 1, duration: float = 0.70) -> Samples:
+    """What a drive would publish of the exact signals at `rate` [Hz]."""
+    count = round(duration * rate)
+    parts = max(1, round(FINE / rate))
+    truth = signals(np.arange(count + 1, dtype=np.float64) / rate, direction)
+    middles = (np.arange(count * parts, dtype=np.float64) + 0.5) / (rate * parts)
+    means = signals(middles, direction).voltage.reshape(count, parts).mean(axis=1)
+    return Samples(truth, np.concatenate((truth.voltage[:1], means)))
+
+
+def sampled_run(samples: Samples, rate: float, way: int, kind: int, eta0_deg: float, xi0: float
+                ) -> Run:
+    """One observer, sampled in one way."""
+    truth = samples.truth
+    count = len(truth.time)
+    h, z = np.full(count, np.nan + 0j), np.full(count, np.nan + 0j)
+    x = np.full(count, np.nan)
+    z0 = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
+    scheme = prepare_scheme(RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / rate)
+    jumps, fires = compiled(sampled)(
+        way, truth.current, truth.voltage, samples.mean, 1.0 / rate, round(rate / CLOCK), kind,
+        empty_registers(PERIODS), scheme, z0.conjugate() * truth.current[0], 0j, z0, float(xi0),
+        h, z, x)
+    return Run(truth, h, z, x, jumps, fires)
