@@ -130,8 +130,9 @@ def test_limits_work_both_ways():
 def test_updates_name_every_observer_beside_filterpy():
     rows = {row['name']: row for row in update.updates(rounds=1)}
     for entry in at_defaults():
-        assert rows[f'update {entry.label}']['limit'] == 2.5
-        assert rows[f'{update.SAME_WORK} / {entry.label}']['limit'] == 10.0
+        adaptive = entry.label == 'edge_adaptive'
+        assert rows[f'update {entry.label}']['limit'] == (4.0 if adaptive else 2.5)
+        assert rows[f'{update.SAME_WORK} / {entry.label}']['limit'] == (None if adaptive else 10.0)
         assert rows[f'{update.BARE} / {entry.label}']['limit'] is None
 
 
