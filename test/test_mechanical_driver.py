@@ -129,6 +129,16 @@ def test_a_joint_that_no_longer_comes_is_named():
     assert mechanisms.why_silent('m') == 'waiting for c'
 
 
+def test_joints_whose_stamps_never_agree_are_told_how_far_they_are_apart():
+    mechanisms = bank(model='cart_pendulum', joints=['p', 'c'])
+    for k in range(30):
+        mechanisms.update(START + k * MS, ('p',), (0.1,), ())
+        mechanisms.update(START + k * MS + 200_000, ('c',), (0.0,), ())
+    assert mechanisms.why_silent('m') == ('its joints come apart, with stamps that differ by '
+                                          '0.0002 s at least (pair_tolerance)')
+    assert mechanisms.joints['m'].received == 0 < mechanisms.joints['m'].incomplete
+
+
 def test_several_mechanisms_in_one_stream():
     mechanisms = bank(names=('arm', 'cart'), bandwidth_hz=20.0, overrides={
         'arm': {'joints': ['elbow']},

@@ -73,6 +73,7 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         probe.until(lambda: node.status('lab') == 'tracking')
         entry = node.statuses['lab']
         assert dds.value(entry, 'input') == 'effort_command'
+        assert dds.value(entry, 'incomplete') == '0'
         K, L = (float(dds.value(entry, key).split(', ')[0]) for key in ('K', 'L'))
         assert float(dds.value(entry, 'noise_figure').split(', ')[0]) == pytest.approx(
             K * K / (2.0 * L), rel=1e-3)

@@ -9,6 +9,7 @@ import math
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any, NamedTuple
 
 from estimator_pkg.driver.bank import Received
@@ -165,10 +166,18 @@ class Mechanism(Joint):
         return self.functions.why(self.state, self._design)
 
     def why_silent(self) -> str:
-        """Which joints do not come while others do, in words; '' where that is not so."""
+        """Why samples do not become complete, in words; '' where none is begun."""
+        if not self._pending:
+            return ''
         missing = sorted(set(self.names) - {
             self.names[k] for waiting in self._pending for k in waiting.positions})
-        return f'waiting for {", ".join(missing)}' if self._pending and missing else ''
+        if missing:
+            return f'waiting for {", ".join(missing)}'
+        apart_ns = min((abs(one.stamp_ns - other.stamp_ns)
+                        for one, other in combinations(self._pending, 2)
+                        if one.positions.keys().isdisjoint(other.positions)), default=0)
+        return (f'its joints come apart, with stamps that differ by {apart_ns * 1e-9:g} s at least '
+                '(pair_tolerance)')
 
 
 @dataclass

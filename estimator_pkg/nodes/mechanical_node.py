@@ -93,8 +93,9 @@ class MechanicalObserver(DrivenNode):
             self._tell_gains()
 
     def about(self, name: str) -> Mapping[str, Any]:
-        """Of a mechanism: what its gains mean at the measured rate, too."""
-        return {**super().about(name), **self._meaning.get(name, {})}
+        """Of a mechanism: stamps that lacked a joint, and what its gains mean, too."""
+        return {**super().about(name), 'incomplete': self.bank.joints[name].incomplete,
+                **self._meaning.get(name, {})}
 
     def _tell_gains(self) -> None:
         """Poles, limits and noise of the gains at the measured rate, on ~/gains."""
