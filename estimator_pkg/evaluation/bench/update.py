@@ -32,7 +32,8 @@ ADAPTIVE_UPDATE = 4.0       # [us]
 SAME_WORK = 'filterpy, same work'
 BARE = 'filterpy, bare'
 TURN = 2.0 * math.pi
-BATCH_LIMITS = {'hybrid_angle': 25.0, ADAPTIVE: 4.0}   # million samples/s
+MAIN = 'hybrid_angle'       # the observer of which the batch's speed is required
+BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 4.0}  # million samples/s
 
 
 def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
