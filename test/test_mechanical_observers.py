@@ -14,8 +14,10 @@ from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.models.load import load
 from estimator_pkg.models.motion import make_plant
+from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_flow import make_flow
+from estimator_pkg.observers.mechanical_friction import stopping
 from estimator_pkg.observers.mechanical_noise import discrete
 from estimator_pkg.parameters import build
 
@@ -242,3 +244,71 @@ def test_a_mass_that_vanishes_gives_no_numbers_instead_of_an_exception():
     solve = mechanical_algebra(2).solve
     assert all(map(math.isnan, solve(((1.0, 0.0), (0.0, 0.0)), (1.0, 1.0))))
     assert solve(((2.0, 1.0), (-1.0, 3.0)), (3.0, 2.0)) == pytest.approx((1.0, 1.0))
+
+
+# Dry friction
+
+STUCK = ('inertia=0.01', 'coulomb=0.5')  # 50 rad/s^2: half a rad/s within a sample of 10 ms
+
+
+@pytest.mark.parametrize('name, most', (('geso', 0.01), ('hgo', 0.01), ('ehgo', 0.01),
+                                        ('smo', 0.08)))
+def test_a_joint_that_dry_friction_holds_is_estimated_at_rest(name, most):
+    """Held explicitly over a sample, friction throws it to and fro by 0.3 rad/s."""
+    random = np.random.default_rng(0)
+    readings = [(float(each),) for each in np.rint(random.normal(0.0, 1e-4, 400) / 1.5e-3) * 1.5e-3]
+    functions = made(name, model='single_joint', model_parameters=list(STUCK))
+    velocities, statuses, _ = driven(functions, 0.01, 400, readings, [(0.2,)] * 400)
+    assert statuses[-1] == TRACKING
+    assert np.max(np.abs(velocities[200:])) < most + 0.1 * (name == 'smo')
+    assert np.sqrt(np.mean(velocities[200:] ** 2)) < most
+
+
+@pytest.mark.parametrize('name', ('geso', 'hgo', 'ehgo'))
+def test_dry_friction_at_200_hz_through_both_directions(name):
+    """A quarter of a rad/s is what friction takes within a sample, and was the error."""
+    dt, count = 5e-3, 600
+    torque = [(1.2 * math.sin(2.0 * math.pi * 0.7 * dt * k),) for k in range(count)]
+    mechanics = load('single_joint', STUCK)
+    plant = make_plant(mechanics)
+    q, v, readings, speeds = (0.0,), (0.0,), [], []
+    for u in torque:
+        readings.append(q)
+        speeds.append(v[0])
+        q, v = plant(mechanics.values, q, v, u, dt, 100)
+    functions = made(name, model='single_joint', model_parameters=list(STUCK))
+    velocities, _, _ = driven(functions, dt, count, readings, torque)
+    error = np.abs(velocities[:, 0] - speeds[1:])[100:]
+    assert np.max(np.abs(speeds)) > 20.0 and np.max(error) < 0.06
+
+
+@pytest.mark.parametrize('name, model, numbers', (
+    ('geso', 'single_joint', ['coulomb=0.5', 'damping=0.1']), ('hgo', 'single_joint', STUCK),
+    ('smo', 'two_links', ()), ('geso', 'cart_pendulum', ['friction_forward=4.0'])))
+@pytest.mark.skipif(not available(), reason='needs numba')
+def test_plain_and_compiled_agree_where_friction_stops_a_joint(name, model, numbers):
+    functions = made(name, model=model, model_parameters=list(numbers))
+    design, random = functions.design(), np.random.default_rng(1)
+    coefficients = functions.prepare(design, 0.01)
+    state, step = functions.init(functions.blank, design), compiled(functions.step)
+    given = (0.1,) * max(1, functions.mechanics.inputs)
+    for _ in range(60):
+        reading = tuple((np.array(functions.blank)
+                         + random.normal(0.0, 1e-4, len(functions.blank))).tolist())
+        other = step(state, coefficients, design, reading, given)
+        state = functions.step(state, coefficients, design, reading, given)
+        for a, b in zip(state[0], other[0]):
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-300)
+
+
+@pytest.mark.parametrize('force, free, late, v, wanted', (
+    (-1.0, 0.0, -1.0, 0.01, (0.0, 100.0)),     # stops it: as a viscous force of the same size
+    (1.0, 0.0, 1.0, -0.01, (0.0, 100.0)),
+    (-0.2, 0.8, -0.2, 0.01, (0.8, 100.0)),     # holds it against what drives it
+    (1.0, 2.0, 1.0, 0.01, (1.0, 0.0)),         # does not
+    (-1.0, 0.0, -1.0, 1.0, (-1.0, 0.0)),
+    (1.0, 0.0, 1.0, 0.01, (1.0, 0.0)),         # drives it
+    (0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
+    (-0.7, 0.3, -0.7, 1e-12, (0.3, 300.0))))   # a plain sign: it rests whatever the size
+def test_friction_that_stops_a_joint_counts_as_viscous(force, free, late, v, wanted):
+    assert stopping(force, free, late, v, 1.0, 0.1) == pytest.approx(wanted)

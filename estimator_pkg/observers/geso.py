@@ -25,6 +25,7 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_flow import make_flow
+from estimator_pkg.observers.mechanical_friction import is_resisted, make_resistance
 from estimator_pkg.observers.mechanical_gains import Tuning
 from estimator_pkg.observers.mechanical_parameters import (
     LINEAR,
@@ -118,12 +119,12 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     tuned = tune(gains, mechanics, point)
     n = mechanics.degrees
     disturbed = gains.disturbance_hz > 0.0
-    damped = mechanics.damping is not None
+    paper = gains.form == PAPER
+    damped = mechanics.damping is not None if paper else is_resisted(mechanics)
     diagonal = bool(np.all(np.diag(np.diag(tuned.L)) == tuned.L))
     simple = (bool(np.all(tuned.Gamma == np.diag(np.diag(tuned.Gamma))))
               and bool(np.all(np.eye(n) == tuned.P0)))
     at_measurement = gains.schedule == MEASUREMENT
-    paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper
     algebra = mechanical_algebra(n)
     apply, turned, product, product_t = (algebra.apply, algebra.turned, algebra.product,
@@ -135,6 +136,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     inertia, factors, force = mechanics.inertia, mechanics.factors, mechanics.force
     admits = mechanics.admits
     damping_of = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+    resistance, dry = make_resistance(mechanics), mechanics.speed_matters
     zeros = (0.0,) * n
     empty = zeros if disturbed else ()
 
@@ -167,9 +169,14 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             b = scaled_t(gain_g, calm)
         else:
             b = product(product_t(gain_g, calm), weight)
-        f = turned(psi, force(values, at, v, given))
+        if paper:
+            f, friction = force(values, at, v, given), damping_of(values, at)
+        else:
+            mass = inertia(values, at) if dry else calm
+            f, friction = resistance(values, at, v, given, mass, dt)
+        f = turned(psi, f)
         if damped:
-            w = product(transposed(psi), product(damping_of(values, at), calm))
+            w = product(transposed(psi), product(friction, calm))
         else:
             w = calm
         good = True

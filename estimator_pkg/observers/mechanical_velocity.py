@@ -19,6 +19,7 @@ from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_flow import make_flow
+from estimator_pkg.observers.mechanical_friction import is_resisted, make_resistance
 from estimator_pkg.observers.mechanical_parameters import (
     LINEAR,
     MEASUREMENT,
@@ -48,43 +49,43 @@ def make_acceleration(mechanics: Mechanics) -> Callable[..., tuple]:
 
 
 def make_drift(mechanics: Mechanics) -> Callable[..., tuple]:
-    """drift(values, q, v, u): (M^-1 [force - C v], M^-1 D); v' is the first less the second by v.
+    """drift(values, q, v, u, h): (a, W) of v' = a - W v, a = M^-1 [force - C v], W = M^-1 D.
 
-    An explicit step of D v would be unstable where a joint's friction stops it within a sample.
-    Where there is no damping the second is anything of its shape.
+    An explicit step of D v would be unstable where a joint's friction stops it within a sample of
+    h [s]. Where there is no resistance the second is anything of its shape.
     """
     algebra = mechanical_algebra(mechanics.degrees)
     solve, minus, divided = algebra.solve, algebra.minus, algebra.divided
-    inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
-    damped = mechanics.damping is not None
-    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+    inertia, coriolis = mechanics.inertia, mechanics.coriolis
+    resisted, resistance = is_resisted(mechanics), make_resistance(mechanics)
 
-    def drift(values: tuple, q: tuple, v: tuple, u: tuple) -> tuple:
+    def drift(values: tuple, q: tuple, v: tuple, u: tuple, h: float) -> tuple:
         mass = inertia(values, q)
-        free = solve(mass, minus(force(values, q, v, u), coriolis(values, q, v)))
-        if damped:
-            return free, divided(mass, damping(values, q))
+        force, damping = resistance(values, q, v, u, mass, h)
+        free = solve(mass, minus(force, coriolis(values, q, v)))
+        if resisted:
+            return free, divided(mass, damping)
         return free, mass
 
     return drift
 
 
 def make_braked(mechanics: Mechanics) -> Callable[..., tuple]:
-    """braked(values, q, v, u, h): the mean acceleration over h [s], the damping at its end.
+    """braked(values, q, v, u, h): the mean acceleration over h [s], the resistance at its end.
 
     (M + h D) a = force - C v - D v: implicit in the damping, explicit in the rest.
     """
     algebra = mechanical_algebra(mechanics.degrees)
     solve, minus, apply, blend = algebra.solve, algebra.minus, algebra.apply, algebra.blend
-    inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
-    damped = mechanics.damping is not None
-    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+    inertia, coriolis = mechanics.inertia, mechanics.coriolis
+    resisted, resistance = is_resisted(mechanics), make_resistance(mechanics)
 
     def braked(values: tuple, q: tuple, v: tuple, u: tuple, h: float) -> tuple:
-        total, mass = minus(force(values, q, v, u), coriolis(values, q, v)), inertia(values, q)
-        if damped:
-            friction = damping(values, q)
-            total, mass = minus(total, apply(friction, v)), blend(mass, h, friction)
+        mass = inertia(values, q)
+        force, damping = resistance(values, q, v, u, mass, h)
+        total = minus(force, coriolis(values, q, v))
+        if resisted:
+            total, mass = minus(total, apply(damping, v)), blend(mass, h, damping)
         return solve(mass, total)
 
     return braked
@@ -155,7 +156,7 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     towards, minus, scale, nought = (algebra.towards, algebra.minus, algebra.scale,
                                      algebra.nought)
     apply, times = algebra.apply, algebra.times
-    flow = make_flow(n, diagonal=diagonal, damped=mechanics.damping is not None,
+    flow = make_flow(n, diagonal=diagonal, damped=is_resisted(mechanics),
                      disturbed=extended)
     acceleration, drift = make_acceleration(mechanics), make_drift(mechanics)
     place = make_place(n, gains)
@@ -193,7 +194,7 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
             e = minus(towards(e, dt, rate), moved)
             x = towards(x, dt, f)
         else:
-            f, w = drift(values, at, x, given)
+            f, w = drift(values, at, x, given, dt)
             rate = scale(coefficients[1], moved) if linear_hold else nought(moved)
             e, x, d, good = flow(e, x, d, one, one, gain_k, gain_l, w, gain_d, f, rate, dt)
             if not linear_hold:
