@@ -22,7 +22,7 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.parameters import build
-from sim_pkg.mechanisms.motion import make_motion
+from sim_pkg.reproduce.mechanical.motion import make_motion
 
 Array = NDArray[np.float64]
 
