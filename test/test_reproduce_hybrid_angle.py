@@ -134,6 +134,13 @@ def test_without_matplotlib_plot_is_one_line_before_the_work(monkeypatch, capsys
     assert captured.out == ''
 
 
+def test_a_place_for_figures_that_cannot_be_is_told_before_the_work(tmp_path, capsys):
+    (tmp_path / 'file').write_text('')
+    assert cli.main(['reproduce', 'hybrid_angle', '--plot', str(tmp_path / 'file')]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == '' and captured.err.count('\n') == 1
+
+
 def test_figures_are_drawn(tmp_path):
     image = pytest.importorskip('matplotlib.image')
     paths = REPRODUCTION.draw(tmp_path)

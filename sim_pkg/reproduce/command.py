@@ -29,8 +29,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compute and print the rows, draw the figures; 'ok' is False if a row fails."""
     reproduction: Reproduction = registry.find(registry.REPRODUCTIONS, parsed.paper)
-    if parsed.plot is not None:
-        _require_matplotlib()  # before the work, not after it
+    if parsed.plot is not None:  # what is missing is told before the work, not after it
+        _require_matplotlib()
+        parsed.plot.mkdir(parents=True, exist_ok=True)
     with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
         rows = list(reproduction.rows(advance, parsed.only))
     print(reproduction.summary)
@@ -38,7 +39,6 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     for line in (*reproduction.tables(rows), *reproduction.notes):
         print(line)
     if parsed.plot is not None:
-        parsed.plot.mkdir(parents=True, exist_ok=True)
         for path in reproduction.draw(parsed.plot):
             print(path)
     return {'paper': reproduction.name, 'ok': all(row.ok for row in rows),
