@@ -18,6 +18,11 @@ class UsageError(UserError):
     exit_code = 2
 
 
+def first_line(error: BaseException) -> str:
+    """The first line of what an error says, or what kind of error it is."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """A half-sentence that names the nearest known name, or all of them.
 

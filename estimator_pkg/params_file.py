@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.errors import UsageError, UserError, first_line
 
 KEY = 'ros__parameters'
 OVERRIDES = 'joints'
@@ -65,7 +65,7 @@ def _content(path: str | Path, node_name: str) -> Mapping:
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         line = f' (line {mark.line + 1})' if mark else ''
-        what = getattr(error, 'problem', None) or str(error).splitlines()[0]
+        what = getattr(error, 'problem', None) or first_line(error)
         raise UsageError(f'{path} is no YAML{line}: {what}') from error
     if not isinstance(content, Mapping):
         raise UsageError(f'{path} is no parameter file: it has no section '

@@ -13,6 +13,7 @@ import yaml
 from bag_making import OTHER, STATES, TEXT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
@@ -188,16 +189,32 @@ def test_messages_that_are_damaged_are_left_out(kind, data, said, tmp_path, caps
     path = make.KINDS[kind](tmp_path / 'bag', make.content(9))
     with sqlite3.connect(next(path.glob('*.db3'))) as base:
         base.execute('update messages set data = ? where id in (2, 3)', (data,))
+        base.execute('update topics set id = 2000000000000 where id = 1')
+        base.execute('update messages set topic_id = 2000000000000 where topic_id = 1')
     base.close()
     with open_bag(path) as bag:
         assert len(list(bag.messages())) == bag.count - 2
     assert capsys.readouterr().err.count(said) == 1
 
 
-def test_a_damaged_size_takes_no_memory(tmp_path):
+@pytest.mark.parametrize('damage', [{'index_size': 2**50}, {'at': 2**63}])
+def test_damaged_places_and_sizes_of_chunks(damage, tmp_path):
     with open_bag(make.mcap(tmp_path / 'a.mcap', make.content(30))) as bag:
         mcap, _ = bag._mcaps[0]
-        mcap._parts = [part._replace(index_size=2**50) for part in mcap._parts]
+        mcap._parts = [part._replace(**damage) for part in mcap._parts]
+        assert len(list(bag.messages())) == (0 if 'at' in damage else bag.count)
+
+
+def test_an_index_that_leads_out_of_the_chunk(tmp_path):
+    path = make.mcap(tmp_path / 'a.mcap', make.content(30), compression=CompressionType.NONE)
+    with open_bag(path) as bag:
+        at = bag._mcaps[0][0]._parts[0].at
+    raw = bytearray(path.read_bytes())
+    index = at + 9 + int.from_bytes(raw[at + 1:at + 9], 'little')   # behind the chunk
+    assert raw[index] == Opcode.MESSAGE_INDEX
+    raw[index + 23:index + 31] = (2**63 - 1).to_bytes(8, 'little')  # of the first message
+    path.write_bytes(raw)
+    with open_bag(path) as bag:
         assert len(list(bag.messages())) == bag.count
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UserError, first_line
 
 try:
     from estimator_pkg.nodes.runtime import make_executor  # isort: skip  settles the environment
@@ -93,7 +93,7 @@ def live(name: str) -> Iterator[Live]:
     try:
         here = Live(name)
     except Exception as error:  # of rcl: no middleware, a wrong environment
-        raise UserError(f'ROS cannot start: {str(error).splitlines()[0]}') from error
+        raise UserError(f'ROS cannot start: {first_line(error)}') from error
     try:
         yield here
     finally:

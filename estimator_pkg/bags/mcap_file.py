@@ -27,7 +27,7 @@ from mcap.records import Channel, ChunkIndex, Schema
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.block import Block, rows
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UserError, first_line
 
 MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')            # opcode, length of what follows
@@ -196,7 +196,7 @@ class McapFile:
             return UserError(f'{self.path}: the chunk at byte {part.at} is damaged ({why}), '
                              'its messages are left out')
 
-        self._file.seek(part.at)
+        self._file.seek(min(part.at, self._size))
         head = self._file.read(_RECORD.size + _CHUNK.size)
         if len(head) < _RECORD.size + _CHUNK.size or head[0] != Opcode.CHUNK:
             raise damaged('no chunk starts there')
@@ -215,7 +215,7 @@ class McapFile:
             else:
                 return np.frombuffer(_unpack_partly(packed, compression), np.uint8), True
         except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError) as error:
-            raise damaged(str(error).splitlines()[0]) from error
+            raise damaged(first_line(error)) from error
         if len(data) != size:
             raise damaged('wrong size')
         if checksum and zlib.crc32(data) != checksum:
@@ -245,7 +245,7 @@ class McapFile:
 
     def _complete(self, offsets: NDArray[np.int64], data: NDArray[np.uint8]) -> bool:
         """True if there are message records at the offsets, and none elsewhere in `data`."""
-        if not len(offsets) or offsets[0] < 0 or offsets[-1] + MESSAGE.itemsize > len(data):
+        if not len(offsets) or offsets[0] < 0 or offsets[-1] > len(data) - MESSAGE.itemsize:
             return False
         heads = rows(data, offsets, _RECORD.size)
         lengths = heads[:, 1:].copy().view('<u8')[:, 0].astype(np.int64)

@@ -80,7 +80,7 @@ class Bag:
         self.topics: dict[str, Topic] = {}
         self._names: list[str] = []
         self._mcaps: list[tuple[McapFile, np.ndarray]] = []     # with channel id -> topic index
-        self._sqlites: list[tuple[SqliteFile, dict[int, int]]] = []
+        self._sqlites: list[tuple[SqliteFile, np.ndarray]] = []  # with place -> topic index
         self._unpack_messages = False
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         try:
@@ -179,13 +179,9 @@ class Bag:
     def _sqlite_parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
         """Block after block of file after file; files of a split bag follow each other."""
         for sqlite, index in self._sqlites:
-            wanted = {key for key, topic in index.items() if keep[topic]}
-            lookup = np.full(max(index, default=0) + 1, -1)
-            for key, topic in index.items():
-                lookup[key] = topic
-            for start_ns, load in sqlite.parts(wanted):
+            for start_ns, load in sqlite.parts(set(np.flatnonzero(keep[index]).tolist())):
                 block = load()
-                yield start_ns, partial(replace, block, topic=lookup[block.topic])
+                yield start_ns, partial(replace, block, topic=index[block.topic])
 
     def _unpacked(self, block: Block) -> Block:
         """The messages of a bag whose messages are compressed one by one."""
@@ -317,14 +313,13 @@ class Bag:
         self._mcaps.append((mcap, index))
 
     def _add_sqlite(self, sqlite: SqliteFile) -> None:
-        index = {}
-        for item in sqlite.connections:
-            index[item.id] = self._add(
-                item.topic, item.msgtype, sqlite.counts[item.id],
-                list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
-                definition=item.msgdef.data, type_hash=item.digest,
-                serialization=item.ext.serialization_format)  # type: ignore[union-attr]  # too
-        self._sqlites.append((sqlite, index))
+        index = [self._add(
+            item.topic, item.msgtype, item.msgcount,
+            list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
+            definition=item.msgdef.data, type_hash=item.digest,
+            serialization=item.ext.serialization_format)  # type: ignore[union-attr]  # too
+            for item in sqlite.connections]
+        self._sqlites.append((sqlite, np.array(index, np.int64)))
 
     def _add(self, name: str, type_name: str, count: int, qos: Sequence[Qos], *,
              definition: str = '', type_hash: str = '', definition_format: str = 'ros2msg',

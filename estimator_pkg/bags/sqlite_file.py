@@ -10,7 +10,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.bags.block import Block, from_messages
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UserError, first_line
 
 MAGIC = b'SQLite format 3\0'
 ROWS = 4096  # messages per block
@@ -22,7 +22,6 @@ class SqliteFile:
     Attributes
     ----------
     connections : its topics as rosbags describes them.
-    counts : connection id -> number of messages.
 
     Raises
     ------
@@ -46,9 +45,13 @@ class SqliteFile:
         try:
             self._reader.open()
         except Exception as error:  # whatever a damaged file does to the library
-            raise UserError(f'{path} cannot be read as a bag: {_line(error)}') from error
-        self.connections: list[Connection] = list(self._reader.connections)
-        self.counts = {item.id: item.msgcount for item in self.connections}
+            raise UserError(f'{path} cannot be read as a bag: {first_line(error)}') from error
+        every = list(self._reader.connections)
+        self.connections: list[Connection] = [
+            item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)]
+        if len(self.connections) < len(every):
+            warn(f'{path}: the description of a topic is damaged')
+        self._places = {item.id: place for place, item in enumerate(self.connections)}
 
     def close(self) -> None:
         """Close the file."""
@@ -57,9 +60,11 @@ class SqliteFile:
     def parts(self, wanted: set[int]) -> Iterator[tuple[int, Callable[[], Block]]]:
         """(time of its first message, a function that gives it) of block after block.
 
-        The blocks' `topic` are connection ids, only those `wanted`.
+        Parameters
+        ----------
+        wanted : places in `connections`, which the blocks' `topic` are too.
         """
-        connections = [item for item in self.connections if item.id in wanted]
+        connections = [self.connections[place] for place in sorted(wanted)]
         if not connections:
             return
         topic: list[int] = []
@@ -73,22 +78,18 @@ class SqliteFile:
         strange = 0
         try:
             for connection, time_ns, raw in self._reader.messages(connections):
-                if not isinstance(raw, bytes):
+                if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
-                topic.append(connection.id)
+                topic.append(self._places[connection.id])
                 times.append(time_ns)
                 raws.append(raw)
                 if len(raws) == ROWS:
                     yield full()
                     topic, times, raws = [], [], []
         except (apsw.Error, UnicodeDecodeError) as error:
-            raise UserError(f'{self.path} is damaged: {_line(error)}') from error
+            raise UserError(f'{self.path} is damaged: {first_line(error)}') from error
         if raws:
             yield full()
         if strange:
             self._warn(f'{self.path} is damaged: {strange} messages are no bytes and are left out')
-
-
-def _line(error: Exception) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]

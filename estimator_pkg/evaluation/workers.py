@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any
 
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.errors import UsageError, UserError, first_line
 
 HINT = "a cluster needs Dask: pip install 'velocity_estimator[cluster]'"
 PATIENCE = '8s'     # for a scheduler to answer
@@ -75,7 +75,7 @@ def _gathered(client: Any, function: Callable[..., Any], items: Sequence[tuple])
         for future in futures:
             yield future.result()
     except (CommClosedError, KilledWorker, CancelledError, TimeoutError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = first_line(error)
         raise UserError(f'the Dask cluster failed: {reason}') from error
 
 
@@ -92,7 +92,7 @@ def _cluster(address: str) -> Iterator[Any]:
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = first_line(error)
         raise UserError(f"no Dask scheduler answers at '{address}': {reason}") from error
     with client:
         yield client

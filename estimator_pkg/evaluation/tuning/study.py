@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UserError, first_line
 
 HINT = "tuning needs Optuna: pip install 'velocity_estimator[tune]'"
 BATCH = 8
@@ -125,8 +125,8 @@ class Study:
         except Exception as error:  # a database may fail in any way
             if self._storage is None:
                 raise
-            said = str(error).strip().splitlines() or [type(error).__name__]
-            raise UserError(f"the storage '{self._storage}' cannot be used: {said[0]}") from error
+            raise UserError(f"the storage '{self._storage}' cannot be used: {first_line(error)}"
+                            ) from error
 
     def earlier(self) -> list[Trial]:
         """Trials of the same gains that the storage has."""
