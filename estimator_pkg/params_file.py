@@ -70,6 +70,10 @@ def _content(path: str | Path, node_name: str) -> Mapping:
     if not isinstance(content, Mapping):
         raise UsageError(f'{path} is no parameter file: it has no section '
                          f"'{node_name}: {KEY}:'")
+    try:
+        _flat(content, '')
+    except RecursionError as error:
+        raise UsageError(f'{path} has an alias to what it is part of') from error
     return content
 
 

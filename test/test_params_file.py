@@ -55,6 +55,8 @@ def test_a_list_of_joints_is_no_override():
 @pytest.mark.parametrize('text, said', [
     ('a: [1', 'is no YAML (line 1)'),
     ('- 1', 'is no parameter file'),
+    ('/**: &a {ros__parameters: *a}', 'has an alias to what it is part of'),
+    ('/**: {ros__parameters: &a {b: *a}}', 'has an alias to what it is part of'),
     ('', 'is no parameter file'),
     ('bandwidth_hz: 3', "'bandwidth_hz' must hold 'ros__parameters:'"),
     ('other: {ros__parameters: {a: 1}}', "no section for 'joint_observer'; it has 'other'"),

@@ -365,6 +365,7 @@ def refused():
         (['--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
         (['--set', 'joints.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
+        (['--set', 'observer=[a]'], "'observer' must be text", 2),
         (['--name', 'my node'], "--name 'my node'", 2),
         (['--set', 'stamp_source=clock'], "'clock' is not one of header, publisher", 2),
         (['--set', 'angle_sign=0'], 'must be 1 or -1', 2),

@@ -92,4 +92,6 @@ def parameters(kind: Kind, params: str | None, assignments: dict[str, Any],
     values.update(assignments)
     if observer:
         values['observer'] = observer
+    if not isinstance(values.get('observer', ''), str):
+        raise UsageError(f"parameter 'observer' must be text, not {values['observer']!r}")
     return params_file.of_this_node(values)
