@@ -1,9 +1,11 @@
 """Super-twisting differentiators: the vectors and tables of the spec, rest, cold start."""
 
 import math
+import re
 
 import numpy as np
 import pytest
+from observer_cases import make as joint_of
 
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
@@ -165,3 +167,14 @@ def test_noise_gain_is_that_of_the_equivalent_linear_filter():
                 found.append(joint.estimate()[1])
         predicted = joint.stddev()[1]
         assert 0.67 < predicted / np.std(found) < 1.5
+
+
+@pytest.mark.parametrize('form', ['taylor', 'explicit'])
+def test_an_explicit_form_is_refused_where_it_chatters_over_much_of_a_turn(form):
+    """L dt^3 = 5 rad at 10 Hz: it estimated hundreds of rad/s, and at times said tracking."""
+    limits = joint_of('super_twisting', {'form': form}).functions.limits
+    assert re.search(r"'matching' does not chatter", limits(0.1))
+    assert limits(0.05) is None and limits(0.06) is not None
+    assert joint_of('super_twisting', {'form': form, 'bound': 1.0}).functions.limits(0.1) is None
+    assert joint_of('super_twisting', {}).functions.limits(10.0) is None
+    assert joint_of('super_twisting', {'form': form}, wrap_period=0.0).functions.limits(0.1) is None

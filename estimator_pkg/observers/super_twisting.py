@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle import AngleCore, AngleGains, around
+from estimator_pkg.observers.angle import OUTSIDE, AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.observers.super_twisting_gains import (
@@ -33,6 +33,7 @@ from estimator_pkg.observers.super_twisting_gains import (
 from estimator_pkg.observers.twisting import implicit_step
 from estimator_pkg.parameters import parameter
 
+EXPLICIT = ('taylor', 'explicit')
 REFRESH = 8.0       # samples between two looks at what noise makes of the gains
 
 
@@ -252,13 +253,24 @@ def build(gains: Gains, circle: Circle) -> Functions:
                    float(circle.period))
         return (*numbers, noise_table(numbers) if order == 3 else ((0.0,),))
 
+    widest = (OUTSIDE * circle.period if circle.period > 0.0 and gains.form in EXPLICIT
+              else math.inf)
+    longest = (widest / gains.bound) ** (1.0 / (order + 1))
+
+    def limits(dt: float) -> str | None:
+        if dt <= longest:
+            return None
+        return (f"form '{gains.form}' chatters over more than an eighth of a turn at a sample time "
+                f"of {dt:.3g} s: it needs less than {longest:.3g} s, or a lower bound; 'matching' "
+                'does not chatter')
+
     # Convergence from an error that one sample can hide: about the time that the bound needs to
     # make a speed of its own scale.
     settle = 3.0 * (0.01 / gains.bound) ** (1.0 / (order + 1))
     return around(AngleCore(
         design=design, settle=settle, prepare=prepare, init=init, correct=correct,
         estimate=estimate_velocity if order == 1 else estimate_acceleration, resume=resume,
-        noise_gains=noise_gains, limits=lambda dt: None, group_delay=lambda dt: 0.0),
+        noise_gains=noise_gains, limits=limits, group_delay=lambda dt: 0.0),
         gains, circle)
 
 
