@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 
@@ -19,6 +20,7 @@ MODULE = 'estimator_pkg.nodes.joint_observer'
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
 TURN = 2.0 * math.pi
+TRIES = itertools.count()
 
 
 @pytest.fixture(scope='module')
@@ -27,6 +29,11 @@ def live(probe):
     with dds.NodeProcess(MODULE) as process, dds.Observer(probe) as observer:
         observer.process = process
         yield observer.connect()
+
+
+def fresh(name):
+    """A joint that nobody has fed, not even this test where it is tried again."""
+    return f'{name}_{next(TRIES)}'
 
 
 def turning(live, names, speeds, count, *, begin=BEGIN, dt=MS, first=0):
@@ -67,12 +74,13 @@ def joint_entry(report, name):
 
 
 def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
+    bad = fresh('bad')
     before = live.next_report()['/joint_observer']
-    live.feed(turning(live, ['bad'], [1.0], 300))
+    live.feed(turning(live, [bad], [1.0], 300))
     at = BEGIN + 299 * MS
     far = at + 10**15
 
-    def one(stamp, *positions, names=('bad',)):
+    def one(stamp, *positions, names=(bad,)):
         return live.encode(stamp, names, positions)
 
     live.feed([one(at + MS, math.nan), one(at + MS, math.inf), one(at + MS, -math.inf),
@@ -80,14 +88,14 @@ def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
                one(at - 5 * MS, 0.29),              # late
                one(0, 0.3),                         # no stamp
                one(at + 2 * MS, names=()), one(at + 2 * MS),  # empty
-               one(at + 2 * MS, 0.3, 0.4), one(at + 2 * MS, 0.3, names=('bad', 'worse')),
+               one(at + 2 * MS, 0.3, 0.4), one(at + 2 * MS, 0.3, names=(bad, 'worse')),
                one(far, 0.301), one(at + 3 * MS, 0.302)])     # one stamp from the far future
     live.publisher.publish(b'\x00\x01\x00\x00nonsense')
     live.publisher.publish(one(at + 4 * MS, 0.303)[:-5])
     for loop in range(2):  # a bag that loops
-        live.feed(turning(live, ['bad'], [1.0], 300, begin=BEGIN - (loop + 1) * 10**12))
+        live.feed(turning(live, [bad], [1.0], 300, begin=BEGIN - (loop + 1) * 10**12))
     after = live.next_report()
-    joint = {key: int(count) for key, count in joint_entry(after, 'bad').items()
+    joint = {key: int(count) for key, count in joint_entry(after, bad).items()
              if key.partition('.')[0] in ('received', 'used', 'dropped', 'events')}
     dropped = {key.partition('.')[2]: count for key, count in joint.items()
                if key.startswith('dropped.')}
@@ -116,34 +124,37 @@ def test_empty_answers_for_messages_without_a_valid_joint(live):
 
 
 def test_status_of_a_joint_from_its_first_sample_to_silence(live):
-    live.feed(turning(live, ['patient'], [1.0], 1))
-    live.probe.until(lambda: live.status('patient') == 'initialising')
-    live.feed(turning(live, ['patient'], [1.0], 400, first=1))
-    live.probe.until(lambda: live.status('patient') == 'tracking')
-    assert dds.value(live.statuses['patient'], 'group_delay_s') == '0'
-    assert float(dds.value(live.statuses['patient'], 'rate_hz')) == pytest.approx(1000.0)
-    live.probe.until(lambda: live.status('patient') == 'lost')
-    assert 'no usable sample for 0.5 s' in live.statuses['patient'].message
-    live.feed(turning(live, ['patient'], [1.0], 1, first=500))
-    live.probe.until(lambda: live.status('patient') == 'tracking')
+    patient = fresh('patient')
+    live.feed(turning(live, [patient], [1.0], 1))
+    live.probe.until(lambda: live.status(patient) == 'initialising')
+    live.feed(turning(live, [patient], [1.0], 400, first=1))
+    live.probe.until(lambda: live.status(patient) == 'tracking')
+    assert dds.value(live.statuses[patient], 'group_delay_s') == '0'
+    assert float(dds.value(live.statuses[patient], 'rate_hz')) == pytest.approx(1000.0)
+    live.probe.until(lambda: live.status(patient) == 'lost')
+    assert 'no usable sample for 0.5 s' in live.statuses[patient].message
+    live.feed(turning(live, [patient], [1.0], 1, first=500))
+    live.probe.until(lambda: live.status(patient) == 'tracking')
 
 
 def test_a_driver_that_repeats_one_stamp_is_lost_too(live):
-    live.feed(turning(live, ['stuck'], [1.0], 400))
+    stuck = fresh('stuck')
+    live.feed(turning(live, [stuck], [1.0], 400))
     end = time.monotonic() + dds.PATIENCE
-    while live.status('stuck') != 'lost' and time.monotonic() < end:
-        live.feed(turning(live, ['stuck'], [1.0], 1, first=399))
-    assert live.status('stuck') == 'lost'
+    while live.status(stuck) != 'lost' and time.monotonic() < end:
+        live.feed(turning(live, [stuck], [1.0], 1, first=399))
+    assert live.status(stuck) == 'lost'
 
 
 def test_reset_starts_every_joint_again(live):
     from std_srvs.srv import Trigger
 
-    assert live.feed(turning(live, ['again'], [1.0], 400))[-1].names == ('again',)
+    again = fresh('again')
+    assert live.feed(turning(live, [again], [1.0], 400))[-1].names == (again,)
     answer = live.probe.call(Trigger, '/joint_observer/reset', Trigger.Request())
     assert answer.success and 'start again' in answer.message
-    assert live.feed(turning(live, ['again'], [1.0], 1, first=400))[-1].names == ()
-    assert joint_entry(live.next_report(), 'again')['resets'] == '1'
+    assert live.feed(turning(live, [again], [1.0], 1, first=400))[-1].names == ()
+    assert joint_entry(live.next_report(), again)['resets'] == '1'
 
 
 # Parameters

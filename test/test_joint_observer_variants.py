@@ -63,8 +63,10 @@ def observe(probe):
 
 def test_raw_counts_without_a_stamp(processes, observe, probe):
     from std_msgs.msg import Int32
+    from std_srvs.srv import Trigger
 
     live = observe('counts')
+    assert probe.call(Trigger, '/counts/counts/reset', Trigger.Request()).success
     publisher = probe.node.create_publisher(Int32, '/counts/angle', 50)
     try:
         probe.until(publisher.get_subscription_count)
