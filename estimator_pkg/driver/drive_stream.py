@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.observers.contract import COASTING, STATUS_NAMES, TRACKING
 
+T = TypeVar('T')
 ELECTRICAL = '_electrical'  # follows the joint's name
 
 
@@ -67,13 +69,7 @@ class DriveStream:
 
     def batch(self, raw: bytes) -> Answer:
         """The answer to a batch of samples; raises MalformedMessageError if it is none."""
-        self.messages += 1
-        try:
-            stamps, samples = drive_samples.decode(raw)
-        except MalformedMessageError as error:
-            self.malformed += 1
-            self.complaint = str(error)
-            raise
+        stamps, samples = self._decoded(drive_samples.decode, raw)
         if not len(stamps):
             self.empty += 1
             return self._answer(0, '', False)
@@ -93,13 +89,7 @@ class DriveStream:
         return self._vector(VOLTAGE, raw)
 
     def _vector(self, kind: int, raw: bytes) -> list[Answer]:
-        self.messages += 1
-        try:
-            message = vector3.decode(raw)
-        except MalformedMessageError as error:
-            self.malformed += 1
-            self.complaint = str(error)
-            raise
+        message = self._decoded(vector3.decode, raw)
         vector: Vector | None = message.x, message.y
         if self.phases is not None:
             turn = self.phases.current if kind == CURRENT else self.phases.voltage
@@ -111,6 +101,16 @@ class DriveStream:
             out = self.joint.take(np.array([pair.stamp_ns]), np.array([pair.sample]))
             answers.append(self._answer(pair.stamp_ns, message.frame_id, self._note(out)))
         return answers
+
+    def _decoded(self, decode: Callable[[bytes], T], raw: bytes) -> T:
+        """The message in `raw`, counted; raises MalformedMessageError if it is none."""
+        self.messages += 1
+        try:
+            return decode(raw)
+        except MalformedMessageError as error:
+            self.malformed += 1
+            self.complaint = str(error)
+            raise
 
     def _note(self, out: DriveEstimates) -> bool:
         """Count the statuses; True if any sample was used."""
