@@ -39,6 +39,7 @@ pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 
 BAGS = Path(__file__).resolve().parent.parent / 'bags'
 PENDULUMS = BAGS / 'dfki_simple_pendulum'
+COUNTS = BAGS / 'simulated' / 'trapezoid_raw_counts'
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
 PLANE = [Dimension('a', 0.5, 500.0), Dimension('b', 1e-3, 1e3)]
@@ -375,6 +376,19 @@ def test_other_errors(bag, tmp_path, capsys):
     assert 'there is no folder' in fails(capsys, bag, '--observer', 'pll', '--out', '/no/g.yaml')
     assert 'is a folder' in fails(capsys, bag, '--observer', 'pll', '--out', str(tmp_path))
     assert 'there is no folder' in fails(capsys, bag, *out, '--plot', '/no/g.png')
+
+
+def test_raw_counts(tmp_path, capsys):
+    words = ['tune', str(COUNTS), '--observer', 'pll', '--angle', '/angle:data', '--trials', '8',
+             '--set', 'counts_per_revolution=4096', '--out', str(tmp_path / 'g.yaml')]
+    assert main(words) == 1
+    assert '--set angle_joint=wheel' in capsys.readouterr().err
+    assert main([*words, '--set', 'angle_joint=wheel']) == 0
+    gains = params_file.load(tmp_path / 'g.yaml')
+    assert (gains['input'], gains['angle_type']) == ('angle', 'Int32')
+    # as it is, it is enough to replay the bag
+    assert main(['replay', str(COUNTS), '--params', str(tmp_path / 'g.yaml')]) == 0
+    assert '  wheel: received 2000, used 2000' in capsys.readouterr().out
 
 
 def test_folders_stand_for_their_bags(tmp_path):

@@ -20,7 +20,7 @@ from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.sources import Estimate, measured, sources
 from estimator_pkg.evaluation.text import number
-from estimator_pkg.evaluation.truth import SMOOTHED, Truth, listed, truth
+from estimator_pkg.evaluation.truth import SMOOTHED, Truth, check_common, truth
 
 Array = NDArray[np.float64]
 
@@ -128,9 +128,7 @@ def compare(path: str, options: Options) -> Comparison:
         notes: list[str] = []
         starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
         for source, estimates in sources(bag, path, measurement, options):
-            if not set(estimates) & set(true.series):
-                raise UserError(f'{path}: {source} has the joints {listed(estimates)}, {true.name} '
-                                f'has {listed(true.series)}: none in common')
+            check_common(path, source, estimates, true)
             for joint, estimate in estimates.items():
                 if joint not in true.series:
                     notes.append(f"joint '{joint}' has no truth")

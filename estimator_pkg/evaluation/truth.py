@@ -18,6 +18,7 @@ from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.smoother.smoother import Smoothed, smooth
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
@@ -149,6 +150,17 @@ def _finite(series: Series) -> Series:
     good = np.isfinite(series.velocity)
     nothing = np.broadcast_to(np.nan, int(np.count_nonzero(good)))  # nobody reads it here
     return Series(series.stamps_ns[good], series.position[good], series.velocity[good], nothing)
+
+
+def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> None:
+    """Raises UserError if the truth has none of these joints."""
+    if set(joints) & set(true.series):
+        return
+    hint = ''
+    if list(joints) == [NodeSettings.angle_joint] and len(true.series) == 1:
+        hint = f' (--set angle_joint={next(iter(true.series))} gives the number that name)'
+    raise UserError(f'{path}: {source} has the joints {listed(joints)}, {true.name} has '
+                    f'{listed(true.series)}: none in common{hint}')
 
 
 def listed(names: Iterable[str]) -> str:

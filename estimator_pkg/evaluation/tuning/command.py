@@ -11,6 +11,7 @@ from typing import Any
 
 from estimator_pkg import destination
 from estimator_pkg.bags import kinds
+from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.many import LeftOut, expanded, on_each
@@ -21,6 +22,7 @@ from estimator_pkg.evaluation.tuning.records import Record, records
 from estimator_pkg.evaluation.tuning.seek import seek
 from estimator_pkg.evaluation.tuning.wishes import WRAP_PERIOD, Wishes, wishes
 from estimator_pkg.evaluation.workers import workers
+from estimator_pkg.nodes.settings import ANGLE, ANGLE_TYPES
 
 TRIALS = 40
 
@@ -117,7 +119,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 break
     notes = _notes(seen)
     print(output.describe(tuned, notes))
-    out.write_text(output.as_yaml(wished, _held(parsed, wished), tuned, held_out),
+    out.write_text(output.as_yaml(wished, _held(parsed, wished, seen[0].bag), tuned, held_out),
                    encoding='utf-8')
     print(f'gains: {out}')
     drawn = picture.draw(tuned, parsed.plot, out.with_suffix('.png'), parsed.observer)
@@ -182,9 +184,19 @@ def _notes(seen: Sequence[Record]) -> list[str]:
         'other; --joint takes one, --per-joint gives each its own gains']
 
 
-def _held(parsed: argparse.Namespace, wished: Wishes) -> dict[str, Any]:
-    """The parameters that were held, which the node needs too."""
+def _held(parsed: argparse.Namespace, wished: Wishes, path: str) -> dict[str, Any]:
+    """The parameters that were held, which the node needs too.
+
+    Parameters
+    ----------
+    path : of a bag that was tuned on.
+    """
     held = wished.held
+    if parsed.angle:
+        with open_bag(path) as bag:
+            kind = bag.topics[parsed.angle.partition(':')[0]].type.rpartition('/')[2]
+        if kind in ANGLE_TYPES:     # else it is a number that no node reads, but replay does
+            held |= {'input': ANGLE, 'angle_type': kind}
     wraps = kinds.of_observer(wished.entry.observer).wraps
     if wraps and parsed.wrap_period != WRAP_PERIOD:
         held.setdefault('wrap_period', parsed.wrap_period)

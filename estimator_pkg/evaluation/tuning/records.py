@@ -17,7 +17,7 @@ from estimator_pkg.evaluation.interpolation import slopes
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.sources import measured, recording
-from estimator_pkg.evaluation.truth import truth
+from estimator_pkg.evaluation.truth import check_common, truth
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
 
 SHORTEST = 20       # samples of a part with a truth, below which it says nothing
@@ -64,6 +64,8 @@ def records(path: str, entry: Entry, options: Options, held_out: float,
         whole = recording(entry, bag, measurement, options)
         true = truth(bag, path, measurement, options)
     apart = whole.apart()
+    if '' not in apart:
+        check_common(path, entry.observer, apart, true)
     if joints and set(apart) == {''}:
         raise UsageError(f"--joint: '{entry.observer}' estimates its joints together")
     for name in joints:
