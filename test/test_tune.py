@@ -1,5 +1,6 @@
 """The command tune, and the search behind it."""
 
+import argparse
 import itertools
 import json
 import math
@@ -20,7 +21,7 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.many import expanded
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.tuning import picture
+from estimator_pkg.evaluation.tuning import command, picture
 from estimator_pkg.evaluation.tuning.objective import (
     PREFERENCES,
     Known,
@@ -389,6 +390,18 @@ def test_raw_counts(tmp_path, capsys):
     # as it is, it is enough to replay the bag
     assert main(['replay', str(COUNTS), '--params', str(tmp_path / 'g.yaml')]) == 0
     assert '  wheel: received 2000, used 2000' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('words', 'topics'), [
+    ([], ('/joint_states',)), (['--angle', '/encoder:data'], ('/encoder',)),
+    (['--measurement', '/arm/joint_states'], ('/arm/joint_states',))])
+def test_what_is_recorded_of_the_live_graph(words, topics, monkeypatch):
+    parser = argparse.ArgumentParser()
+    command.arguments(parser)
+    parsed = parser.parse_args(['--live', '2', '--observer', 'pll', '--out', 'g.yaml', *words])
+    monkeypatch.setattr(command.live, 'recorded', lambda *arguments: arguments)
+    assert command._recorded(parsed, command.wishes(parsed)) == (
+        topics, '/ground_truth/joint_states', 2.0)
 
 
 def test_folders_stand_for_their_bags(tmp_path):

@@ -137,8 +137,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
     """A bag of what the observer listens to, from the live graph, as a context."""
+    named = parsed.measurement or (parsed.angle or '').partition(':')[0]
     usual = kinds.of_observer(wished.entry.observer).usual
-    return live.recorded((parsed.measurement,) if parsed.measurement else usual,
+    return live.recorded((named,) if named else usual,
                          parsed.truth or TRUTH, parsed.live)
 
 
