@@ -178,3 +178,18 @@ def test_an_explicit_form_is_refused_where_it_chatters_over_much_of_a_turn(form)
     assert joint_of('super_twisting', {'form': form, 'bound': 1.0}).functions.limits(0.1) is None
     assert joint_of('super_twisting', {}).functions.limits(10.0) is None
     assert joint_of('super_twisting', {'form': form}, wrap_period=0.0).functions.limits(0.1) is None
+
+
+@pytest.mark.parametrize('bound', [3.0, 300.0, 1e5])
+def test_the_deviation_of_the_implicit_form_is_its_scatter(bound):
+    """From nearly linear to sliding at every sample, where it is the backward difference."""
+    joint = joint_of('super_twisting', {'form': 'implicit', 'order': 1, 'bound': bound,
+                                        'noise': 2e-3, 'low_speed_bound': False})
+    random, errors, told = np.random.default_rng(4), [], []
+    for i in range(12_000):
+        joint.update(10 ** 9 + i * 10 ** 6, math.remainder(
+            5e-3 * i + random.normal(0.0, 2e-3), 2.0 * math.pi))
+        if i > 6000:
+            errors.append(joint.estimate()[1] - 5.0)
+            told.append(joint.stddev()[1])
+    assert np.std(errors) == pytest.approx(np.mean(told), rel=0.12)

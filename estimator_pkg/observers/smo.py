@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.observers import mechanical_gains
 from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.describing import describing
 from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
 from estimator_pkg.observers.mechanical_parameters import (
@@ -46,7 +47,7 @@ from estimator_pkg.observers.smo_injections import (
     twisting,
     uniform,
 )
-from estimator_pkg.observers.smo_noise import NoiseGains, describing, scatter
+from estimator_pkg.observers.smo_noise import NoiseGains, scatter
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]

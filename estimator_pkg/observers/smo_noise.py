@@ -1,70 +1,24 @@
 """What white measurement noise does to a sliding-mode observer.
 
-An injection f(e) at a Gaussian innovation e of deviation s is a gain times e plus a remnant that is
-uncorrelated with e (statistical linearisation; Gelb and Vander Velde, Multiple-Input Describing
-Functions, 1968, chapter 7). The gain makes a linear observer; the remnant, the chattering about it,
-acts on that as a further white noise, because the innovation itself is nearly white. Both follow
-from the functions as they are stepped, so that a step so long that the sliding mode is met in one
-sample, where the observer is a finite difference, comes out right too.
+Its injections are a gain and a remnant at innovations of one size (see `describing`). The gain
+makes a linear observer; the remnant, the chattering about it, acts on that as a further white
+noise, because the innovation itself is nearly white. Both follow from the functions as they are
+stepped, so that a step so long that the sliding mode is met in one sample, where the observer is a
+finite difference, comes out right too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache
-from statistics import NormalDist
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.observers.describing import Describing
 from estimator_pkg.observers.mechanical_noise import NoiseGains
 from estimator_pkg.observers.steady_noise import settled
 
 Array = NDArray[np.float64]
-
-POINTS = 200  # of the half of a Gaussian over which the injections are averaged
-
-
-class Describing(NamedTuple):
-    """An injection at innovations of one size.
-
-    position, velocity : its gains. Of an implicit step `position` is that from the innovation to
-        the offset after the step.
-    remnant : covariance of what the gains do not tell, shape (2, 2).
-    """
-
-    position: float
-    velocity: float
-    remnant: Array
-
-
-@lru_cache
-def _half() -> tuple[float, ...]:
-    """The quantiles of the positive half of a Gaussian: the injections are odd."""
-    inverse = NormalDist().inv_cdf
-    return tuple(inverse(0.5 + 0.5 * (k + 0.5) / POINTS) for k in range(POINTS))
-
-
-def describing(inject: Callable[..., tuple[float, float]], first: float, second: float, m1: float,
-               m2: float, dt: float, size: float, *, implicit: bool) -> Describing:
-    """The injection at innovations of deviation `size`.
-
-    Parameters
-    ----------
-    inject : (e, first, second, m1, m2) -> two injections; of an implicit step
-        (e, dt, first, second, m1, m2) -> the offset after the step, and the second injection.
-    """
-    points = np.array(_half())
-    points *= size / np.sqrt(np.mean(points ** 2))
-    if implicit:
-        found = np.array([inject(e, dt, first, second, m1, m2) for e in points.tolist()])
-    else:
-        found = np.array([inject(e, first, second, m1, m2) for e in points.tolist()])
-    gains = points @ found / np.sum(points ** 2)
-    left = found - points[:, None] * gains
-    return Describing(float(gains[0]), float(gains[1]), left.T @ left / len(points))
-
 
 def scatter(pairs: Sequence[Describing], damping: Array, dt: float, *, implicit: bool,
             linear_hold: bool) -> NoiseGains:

@@ -27,6 +27,8 @@ from estimator_pkg.observers.super_twisting_gains import (
     MATCHED,
     NOISE_GAINS,
     SMALLEST,
+    implicit_table,
+    noise_gains_tabled,
     noise_table,
     roots,
 )
@@ -121,7 +123,7 @@ def at_rest(measurement: float) -> tuple:
 
 def correction(form: str, order: int) -> Callable[..., tuple]:
     """The function of the core that takes one sample in: (state, innovation)."""
-    noise_gains = NOISE_GAINS[order]
+    noise_gains = noise_gains_tabled if form == 'implicit' else NOISE_GAINS[order]
 
     def begin(state: tuple, coefficients: tuple, measurement: float) -> tuple:
         """The second sample gives the speed, whatever it is below half a turn a sample."""
@@ -251,6 +253,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
         coefficients = COEFFICIENTS[order] + (0.0,) * (3 - order)
         numbers = (float(order), gains.bound ** (1.0 / (order + 1)), *coefficients, *roots(order),
                    float(circle.period))
+        if gains.form == 'implicit':
+            return (*numbers, implicit_table())
         return (*numbers, noise_table(numbers) if order == 3 else ((0.0,),))
 
     widest = (OUTSIDE * circle.period if circle.period > 0.0 and gains.form in EXPLICIT

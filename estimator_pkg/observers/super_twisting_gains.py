@@ -1,4 +1,4 @@
-"""Gains of the matching form of super-twisting, and what noise makes of them.
+"""Gains of the matching form of super-twisting; what noise makes of them, and of the implicit form.
 
 With s = dt (L/|e|)^(1/(n+1)), dt times the speed of the error dynamics at an innovation e, the
 gains are those of a Taylor chain whose eigenvalues are exp(s p_i); p_i are the roots of the
@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import cmath
 import math
+from functools import lru_cache
 
 import numpy as np
 
-from estimator_pkg.observers.steady_noise import steady_variances
+from estimator_pkg.observers.describing import describing
+from estimator_pkg.observers.steady_noise import settled, steady_variances
 from estimator_pkg.observers.tracking import noise_of_three, noise_of_two
+from estimator_pkg.observers.twisting import implicit_step
 
 # c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
 COEFFICIENTS = {1: (1.5, 1.1), 2: (2.0, 2.12, 1.1), 3: (3.0, 4.16, 3.06, 1.1)}
@@ -86,8 +89,8 @@ def noise_gains_2(power: float, coefficients: tuple) -> tuple[float, float, floa
     return noise_of_three(k0, k1, k2, coefficients[0])
 
 
-def noise_gains_3(power: float, coefficients: tuple) -> tuple[float, float, float]:
-    """The same of order 3, which has no short closed form, from a table."""
+def noise_gains_tabled(power: float, coefficients: tuple) -> tuple[float, float, float]:
+    """The same where there is no short closed form, from a table."""
     at = (math.log10(equivalent(power, coefficients)) - TABLE_FROM) / TABLE_STEP
     if at < 0.0:
         at = 0.0
@@ -101,7 +104,7 @@ def noise_gains_3(power: float, coefficients: tuple) -> tuple[float, float, floa
             math.exp(here[2] + part * (next_one[2] - here[2])))
 
 
-NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_3}
+NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_tabled}
 
 
 def roots(order: int) -> tuple[float, float, float, float, float]:
@@ -121,3 +124,33 @@ def noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(math.log(gain) for gain in steady_variances(
         chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), design))))
         for point in range(TABLE))
+
+
+@lru_cache
+def implicit_table() -> tuple[tuple[float, ...], ...]:
+    """As `noise_table`, of the implicit form of order 1, by statistical linearisation.
+
+    While it slides it is the backward difference, however small the innovation is.
+    """
+    first, second = COEFFICIENTS[1]
+    chain = np.array([[1.0, 1.0], [0.0, 1.0]])
+    turned = np.diag([-1.0, 1.0])  # what is left of an error has not moved the position
+
+    def step(error: float, h: float, gain: float, alpha: float, *unused: float
+             ) -> tuple[float, float]:
+        return implicit_step(error, h, gain, alpha)
+
+    rows = []
+    for point in range(TABLE):
+        s = 10.0 ** (TABLE_FROM + TABLE_STEP * point)
+        found = describing(step, first * s, second * s * s, 0.0, 0.0, 1.0, 1.0, implicit=True)
+        gain = np.array([1.0 - found.position, found.velocity])
+        kept = np.eye(2)
+        kept[:, 0] -= gain
+        of_noise = settled(kept @ chain, np.outer(gain, gain))
+        of_remnant = settled(kept @ chain, turned @ found.remnant @ turned)
+        ahead = [float((chain @ each @ chain.T)[0, 0]) for each in (of_noise, of_remnant)]
+        innovation = (1.0 + ahead[0]) / max(1.0 - ahead[1], 1e-3)
+        whole = of_noise + innovation * of_remnant
+        rows.append(tuple(math.log(each) for each in (whole[0, 0], whole[1, 1], innovation)))
+    return tuple(rows)
