@@ -230,6 +230,19 @@ def test_what_fails_leaves_nothing_behind(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(('place', 'left'), [('page.Path.write_text', ['p.npz']),
+                                             ('full_data.zipfile.ZipFile.close', [])])
+def test_a_full_disk_leaves_no_halves(place, left, tmp_path, capsys, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(f'estimator_pkg.evaluation.report.{place}', full)
+    assert main(['evaluate', str(FAULTS), '--observer', 'pll', '--html',
+                 str(tmp_path / 'p.html')]) == 1
+    assert capsys.readouterr().err.endswith('output: No space left on device\n')
+    assert [path.name for path in tmp_path.iterdir()] == left
+
+
 def test_without_bokeh_there_is_a_hint(tmp_path, capsys, monkeypatch):
     import sys
     monkeypatch.setitem(sys.modules, 'bokeh', None)

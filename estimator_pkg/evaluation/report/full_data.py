@@ -37,8 +37,9 @@ class FullData:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         """Complete: under its name. Broken off: gone."""
-        self._zip.close()
-        if kind is None:
-            os.replace(self._beside, self.path)
-        else:
-            self._beside.unlink()
+        try:
+            self._zip.close()
+            if kind is None:
+                os.replace(self._beside, self.path)
+        finally:
+            self._beside.unlink(missing_ok=True)

@@ -186,8 +186,11 @@ class Report:
                 f'them the closer one looks.</p>\n{script}\n'
                 '</body></html>\n')
         beside = self.path.with_name(f'.{self.path.name}.part')
-        beside.write_text(page, encoding='utf-8')
-        os.replace(beside, self.path)
+        try:
+            beside.write_text(page, encoding='utf-8')
+            os.replace(beside, self.path)
+        finally:
+            beside.unlink(missing_ok=True)
 
 
 def _name(*parts: str) -> str:
