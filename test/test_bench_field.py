@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator_pkg import cli
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.bench import chart, command, field, ours, peers
 from estimator_pkg.evaluation.bench.columns import Column, driven_by, of_signal, shared
@@ -167,3 +168,9 @@ def test_parts_of_each_group():
 
 def test_the_shared_set_is_the_columns():
     assert [column.name for column in shared(duration=1.5)] == [s.name for s in SIGNALS]
+
+
+def test_recordings_that_are_asked_for_must_be_there(tmp_path, capsys):
+    words = ['bench', 'accuracy', '--part', 'recordings', '--bags', str(tmp_path)]
+    assert cli.main(words) == 1
+    assert f'{tmp_path}: no bag with' in capsys.readouterr().err

@@ -122,7 +122,10 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
         try:
             columns, refused = recorded(Path(parsed.bags))
         except UserError as error:
-            print(f'{RECORDED}: not run: {error} (say where they are with --bags)\n')
+            why = f'{error} (say where they are with --bags)'
+            if 'recordings' in parsed.part:     # asked for by name
+                raise UserError(why) from error
+            print(f'{RECORDED}: not run: {why}\n')
         else:
             result['recordings'] = {**field.run(columns, label=RECORDED), 'refused': refused}
             _tell(parsed, result['recordings'], RECORDED,
