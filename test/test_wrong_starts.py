@@ -22,7 +22,8 @@ WRONG = {
     'joint': [
         ({'use_sim_time': 'true'}, "'use_sim_time' to 'true'"),
         ({'start_type_description_service': 5}, "'start_type_description_service' to '5'"),
-        ({'qos_overrides./joint_states.subscription.depth': -3}, 'depth -3 is outside [1, '),
+        ({'qos_overrides./joint_states.subscription.depth': -3}, "'joint_states': depth -3 is o"),
+        ({'qos_overrides./joint_states.subscription.depth': 0}, "'joint_states': depth 0 is out"),
         ({'qos_overrides./joint_states.subscription.depth': 10 ** 10}, 'is outside [1, '),
         ({'qos_overrides./joint_states.subscription.depth': 'many'}, "depth' to 'many'")],
     'mechanical': [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -202,15 +203,18 @@ class Endpoints:
 
     def _made(self, topic: str, make: Callable[..., Any], events: dict[str, Any]) -> Any:
         try:
-            try:
-                return make(**events)
-            except UnsupportedEventTypeError:  # of this middleware: then without
-                return make()
+            with warnings.catch_warnings():  # of a depth of 0, which is refused
+                warnings.simplefilter('ignore', UserWarning)
+                try:
+                    return make(**events)
+                except UnsupportedEventTypeError:  # of this middleware: then without
+                    return make()
         except ParameterException as error:
             raise UsageError(in_words(error)) from error
         except (InvalidQosOverridesError, AssertionError, RuntimeError, TypeError,
                 ValueError) as error:
-            raise UsageError(f"qos_overrides of '{topic}': {error}") from error
+            why = str(error).rpartition('are not valid: ')[2]
+            raise UsageError(f"qos_overrides of '{topic}': {why}") from error
 
     def _mismatch(self, topic: str, other: str, own: str, event: Any) -> None:
         self.qos_mismatches += event.total_count_change

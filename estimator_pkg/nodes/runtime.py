@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 SPIN = 0.1       # [s] EventsExecutor.spin() dispatches nothing on the PyPI wheels, spin_once does
-IMPORTED = 0.05  # [s] between two looks whether a module has been imported
+AGAIN = 0.05     # [s] until what cannot be interrupted now is interrupted
 
 
 def settle_environment() -> None:
@@ -68,8 +68,8 @@ class Interrupts:
         self.came = True
         if not self.making:
             return
-        if _imports(frame):  # which would drop it or make an ImportError of it: a little later
-            signal.setitimer(signal.ITIMER_REAL, IMPORTED)
+        if _at_work(frame):
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
             return
         raise SystemExit(0)
 
@@ -79,10 +79,15 @@ class Interrupts:
             signal.signal(number, signal.SIG_IGN if last else handler)
 
 
-def _imports(frame: FrameType | None) -> bool:
-    """Whether a module is being imported where this frame is."""
+def _at_work(frame: FrameType | None) -> bool:
+    """Whether this is within an import, or within ROS.
+
+    An import would drop an exception or make an ImportError of it; rclpy would leave things half
+    made, which complain when they are taken away.
+    """
     while frame is not None:
-        if frame.f_code.co_filename == '<frozen importlib._bootstrap>':
+        file = frame.f_code.co_filename
+        if file == '<frozen importlib._bootstrap>' or f'{os.sep}rclpy{os.sep}' in file:
             return True
         frame = frame.f_back
     return False
