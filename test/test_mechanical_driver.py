@@ -242,3 +242,21 @@ def test_the_parameter_file_is_what_the_node_and_replay_take():
         wanted |= set(declared(observers.find(name).gains))
     for name in wanted:
         assert f'    {name}: ' in text or f'    #{name}: ' in text, name
+
+
+@pytest.mark.parametrize('observer', ('geso', 'hgo'))
+def test_a_disturbance_can_be_looked_for_from_now_on(observer):
+    """A live change of disturbance_hz, both ways: a constant torque of 0.2 N m is found, or not."""
+    mechanisms = bank(observer=observer, model='single_joint', model_parameters=['inertia=0.1'],
+                      joints=['j'], bandwidth_hz=5.0)
+    mechanism = mechanisms.joints['m']
+    error = []
+    for k in range(6000):
+        if k in (2000, 4000):
+            mechanism.set_gains(mechanism.gains.__class__(
+                model_parameters=('inertia=0.1',), bandwidth_hz=5.0,
+                disturbance_hz=1.0 if k == 2000 else 0.0))
+        mechanisms.update(START + k * MS, ('j',), (1e-6 * k * k,), (0.0,))  # 2 rad/s^2
+        error.append(mechanism.estimate()[1][0] - 2e-3 * k)
+    assert abs(error[1999]) == pytest.approx(abs(error[5999]), rel=1e-3) and abs(error[1999]) > 0.05
+    assert abs(error[3999]) < 1e-3

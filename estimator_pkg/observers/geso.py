@@ -138,7 +138,6 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     damping_of = mechanics.damping if mechanics.damping is not None else mechanics.inertia
     resistance, dry = make_resistance(mechanics), mechanics.speed_matters
     zeros = (0.0,) * n
-    empty = zeros if disturbed else ()
 
     def design() -> tuple:
         L = tuple_of(np.diag(tuned.L)) if diagonal else tuple_of(tuned.L)
@@ -149,7 +148,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         return (dt, 1.0 / dt)
 
     def begin() -> tuple:
-        return (zeros, zeros, empty, zeros)
+        return (zeros, zeros, zeros, zeros)
 
     def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
                 measurement: tuple, given: tuple) -> tuple:

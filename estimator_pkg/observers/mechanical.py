@@ -49,7 +49,7 @@ class MechanicalCore:
     """The part that differs. All but `design`, `linear` and `limits` compile.
 
     Its state is (e, x, d, v): estimate minus measurement of the positions; momenta or velocities;
-    disturbances, or (); velocities as published.
+    disturbances, where they are found; velocities as published.
 
     design : () -> design of the core.
     prepare : (design, dt) -> coefficients of the core.

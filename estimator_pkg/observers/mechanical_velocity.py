@@ -162,7 +162,6 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     place = make_place(n, gains)
     admits = mechanics.admits
     zeros = (0.0,) * n
-    empty = zeros if extended else ()
     gain_e = np.zeros((n, n)) if E is None else E
 
     def design() -> tuple:
@@ -173,7 +172,7 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
         return (dt, 1.0 / dt)
 
     def begin() -> tuple:
-        return (zeros, zeros, empty, zeros)
+        return (zeros, zeros, zeros, zeros)
 
     def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
                 measurement: tuple, given: tuple) -> tuple:
