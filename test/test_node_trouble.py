@@ -189,8 +189,8 @@ def test_a_drive_without_stamps_is_not_told_of_a_parameter_it_lacks(own, capfd):
     assert "1 malformed messages (a dimension is called 'columns'" in entry.message
 
 
-class Overflowing(JointObserver):
-    """Its observer gives no numbers at a bandwidth of 123 Hz."""
+class Fragile(JointObserver):
+    """Its observer gives no numbers at a bandwidth of 123 Hz, and has a longer state at 124 Hz."""
 
     def _find_observer(self):
         found = super()._find_observer()
@@ -200,22 +200,26 @@ class Overflowing(JointObserver):
 
         def build(gains, circle):
             functions = found.build(gains, circle)
-            return (dataclasses.replace(functions, prepare=prepare)
-                    if gains.bandwidth_hz == 123.0 else functions)
+            other = {123.0: {'prepare': prepare},
+                     124.0: {'init': lambda *given: (*functions.init(*given), 0.0)}}
+            return dataclasses.replace(functions, **other.get(gains.bandwidth_hz, {}))
 
         return dataclasses.replace(found, build=build)
 
 
-def test_gains_that_give_no_numbers_are_refused(own):
+def test_gains_that_give_no_numbers_or_lose_the_state_are_refused(own):
     from sensor_msgs.msg import JointState
 
     told = r'numbers become too large or too small for these gains \(math range error\)'
-    live = own(Overflowing)
+    live = own(Fragile)
     states = live.publisher(JointState, 'joint_states')
     live.take(states, live.encode(BEGIN, '', ['a'], [0.0]))
     result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 123.0}))
     assert not result.successful and re.fullmatch(told, result.reason)
-    assert live.node.get_parameter('bandwidth_hz').value != 123.0
+    result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 124.0}))
+    assert not result.successful and result.reason == (
+        "joint 'a': the state cannot be kept with this: set it before the node starts")
+    assert live.node.get_parameter('bandwidth_hz').value not in (123.0, 124.0)
     assert live.take(states, live.encode(BEGIN + MS, '', ['a'], [0.0]))['used'] == 2
     with pytest.raises(UsageError, match=f'hybrid_angle: {told}'):
-        own(Overflowing, bandwidth_hz=123.0)
+        own(Fragile, bandwidth_hz=123.0)
