@@ -425,3 +425,36 @@ def test_no_stream_breaks_it(seed):
         assert all(math.isfinite(number) for number in (*one.estimate(), *one.stddev()))
         variances = one._track[6][1]
         assert min(variances[0], variances[3], variances[5]) >= 0.0
+
+
+# ---------------------------------------------------------------- anything at all
+
+def wild(seed):
+    """(stamps, readings, gains, wrap period) of a stream that nobody would record."""
+    r = np.random.default_rng(seed)
+    count = 200
+    period = float(r.choice([2.0 * math.pi, 0.0, 1e6, 1.0]))
+    unit = period if 0.0 < period < 1e5 else 1.0
+    quantum = unit * 10.0 ** r.uniform(-8.0, -1.0)
+    steps = [10.0 ** r.uniform(-6.0, 0.0, count), np.full(count, 10.0 ** r.uniform(-4.0, 0.0)),
+             10.0 ** r.uniform(-4.0, -1.0) * (1.0 + r.uniform(-0.4, 0.4, count))][r.integers(3)]
+    at = 10 ** 18 + np.cumsum(np.maximum(np.rint(steps * 1e9), 1.0)).astype(np.int64)
+    t = (at - at[0]) * 1e-9
+    speed = unit * 10.0 ** r.uniform(-6.0, 4.0)
+    angle = speed * t * r.choice([-1.0, 0.0, 1.0]) + speed * np.sin(10.0 ** r.uniform(-2, 3) * t)
+    angle = np.floor(angle / quantum) * quantum
+    if period > 0.0:
+        angle = (angle + 0.5 * period) % period - 0.5 * period
+    given = {'quantum': min(10.0, quantum * 10.0 ** r.uniform(-2.0, 2.0))} if r.integers(2) else {}
+    return at, angle, given, period
+
+
+def test_no_stream_makes_it_fail_or_say_what_is_no_number():
+    """After a start the speed may be 10^10 times as uncertain as the angle: nothing may cancel."""
+    for seed in range(60):
+        at, angle, given, period = wild(seed)
+        out = make('edge_adaptive', given, wrap_period=period).run(at, angle, fast=False)
+        used = out.verdict == 0
+        assert np.count_nonzero(used) > 100
+        assert np.all(np.isfinite(out.velocity[used])), seed
+        assert np.all(out.velocity_stddev[used] >= 0.0), seed

@@ -256,3 +256,21 @@ def test_an_alarm_in_noise_dates_further_back():
     assert edge_bandwidth.began(date, dt, True, *SUMS) == pytest.approx((alarm + 1) * dt, rel=0.4)
     assert edge_bandwidth.began(2.0 * dt, dt, True, *SUMS) == pytest.approx(3.0 * dt)
     assert edge_bandwidth.began(dt, dt, True, *SUMS) > 0.0
+
+
+def test_a_measurement_corrects_the_covariance():
+    r, left = 2e-6, 0.3
+    before = full(COVARIANCE)
+    s = before[0, 0] + r
+    expected = before - (1.0 - left) / s * np.outer(before[0], before[0])
+    assert full(edge_covariance.corrected(COVARIANCE, r, left)) == pytest.approx(expected)
+
+
+def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
+    """Known to 1e-10 of a deviation of 1e5: what rounding leaves must be one still."""
+    p = (1e10, 1e13, 1e16, 1e16, 1e19, 1e22)
+    for r in (1e-10, 1e-14, 1e-20):
+        q = edge_covariance.corrected(p, r, 0.0)
+        assert 0.0 < q[0] <= r * (1.0 + 1e-12)
+        assert q[3] * q[0] >= q[1] * q[1] * (1.0 - 1e-12)
+        assert q[5] * q[0] >= q[2] * q[2] * (1.0 - 1e-12)

@@ -142,7 +142,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
         Whether it is believed, correction of the motion, covariance, band, sensor.
         """
         quantum, noise = sensor[0], sensor[1]
-        s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
+        r = noise + 16.0 * BLUR * BLUR * half * half
+        s = p[0] + r
         d, left = within(centre, half, math.sqrt(s))
         known = 1.0 - left
         z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
@@ -161,9 +162,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
             return (False, (0.0, 0.0, 0.0), p, band[:3] + listening[3:7] + band[7:], sensor)
         score = d * d / s - known
         if growth > 0.0:
-            s -= p[0]
             p = widened(p, growth)
-            s += p[0]
+            s = p[0] + r
         if date > 0.0 or growth > SLIGHT:   # the same reading tells a vaguer prediction more
             if date > 0.0:
                 date = began(date, dt, noisy, SIGMAS, ALARM)
@@ -174,9 +174,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if not flickers:
                 edges = math.sqrt(noise)
                 kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
-            s = p[0] + noise + 16.0 * BLUR * BLUR * half * half
+            r = noise + 16.0 * BLUR * BLUR * half * half
+            s = p[0] + r
             d, left = within(centre, half, math.sqrt(s))
-            known = 1.0 - left
         # flicker tells the noise from either side alike; elsewhere what is correlated is motion
         if (low * low < variance if flickers
                 else kind != HELD and (score < 0.0 or product < 1.0)):
@@ -187,7 +187,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         pull = d / s
         shift = (p[0] * pull, p[1] * pull, p[2] * pull)
         if kind != HELD:     # that an edge did not come moves the estimate, but is no reading
-            p = corrected(p, s, known)
+            p = corrected(p, r, left)
         return True, shift, p, listening, sensor
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,

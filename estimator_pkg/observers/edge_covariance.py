@@ -35,13 +35,32 @@ def predicted(p: Covariance, density: float, coefficients: tuple) -> Covariance:
             kept * kept * p22 + density * dt)
 
 
-def corrected(p: Covariance, s: float, known: float) -> Covariance:
-    """The covariance after an innovation of variance `s`, of which the part `known` was learnt."""
+def corrected(p: Covariance, r: float, left: float) -> Covariance:
+    """The covariance after a measurement.
+
+    Parameters
+    ----------
+    r : variance of the measurement, beside that of the angle [rad^2].
+    left : of the variance of both together, the part that the measurement does not tell.
+
+    Notes
+    -----
+    Written so that nothing cancels in the row of the angle, and a variance that rounding would
+    make smaller than the angle explains is what the angle explains: after a start it may be 10^20
+    times the counts.
+    """
     p00, p01, p02, p11, p12, p22 = p
-    part = known / s
-    k0, k1 = p00 * part, p01 * part
-    return (p00 - k0 * p00, p01 - k0 * p01, p02 - k0 * p02, p11 - k1 * p01, p12 - k1 * p02,
-            p22 - part * p02 * p02)
+    s = p00 + r
+    kept, part = (r + p00 * left) / s, (1.0 - left) / s
+    k1, k2 = kept * p01 / p00, kept * p02 / p00
+    p11 -= part * p01 * p01
+    p12 -= part * p01 * p02
+    p22 -= part * p02 * p02
+    if p11 < k1 * p01:
+        p11, p12 = k1 * p01, k1 * p02
+    if p22 < k2 * p02:
+        p22, p12 = k2 * p02, k1 * p02
+    return (kept * p00, kept * p01, kept * p02, p11, p12, p22)
 
 
 def widened(p: Covariance, growth: float) -> Covariance:
