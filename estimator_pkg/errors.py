@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
+from traceback import extract_tb
 
 
 class UserError(Exception):
@@ -21,6 +23,13 @@ class UsageError(UserError):
 def first_line(error: BaseException) -> str:
     """The first line of what an error says, or what kind of error it is."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+def where(error: BaseException) -> str:
+    """What a caught error says, in one line, and the line of the file that raised it."""
+    place = extract_tb(error.__traceback__)[-1]
+    return (f'{type(error).__name__}: {first_line(error)} (line {place.lineno} of '
+            f'{Path(place.filename).name})')
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -184,6 +184,20 @@ def test_without_out_nothing_is_written(recording, tmp_path, capsys, monkeypatch
     assert 'a: received 400, used 400' in capsys.readouterr().out
 
 
+def test_an_observer_that_fails_is_told_in_one_line(recording, tmp_path, capsys, monkeypatch):
+    """As an observer or a model of the user's own may, at any sample."""
+    def fails(self, *samples):
+        return {}['gone']
+
+    monkeypatch.setattr(Bank, 'joint', fails)
+    out = tmp_path / 'out'
+    replay(recording, '--observer', 'hybrid_angle', '--out', out, code=1)
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert "the observer failed: KeyError: 'gone' (line " in said and 'of test_replay.py)' in said
+    assert not out.exists()
+
+
 def test_every_sample_is_accounted_for(tmp_path):
     encode = Encoder().encode
 

@@ -117,11 +117,11 @@ def fed(bag: Bag, setup: Setup, replay: Replay, copied: set[str]
     listened = {topic.name for topic in setup.topics}
     for names, block in bag.blocks(listened | copied):
         if copied <= listened:
-            yield len(block), names, block, list(replay.feed(names, block))
+            yield len(block), names, block, replay.answers(names, block)
             continue
         rows = np.flatnonzero(np.isin(block.topic, _numbers(names, listened)))
         answers = [each._replace(rows=rows[each.rows])
-                   for each in replay.feed(names, block.take(rows))]
+                   for each in replay.answers(names, block.take(rows))]
         yield len(rows), names, block, answers
 
 

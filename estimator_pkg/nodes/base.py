@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from time import perf_counter
-from traceback import extract_tb, format_exception
+from traceback import format_exception
 from typing import Any, ClassVar
 
 from estimator_pkg.nodes import runtime  # noqa: F401  settles what rclpy and numpy read  # isort: skip
@@ -21,7 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.errors import UsageError
+from estimator_pkg.errors import UsageError, where
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder, Layout
 from estimator_pkg.nodes.acceleration import trajectory
@@ -241,9 +240,7 @@ class ObserverNode(Node):
         """An observer that fails must not take the others' estimates with it: start again."""
         for joint in self.bank.joints.values():
             joint.reset()
-        place = extract_tb(error.__traceback__)[-1]
-        self.health.failed(topic, f'{type(error).__name__}: {error} (line {place.lineno} of '
-                                  f'{Path(place.filename).name})')
+        self.health.failed(topic, where(error))
         self.get_logger().debug(''.join(format_exception(error)))
 
     def _listen_to_states(self, topic: str, take: Take, **options: Any) -> Subscription:

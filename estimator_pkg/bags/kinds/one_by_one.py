@@ -105,7 +105,7 @@ class MessageRecording(Recording):
         replay = named(self.kind).start(self.setup.having({**values, 'observer': observer}))
         collected = _Collected(replay.batches if self.fine else {})
         for names, block in self.blocks:
-            collected.add(replay.feed(names, block))
+            collected.add(replay.answers(names, block))
         replay.finish(self.path)
         found = collected.estimates(replay.systems())
         if not found:
