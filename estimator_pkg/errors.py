@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from traceback import extract_tb
 
@@ -30,6 +31,22 @@ def where(error: BaseException) -> str:
     place = extract_tb(error.__traceback__)[-1]
     return (f'{type(error).__name__}: {first_line(error)} (line {place.lineno} of '
             f'{Path(place.filename).name})')
+
+
+@contextmanager
+def plainly(what: str) -> Iterator[None]:
+    """Around code of a user's own, which may raise anything.
+
+    Raises
+    ------
+    UserError : `what` failed, why and where.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(f'{what} failed: {where(error)}') from error
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -196,6 +196,10 @@ def test_an_observer_that_fails_is_told_in_one_line(recording, tmp_path, capsys,
     assert said.count('\n') == 1
     assert "the observer failed: KeyError: 'gone' (line " in said and 'of test_replay.py)' in said
     assert not out.exists()
+    monkeypatch.setattr('estimator_pkg.driver.joint.Joint.run', lambda *a, **b: fails(None))
+    assert cli.main(['evaluate', str(recording), '--observer', 'pll']) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert "observer 'pll' failed: KeyError: 'gone' (line " in said[-1]
 
 
 def test_every_sample_is_accounted_for(tmp_path):

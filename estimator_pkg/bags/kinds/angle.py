@@ -31,7 +31,7 @@ from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.errors import UsageError, UserError, plainly
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes.settings import ANGLE, NodeSettings
 from estimator_pkg.observers.contract import COASTING, TRACKING
@@ -202,7 +202,8 @@ class AngleRecording(Recording):
             if settings.only and name not in settings.only:
                 continue
             joint = Joint(configuration.observer, *configuration.for_joint(name))
-            out = joint.run(series.stamps_ns, series.position, fast=fast)
+            with plainly(f"observer '{observer}'"):
+                out = joint.run(series.stamps_ns, series.position, fast=fast)
             used = out.verdict < DUPLICATE
             valid = used & ((out.status == TRACKING) | (out.status == COASTING))
             history = History()

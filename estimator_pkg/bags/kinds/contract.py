@@ -21,7 +21,7 @@ from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.reader import Bag, Topic
 from estimator_pkg.bags.series import Series, positions
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.errors import UserError, where
+from estimator_pkg.errors import plainly
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.contract import STATUS_NAMES
 from estimator_pkg.parameters import Parameter
@@ -180,12 +180,8 @@ class Replay(ABC):
         ------
         UserError : the observer failed, as a model or an observer of the user's own may.
         """
-        try:
+        with plainly('the observer'):
             return list(self.feed(names, block))
-        except UserError:
-            raise
-        except Exception as error:  # whatever a user's code raises
-            raise UserError(f'the observer failed: {where(error)}') from error
 
     @abstractmethod
     def systems(self) -> dict[str, System]:
