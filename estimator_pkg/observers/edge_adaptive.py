@@ -102,10 +102,10 @@ def prepare(design: tuple, dt: float) -> tuple:
 def build(gains: Gains, circle: Circle) -> Functions:
     """The functions at these gains.
 
-    State: (motion: position [rad], velocity, acceleration); covariance; band (see
-    `edge_bandwidth`); sensor, steps (see `edge_sensor`); convention; lock: (status, samples since
-    a start, a gap or a doubt, time [s] for which the readings were far off); sway (see
-    `edge_bandwidth`).
+    State: motion: (position [rad], velocity, acceleration, time since a reading told something
+    [s]); covariance; band (see `edge_bandwidth`); sensor, steps (see `edge_sensor`); convention;
+    lock: (status, samples since a start, a gap or a doubt, time [s] for which the readings were far
+    off); sway (see `edge_bandwidth`).
     """
     def design() -> tuple:
         outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
@@ -135,6 +135,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         Parameters
         ----------
         kind, centre, half, off, ahead : what it is worth, and from what; see `edge_interval`.
+        noisy, flickers : the noise is more than the edges' blur; it crosses edges by itself.
         idle : time since the last one that told something [s].
 
         Returns
@@ -159,6 +160,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         listening, growth, date, product = follow_band(band, z, known * p[0] / s, idle, least,
                                                        laws)
         if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
+            # one sample alone: the sums and their dates alone keep it, for the next to confirm
             return (False, (0.0, 0.0, 0.0), p, band[:3] + listening[3:7] + band[7:], sensor)
         score = d * d / s - known
         if growth > 0.0:
