@@ -50,7 +50,7 @@ def check(rows):
     assert ours['noise']['worst_ratio'] > 0.5  # the yardstick was there
     if rows[0]['draws'] == bench_accuracy.DRAWS:
         for name in MOVING:
-            assert 0.93 <= ours[name]['coverage'] <= 0.99, name
+            assert 0.93 <= ours[name]['coverage'] <= 0.98, name
 
 
 # ---------------------------------------------------------------- one setting for all columns
