@@ -122,7 +122,7 @@ def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float)
         return 0.0
     angle = series.position[run]
     if period > 0.0:
-        angle = np.unwrap(angle, period=period)
+        angle = np.unwrap(angle, period=period).astype(np.float64)
     before, after = np.diff(time)[:-1], np.diff(time)[1:]
     usable = before + after <= 4.0 * float(np.median(before))
     part = before / (before + after)

@@ -139,7 +139,7 @@ def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -
     if len(time) < 8:
         return np.nan
     if period > 0.0:
-        truth = np.unwrap(truth, period=period)
+        truth = np.unwrap(truth, period=period).astype(np.float64)
     speed = slopes(time, truth)
     power = float(np.mean(speed * speed))
     if power * (time[-1] - time[0]) ** 2 < 1e-12 * (1.0 + float(np.mean(truth * truth))):

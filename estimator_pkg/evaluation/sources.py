@@ -135,7 +135,7 @@ def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options
 def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None
               ) -> Estimate:
     """What a topic of estimates says of one joint."""
-    stddev = np.full(len(estimates.stamps_ns), np.nan)
+    stddev: NDArray[np.float64] = np.full(len(estimates.stamps_ns), np.nan)
     if deviations is not None:
         stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
     return Estimate(estimates.stamps_ns, estimates.position, estimates.velocity, stddev,

@@ -59,7 +59,7 @@ def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) ->
     ----------
     make : the layout of a message; raises MalformedMessageError.
     """
-    left = np.arange(len(block.start))
+    left: NDArray[np.int64] = np.arange(len(block.start))
     view = block.data.data
     tried = 0
     while len(left):

@@ -70,7 +70,8 @@ def scatter(pairs: Sequence[Describing], damping: Array, dt: float, *, implicit:
 
     per_noise = np.zeros((3, n, n))
     for joint in range(n):
-        covariance = settled(step, np.outer(arrival[:, joint], arrival[:, joint]))
+        came = arrival[:, joint]
+        covariance = settled(step, came[:, None] * came)
         per_noise[0, :, joint] = variances(shown, covariance)
         per_noise[1, :, joint] = variances(speeds, covariance)
         per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2

@@ -40,7 +40,7 @@ def steady_variances(transition: NDArray[np.float64], gain: NDArray[np.float64]
     """
     kept = np.eye(len(gain))
     kept[:, 0] -= gain
-    covariance = settled(kept @ transition, np.outer(gain, gain))
+    covariance = settled(kept @ transition, gain[:, None] * gain)
     if not np.all(np.isfinite(covariance)):
         raise ValueError('the observer is unstable')
     before = transition @ covariance @ transition.T

@@ -71,7 +71,7 @@ def poles(length: int, bandwidth_hz: float) -> Poles:
 
 
 def _places() -> NDArray[np.float64]:
-    return np.linspace(math.log(SMALLEST), math.log(LARGEST), POINTS)
+    return np.linspace(math.log(SMALLEST), math.log(LARGEST), POINTS, dtype=np.float64)
 
 
 @lru_cache

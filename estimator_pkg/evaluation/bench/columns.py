@@ -81,7 +81,7 @@ class Column:
         stamps, angle = self.samples.stamps, self.samples.angle
         newest = np.concatenate([[0], np.maximum.accumulate(stamps)[:-1]])
         rows = np.flatnonzero((stamps > newest) & np.isfinite(angle))
-        return Cleaned(rows, self.time[rows], np.unwrap(angle[rows]))
+        return Cleaned(rows, self.time[rows], np.unwrap(angle[rows]).astype(np.float64))
 
     def spread(self, rows: NDArray[np.int64], velocity: Array) -> Array:
         """Velocities of some samples as those of all; nan elsewhere."""

@@ -91,7 +91,7 @@ def fit(recording: Recording, unknowns: Unknowns, delay: float = 0.0,
     low = np.append(unknowns.lowest, -LATEST) if driven else unknowns.lowest
     high = np.append(unknowns.highest, LATEST) if driven else unknowns.highest
     predict = _predictor(recording, unknowns, driven)
-    weights = np.ones(recording.positions.shape[1])
+    weights: Array = np.ones(recording.positions.shape[1])
     starts = {piece: first_guess(recording, piece) for piece in (*first, *second)}
     for _ in range(2):  # the joints' weights follow from what is left over
         numbers = _minimise(recording, predict, first, starts, numbers, low, high, weights,
@@ -204,8 +204,11 @@ def _minimise(recording: Recording, predict: Predict, pieces: list[Piece],
             lines = [_linear(recording, predict, piece, starts, numbers, weights)
                      for piece in pieces]
             cost = _cost([line[1] for line in lines])
-            square = sum(line[0].by_number.T @ line[0].by_number for line in lines)
-            slope = sum(line[0].by_number.T @ line[0].rest for line in lines)
+            square: Array = np.zeros((len(numbers), len(numbers)))
+            slope: Array = np.zeros(len(numbers))
+            for line in lines:
+                square = square + line[0].by_number.T @ line[0].by_number
+                slope = slope + line[0].by_number.T @ line[0].rest
             if not np.all(np.isfinite(square)) or not np.isfinite(cost):
                 raise UserError('the model runs away from the recording with the numbers to start '
                                 'from: give better ones')
@@ -214,7 +217,7 @@ def _minimise(recording: Recording, predict: Predict, pieces: list[Piece],
         size[size == 0.0] = 1.0
         held = ((numbers <= low) & (slope > 0.0)) | ((numbers >= high) & (slope < 0.0))
         free = ~held
-        change = np.zeros(len(numbers))
+        change: Array = np.zeros(len(numbers))
         change[free] = -np.linalg.lstsq(
             square[np.ix_(free, free)] + damping * np.diag(size[free]), slope[free],
             rcond=None)[0]
@@ -277,7 +280,7 @@ def _deviations(recording: Recording, predict: Predict, pieces: list[Piece],
         mixed = [name for name, part in zip(names, np.abs(axes[:, 0])) if part > 0.3]
         raise UserError(f'the motion in the recording does not tell {", ".join(mixed)} apart: it '
                         'needs to move more, or hold some of them with --set')
-    inverse = np.linalg.inv(normal) / np.outer(scale, scale)
+    inverse = np.linalg.inv(normal) / (scale[:, None] * scale)
     count = len(pieces)
     middle = np.zeros_like(square)
     for line in lines:
@@ -285,7 +288,7 @@ def _deviations(recording: Recording, predict: Predict, pieces: list[Piece],
         push = line.by_number.T @ line.rest
         lever = line.by_number.T @ line.by_number @ inverse
         push = np.linalg.solve(np.eye(len(push)) - lever, push)
-        middle += np.outer(push, push)
+        middle += push[:, None] * push
     found: Array = np.sqrt(np.diag(inverse @ middle @ inverse) * (count - 1.0) / count)
     return found
 

@@ -78,11 +78,11 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> Ident
         if best is None or rest < best[0]:
             best = (rest, float(delay), (rows, wanted, first, second, *solved))
     assert best is not None
-    rest, delay, (rows, wanted, first, second, answer, covariance) = best
+    rest, found, (rows, wanted, first, second, answer, covariance) = best
     scale = WINDOW * 0.4571428571  # integral of the window
     values, deviations = _named(answer, covariance)
     # the node takes an effort to have acted since the sample before: half a sample earlier
-    values['input_delay'] = delay + 0.5 * float(np.median(np.diff(time)))
+    values['input_delay'] = found + 0.5 * float(np.median(np.diff(time)))
     deviations['input_delay'] = float(DELAYS[1] - DELAYS[0]) / math.sqrt(12.0)
 
     def explained(part: NDArray[np.bool_]) -> float:

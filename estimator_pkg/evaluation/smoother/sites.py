@@ -31,7 +31,7 @@ def find_sites(part: Piece, quantum: float, blur: float, jerk: float, sweeps: in
     """
     centres = np.where(met(part, quantum, jerk), part.readings, np.nan)
     known = np.flatnonzero(np.isfinite(centres))
-    sites = np.zeros((len(centres), 2))
+    sites: Array = np.zeros((len(centres), 2))
     if not len(known):
         return sites, 0.0
     variance = quantum ** 2 / 12.0 + blur ** 2
@@ -39,7 +39,8 @@ def find_sites(part: Piece, quantum: float, blur: float, jerk: float, sweeps: in
     steps = (part.steps, np.concatenate([[0.0], part.steps[:0:-1]]))
     starts = [start(centres[i], variance) for i in (known[0], known[-1])]
     sites[known, 0] = 1.0 / variance
-    sites, messages = sites[::-1].copy(), np.empty((len(sites), 9))
+    messages: Array = np.empty((len(sites), 9))
+    sites = sites[::-1].copy()
     compiled(towards)(starts[1], steps[1], ways[1], jerk, sites, messages)
     along, log_z = compiled(sweep), 0.0
     for turn in range(2 * sweeps):  # each way fills the messages that the other has used

@@ -140,7 +140,7 @@ def parallel(theta: Array, inputs: Array) -> Array:
     matrix[:2] = [[first + last + theta[0], 1.0, theta[2]],
                   [-first * last + theta[1], 0.0, theta[3]]]
     step = exponential(matrix * RK4_STEP)
-    x = np.zeros(3)
+    x: Array = np.zeros(3)
     found = [0.0]
     for u in inputs:
         x[2] = u
