@@ -23,6 +23,7 @@ CLOCK = '/clock'
 CLOCK_RATE = 200.0   # Hz
 LOOK = 0.05          # s between looks at keyboard and services
 QUIET = 0.5          # s without a new subscription after which those there are taken as all
+LINGER = 0.3         # s in which best effort gets through: what a process sent goes with it
 HANDSHAKE = 0.2      # s in which subscriptions that we know come to know us: best effort waits
                      # for nobody
 SECOND = 1_000_000_000
@@ -95,13 +96,14 @@ class Player:
 
     Attributes
     ----------
-    sent : messages published, by their name on the graph.
+    sent : messages published, by their name on the graph. best_effort : some are not acknowledged.
     """
 
     def __init__(self, here: Live, bag: Bag, pressed: Callable[[], str], *,
                  topics: list[str] | None, remap: dict[str, str], rate: float,
                  clock: float | None, paused: bool) -> None:
         from rclpy.exceptions import InvalidTopicNameException
+        from rclpy.qos import ReliabilityPolicy
         from std_srvs.srv import Trigger
 
         from estimator_pkg.bags.live import matching, message_class
@@ -109,6 +111,7 @@ class Player:
         self._rate = rate
         self.paused = paused
         self.sent: dict[str, int] = {}
+        self.best_effort = False
         self._publishers: dict[str, tuple[str, Publisher]] = {}
         for topic in bag.topics.values():
             if (topics is not None and topic.name not in topics) or not topic.count or (
@@ -120,8 +123,10 @@ class Player:
                 continue
             name = remap.get(topic.name, topic.name)
             name = name if name.startswith('/') else f'/{name}'
+            profile = matching(topic.qos)
+            self.best_effort |= profile.reliability == ReliabilityPolicy.BEST_EFFORT
             try:
-                publisher = here.node.create_publisher(kind, name, matching(topic.qos))
+                publisher = here.node.create_publisher(kind, name, profile)
             except InvalidTopicNameException as error:
                 raise UserError(f"'{name}' is no name that a topic may have: --remap "
                                 f'{topic.name}:=NAME gives it another one') from error
@@ -178,6 +183,8 @@ class Player:
         for _, publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(nanoseconds=0 if self._here.stopping
                                                   else SECOND))
+        if not self._here.stopping and self.best_effort:
+            time.sleep(LINGER)
 
     def _begin(self, start_ns: int) -> None:
         if self.paused:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
@@ -80,6 +80,20 @@ class OnDemand:
     def look(self) -> None:
         """See whether somebody listens."""
         self.wanted = self._publisher.get_subscription_count() > 0
+
+
+def waiting(subscription: Subscription) -> Iterator[tuple[bytes, Any]]:
+    """The raw messages that still wait on it, at most its queue's depth: (CDR bytes, info).
+
+    EventsExecutor takes one message for each event. An event that comes while it takes a node or a
+    subscription in may go unnoticed, and every message after it would be one message late.
+    """
+    for _ in range(subscription.qos_profile.depth or 1):
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, True)
+        if taken is None:
+            return
+        yield taken
 
 
 class Endpoints:
@@ -167,18 +181,10 @@ class Endpoints:
             publisher.look()
 
     def _drain(self) -> None:
-        """Receive what still waits on the subscriptions.
-
-        EventsExecutor takes one message for each event. An event that comes while it takes the
-        node in may go unnoticed, and every message after it would be one message late.
-        """
+        """Receive what still waits on the subscriptions."""
         for subscription, callback, _ in self._inputs:
-            for _ in range(subscription.qos_profile.depth or 1):
-                with subscription.handle:
-                    taken = subscription.handle.take_message(subscription.msg_type, True)
-                if taken is None:
-                    break
-                callback(*taken)
+            for raw, info in waiting(subscription):
+                callback(raw, info)
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
         """A publisher; raises UsageError for a wrong ``qos_overrides`` parameter."""
