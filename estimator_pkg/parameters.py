@@ -10,17 +10,17 @@ tables of docs/ are all made from these declarations.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import inspect
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeVar
 
-import yaml
-
+from estimator_pkg import yaml_text
 from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.yaml_text import Word
 
 T = TypeVar('T')
 
@@ -32,7 +32,8 @@ class Parameter:
     ``kind`` is float, int, bool, str, tuple (a list of texts) or list (of numbers, checked into a
     tuple of floats). ``default`` None means: follows from the others.
     ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner
-    varies, and between which numbers; ``among`` does so for a choice.
+    varies, and between which numbers; ``among`` does so for a choice. ``formerly`` maps words that
+    choices had in the last release to those of today. The default is valid next to the choices.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Parameter:
     advanced: bool = False
     search: tuple[float, float] | None = None
     among: tuple[str, ...] = ()
+    formerly: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def check(self, value: Any) -> Any:
         """`value` as this parameter's type.
@@ -61,20 +63,29 @@ class Parameter:
                 return None
             raise UsageError(f"parameter '{self.name}' needs a value")
         if self.kind is bool:
+            if isinstance(value, Word):
+                value = value.truth
             if not isinstance(value, bool):
                 raise UsageError(f"parameter '{self.name}' must be true or false, not {value!r}")
             return value
         if self.kind is str:
             if not isinstance(value, str):
-                raise UsageError(f"parameter '{self.name}' must be text, not {value!r}")
-            if self.choices and value not in self.choices and not self._open_choice(value):
+                kind = f'text, one of {", ".join(self.choices)}' if self.choices else 'text'
+                raise UsageError(f"parameter '{self.name}' must be {kind}, not {value!r}"
+                                 + self._quotes(value))
+            if value in self.formerly:
+                _renamed(self.name, str(value), self.formerly[value])
+                return self.formerly[value]
+            if (self.choices and value not in self.choices and value != self.default
+                    and not self._open_choice(value)):
                 raise UsageError(f"parameter '{self.name}': '{value}' is not one of "
                                  f'{", ".join(self.choices)}')
-            return value
+            return str(value)
         if self.kind is tuple:
             if not isinstance(value, (list, tuple)) or not all(isinstance(v, str) for v in value):
-                raise UsageError(f"parameter '{self.name}' must be a list of texts, not {value!r}")
-            return tuple(value)
+                raise UsageError(f"parameter '{self.name}' must be a list of texts, not {value!r}"
+                                 + self._quotes(value))
+            return tuple(map(str, value))
         if self.kind is list:
             one = dataclasses.replace(self, kind=float, default=0.0)
             many = isinstance(value, Iterable) and not isinstance(value, str)
@@ -98,6 +109,23 @@ class Parameter:
         """Choices that end in 'package.module:name' also admit a user's own."""
         return 'package.module:name' in self.choices and value.count(':') == 1
 
+    def _quotes(self, value: Any) -> str:
+        """How to write the text that YAML made `value` of; '' where nothing is known of it."""
+        many = isinstance(value, (list, tuple))
+        found = [each for each in (value if many else (value,)) if not isinstance(each, str)]
+        if not found or not all(isinstance(each, (bool, int, float)) for each in found):
+            return ''
+        if self.choices:  # what an unquoted word became: an old one of that meaning, or any
+            new = [word for old, word in self.formerly.items() if Word(old).truth is found[0]]
+            texts = [(new or [self.default or self.choices[0]])[0]]
+        else:
+            texts = [each if isinstance(each, str) else _text_of(each)
+                     for each in (value if many else found)]
+        said = ', '.join(f"'{text}'" for text in texts)
+        why = ('y, n, yes, no, on and off are booleans in YAML'
+               if any(isinstance(each, bool) for each in found) else 'YAML reads a number')
+        return f': {why}; write texts in quotes, {self.name}: ' + (f'[{said}]' if many else said)
+
     def range_text(self) -> str:
         """The admitted values, for a person."""
         if self.choices:
@@ -118,8 +146,9 @@ def parameter(default: Any, *, unit: str, description: str,
               range: tuple[float | None, float | None] | None = None,
               choices: tuple[str, ...] = (), equation: str = '', structural: bool = False,
               advanced: bool = False, search: tuple[float, float] | None = None,
-              among: tuple[str, ...] = (), kind: type | None = None) -> Any:
-    """A dataclass field that carries its declaration.
+              among: tuple[str, ...] = (), kind: type | None = None,
+              formerly: Mapping[str, str] | None = None) -> Any:
+    """A dataclass field that carries its declaration (see `Parameter`).
 
     ``kind`` is needed only where the default is None (a value that follows from others).
     """
@@ -127,7 +156,8 @@ def parameter(default: Any, *, unit: str, description: str,
     declared = dict(kind=kind or (float if default is None else type(default)), default=default,
                     unit=unit, description=description, minimum=low, maximum=high,
                     choices=choices, equation=equation, structural=structural,
-                    advanced=advanced, search=search, among=among)
+                    advanced=advanced, search=search, among=among,
+                    formerly=formerly or {})
     return dataclasses.field(default=default, metadata={'parameter': declared})
 
 
@@ -159,8 +189,22 @@ def build(cls: type[T], values: Mapping[str, Any], *, owner: str = '') -> T:
     return cls(**checked)
 
 
+def _text_of(value: bool | float) -> str:
+    """A text that YAML, unquoted, reads as `value`."""
+    return {True: 'y', False: 'n'}[value] if isinstance(value, bool) else f'{value:g}'
+
+
+@lru_cache
+def _renamed(name: str, old: str, new: str) -> None:
+    """Report once that a choice has another word now."""
+    print(f"parameter '{name}': '{old}' is called '{new}' now; the next release no longer knows "
+          f"'{old}'", file=sys.stderr)
+
+
 def parse_assignments(pairs: list[str]) -> dict[str, Any]:
-    """``['bandwidth_hz=20', 'form=paper']`` as a dictionary; values are read as YAML scalars.
+    """``['bandwidth_hz=20', 'form=paper']`` as a dictionary; values are read as YAML.
+
+    Texts need no quotes: off, y or 1:30 is a text where a text is needed.
 
     Raises
     ------
@@ -171,12 +215,5 @@ def parse_assignments(pairs: list[str]) -> dict[str, Any]:
         name, equals, text = pair.partition('=')
         if not equals or not name:
             raise UsageError(f"'{pair}' is not key=value")
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            value = text
-        if isinstance(value, str):
-            with contextlib.suppress(ValueError):
-                value = float(value)  # YAML 1.1 reads 1e-3 as text
-        values[name.strip()] = value
+        values[name.strip()] = yaml_text.of_command_line(text)
     return values

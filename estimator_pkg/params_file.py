@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from estimator_pkg import yaml_text
 from estimator_pkg.errors import UsageError, UserError, first_line
 
 KEY = 'ros__parameters'
@@ -61,7 +62,7 @@ def _content(path: str | Path, node_name: str) -> Mapping:
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
     try:
-        content = yaml.load(text, Loader=_Loader)
+        content = yaml_text.read(text)
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         line = f' (line {mark.line + 1})' if mark else ''
@@ -104,33 +105,6 @@ def of_this_node(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items()
             if not any(name == known or (known.endswith('.') and name.startswith(known))
                        for known in OF_EVERY_NODE)}
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML in which, as for ROS, 1e-3 is a number and a repeated key an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        seen = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode) and key.tag != 'tag:yaml.org,2002:merge':
-                if key.value in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"'{key.value}' comes twice", key.start_mark)
-                seen.add(key.value)
-        return super().construct_mapping(node, deep)
-
-
-_Loader.yaml_implicit_resolvers = {key: list(value) for key, value in
-                                   yaml.SafeLoader.yaml_implicit_resolvers.items()}
-
-
-def _add_numbers() -> None:
-    import re
-    number = re.compile(r'^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$')
-    _Loader.add_implicit_resolver('tag:yaml.org,2002:float', number, list('-+.0123456789'))
-
-
-_add_numbers()
 
 
 def _sections(path: str | Path, content: Mapping, prefix: str) -> list[tuple[str, Mapping]]:

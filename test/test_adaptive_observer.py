@@ -18,7 +18,7 @@ from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVA
 from estimator_pkg.parameters import build
 
 PAPER = dict(law='gradient', observer_poles=(-10.0, -12.0), model_poles=(-1.5, -2.5),
-             gamma=(1000.0,), settle=0.0, gate='off', knock=0.0)  # example 4.2
+             gamma=(1000.0,), settle=0.0, gate='none', knock=0.0)  # example 4.2
 VECTORS = {  # form -> sample -> y, xhat1, theta
     'paper': {
         10: (-1.660405042e-03, -7.476752657e-04, 4.192042135e-07, 6.502364219e-09,
@@ -125,7 +125,7 @@ def test_full_velocity_is_right_where_the_parameters_are_not():
     rms = {}
     for formula in ('full', 'paper'):
         made = joint(0.0, law='gradient', observer_poles=(-4.0, -5.0), model_poles=(-1.0, -2.0),
-                     gamma=(10.0, 10.0, 1000.0, 1000.0), settle=0.0, gate='off',
+                     gamma=(10.0, 10.0, 1000.0, 1000.0), settle=0.0, gate='none',
                      velocity=formula)
         out, _ = feed(made, angles, u, 2e-3, fast=True)
         rms[formula] = np.sqrt(np.mean((out.velocity - velocity)[-10000:] ** 2))
@@ -157,7 +157,7 @@ def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains, seconds)
     assert made.report().phase == 'GATED'
     for value, true in zip(made._track[6][2], (3.99, 3.45, 0.0, 0.2)):
         assert value == pytest.approx(true, rel=5e-3)
-    without = trained(law='gradient', gate='off')
+    without = trained(law='gradient', gate='none')
     feed(without, np.full(3, -0.2 / 0.3), np.zeros(2))
     rest_with_load(without, 60.0)
     assert named(without)['k/J'].value < 0.1  # 0.3 is right: spec A5e, "plain"
@@ -343,7 +343,7 @@ def test_gate_opens_with_excitation():
 
 def test_least_squares_that_forgets_does_not_run_away_while_nothing_moves():
     """At rest without a gate P grows as exp(t/memory), past every float within 700 memories."""
-    made = joint(memory=0.04, gate='off', knock=0.0, noise=1e-4)
+    made = joint(memory=0.04, gate='none', knock=0.0, noise=1e-4)
     angle, _ = servo(2.0, 3.0, 5.0, excited(4000), 1e-3)
     feed(made, angle, excited(4000))
     rest = np.full(8000, angle[-1])  # 1000 memories

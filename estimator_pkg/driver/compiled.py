@@ -7,16 +7,22 @@ except where the C library's exp, sin and so on differ (fast-math stays off).
 
 from __future__ import annotations
 
-import contextlib
+import hashlib
 import math
+import os
+import pickle
+import sys
 import types
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 from estimator_pkg.driver.fingerprint import fingerprint, global_names
+from estimator_pkg.errors import first_line
+from estimator_pkg.printable import printable
 
 _twins: dict[Any, Callable] = {}
+_faults: list[str] = []  # of the cache
 
 
 @lru_cache
@@ -24,9 +30,16 @@ def available() -> bool:
     """True where Numba can be imported (this imports it)."""
     try:
         import numba  # noqa: F401  (only to see whether it is there)
-    except ImportError:
-        return False
-    return True
+    except ModuleNotFoundError as error:
+        if error.name == 'numba':
+            return False
+        broken: Exception = error
+    except Exception as error:  # another NumPy than it was made for, a library that does not load
+        broken = error
+    else:
+        return True
+    print(f'warning: Numba cannot be used: {printable(first_line(broken))}', file=sys.stderr)
+    return False
 
 
 def compiled(function: Callable) -> Callable:
@@ -76,21 +89,79 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
 
 
 def _keep_on_disk(twin: Any, copy: Any, function: Any) -> None:
-    """Lets Numba keep what it compiles beside the source, as its own ``cache=True`` does.
+    """Let Numba keep what it compiles next to the source, as its own ``cache=True`` does.
 
     That would know one source file and what the function closes over; ours is stale as soon as
-    anything changes that the function calls. Compiling takes seconds, loading does not.
+    anything changes that the function calls. Compiling takes seconds, loading does not. Without a
+    file of its own (what a user types in) a function is not kept; a fault never stops anybody.
     """
-    from numba.core.caching import FunctionCache
+    if not os.path.exists(function.__code__.co_filename):
+        return
+    try:
+        twin._cache = _cache_class()(copy, fingerprint(function))
+    except Exception as error:  # RuntimeError: nothing can be written anywhere
+        _not_kept(f'{type(error).__name__}: {first_line(error)}; set NUMBA_CACHE_DIR to a folder '
+                  'that may be written')
+
+
+@lru_cache(1)
+def _cache_class() -> type:
+    """The class of the caches; Numba's own stops the caller for a full disk or a damaged file."""
+    from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+    class Files(IndexDataCacheFile):
+        """Machine code is loaded only as it was written: damaged, it would end the process."""
+
+        def _save_data(self, name: str, data: Any) -> None:
+            raw = self._dump(data)
+            super()._save_data(name, (hashlib.sha256(raw).digest(), raw))
+
+        def _load_data(self, name: str) -> Any:
+            digest, raw = super()._load_data(name)
+            if hashlib.sha256(raw).digest() != digest:
+                raise ValueError(f'{name} is not what was written')
+            return pickle.loads(raw)
 
     class Cache(FunctionCache):
-        def _index_key(self, sig: Any, codegen: Any) -> tuple:
-            return (sig, codegen.magic_tuple(), content)
+        def __init__(self, copy: Any, content: str) -> None:
+            super().__init__(copy)
+            self._content = content
+            self._cache_file = Files(self._cache_path, self._impl.filename_base,
+                                     self._impl.locator.get_source_stamp())
 
-    content = fingerprint(function)
-    # RuntimeError: the function has no source file, or nothing can be written anywhere
-    with contextlib.suppress(RuntimeError):
-        twin._cache = Cache(copy)
+        def _index_key(self, sig: Any, codegen: Any) -> tuple:
+            return (sig, codegen.magic_tuple(), self._content)
+
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            try:
+                return super().load_overload(sig, target_context)
+            except Exception as error:  # of damaged files: EOFError, UnpicklingError and others
+                _not_kept(f'a damaged file in {self._cache_path} is written anew '
+                          f'({type(error).__name__}: {first_line(error)})')
+            try:
+                self.flush()
+            except Exception as error:
+                self._stop(error)
+            return None
+
+        def save_overload(self, sig: Any, data: Any) -> None:
+            try:
+                super().save_overload(sig, data)
+            except Exception as error:  # ENOSPC, EACCES and others
+                self._stop(error)
+
+        def _stop(self, error: Exception) -> None:
+            _not_kept(f'{self._cache_path}: {first_line(error)}')
+            self.disable()
+
+    return Cache
+
+
+def _not_kept(why: str) -> None:
+    """Report the first fault of the cache: compiling takes seconds in each process from now on."""
+    if not _faults:
+        print(f'warning: compiled code is not loaded from disk: {printable(why)}', file=sys.stderr)
+    _faults.append(why)
 
 
 def longest_dt(limits: Callable[[float], str | None]) -> float:

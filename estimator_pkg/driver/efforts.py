@@ -33,9 +33,10 @@ class DrivenSettings(JointSettings):
                     'measured: it acted from the stamp before until its own. Unset: measured in '
                     'joint_states, commanded in effort_command')
     input_unit: str = parameter(
-        '', unit='', choices=('', 'N m', 'N', 'V', 'A'), structural=True,
+        '', unit='', choices=('N m', 'newton', 'V', 'A'), structural=True,
+        formerly={'N': 'newton'},
         description="unit of the model's input, which is effort times input_scale; it is told with "
-                    'the status and stands in the units of identified parameters')
+                    'the status and stands in the units of identified parameters; empty: unknown')
     input_scale: tuple[float, ...] = parameter(
         (1.0,), unit='', kind=list, range=(-1e9, 1e9),
         description='the effort of the topics times this is the input of the model, for all '

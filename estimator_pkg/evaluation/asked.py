@@ -9,7 +9,7 @@ from estimator_pkg import params_file
 from estimator_pkg.bags import kinds
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.entries import Entry, angle_observers
-from estimator_pkg.parameters import declared, parse_assignments
+from estimator_pkg.parameters import Parameter, declared, parse_assignments
 
 ALL = 'all'
 OBSERVER = 'observer'
@@ -44,13 +44,14 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     from_file = {name: _from_file(params, name) for name in wanted}
     for names_of in (given, *from_file.values()):
         _check(names_of, by_observer)
-    return [Entry(name, name, tuple((key, _plain(value)) for key, value in
-                                    {**from_file[name], **given}.items()
-                                    if params_file.parameter_of(key) in by_observer[name]))
+    return [Entry(name, name, tuple(
+        (key, by_observer[name][params_file.parameter_of(key)].check(value))
+        for key, value in {**from_file[name], **given}.items()
+        if params_file.parameter_of(key) in by_observer[name]))
             for name in wanted]
 
 
-def _known(observer: str) -> dict[str, Any]:
+def _known(observer: str) -> dict[str, Parameter]:
     kind = kinds.of_observer(observer)
     return {**kind.parameters(observer), **declared(kind.settings)}
 
@@ -74,7 +75,3 @@ def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any
         if params_file.parameter_of(name) not in every:
             raise UsageError(f"unknown parameter '{name}' of {', '.join(by_observer)}: "
                              f'{suggestion(params_file.parameter_of(name), every)}')
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value

@@ -15,12 +15,14 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.errors import UserError
+from estimator_pkg.printable import printable
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
 
 SPIN = 0.1       # [s] EventsExecutor.spin() dispatches nothing on the PyPI wheels, spin_once does
+MIXED = 'Sequence should be of same type'  # rcl of a list in which y, n, on or off is a boolean
 AGAIN = 0.05     # [s] until what cannot be interrupted now is interrupted
 
 
@@ -125,7 +127,9 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
         try:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         except Exception as error:  # of rcl, for a command line it cannot parse
-            print(f'{program}: wrong ROS arguments: {_first_line(error)}', file=sys.stderr)
+            why = _first_line(error)
+            hint = "; write texts in quotes, as in ['x', 'y']" if MIXED in why else ''
+            print(f'{program}: wrong ROS arguments: {printable(why)}{hint}', file=sys.stderr)
             return 2
         set_logger_level('rcl', LoggingSeverity.UNSET)
         rest = remove_ros_args([program, *args] if args is not None else sys.argv)[1:]
@@ -139,7 +143,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
             executor.spin_once(timeout_sec=SPIN)
         return 0
     except UserError as error:
-        print(f'{program}: {error}', file=sys.stderr)
+        print(f'{program}: {printable(error)}', file=sys.stderr)
         return error.exit_code
     except Exception:
         if rclpy.ok():
@@ -179,7 +183,7 @@ def executable(module: str, name: str) -> tuple[Callable[..., int], Callable[[st
 def _usage(program: str, word: str) -> int:
     helped = word in ('-h', '--help')
     print(f'usage: {program} [--ros-args [-p PARAMETER:=VALUE ...] [--params-file FILE] '
-          '[-r FROM:=TO ...]]' + ('' if helped else f"; not '{word}'"),
+          '[-r FROM:=TO ...]]' + ('' if helped else f"; not '{printable(word)}'"),
           file=sys.stdout if helped else sys.stderr)
     return 0 if helped else 2
 

@@ -91,11 +91,12 @@ class Gains:
         description='full: C (A x + B u), right as soon as the innovation vanishes; paper: (38), '
                     'which needs b1 = 0 and right parameters')
     gate: str = parameter(
-        'noise', unit='', choices=('noise', 'gamma', 'off'), structural=True,
+        'noise', unit='', choices=('noise', 'gamma', 'none'), structural=True,
+        formerly={'off': 'none'},
         description='adapt only while the signals tell the parameters apart. noise: the '
                     'information matrix exceeds signal_to_noise times what noise of the reading '
                     'alone would gather; gamma: its smallest eigenvalue, weighed by gamma, exceeds '
-                    'excitation')
+                    'excitation; none: adapt always')
     signal_to_noise: float = parameter(
         100.0, unit='', range=(1.0, 1e12),
         description="of the gate 'noise': the noise in the filtered reading biases the parameters "

@@ -50,7 +50,7 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
     """The functions of this structure."""
     is_paper, is_gradient = gains.form == PAPER, gains.law == GRADIENT
     is_diagonal = bool(np.all(made.gamma == np.diag(np.diag(made.gamma))))
-    is_gated, is_noise_gate = gains.gate != 'off', gains.gate == 'noise'
+    is_gated, is_noise_gate = gains.gate != 'none', gains.gate == 'noise'
     bounded = any(map(math.isfinite, (*made.low, *made.high)))
     vectors, free = algebra(gains.order), algebra(len(made.free))
     dot, add, apply = vectors.dot, vectors.add, vectors.apply

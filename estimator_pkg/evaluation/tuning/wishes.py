@@ -127,9 +127,7 @@ def _dimensions(observer: str, known: Mapping[str, Parameter], wanted: Sequence[
 def _asked(parameter: Parameter, ends: str, text: str) -> Dimension:
     """What the user says."""
     if parameter.kind is str:
-        choices = tuple(ends.split('|'))
-        for choice in choices:
-            parameter.check(choice)
+        choices = tuple(parameter.check(choice) for choice in ends.split('|'))
         if len(choices) < 2:
             raise UsageError(f"--search '{text}' is not of the form NAME=ONE|OTHER")
         return Dimension(parameter.name, choices=choices)

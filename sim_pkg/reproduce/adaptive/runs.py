@@ -38,7 +38,7 @@ class Run(NamedTuple):
 def gains(example: Example, **changes: Any) -> Gains:
     """The paper's observer: the gradient in the sampled form, without gate or time to settle."""
     plain = Gains(law='gradient', observer_poles=example.observer_poles,
-                  model_poles=example.model_poles, gamma=example.gamma, settle=0.0, gate='off',
+                  model_poles=example.model_poles, gamma=example.gamma, settle=0.0, gate='none',
                   velocity='paper', start_variance=(1e6,), knock=0.0)
     return replace(plain, **changes)
 

@@ -1,0 +1,177 @@
+"""YAML as ROS reads it, and YAML that stays what it is whatever its texts are.
+
+ROS parses parameter files with rules of its own: y, n, on and off are booleans, 017 is 15, and
+1:30, 1_000 and 2026-01-01 are texts. What is read here means the same as for a node.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import yaml
+
+from estimator_pkg.printable import printable
+
+_TAG = 'tag:yaml.org,2002:'
+TRUE = frozenset(form for word in ('y', 'yes', 'true', 'on')
+                 for form in (word, word.capitalize(), word.upper()))
+FALSE = frozenset(form for word in ('n', 'no', 'false', 'off')
+                  for form in (word, word.capitalize(), word.upper()))
+NULL = frozenset(('', '~', 'null', 'Null', 'NULL'))
+_WHOLE = re.compile(r'[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)')
+_NUMBER = re.compile(r'[-+]?((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|'
+                     r'\.?inf|\.?Inf|\.?INF|infinity)|\.?nan|\.?NaN|\.?NAN')
+
+
+class Word(str):
+    """A word of the command line that YAML takes for a boolean, as in ``--set gate=off``."""
+
+    @property
+    def truth(self) -> bool:
+        """What it is as a boolean."""
+        return self in TRUE
+
+
+def is_text(word: str) -> bool:
+    """True if YAML reads `word` as a text without quotes, in ROS and by YAML 1.1."""
+    return (yaml.SafeLoader('').resolve(yaml.ScalarNode, word, (True, False)) == f'{_TAG}str'
+            and _tag(word) == f'{_TAG}str')
+
+
+def _tag(word: str) -> str:
+    """The tag of an unquoted word."""
+    if word in NULL:
+        return f'{_TAG}null'
+    if word in TRUE or word in FALSE:
+        return f'{_TAG}bool'
+    if _WHOLE.fullmatch(word):
+        return f'{_TAG}int'
+    return f'{_TAG}float' if _NUMBER.fullmatch(word) else f'{_TAG}str'
+
+
+class Loader(yaml.SafeLoader):
+    """YAML as ROS reads it; a repeated key is an error."""
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
+        """Return the tag of a node, by the rules of ROS for unquoted words."""
+        if kind is yaml.ScalarNode and implicit[0] and value != '<<':
+            return _tag(value)
+        return super().resolve(kind, value, implicit)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        """Return the mapping; raise ConstructorError if a key comes twice."""
+        seen = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.tag != f'{_TAG}merge':
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"'{key.value}' comes twice", key.start_mark)
+                seen.add(key.value)
+                key.tag = f'{_TAG}str'  # ROS: a joint y is no boolean here
+        return super().construct_mapping(node, deep)
+
+
+def _constructor(tag: str, made: Callable[[str], Any]) -> Callable[[Any, Any], Any]:
+    def construct(loader: Any, node: Any) -> Any:
+        if not isinstance(node, yaml.ScalarNode) or _tag(node.value) != tag:
+            raise yaml.constructor.ConstructorError(
+                None, None, f'{node.value!r} is not a {tag[len(_TAG):]}', node.start_mark)
+        return made(node.value)
+    return construct
+
+
+def _whole(text: str) -> int:
+    digits = text.lstrip('+-')
+    base = 16 if digits[:2] in ('0x', '0X') else 8 if digits[0] == '0' else 10
+    return -int(digits, base) if text[0] == '-' else int(digits, base)
+
+
+def _number(text: str) -> float:
+    return float(text.lower().replace('.inf', 'inf').replace('.nan', 'nan'))
+
+
+for _name, _made in (('bool', TRUE.__contains__), ('int', _whole), ('float', _number)):
+    Loader.add_constructor(_TAG + _name, _constructor(_TAG + _name, _made))
+
+
+def read(text: str) -> Any:
+    """Return what the YAML `text` holds.
+
+    Raises
+    ------
+    yaml.YAMLError : it is no YAML, or what it says is none of the plain types.
+    """
+    try:
+        return yaml.load(text, Loader=Loader)
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:  # of a wrong tag
+        raise yaml.YAMLError(f'{type(error).__name__}: {error}') from error
+
+
+def of_command_line(text: str) -> Any:
+    """Return the value of ``--set key=text``: texts may stand without quotes.
+
+    A word such as off becomes a `Word`; what is no YAML is a text as it stands.
+    """
+    if text in TRUE | FALSE and text.lower() not in ('true', 'false'):
+        return Word(text)
+    try:
+        return yaml.load(text, Loader=_Unquoted)
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError):
+        return text
+
+
+class _Unquoted(Loader):
+    """YAML in which y, n, yes, no, on and off are texts, as in ``--set joints=[x,y]``."""
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
+        """Return the tag of a node; true and false alone are booleans."""
+        found = super().resolve(kind, value, implicit)
+        if found == f'{_TAG}bool' and value.lower() not in ('true', 'false') and implicit[0]:
+            return f'{_TAG}str'
+        return found
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML with every text in quotes, so that it is a text for every reader."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Return True: no anchors, which ROS does not read."""
+        return True
+
+    def represent_mapping(self, *arguments: Any, **options: Any) -> yaml.MappingNode:
+        """Return the node of a mapping; a key that is a plain word needs no quotes."""
+        made = super().represent_mapping(*arguments, **options)
+        for key, _ in made.value:
+            if key.value.isidentifier() and key.value.isascii() and is_text(key.value):
+                key.style = None
+        return made
+
+
+def _quoted(dumper: _Dumper, text: str) -> yaml.Node:
+    style = "'" if text.isascii() and text.isprintable() else '"'
+    return dumper.represent_scalar(f'{_TAG}str', str(text), style=style)
+
+
+_Dumper.add_multi_representer(str, _quoted)
+_Dumper.add_representer(str, _quoted)
+_Dumper.add_representer(tuple, yaml.SafeDumper.represent_list)
+
+
+def scalar(value: Any) -> str:
+    """Return `value` (a text, number, boolean or list) as YAML in one line, texts in quotes."""
+    text = yaml.dump(value, Dumper=_Dumper, default_flow_style=True, width=math.inf)
+    return text.removesuffix('\n').removesuffix('\n...')
+
+
+def block(values: Any) -> str:
+    """Return `values` as YAML in several lines, lists of numbers in one line each."""
+    return yaml.dump(values, Dumper=_Dumper, default_flow_style=None, width=math.inf,
+                     sort_keys=False)
+
+
+def comment(text: str) -> str:
+    """Return `text` as one comment line."""
+    return f'# {printable(text)}'

@@ -1,0 +1,173 @@
+"""Words of parameters that YAML reads as something else: none of ours, and help with a user's."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+import re
+
+import pytest
+import yaml
+
+import estimator_pkg
+import sim_pkg
+from estimator_pkg import params_file, registry, yaml_text
+from estimator_pkg.driver.efforts import DrivenSettings
+from estimator_pkg.errors import UsageError
+from estimator_pkg.nodes.settings import NodeSettings
+from estimator_pkg.observers.adaptive_gains import Gains
+from estimator_pkg.parameters import build, declared, parse_assignments
+
+# https://yaml.org/type: bool, null, int, float, timestamp, merge and value of YAML 1.1
+YAML_1_1 = [re.compile(pattern) for pattern in (
+    r'y|Y|yes|Yes|YES|n|N|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF',
+    r'~|null|Null|NULL|',
+    r'[-+]?0b[0-1_]+|[-+]?0[0-7_]+|[-+]?(0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+'
+    r'|[-+]?[1-9][0-9_]*(:[0-5]?[0-9])+',
+    r'[-+]?([0-9][0-9_]*)?\.[0-9.]*([eE][-+]?[0-9]+)?|[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*'
+    r'|[-+]?\.?(inf|Inf|INF)|\.?(nan|NaN|NAN)|[-+]?[0-9]+[eE][-+]?[0-9]+|infinity',
+    r'\d\d\d\d-\d\d?-\d\d?.*', r'<<|=')]
+
+
+def declaring():
+    """Every class of both packages that declares a parameter."""
+    found = {}
+    for package in (estimator_pkg, sim_pkg):
+        for info in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
+            if info.name.endswith(('.launching', '__main__')):
+                continue  # needs launch, which is not on PyPI
+            try:
+                module = importlib.import_module(info.name)
+            except ModuleNotFoundError as error:
+                if (error.name or '').partition('.')[0] in ('estimator_pkg', 'sim_pkg'):
+                    raise
+                continue
+            for _, cls in inspect.getmembers(module, inspect.isclass):
+                if dataclasses.is_dataclass(cls) and any(
+                        'parameter' in field.metadata for field in dataclasses.fields(cls)):
+                    found[f'{cls.__module__}.{cls.__qualname__}'] = cls
+    return found
+
+
+def test_no_choice_of_any_parameter_is_a_boolean_a_null_or_a_number():
+    classes = declaring()
+    assert {DrivenSettings, NodeSettings, Gains} <= set(classes.values())
+    for group in (registry.SIMULATORS, registry.MODELS, registry.OBSERVERS):
+        assert registry.names(group)
+    wrong, seen = [], 0
+    for owner, cls in classes.items():
+        for one in declared(cls).values():
+            for word in (*one.choices, *one.among):
+                seen += 1
+                if any(pattern.fullmatch(word) for pattern in YAML_1_1):
+                    wrong.append((owner, one.name, word))
+            if isinstance(one.default, str) and one.default:
+                assert yaml_text.is_text(one.default), (owner, one.name)
+    assert seen > 100
+    assert not wrong
+
+
+@pytest.mark.parametrize('word', [
+    'y', 'Y', 'yes', 'n', 'N', 'No', 'on', 'OFF', 'off', 'true', 'FALSE', '~', 'null', '', '1',
+    '017', '0x1F', '1_000', '1:30', '190:20:30.15', '1e3', '.5', '.inf', 'nan', 'inf', '2026-01-01',
+    '-1'])
+def test_words_that_need_quotes_are_known(word):
+    assert not yaml_text.is_text(word)
+    assert any(pattern.fullmatch(word) for pattern in YAML_1_1)
+
+
+def test_a_choice_that_comes_as_a_boolean_shows_the_quoting():
+    with pytest.raises(UsageError) as caught:
+        build(Gains, {'gate': False})
+    assert str(caught.value).endswith("write texts in quotes, gate: 'none'")
+    with pytest.raises(UsageError) as caught:
+        build(NodeSettings, {'stamp_source': True})
+    assert str(caught.value).endswith("write texts in quotes, stamp_source: 'header'")
+    assert '\n' not in str(caught.value)
+    with pytest.raises(UsageError, match="angle_joint: '3'"):
+        build(NodeSettings, {'angle_joint': 3})
+
+
+@pytest.mark.parametrize('value, shown', [
+    ([True], "['y']"), ([True, False], "['y', 'n']"), ([1, 2], "['1', '2']"),
+    (['x', True, 'z'], "['x', 'y', 'z']"), (True, "'y'")])
+def test_names_that_come_as_booleans_or_numbers_show_the_quoting(value, shown):
+    with pytest.raises(UsageError) as caught:
+        build(NodeSettings, {'joints': value})
+    assert str(caught.value).endswith(f'joints: {shown}')
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('values', [{'gate': 'off'}, parse_assignments(['gate=off']),
+                                    parse_assignments(["gate='off'"])])
+def test_the_word_of_the_last_release_is_still_read(values):
+    gains = build(Gains, values)
+    assert gains.gate == 'none' and type(gains.gate) is str
+
+
+def test_the_old_word_is_reported_with_the_new_one(capsys):
+    parse = declared(DrivenSettings)['input_unit']
+    assert [parse.check(unit) for unit in ('', 'N m', 'newton', 'N')] == [
+        '', 'N m', 'newton', 'newton']
+    told = capsys.readouterr().err
+    assert told.count("'N' is called 'newton' now") == told.count('\n') == 1
+    with pytest.raises(UsageError, match="input_unit: 'newton'"):
+        parse.check(False)  # what ROS makes of N
+
+
+def test_words_of_the_command_line_need_no_quotes():
+    values = parse_assignments(['joints=[x, y, on]', 'angle_joint=off'])
+    made = build(NodeSettings, values)
+    assert made.joints == ('x', 'y', 'on') and made.angle_joint == 'off'
+    assert build(Gains, parse_assignments(['adapt=off', 'load=yes'])).adapt is False
+    assert build(Gains, parse_assignments(['load=yes', 'gravity=On'])).load is True
+
+
+# What the parser of rcl gave for each of these words on ROS 2 Jazzy.
+OF_ROS = {'y': True, 'N': False, 'off': False, 'Yes': True, '1:30': '1:30', '1_000': '1_000',
+          '2026-01-01': '2026-01-01', '017': 15, '0x1F': 31, '1e3': 1000.0, '08': 8.0,
+          '0b11': '0b11', '0o17': '0o17', '+1': 1, '1.': 1.0, '.5': 0.5, '"y"': 'y', "''": '',
+          '!!str y': 'y', 'inf': float('inf'), '-.inf': float('-inf'), 'infinity': float('inf')}
+
+
+@pytest.mark.parametrize('word', OF_ROS)
+def test_parameter_files_are_read_as_ros_reads_them(word, tmp_path):
+    path = tmp_path / 'params.yaml'
+    path.write_text(f'/**: {{ros__parameters: {{p: {word}}}}}')
+    value = params_file.load(path)['p']
+    assert value == OF_ROS[word] and type(value) is type(OF_ROS[word])
+
+
+def test_names_of_joints_may_be_keys_without_quotes(tmp_path):
+    path = tmp_path / 'params.yaml'
+    path.write_text('/**: {ros__parameters: {joints: {y: {noise: 1.0}, 1: {noise: 2.0}}}}')
+    assert params_file.load(path) == {'joints.y.noise': 1.0, 'joints.1.noise': 2.0}
+
+
+@pytest.mark.parametrize('word', ['!!bool a', '!!int a', '!!float a', '!!timestamp a',
+                                  '!!python/name:os.system ""', '!!binary 3', '!!int [1]'])
+def test_wrong_tags_are_one_line(word, tmp_path):
+    path = tmp_path / 'params.yaml'
+    path.write_text(f'/**:\n  ros__parameters:\n    p: {word}\n')
+    with pytest.raises(UsageError, match='is no YAML') as caught:
+        params_file.load(path)
+    assert '\n' not in str(caught.value)
+
+
+HOSTILE = ['y', "it's", 'a\nb', 'x: !!python/name:os.system ""', '# no', '\u2028- a', '\x85',
+           '\u202eabc', 'ä', '"', "'", '\\', '\x1b[2J', '- a', '&a', '*a', '{a: b}', ' ', '',
+           '%TAG', '\ufeff', '\ud800', '1', '~', '...', '--- a', 'a' * 300 + ' b' * 300]
+
+
+@pytest.mark.parametrize('text', HOSTILE)
+def test_texts_stay_texts_in_what_is_written(text):
+    for written in (yaml_text.scalar(text), f'{{{yaml_text.scalar(text)}: 1}}',
+                    yaml_text.scalar([text]), yaml_text.block({text: [text, 1.0]})):
+        assert written.strip().isprintable() or '\n' in written.strip()
+        for loader in (yaml.SafeLoader, yaml_text.Loader):
+            assert yaml.load(written, Loader=loader) in (
+                text, {text: 1}, [text], {text: [text, 1.0]})
+    line = yaml_text.comment(text)
+    assert line.startswith('# ') and line.isprintable() and yaml.safe_load(line) is None
