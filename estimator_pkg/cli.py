@@ -18,6 +18,7 @@ from typing import Any
 
 from estimator_pkg import __version__, destination, registry
 from estimator_pkg.errors import UserError, suggestion
+from estimator_pkg.optional import missing
 
 STDOUT = '-'    # in place of a file's name
 
@@ -61,10 +62,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'{prog}: {error}', file=sys.stderr)
         return error.exit_code
     except (KeyboardInterrupt, ImportError) as error:
-        if not _interrupted(error):
+        if _interrupted(error):
+            print(f'{prog}: interrupted', file=sys.stderr)
+            return 130
+        line = missing(error)
+        if line is None:
             raise
-        print(f'{prog}: interrupted', file=sys.stderr)
-        return 130
+        print(f'{prog}: {line}', file=sys.stderr)
+        return 1
     except BrokenPipeError:  # the reader of our output went away, as with `| head`
         _give_up_output()
         return 1

@@ -124,7 +124,9 @@ class Parameter:
         said = ', '.join(f"'{text}'" for text in texts)
         why = ('y, n, yes, no, on and off are booleans in YAML'
                if any(isinstance(each, bool) for each in found) else 'YAML reads a number')
-        return f': {why}; write texts in quotes, {self.name}: ' + (f'[{said}]' if many else said)
+        if many or self.kind is tuple:
+            said = f'[{said}]'
+        return f': {why}; write texts in quotes, {self.name}: {said}'
 
     def range_text(self) -> str:
         """The admitted values, for a person."""

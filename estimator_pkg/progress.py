@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from estimator_pkg.optional import is_there
+
 
 @contextmanager
 def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
@@ -16,7 +18,7 @@ def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
     label : what is being done.
     total : all steps; None: not known.
     """
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or not is_there('rich'):
         yield lambda steps: None
         return
     from rich import progress as rich

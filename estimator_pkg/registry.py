@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.optional import missing
 
 OBSERVERS = 'velocity_estimator.observers'
 MODELS = 'velocity_estimator.models'
@@ -45,8 +46,8 @@ def find(group: str, name: str) -> Any:
     try:
         return point.load()
     except Exception as error:  # another package's code may fail in any way
-        raise UserError(f"{what} '{name}' ({point.value}) cannot be imported: "
-                        f'{type(error).__name__}: {error}') from error
+        why = missing(error) or f'{type(error).__name__}: {error}'
+        raise UserError(f"{what} '{name}' ({point.value}) cannot be imported: {why}") from error
 
 
 def load(path: str) -> Any:

@@ -145,7 +145,7 @@ class _Dumper(yaml.SafeDumper):
         """Return the node of a mapping; a key that is a plain word needs no quotes."""
         made = super().represent_mapping(*arguments, **options)
         for key, _ in made.value:
-            if key.value.isidentifier() and key.value.isascii() and is_text(key.value):
+            if _is_plain(key.value):
                 key.style = None
         return made
 
@@ -164,6 +164,15 @@ def scalar(value: Any) -> str:
     """Return `value` (a text, number, boolean or list) as YAML in one line, texts in quotes."""
     text = yaml.dump(value, Dumper=_Dumper, default_flow_style=True, width=math.inf)
     return text.removesuffix('\n').removesuffix('\n...')
+
+
+def _is_plain(name: str) -> bool:
+    return name.isascii() and name.isidentifier() and is_text(name)
+
+
+def key(name: str) -> str:
+    """Return `name` as the key of a mapping, in quotes unless it is a plain word."""
+    return name if _is_plain(name) else scalar(name)
 
 
 def block(values: Any) -> str:

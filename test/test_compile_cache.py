@@ -16,10 +16,9 @@ CALL = """
     if sys.argv[1] != '-1':
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
     from estimator_pkg.driver.compiled import compiled
-    from estimator_pkg.observers.circle import Circle, make_circle
-    wrap = make_circle(Circle(6.0, False)).wrap
+    from estimator_pkg.observers.circle import wrap
     twin = compiled(wrap)
-    assert twin(7.0) == wrap(7.0)
+    assert twin(7.0, 6.0) == wrap(7.0, 6.0)
     print('hits', sum(twin.stats.cache_hits.values()))
 """
 DRIVE = """

@@ -129,7 +129,7 @@ def test_without_matplotlib_plot_is_one_line_before_the_work(monkeypatch, capsys
     monkeypatch.setitem(__import__('sys').modules, 'matplotlib', None)
     assert cli.main(['reproduce', 'hybrid_angle', '--plot', str(tmp_path / 'figures')]) == 1
     captured = capsys.readouterr()
-    assert 'velocity_estimator[report]' in captured.err
+    assert "the library 'matplotlib' is not installed: " in captured.err
     assert captured.err.count('\n') == 1
     assert captured.out == ''
 

@@ -7,19 +7,22 @@ import os
 import sys
 from functools import lru_cache
 from pathlib import Path
-
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from typing import TYPE_CHECKING
 
 from estimator_pkg.errors import UserError
+from estimator_pkg.optional import Lazy
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+typesys = Lazy('rosbags.typesys')
 SEPARATOR = '=' * 80
 
 
 @lru_cache(maxsize=1)
 def jazzy() -> Typestore:
     """The message types of ROS 2 Jazzy."""
-    return get_typestore(Stores.ROS2_JAZZY)
+    return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 
 @lru_cache(maxsize=256)
@@ -91,9 +94,9 @@ def store_for(type_name: str, definition: str) -> Typestore:
     UserError : neither does.
     """
     if definition and not definition.startswith(f'{SEPARATOR}\nIDL'):
-        store = get_typestore(Stores.EMPTY)
+        store = typesys.get_typestore(typesys.Stores.EMPTY)
         try:
-            store.register(get_types_from_msg(definition, type_name))
+            store.register(typesys.get_types_from_msg(definition, type_name))
             return store
         except Exception:  # a definition that the parser does not take: the usual types may do
             pass

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.errors import UserError, first_line
+from estimator_pkg.optional import missing
 
 try:
     from estimator_pkg.nodes.runtime import make_executor  # isort: skip  settles the environment
@@ -26,8 +27,7 @@ try:
     )
     from rclpy.signals import SignalHandlerOptions
 except ImportError as problem:
-    raise UserError(f'ROS is not there ({problem}): on a robot, source its setup file; elsewhere, '
-                    "install the extra 'ros'") from problem
+    raise UserError(missing(problem) or f'ROS cannot be used: {problem}') from problem
 
 from rosbags.interfaces import (
     Qos,

@@ -14,18 +14,25 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import yaml
-import zstandard
-from rosbags.interfaces import Qos
 
 from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags.block import Block, compact, from_messages, join
-from estimator_pkg.bags.mcap_file import McapFile
-from estimator_pkg.bags.sqlite_file import SqliteFile
 from estimator_pkg.errors import UserError
+from estimator_pkg.optional import Lazy
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+
+    from estimator_pkg.bags.mcap_file import McapFile
+    from estimator_pkg.bags.sqlite_file import SqliteFile
+
+mcap_file = Lazy('estimator_pkg.bags.mcap_file')
+sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
+zstandard = Lazy('zstandard')
 
 METADATA = 'metadata.yaml'
 ROS1 = b'#ROSBAG'
@@ -280,9 +287,9 @@ class Bag:
             raise UserError(f"{file} is a bag of ROS 1; 'rosbags-convert --src {file.name} --dst "
                             f"{file.stem}' makes one of ROS 2 of it")
         if start[:6] == b'SQLite':
-            self._add_sqlite(SqliteFile(file, self.warn))
+            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn))
         elif start[:5] == b'\x89MCAP':
-            self._add_mcap(McapFile(file, self.warn))
+            self._add_mcap(mcap_file.McapFile(file, self.warn))
         elif not start:
             raise UserError(f'{file} is empty (0 bytes)')
         else:

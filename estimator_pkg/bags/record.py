@@ -10,8 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from rosbags.interfaces import Qos
-
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
@@ -19,6 +17,7 @@ from estimator_pkg.errors import UsageError, UserError
 if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
+    from rosbags.interfaces import Qos
 
     from estimator_pkg.bags.live import Live
     from estimator_pkg.nodes.loss import Loss

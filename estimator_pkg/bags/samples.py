@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.definitions import store_for
-from estimator_pkg.bags.field import Field
 from estimator_pkg.bags.reader import Topic
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.messages.joint_state_block import decode_block
+from estimator_pkg.optional import Lazy
+
+field = Lazy('estimator_pkg.bags.field')
 
 
 class Samples(NamedTuple):
@@ -72,7 +74,7 @@ class AngleField:
     """
 
     def __init__(self, topic: Topic, path: str, joint: str, angle: RawAngle) -> None:
-        self._field = Field(store_for(topic.type, topic.definition), topic.type, path)
+        self._field = field.Field(store_for(topic.type, topic.definition), topic.type, path)
         self._names = (joint,)
         self._angle = angle
         self.is_integer = self._field.is_integer

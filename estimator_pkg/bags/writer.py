@@ -17,18 +17,24 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import yaml
-from rosbags.interfaces import Qos
 
 from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags.block import Block, from_messages
 from estimator_pkg.bags.definitions import define
-from estimator_pkg.bags.mcap_output import CHUNK_SIZE, McapOutput
 from estimator_pkg.errors import UserError
+from estimator_pkg.optional import Lazy
 
+if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+
+mcap_output = Lazy('estimator_pkg.bags.mcap_output')
+interfaces = Lazy('rosbags.interfaces')
+
+CHUNK_SIZE = 1 << 20   # bytes of messages that are written together, as one chunk
 VERSION = 9            # of metadata.yaml, as Jazzy writes it
 OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
 LATEST = 2**63 - 1     # the starting time of a bag without messages
@@ -63,13 +69,14 @@ class BagWriter:
             raise UserError(f'{path} exists already: name another place, or remove it first')
         if not self.path.parent.is_dir():
             raise UserError(f'{path} cannot be written: there is no folder {self._name.parent}')
+        output = mcap_output.McapOutput  # a missing library is found before anything is made
         self._folder = self.path.parent / f'.{self.path.name}.{os.getpid()}.part'
         self._file = f'{self.path.stem}_0.mcap' if not self._bare else self.path.name
         self._stream: BinaryIO | None = None
         try:
             self._folder.mkdir()
             self._stream = (self._folder / self._file).open('wb')
-            self._mcap = McapOutput(self._stream)
+            self._mcap = output(self._stream)
         except OSError as error:
             self.abort()
             raise self._unwritable(error) from error
@@ -103,8 +110,8 @@ class BagWriter:
         """
         if name in self._topics:
             return self._topics[name][0]
-        profiles = ([qos_profiles.profile()] if qos is None else
-                    [qos] if isinstance(qos, Qos) else list(qos))
+        profiles: Any = ([qos_profiles.profile()] if qos is None else
+                    [qos] if isinstance(qos, interfaces.Qos) else list(qos))
         known = define(type_name)
         if not definition:
             definition, definition_format = known[0], 'ros2msg'

@@ -13,11 +13,13 @@ from typing import Any
 
 import yaml
 
+from estimator_pkg import yaml_text
 from estimator_pkg.driver.adaptive_bank import AdaptiveBank
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive_gains import structure
 
 FORMAT = 1
+ABOUT = "x1' = A x + B u in observable canonical form: a is the first column of A, b is B."
 
 
 def save(path: str, bank: AdaptiveBank) -> list[str]:
@@ -46,8 +48,8 @@ def save(path: str, bank: AdaptiveBank) -> list[str]:
         names.append(name)
     if not names:
         raise UserError('nothing has been learnt yet')
-    text = ('# x1\' = A x + B u in observable canonical form: a is the first column of A, b is B.\n'
-            + yaml.safe_dump({'adaptive_parameters': FORMAT, 'joints': joints}, sort_keys=False))
+    text = (f'{yaml_text.comment(ABOUT)}\n'
+            + yaml_text.block({'adaptive_parameters': FORMAT, 'joints': joints}))
     beside = f'{path}.part'
     try:
         Path(beside).write_text(text, encoding='utf-8')
@@ -65,23 +67,26 @@ def load(path: str) -> dict[str, dict[str, Any]]:
     UsageError : it cannot be read or is no such file.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        content = yaml_text.read(Path(path).read_text(encoding='utf-8'))
     except OSError as error:
         raise UsageError(f'cannot read {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError):
         content = None
     if not isinstance(content, dict) or content.get('adaptive_parameters') != FORMAT:
         raise UsageError(f'{path} holds no parameters of the adaptive observer')
-    joints = content.get('joints')
-    for name, own in (joints or {}).items():
+    joints = content.get('joints') or {}
+    if not isinstance(joints, dict):
+        raise UsageError(f"{path}: 'joints' must hold each joint's name with its parameters below "
+                         f'it, not {joints!r}')
+    for name, own in joints.items():
         if not _whole(own):
             raise UsageError(f"{path}: the parameters of joint '{name}' are damaged")
-    return dict(joints or {})
+    return dict(joints)
 
 
 def _whole(own: Any) -> bool:
     """True if this is what `save` writes of a joint."""
-    if not isinstance(own, dict) or not isinstance(own.get('order'), int):
+    if not isinstance(own, dict) or type(own.get('order')) is not int:
         return False
     a, b = own.get('a'), own.get('b')
     if not isinstance(a, list) or not isinstance(b, list):
@@ -89,6 +94,10 @@ def _whole(own: Any) -> bool:
     others = (own.get('load', 0.0), own.get('gravity', 0.0))
     said = own.get('stddev', [])
     if not isinstance(said, list) or not all(isinstance(x, float) for x in said):
+        return False
+    if said and len(said) != 2 * own['order'] + ('load' in own) + ('gravity' in own):
+        return False
+    if not isinstance(own.get('trusted', True), bool):
         return False
     return len(a) == len(b) == own['order'] and all(
         isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others))

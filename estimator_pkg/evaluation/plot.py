@@ -14,10 +14,10 @@ from estimator_pkg import destination
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.report.thinning import broken, extremes, limits
+from estimator_pkg.optional import needs
 
 Array = NDArray[np.float64]
 
-HINT = "plots need matplotlib: pip install 'velocity_estimator[report]'"
 COLUMNS = 4
 POINTS = 20_000     # of a line
 
@@ -32,7 +32,7 @@ def check(path: str) -> None:
     try:
         from matplotlib.backend_bases import FigureCanvasBase
     except ImportError as error:
-        raise UserError(HINT) from error
+        raise UserError(f"plots: {needs('matplotlib')}") from error
     logging.getLogger('matplotlib').setLevel(logging.ERROR)     # it lists fonts that it misses
     kinds = FigureCanvasBase.get_supported_filetypes()
     kind = Path(path).suffix[1:].lower()

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from estimator_pkg.errors import UsageError, UserError, first_line
+from estimator_pkg.optional import needs
 
-HINT = "a cluster needs Dask: pip install 'velocity_estimator[cluster]'"
 PATIENCE = '8s'     # for a scheduler to answer
 
 Map = Callable[[Callable[..., Any], Sequence[tuple]], Iterator[Any]]
@@ -84,7 +84,7 @@ def _cluster(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise UserError(HINT) from error
+        raise UserError(needs('distributed')) from error
     import logging
     for name in [*logging.root.manager.loggerDict]:  # its traces are not for the user
         if name.partition('.')[0] in ('distributed', 'tornado', 'asyncio'):

@@ -15,6 +15,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.errors import UserError
+from estimator_pkg.optional import missing
 from estimator_pkg.printable import printable
 
 if TYPE_CHECKING:
@@ -117,10 +118,16 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 
 def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Interrupts) -> int:
     program = os.path.basename(sys.argv[0])
-    import rclpy
-    from rclpy.logging import LoggingSeverity, set_logger_level
-    from rclpy.signals import SignalHandlerOptions
-    from rclpy.utilities import remove_ros_args
+    try:
+        import rclpy
+        from rclpy.logging import LoggingSeverity, set_logger_level
+        from rclpy.signals import SignalHandlerOptions
+        from rclpy.utilities import remove_ros_args
+    except ImportError as error:
+        for word in sys.argv[1:] if args is None else args:
+            if word in ('-h', '--help'):
+                return _usage(program, word)
+        return _missing(program, error)
     executor = node = None
     try:
         set_logger_level('rcl', LoggingSeverity.FATAL)  # it would log the error told below
@@ -145,6 +152,8 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
     except UserError as error:
         print(f'{program}: {printable(error)}', file=sys.stderr)
         return error.exit_code
+    except ImportError as error:
+        return _missing(program, error)
     except Exception:
         if rclpy.ok():
             raise
@@ -186,6 +195,15 @@ def _usage(program: str, word: str) -> int:
           '[-r FROM:=TO ...]]' + ('' if helped else f"; not '{printable(word)}'"),
           file=sys.stdout if helped else sys.stderr)
     return 0 if helped else 2
+
+
+def _missing(program: str, error: ImportError) -> int:
+    """Report a library that is not installed; returns the exit code."""
+    line = missing(error)
+    if line is None:
+        raise error
+    print(f'{program}: {line}', file=sys.stderr)
+    return 1
 
 
 def _first_line(error: Exception) -> str:

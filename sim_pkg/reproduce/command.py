@@ -9,12 +9,11 @@ from typing import Any
 from estimator_pkg import registry
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UserError
+from estimator_pkg.optional import Lazy, needs
 from estimator_pkg.progress import progress
-from sim_pkg.reproduce import table
 from sim_pkg.reproduce.contract import Reproduction
 
-NO_MATPLOTLIB = ("matplotlib is not there: pip install 'velocity_estimator[report]' "
-                 'to draw the figures')
+table = Lazy('sim_pkg.reproduce.table')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,13 +28,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compute and print the rows, draw the figures; 'ok' is False if a row fails."""
     reproduction: Reproduction = registry.find(registry.REPRODUCTIONS, parsed.paper)
-    if parsed.plot is not None:  # what is missing is told before the work, not after it
+    show = table.show            # what is missing is told before the work, not after it
+    if parsed.plot is not None:
         _require_matplotlib()
         parsed.plot.mkdir(parents=True, exist_ok=True)
     with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
         rows = list(reproduction.rows(advance, parsed.only))
     print(reproduction.summary)
-    table.show(rows)
+    show(rows)
     for line in (*reproduction.tables(rows), *reproduction.notes):
         print(line)
     if parsed.plot is not None:
@@ -49,7 +49,7 @@ def _require_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401  (only to see whether it is there)
     except ImportError as error:
-        raise UserError(NO_MATPLOTLIB) from error
+        raise UserError(f'{needs("matplotlib")} (without --plot it is not needed)') from error
 
 
 COMMAND = Command("reproduce a paper's figures and tables", arguments, run)

@@ -20,6 +20,7 @@ from estimator_pkg.evaluation.timing import best_and_median, interleave, not_run
 from estimator_pkg.models.motion import put_row
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanical import MechanicalFunctions
+from estimator_pkg.optional import needs
 
 Array = NDArray[np.float64]
 
@@ -117,8 +118,7 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
                         median=median * 1e6))
     name = 'geso, 2 positions, compiled steps'
     if not available():
-        return [*rows, not_run(name, "Numba is not installed: pip install "
-                                     "'velocity_estimator[fast]'")]
+        return [*rows, not_run(name, needs('numba'))]
     least, median = best_and_median(_compiled_times(rounds))
     return [*rows, row(name, 1e-6 / least, 'million steps/s', limit=COMPILED_LIMIT, at_least=True,
                        median=1e-6 / median)]

@@ -19,6 +19,7 @@ from estimator_pkg.evaluation.entries import at_defaults
 from estimator_pkg.evaluation.signals import RATE, Signal, sine
 from estimator_pkg.evaluation.timing import Side, best_and_median, interleave, not_run, ratio, row
 from estimator_pkg.observers.circle import wrap
+from estimator_pkg.optional import needs
 from estimator_pkg.progress import progress
 
 SIGNAL = Signal('update', 'the sine, sampled with +-40 % jitter', sine(5.0, 2.0), jitter=0.4)
@@ -136,8 +137,7 @@ def _filterpy(chunk: Callable[[int], tuple[list[int], list[float]]]) -> dict[str
 def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
     """Compiled batches on one core [million samples/s], beside `scipy.signal.lfilter`."""
     if not compiled.available():
-        return [not_run('compiled batch', "Numba is not installed: pip install "
-                                          "'velocity_estimator[fast]'")]
+        return [not_run('compiled batch', needs('numba'))]
     signal = SIGNAL.samples(duration=samples / RATE)
 
     def observer_side(joint: Joint) -> Side:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build, parse_assignments
 from estimator_pkg.progress import progress
+from estimator_pkg.yaml_text import comment, scalar
 
 JOINT = 'single_joint'
 LITTLE = 0.5    # of the motion explained elsewhere: below it the model is not to be trusted
@@ -111,15 +111,17 @@ def _write(path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...
            bag: str) -> None:
     spreads = dict(zip(found.names, found.deviations))
     values = dict(zip(found.names, found.values))
-    lines = [f'# Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.2f} % of '
-             'the motion beyond constant', '# velocity explained in the part that was not used.',
-             '/**:', '  ros__parameters:', f"    model: '{model}'",
-             f'    joints: {json.dumps(names, ensure_ascii=False)}',
-             f'    input_delay: {max(0.0, float(values.get(DELAY, 0.0))):.6g}',
+    delay = float(f'{max(0.0, float(values.get(DELAY, 0.0))):.6g}')
+    lines = [comment(f'Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.2f} % '
+                     'of the motion beyond constant'),
+             comment('velocity explained in the part that was not used.'),
+             '/**:', '  ros__parameters:', f'    model: {scalar(model)}',
+             f'    joints: {scalar(names)}', f'    input_delay: {scalar(delay)}',
              '    model_parameters:']
     for text in texts:
         spread = spreads.get(text.partition('=')[0], np.nan)
-        lines.append(f'      - {text}' + (f'  # +- {spread:.2g}' if np.isfinite(spread) else ''))
+        lines.append(f'      - {scalar(text)}'
+                     + (f'  # +- {spread:.2g}' if np.isfinite(spread) else ''))
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
 
 

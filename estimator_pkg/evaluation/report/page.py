@@ -18,8 +18,8 @@ from estimator_pkg.evaluation.findings import Measurement, look, sentences
 from estimator_pkg.evaluation.many import LeftOut
 from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
+from estimator_pkg.optional import needs
 
-HINT = "pages need bokeh: pip install 'velocity_estimator[report]'"
 POINTS_OF_A_PAGE = 240_000  # of all lines over time: so many make a few megabytes,
 POINTS = (600, 40000)       # and fewest and most of one line
 LINES = 3                   # per estimate: velocity, error, band
@@ -63,7 +63,7 @@ class Report:
         try:
             import bokeh  # noqa: F401  (only to see whether it is there)
         except ImportError as error:
-            raise UserError(HINT) from error
+            raise UserError(f"pages: {needs('bokeh')}") from error
         self.path = Path(path)
         destination.check(path)
         self.data = self.path.with_suffix('.npz')

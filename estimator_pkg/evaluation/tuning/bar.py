@@ -8,12 +8,13 @@ from contextlib import contextmanager
 
 from estimator_pkg.evaluation.tuning.search import Search
 from estimator_pkg.evaluation.tuning.study import Value
+from estimator_pkg.optional import is_there
 
 
 @contextmanager
 def bar(label: str, trials: int) -> Iterator[Callable[[int, Search], None]]:
     """What is to be told of each batch: how many trials it had, and the search so far."""
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or not is_there('rich'):
         yield lambda count, found: None
         return
     from rich import progress as rich

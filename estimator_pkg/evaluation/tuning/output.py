@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import yaml
-
-from estimator_pkg import params_file
+from estimator_pkg import params_file, yaml_text
 from estimator_pkg.bags import kinds
 from estimator_pkg.evaluation.text import number, table
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.wishes import Wishes, single
 from estimator_pkg.parameters import Parameter, declared
+from estimator_pkg.yaml_text import scalar
 
 WORSE = 'on what was held out these gains are no better than the defaults: keep the defaults'
 HEADER = ('joint', '', 'gains', 'error rad/s', 'delay ms', 'noise rad/s', 'cost')
@@ -49,20 +48,21 @@ def as_yaml(wishes: Wishes, held: Mapping[str, Any], tuned: Sequence[Mapping[str
     """
     observer = wishes.entry.observer
     kind = kinds.of_observer(observer)
-    lines = [f'# Gains of {observer}, tuned from data (preference: {wishes.preference}).',
-             f'# For the node {kind.node}: --ros-args --params-file THIS_FILE']
+    about = [f'Gains of {observer}, tuned from data (preference: {wishes.preference}).',
+             f'For the node {kind.node}: --ros-args --params-file THIS_FILE']
     for each in tuned:
-        lines += _origin(each, held_out)
+        about += _origin(each, held_out)
+    lines = [yaml_text.comment(line) for line in about]
     lines += ['/**:', '  ros__parameters:']
     if 'observer' in declared(kind.settings):
-        lines.append(f'    observer: {observer}')
-    lines += [f'    {name}: {_scalar(value)}' for name, value in held.items()]
+        lines.append(f'    observer: {scalar(observer)}')
+    lines += [f'    {yaml_text.key(name)}: {scalar(value)}' for name, value in held.items()]
     for each in tuned:
         indent = '    '
         if each['joint']:
-            lines.append(f'    {_scalar(params_file.OVERRIDES + "." + each["joint"])}:')
+            lines.append(f'    {yaml_text.key(params_file.OVERRIDES + "." + each["joint"])}:')
             indent = '      '
-        lines += [f'{indent}{name}: {_scalar(rounded(value))}{_about(wishes.gains[name])}'
+        lines += [f'{indent}{name}: {scalar(rounded(value))}{_about(wishes.gains[name])}'
                   for name, value in each['gains'].items()]
     return '\n'.join(lines) + '\n'
 
@@ -72,45 +72,39 @@ def _about(gain: Parameter) -> str:
     default = single(gain.default)
     text = 'what follows from the others' if default is None else (
         default if isinstance(default, str) else f'{default:g}')
-    return f'  # {unit}the default is {text}'
+    return f'  {yaml_text.comment(f"{unit}the default is {text}")}'
 
 
 def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
     of = f'Joint {each["joint"]}' if each['joint'] else f'Joints {", ".join(each["joints"])}'
-    lines = [f'# {of}, from', *(f'#   {bag}' for bag in each['bags'])]
+    lines = [f'{of}, from', *(f'  {bag}' for bag in each['bags'])]
     if each['judged_on']:
         where = 'recordings that the search did not see'
     elif each['held_out']:
         where = f'the last {held_out:.0%} of each record, which the search did not see'
     else:
         where = 'the data they were tuned on'
-    lines.append(f'# {each["evaluations"]} trials'
+    lines.append(f'{each["evaluations"]} trials'
                  + (', interrupted' if each['interrupted'] else '') + f'. On {where}:')
-    lines += [f'#   {bag}' for bag in each['judged_on']]
+    lines += [f'  {bag}' for bag in each['judged_on']]
     for label, result in (('these gains', each['best']), ('the defaults', each['default'])):
         if result is None:
-            lines.append(f'#   {label}: cannot work on it')
+            lines.append(f'  {label}: cannot work on it')
             continue
-        lines.append(f'#   {label}: {_expected(result)}')
+        lines.append(f'  {label}: {_expected(result)}')
         if len(result['by_joint']) > 1:
-            lines += [f'#     {joint}: {_expected(one)}'
+            lines += [f'    {joint}: {_expected(one)}'
                       for joint, one in result['by_joint'].items()]
-    lines += [f"# '{name}' changes nothing in these bags and is left at its default."
+    lines += [f"'{name}' changes nothing in these bags and is left at its default."
               for name in each['idle']]
     if worse(each):
-        lines.append(f'# {WORSE[0].upper()}{WORSE[1:]}.')
+        lines.append(f'{WORSE[0].upper()}{WORSE[1:]}.')
     return lines
 
 
 def _expected(result: Mapping[str, Any]) -> str:
     return (f'error {number(result["error"])} rad/s rms, delay '
             f'{number(result["delay_s"] * 1e3, 3)} ms, noise {number(result["noise"], 3)} rad/s')
-
-
-def _scalar(value: Any) -> str:
-    if isinstance(value, tuple):
-        value = list(value)
-    return yaml.safe_dump(value, default_flow_style=True, width=1000).split('\n')[0]
 
 
 def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> str:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from estimator_pkg.errors import UserError, first_line
+from estimator_pkg.optional import needs
 
-HINT = "tuning needs Optuna: pip install 'velocity_estimator[tune]'"
 BATCH = 8
 ELSEWHERE = 0.3     # of the range, how far a gain is changed to see what it does
 
@@ -90,7 +90,7 @@ class Study:
         try:
             import optuna
         except ImportError as error:
-            raise UserError(HINT) from error
+            raise UserError(needs('optuna')) from error
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self._storage, self._dimensions = storage, list(dimensions)
         self._distributions = {each.name: _distribution(each) for each in dimensions}

@@ -1,0 +1,114 @@
+"""Libraries that need not be there: they are imported when used, and a user learns to install one.
+
+What is installed here is decided by the package's metadata, so that the ranges are those of setup.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import sys
+import sysconfig
+from importlib.metadata import PackageNotFoundError, requires
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+PACKAGE = 'velocity_estimator'
+OWN = ('estimator_pkg', 'sim_pkg')
+# What comes with a requirement of ours, and requirements that are used only together.
+COMES_WITH = {'lz4': 'mcap', 'zstandard': 'mcap', 'apsw': 'rosbags', 'dask': 'distributed',
+              'yaml': 'PyYAML', 'ament_index_python': 'ros-jazzy-rclpy'}
+ROS = ('ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp')
+OF_ROS = re.compile(r'rclpy|rmw.*|rpyutils|ament_index_python|builtin_interfaces|\w+_(msgs|srvs)'
+                    r'|\w+_interfaces')
+BAGS = ('mcap', 'rosbags', 'rich')  # what every command that reads or writes bags needs
+PLACE = '~/velocity_estimator_venv'
+
+
+class Lazy:
+    """A module that is imported when it is first used, so that ``--help`` works without it."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(importlib.import_module(self._name), attribute)
+
+
+def is_there(module: str) -> bool:
+    """True if `module` can be found; it is not imported."""
+    try:
+        return find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+def missing(error: BaseException | None) -> str | None:
+    """Return one line with the command that installs what an import did not find.
+
+    Parameters
+    ----------
+    error : what was raised. None is returned if it, or what caused it, is no missing library.
+    """
+    while error is not None:
+        module = (getattr(error, 'name', None) or '').partition('.')[0]
+        if isinstance(error, ModuleNotFoundError) and module and module not in OWN:
+            return needs(module)
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def needs(module: str) -> str:
+    """Return one line: that `module` is not installed, and the command that installs it."""
+    line = f"the library '{module}' is not installed"
+    ranges = _ranges()
+    if OF_ROS.fullmatch(module):
+        names = [ranges[name] for name in ROS if name in ranges] or list(ROS)
+        return (f'{line}: source the setup file of ROS (/opt/ros/jazzy/setup.bash), or without ROS '
+                f'on this machine: {install(*names)}')
+    name = COMES_WITH.get(module, module)
+    if name not in ranges:  # of a user's own module: a guessed name may be another's package
+        return f'{line} for {sys.executable}'
+    wanted = [name]
+    if name in BAGS:
+        wanted += [other for other in BAGS if other != name and not is_there(other)]
+    return f'{line}: {install(*(ranges[each] for each in wanted))}'
+
+
+def install(*requirements: str) -> str:
+    """Return the command that installs `requirements` for the Python that runs.
+
+    A Python that the system manages (PEP 668) refuses pip: there it is an environment that sees the
+    packages of the system, ROS among them.
+    """
+    words = ' '.join(map(shlex.quote, requirements))
+    if not externally_managed():
+        return f'{shlex.quote(sys.executable)} -m pip install {words}'
+    return (f'{shlex.quote(sys.executable)} -m venv --system-site-packages {PLACE} && '
+            f'{PLACE}/bin/pip install {words} (the system manages this Python); then run '
+            f'{PLACE}/bin/python -m estimator_pkg.cli in place of {PACKAGE}')
+
+
+def externally_managed() -> bool:
+    """True if pip refuses to install into this Python (PEP 668)."""
+    if sys.prefix != sys.base_prefix:
+        return False  # a virtual environment
+    stdlib = sysconfig.get_path('stdlib', sysconfig.get_default_scheme())
+    return (Path(stdlib) / 'EXTERNALLY-MANAGED').is_file()
+
+
+def _ranges() -> dict[str, str]:
+    """Each requirement of ours, with its range, by its name; of extras too."""
+    try:
+        every = requires(PACKAGE) or []
+    except PackageNotFoundError:  # run from a checkout
+        every = []
+    texts = [text.partition(';')[0].strip() for text in every]
+    named = {re.match(r'[\w.-]+', text).group(): text for text in texts}  # type: ignore[union-attr]
+    return {**{name: name for name in KNOWN}, **named}
+
+
+KNOWN = ('numpy', 'PyYAML', *BAGS, 'numba', 'matplotlib', 'bokeh', 'optuna', 'distributed', 'scipy',
+         'pynumdiff', 'control', 'filterpy', 'motulator', 'psutil')

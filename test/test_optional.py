@@ -1,0 +1,140 @@
+"""Without the optional libraries: help works, and one line says how to install what is missing."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+import textwrap
+from importlib.metadata import requires
+
+import pytest
+
+from estimator_pkg import optional, registry
+
+LIBRARIES = ('mcap', 'rosbags', 'apsw', 'zstandard', 'lz4', 'rich', 'bokeh', 'matplotlib', 'optuna',
+             'numba', 'llvmlite', 'dask', 'distributed', 'scipy', 'pynumdiff', 'control',
+             'filterpy', 'motulator', 'psutil', 'pandas', 'rclpy', 'sensor_msgs', 'std_msgs',
+             'geometry_msgs', 'diagnostic_msgs', 'ament_index_python')
+# A process in which these cannot be imported, whether or not they are installed here.
+WITHOUT = """
+    import importlib.util, sys
+    class Without:
+        def find_spec(self, name, path=None, target=None):
+            if name.partition('.')[0] in {names!r}:
+                raise ModuleNotFoundError(f"No module named '{{name}}'", name=name)
+    sys.meta_path.insert(0, Without())
+    {code}
+"""
+CLI = 'from estimator_pkg.cli import main; sys.exit(main(sys.argv[1:]))'
+COMMANDS = registry.names(registry.COMMANDS)
+
+
+def without(names, *words, code=CLI, cwd=None):
+    """What a process prints in which these libraries are not there."""
+    script = textwrap.dedent(WITHOUT).format(names=tuple(names), code=code)
+    done = subprocess.run([sys.executable, '-c', script, *map(str, words)], capture_output=True,
+                          text=True, timeout=120, cwd=cwd, env={**os.environ, 'COLUMNS': '200'})
+    assert 'Traceback' not in done.stderr, done.stderr
+    return done
+
+
+def test_the_overview_names_every_command_and_its_purpose():
+    done = without(LIBRARIES, '--help')
+    assert done.returncode == 0 and 'imported' not in done.stdout
+    assert all(f'  {name} ' in done.stdout for name in COMMANDS)
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_every_command_has_its_help(command):
+    done = without(LIBRARIES, command, '--help')
+    assert done.returncode == 0 and '--json' in done.stdout and not done.stderr
+
+
+@pytest.mark.parametrize('module', ['estimator_pkg.nodes.joint_observer',
+                                    'estimator_pkg.nodes.pmsm_observer',
+                                    'sim_pkg.nodes.encoder_sim', 'sim_pkg.nodes.cart_pendulum_sim'])
+def test_every_node_has_its_help_and_names_ros(module):
+    code = f'from {module} import main; sys.exit(main(sys.argv[1:]))'
+    done = without(LIBRARIES, '--help', code=code)
+    assert done.returncode == 0 and 'usage: ' in done.stdout
+    done = without(LIBRARIES, code=code)
+    assert done.returncode == 1 and done.stderr.count('\n') == 1
+    assert "'rclpy' is not installed" in done.stderr and 'setup.bash' in done.stderr
+
+
+@pytest.mark.parametrize('library, words', [
+    ('mcap', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
+    ('zstandard', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
+    ('rosbags', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
+    ('mcap', ('replay', 'BAG', '--observer', 'pll')),
+    ('lz4', ('evaluate', 'BAG', '--observer', 'pll')),
+    ('rosbags', ('identify', 'BAG')), ('mcap', ('play', 'BAG')),
+    ('rclpy', ('play', 'BAG')), ('rosbags', ('record', '--out', 'OUT')),
+    ('rclpy', ('record', '--out', 'OUT')),
+    ('mcap', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
+    ('optuna', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
+    ('matplotlib', ('evaluate', 'BAG', '--observer', 'pll', '--plot', 'OUT.png')),
+    ('bokeh', ('evaluate', 'BAG', '--observer', 'pll', '--html', 'OUT.html')),
+    ('distributed', ('evaluate', 'BAG', '--observer', 'pll', '--scheduler', 'tcp://127.0.0.1:1')),
+    ('matplotlib', ('reproduce', 'adaptive', '--plot', 'OUT')),
+    ('rich', ('reproduce', 'hybrid_discrete', '--only', 'none'))])
+def test_a_missing_library_is_one_line_with_the_command(library, words, tmp_path):
+    bag = optional.Path(__file__).parent.parent / 'bags/simulated/sine_12bit'
+    words = [str(bag) if word == 'BAG' else word.replace('OUT', str(tmp_path / 'out'))
+             for word in words]
+    done = without([library], *words, cwd=tmp_path)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.stderr.count('\n') == 1, done.stderr
+    assert f"'{library}' is not installed" in done.stderr
+    assert ' -m pip install ' in done.stderr and sys.executable in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_numba_everything_runs(tmp_path):
+    done = without(['numba'], 'simulate', 'pmsm', '--out', tmp_path / 'bag', '--duration', '0.05')
+    assert done.returncode == 0 and not done.stderr
+
+
+def test_the_command_has_the_ranges_of_setup():
+    named = {each.partition(';')[0] for each in requires('velocity_estimator')}
+    line = optional.needs('matplotlib')
+    assert line.startswith("the library 'matplotlib' is not installed: ")
+    assert set(shlex.split(line.partition(': ')[2])[4:]) <= named
+    assert any(each.startswith('mcap') for each in shlex.split(optional.needs('lz4'))
+               if each in named)
+
+
+def test_an_unknown_library_is_not_guessed():
+    """A package of that name may be anybody's."""
+    assert 'pip' not in optional.needs('my_own_helpers')
+
+
+@pytest.mark.parametrize('managed', [True, False])
+@pytest.mark.parametrize('virtual', [True, False])
+def test_a_python_that_the_system_manages(managed, virtual, tmp_path, monkeypatch):
+    """PEP 668: pip refuses outside of a virtual environment; one that sees the system's has ROS."""
+    if managed:
+        (tmp_path / 'EXTERNALLY-MANAGED').write_text('[externally-managed]\nError=no\n')
+    monkeypatch.setattr(optional.sysconfig, 'get_path', lambda *arguments: str(tmp_path))
+    monkeypatch.setattr(sys, 'base_prefix', '/somewhere/else' if virtual else sys.prefix)
+    line = optional.install('mcap<2,>=1.2')
+    if managed and not virtual:
+        assert f'{sys.executable} -m venv --system-site-packages ~/velocity_estimator_venv' in line
+        assert "~/velocity_estimator_venv/bin/pip install 'mcap<2,>=1.2'" in line
+        assert '~/velocity_estimator_venv/bin/python -m estimator_pkg.cli' in line
+    else:
+        assert line == f"{sys.executable} -m pip install 'mcap<2,>=1.2'"
+
+
+def test_faults_of_our_own_are_no_missing_library():
+    assert optional.missing(ModuleNotFoundError('x', name='estimator_pkg.nowhere')) is None
+    assert optional.missing(ImportError('cannot import name x')) is None
+    try:
+        try:
+            raise ModuleNotFoundError('x', name='mcap.reader')
+        except ImportError as error:
+            raise RuntimeError('wrapped') from error
+    except RuntimeError as error:
+        assert "'mcap'" in (optional.missing(error) or '')
