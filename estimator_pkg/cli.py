@@ -19,6 +19,7 @@ from typing import Any
 from estimator_pkg import __version__, destination, registry
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.optional import missing
+from estimator_pkg.printable import PrintableStream, printable, show
 
 STDOUT = '-'    # in place of a file's name
 
@@ -44,14 +45,23 @@ class _Parser(argparse.ArgumentParser):
     """Errors are one line that points to --help."""
 
     def error(self, message: str):
-        print(f"{self.prog}: {message} (see '{self.prog} --help')", file=sys.stderr)
+        show(f"{self.prog}: {message} (see '{self.prog} --help')", file=sys.stderr)
         raise SystemExit(2)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    prog = ' '.join(['velocity_estimator', *words[:1]])
+    with contextlib.ExitStack() as stack:
+        for stream, redirect in ((sys.stdout, contextlib.redirect_stdout),
+                                 (sys.stderr, contextlib.redirect_stderr)):
+            if stream is not None and not isinstance(stream, PrintableStream):
+                stack.enter_context(redirect(PrintableStream(stream)))
+        return _guarded(words, ' '.join(['velocity_estimator', *words[:1]]))
+
+
+def _guarded(words: list[str], prog: str) -> int:
+    """Run one command; an error is one line."""
     try:
         try:
             return _run(words, prog)
@@ -59,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if sys.stdout is not None:
                 sys.stdout.flush()
     except UserError as error:
-        print(f'{prog}: {error}', file=sys.stderr)
+        show(f'{prog}: {error}', file=sys.stderr)
         return error.exit_code
     except (KeyboardInterrupt, ImportError) as error:
         if _interrupted(error):
@@ -74,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _give_up_output()
         return 1
     except OSError as error:
-        print(f'{prog}: {error.filename or "output"}: {error.strerror or error}', file=sys.stderr)
+        show(f'{prog}: {error.filename or "output"}: {error.strerror or error}', file=sys.stderr)
         if error.filename is None:
             _give_up_output()
         return 1
@@ -89,8 +99,8 @@ def _run(words: list[str], prog: str) -> int:
         return 0
     name = words[0]
     if name not in registry.names(registry.COMMANDS):
-        print(f"velocity_estimator: unknown command '{name}': "
-              f'{suggestion(name, registry.names(registry.COMMANDS))}', file=sys.stderr)
+        show(f"velocity_estimator: unknown command '{name}': "
+             f'{suggestion(name, registry.names(registry.COMMANDS))}', file=sys.stderr)
         return 2
     command: Command = registry.find(registry.COMMANDS, name)
     parser = _Parser(prog=prog, description=command.summary)
@@ -149,7 +159,7 @@ def _overview() -> str:
         try:
             summary = registry.find(registry.COMMANDS, name).summary
         except UserError as error:
-            summary = f'({error})'
+            summary = printable(f'({error})')
         lines.append(f'  {name:<12} {summary}')
     return '\n'.join([*lines, '', "'velocity_estimator COMMAND --help' tells the rest."])
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from estimator_pkg.optional import is_there
+from estimator_pkg.printable import printable, terminal
 
 
 @contextmanager
@@ -23,8 +24,8 @@ def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
         return
     from rich import progress as rich
     from rich.console import Console
-    with rich.Progress(rich.TextColumn('{task.description}'), rich.BarColumn(),
+    with rich.Progress(rich.TextColumn('{task.description}', markup=False), rich.BarColumn(),
                        rich.MofNCompleteColumn(), rich.TimeRemainingColumn(),
-                       console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(label, total=total)
+                       console=Console(file=terminal(sys.stderr)), transient=True) as bar:
+        task = bar.add_task(printable(label), total=total)
         yield lambda steps: bar.advance(task, steps)

@@ -11,6 +11,7 @@ from estimator_pkg import registry
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import build, declared, parse_assignments
+from estimator_pkg.printable import show
 from sim_pkg.contract import Simulator
 from sim_pkg.nodes.settings import FOREVER, RunSettings
 
@@ -48,10 +49,10 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f'--duration {duration:g}: it must be above 0 and at most {LONGEST:g} s')
     parameters: Any = build(simulator.parameters, values, owner=f"simulator '{simulator.name}'")
     counts = write_bag(simulator, parameters, duration, settings.seed, parsed.out)
-    print(f'{parsed.out}: {duration:g} s of {simulator.name}, seed {settings.seed}')
+    show(f'{parsed.out}: {duration:g} s of {simulator.name}, seed {settings.seed}')
     for topic in simulator.topics(parameters):
         of = 'truth' if topic.truth else 'measurement'
-        print(f'  /{topic.name}  {counts[topic.name]} messages of {topic.type} ({of})')
+        show(f'  /{topic.name}  {counts[topic.name]} messages of {topic.type} ({of})')
     return {'bag': parsed.out, 'simulator': simulator.name, 'duration': duration,
             'seed': settings.seed,
             'topics': {f'/{topic.name}': {'type': topic.type, 'truth': topic.truth,

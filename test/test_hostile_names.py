@@ -122,3 +122,149 @@ def test_ros_reads_what_is_written(tmp_path):
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == params_file.load(path) == {
         **{f'p{number}': name for number, name in enumerate(NAMES)}, 'all': NAMES, 'joints.y.a': 1}
+
+
+EVIL = ('evil\x1b[2J\x1b]0;title\x07\nfake: ok\r\u202egnp.\u2028$\\foo$ '
+        '<script>alert(1)</script> [/] \x9b')
+FRAME = 'frame\x1b[31m\nfake'
+
+
+def hostile_bag(path):
+    """Two hostile joints with efforts on hostile topics, in a folder of a hostile name."""
+    import math
+
+    from estimator_pkg.bags.writer import BagWriter
+    from estimator_pkg.messages.joint_state import TYPE, Encoder
+    encode, start = Encoder().encode, 10 ** 18
+    with BagWriter(path) as bag:
+        for topic in ('/joint_states', '/ground_truth/joint_states', f'/{EVIL}/estimate'):
+            bag.add_topic(topic, TYPE)
+        for k in range(1500):
+            now, t = start + k * 2_000_000, k * 0.002
+            angle = [round(600 * math.sin(5 * t)) / 600, 0.3 * math.sin(3 * t)]
+            speed = [5 * math.cos(5 * t), 0.9 * math.cos(3 * t)]
+            names = [EVIL, 'b']
+            bag.write('/joint_states', now, encode(now, FRAME, names, angle, []))
+            for topic in ('/ground_truth/joint_states', f'/{EVIL}/estimate'):
+                bag.write(topic, now, encode(now, FRAME, names, angle, speed))
+    return path
+
+
+@pytest.fixture(scope='module')
+def hostile(tmp_path_factory):
+    return hostile_bag(tmp_path_factory.mktemp('bags') / 'a\x1b[2J\nfake: b\u202e[red]')
+
+
+def ran(*words, code=0):
+    """What the command printed, which no terminal obeys and in which no name makes a line."""
+    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.cli', *map(str, words)],
+                          capture_output=True, timeout=250)
+    assert done.returncode == code, done.stderr.decode()
+    for text in (done.stdout.decode(), done.stderr.decode()):
+        assert 'Traceback' not in text
+        for line in text.splitlines():
+            assert line.isprintable(), line
+            assert not line.lstrip(' -*').startswith(('fake', 'gnp.')), line
+    return done.stdout.decode(), done.stderr.decode()
+
+
+def test_evaluate_prints_names_as_names(hostile, tmp_path):
+    page = tmp_path / 'r.html'
+    told, _ = ran('evaluate', hostile, '--observer', 'pll', '--html', page, '--plot',
+                  tmp_path / 'p.png', '--json', tmp_path / 'r.json')
+    assert r'evil\x1b[2J' in told and r'\u202egnp' in told
+    assert EVIL in (tmp_path / 'r.json').read_text() or json.dumps(EVIL)[1:-1] in (
+        tmp_path / 'r.json').read_text()
+    html = page.read_text()
+    body = html[html.index('<h1>'):html.rindex('<p class="note">Made by')]
+    assert '<script>alert' not in html and '\u202e' not in body and '\x1b' not in html
+    assert r'evil\x1b[2J' in body and (tmp_path / 'p.png').stat().st_size
+
+
+def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
+    told, _ = ran('replay', hostile, '--observer', 'pll', '--out', tmp_path / 'out\x1b\nfake')
+    assert r'  evil\x1b[2J' in told
+    ran('replay', hostile, '--observer', 'pll', '--joint', 'nobody\x1b[2J\nfake', code=1)
+    ran('replay', f'{hostile}/nowhere\x1b\nfake', '--observer', 'pll', code=1)
+    ran('replay', hostile, '--observer', 'pll', '--measurement', '/a\x1b\nfake', code=1)
+    ran('identify', hostile, code=2)
+    ran('identify', hostile, '--joint', EVIL, code=1)
+    told, _ = ran('tune', hostile, '--observer', 'pll', '--out', tmp_path / 'g.yaml', '--trials',
+                  '8', '--per-joint')
+    assert r'evil\x1b[2J' in told
+    text = (tmp_path / 'g.yaml').read_text()
+    values = holds_only(text, ['/**'])['/**']['ros__parameters']
+    assert set(values) == {'observer', f'joints.{EVIL}', 'joints.b'}
+    ran('replay', hostile, '--params', tmp_path / 'g.yaml')
+
+
+def test_what_a_user_names_is_printed_as_a_name(tmp_path):
+    params = tmp_path / 'p.yaml'
+    params.write_text('/**: {ros__parameters: {"evil\\e[2J\\nfake": 1, joints: ["\\e[2J"]}}')
+    ran('simulate', 'encoder', '--out', tmp_path / 'b', '--params', params, code=2)
+    params.write_text('"evil\\e[2J\\nfake": 3')
+    ran('simulate', 'encoder', '--out', tmp_path / 'b', '--params', params, code=2)
+    ran('simulate', 'encoder\x1b[2J\nfake', '--out', tmp_path / 'b', code=2)
+    ran('simulate', 'encoder', '--out', tmp_path / 'b', '--set', 'a\x1b\nfake=1', code=2)
+    ran('com\x1b\nfake', code=2)
+    ran('list', 'com\x1b\nfake', code=2)
+    ran('simulate', 'encoder', '--out', tmp_path / 'b\x1b[2J\nfake', '--duration', '0.01')
+    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.cli', 'replay', b'/no/\xff\x1b'],
+                          capture_output=True, timeout=100)
+    assert done.returncode in (1, 2) and b'Traceback' not in done.stderr
+    assert done.stderr.decode().strip().isprintable()
+
+
+def test_a_progress_bar_takes_any_name():
+    """Its library reads [/] as the end of a colour, and would raise."""
+    import io
+
+    from estimator_pkg.progress import progress
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen = Terminal()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, 'stderr', screen)
+        with progress(f'a [/] {EVIL}', 3) as advance:
+            advance(3)
+    shown = screen.getvalue()
+    assert '\x1b]0;' not in shown and '\x07' not in shown and '\u202e' not in shown
+
+
+def test_a_stream_lets_line_ends_and_tabs_through_alone():
+    import io
+
+    from estimator_pkg.printable import PrintableStream, printable, show
+    shown = io.StringIO()
+    stream = PrintableStream(shown)
+    print('a\tb\nä \x1b[2J\u202e\udc80', file=stream)
+    assert shown.getvalue() == 'a\tb\nä \\x1b[2J\\u202e\\udc80\n'
+    show('a\nb', 'c', file=stream)
+    assert shown.getvalue().endswith('a\\nb\nc\n')
+    assert printable('é') == 'é' and printable('\u200b\x85\ue000') == '\\u200b\\x85\\ue000'
+    plain = io.TextIOWrapper(io.BytesIO(), encoding='ascii')
+    PrintableStream(plain).write('ä')
+    plain.flush()
+    assert plain.buffer.getvalue() == b'\\xe4'
+
+
+def test_a_node_logs_names_as_names(tmp_path):
+    import dds
+    params = tmp_path / 'p.yaml'
+    params.write_text('/**:\n  ros__parameters:\n'
+                      f'    joints: {yaml_text.scalar(["b", EVIL])}\n'
+                      f'    {yaml_text.key("unknown" + EVIL)}: 3\n')
+    probe = dds.Probe()
+    try:
+        with dds.NodeProcess('estimator_pkg.nodes.joint_observer',
+                             *dds.ros_args(file=params)) as process:
+            process.prints('unknown parameter')
+            text = process.output
+    finally:
+        probe.close()
+    assert r'evil\x1b[2J' in text
+    for line in text.splitlines():
+        assert line.isprintable() and not line.startswith(('fake', 'gnp.')), line

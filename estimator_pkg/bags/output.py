@@ -12,6 +12,7 @@ from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.estimates import Encoded
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.printable import show
 
 
 class Output:
@@ -36,8 +37,8 @@ class Output:
             bag.require(name)
         wanted = set(bag.topics if copy is None else copy)
         for name in sorted(wanted & set(self.topics)):
-            print(f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
-                  'another name)', file=sys.stderr)
+            show(f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
+                 'another name)', file=sys.stderr)
         self.copied = {name for name in wanted - set(self.topics)
                        if bag.topics[name].serialization == 'cdr'}
         self._numbers = {}

@@ -13,6 +13,7 @@ from estimator_pkg.bags.keyboard import keys
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher
@@ -67,7 +68,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             while parsed.loop and not here.stopping:
                 player.play()
             player.finish()
-    print(f'{parsed.bag}: ' + ', '.join(f'{name} {count}' for name, count in player.sent.items()))
+    show(f'{parsed.bag}: ' + ', '.join(f'{name} {count}' for name, count in player.sent.items()))
     return {'bag': str(parsed.bag), 'sent': player.sent}
 
 

@@ -23,6 +23,7 @@ from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags.block import Block, compact, from_messages, join
 from estimator_pkg.errors import UserError
 from estimator_pkg.optional import Lazy
+from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos
@@ -209,7 +210,7 @@ class Bag:
         """Tell the user, once, what is wrong with the bag."""
         if text not in self.warnings:
             self.warnings.append(text)
-            print(f'warning: {text}', file=sys.stderr)
+            show(f'warning: {text}', file=sys.stderr)
 
     def _open(self) -> None:
         try:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
@@ -57,9 +58,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                             + (f"no messages came on {', '.join(wanted)}" if wanted
                                else 'no topic had messages'))
     lost = {name: track.lost for name, track in recorder.tracks.items()}
-    print(f'{parsed.out}:')
+    show(f'{parsed.out}:')
     for name, count in counts.items():
-        print(f'  {name}  {count} messages' + (f', {lost[name]} lost' if lost[name] else ''))
+        show(f'  {name}  {count} messages' + (f', {lost[name]} lost' if lost[name] else ''))
     return {'bag': parsed.out, 'messages': counts, 'lost': lost}
 
 
@@ -139,7 +140,7 @@ class Recorder:
     def _tell_missing(self) -> None:
         missing = [name for name in self._wanted if name not in self.tracks]
         if missing:
-            print(f"waiting for {', '.join(missing)}", file=sys.stderr)
+            show(f"waiting for {', '.join(missing)}", file=sys.stderr)
 
     def _look(self) -> None:
         """Subscribe to what has appeared, and follow publishers that offer less than before."""
@@ -170,13 +171,13 @@ class Recorder:
                    f'its type {types[0]} is not installed')
             if self._wanted:
                 raise UserError(f'{name} cannot be recorded: {why}')
-            print(f'warning: {name} is not recorded: {why}', file=sys.stderr)
+            show(f'warning: {name} is not recorded: {why}', file=sys.stderr)
             return
         self._writer.add_topic(name, types[0], profiles,
                                type_hash=type_hash if type_hash.startswith('RIHS01_') else '')
         qos = matching(profiles)
         self.tracks[name] = self._subscribe(name, kind, qos, profiles)
-        print(f'recording {name} ({types[0]})', file=sys.stderr)
+        show(f'recording {name} ({types[0]})', file=sys.stderr)
 
     def _adapt(self, name: str, type_name: str, track: Track, profiles: list[Qos]) -> None:
         """Another publisher came, which may not match the subscription there is."""
@@ -185,8 +186,8 @@ class Recorder:
         qos = matching(track.profiles)
         if (qos.reliability, qos.durability) == (track.qos.reliability, track.qos.durability):
             return
-        print(f'warning: a publisher of {name} offers less than those before: subscribing anew',
-              file=sys.stderr)
+        show(f'warning: a publisher of {name} offers less than those before: subscribing anew',
+             file=sys.stderr)
         self._drain()
         self._here.node.destroy_subscription(track.subscription)
         again = self._subscribe(name, message_class(type_name), qos, track.profiles)

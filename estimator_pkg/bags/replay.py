@@ -22,6 +22,7 @@ from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.parameters import parse_assignments
+from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 
 NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
@@ -138,20 +139,20 @@ def _observer(replay: Replay, setup: Setup) -> str:
 
 def _print(result: dict[str, Any]) -> None:
     counts = result['messages']
-    print(f"{result['bag']}: {result['observer']} on {result['measurement']}, "
-          f"{counts['received']} messages{_kinds(counts['dropped'])}"
-          + (f", {counts['estimates']} with estimates" if 'estimates' in counts else '')
-          + (f", {counts['inputs_malformed']} messages of the inputs cannot be read"
-             if counts.get('inputs_malformed') else ''))
+    show(f"{result['bag']}: {result['observer']} on {result['measurement']}, "
+         f"{counts['received']} messages{_kinds(counts['dropped'])}"
+         + (f", {counts['estimates']} with estimates" if 'estimates' in counts else '')
+         + (f", {counts['inputs_malformed']} messages of the inputs cannot be read"
+            if counts.get('inputs_malformed') else ''))
     for name, joint in result['joints'].items():
         rate = f"{joint['rate_hz']:.4g} Hz" if joint['rate_hz'] else 'rate unknown'
-        print(f"  {name}: received {joint['received']}, used {joint['used']}"
-              f"{_kinds(joint['dropped'])}{_kinds(joint['events'], 'events')}; {rate}; "
-              + (', '.join(f'{status if status != GAP else "without samples"} {seconds:.3f} s'
-                           for status, seconds in joint['status_s'].items()) or 'no time passed')
-              + (f"; {joint['why']}" if joint['why'] else ''))
+        show(f"  {name}: received {joint['received']}, used {joint['used']}"
+             f"{_kinds(joint['dropped'])}{_kinds(joint['events'], 'events')}; {rate}; "
+             + (', '.join(f'{status if status != GAP else "without samples"} {seconds:.3f} s'
+                          for status, seconds in joint['status_s'].items()) or 'no time passed')
+             + (f"; {joint['why']}" if joint['why'] else ''))
     if result['out']:
-        print(f"{result['out']}: {', '.join(result['written'])}")
+        show(f"{result['out']}: {', '.join(result['written'])}")
     print(f"{result['elapsed_s']:.2f} s")
 
 

@@ -27,6 +27,7 @@ from estimator_pkg.bags.block import Block, from_messages
 from estimator_pkg.bags.definitions import define
 from estimator_pkg.errors import UserError
 from estimator_pkg.optional import Lazy
+from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos
@@ -220,7 +221,7 @@ class BagWriter:
 
     def _say_kept(self) -> None:
         place = self._folder if self._folder.exists() else self._name
-        print(f'{place} holds what was written until then', file=sys.stderr)
+        show(f'{place} holds what was written until then', file=sys.stderr)
 
     def abort(self) -> None:
         """Leave nothing behind."""

@@ -18,6 +18,7 @@ from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH,
 from estimator_pkg.evaluation.report.page import Report
 from estimator_pkg.evaluation.words import describe
 from estimator_pkg.evaluation.workers import workers
+from estimator_pkg.printable import printable, show
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -94,16 +95,16 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 said = page.add(comparison)
                 result[comparison.bag]['findings'] = said
                 lines = told.split('\n')
-                print('\n'.join(f'- {each}' for each in said if each not in lines) + '\n')
+                show(*(f'- {each}' for each in said if printable(each) not in lines), '')
             if parsed.plot:
                 drawn.append(comparison)
         if page is not None:
             page.leave_out(left_out)
     if parsed.html:
-        print(f'page: {parsed.html}')
+        show(f'page: {parsed.html}')
     if parsed.plot:
         plot.draw(drawn, parsed.plot)
-        print(f'plot: {parsed.plot}')
+        show(f'plot: {parsed.plot}')
     return {'bags': result, 'left_out': {each.path: each.why for each in left_out}}
 
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from estimator_pkg.bags.reader import METADATA
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.workers import Map
+from estimator_pkg.printable import show
 
 FILES = ('*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd')
 NUMBER = re.compile(r'_\d+(?=\.)')     # of a file of a split bag
@@ -92,7 +93,7 @@ def on_each(run_many: Map, function: Callable[..., Any], bags: Sequence[Meant],
     for found in run_many(_attempt, [(function, bag, *arguments) for bag in bags]):
         if isinstance(found, LeftOut):
             left_out.append(found)
-            print(f'warning: {found}', file=sys.stderr)
+            show(f'warning: {found}', file=sys.stderr)
         else:
             judged += 1
             yield found

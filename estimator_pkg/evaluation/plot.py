@@ -15,6 +15,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.report.thinning import broken, extremes, limits
 from estimator_pkg.optional import needs
+from estimator_pkg.printable import drawn
 
 Array = NDArray[np.float64]
 
@@ -89,11 +90,11 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
                               fontsize='x-small', color='dimgrey')
             axis.grid(alpha=0.3)
         above.tick_params(labelbottom=False)
-        above.set_title(title, fontsize='small')
+        above.set_title(drawn(title), fontsize='small')
         above.set_ylabel('velocity [rad/s]')
         below.set_ylabel('error [rad/s]')
         below.set_xlabel('time [s]')
-    figure.legend(names.values(), names.keys(), loc='outside upper center', fontsize='small',
+    figure.legend(names.values(), map(drawn, names), loc='outside upper center', fontsize='small',
                   ncols=min(len(names), 7), frameon=False)
     figure.savefig(path, dpi=120)
 

@@ -26,6 +26,7 @@ from estimator_pkg.evaluation.comparison import Comparison, compare
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
 from estimator_pkg.evaluation.text import fixed, markdown, table
+from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 
 SKIPPED = 0.5       # [s] at the beginning that does not count
@@ -135,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         measured = rows(parsed.folder)
     except UserError as error:
-        print(error, file=sys.stderr)
+        show(error, file=sys.stderr)
         return error.exit_code
     if parsed.print_bounds:
         print(yaml.safe_dump(bounds(measured), sort_keys=False, default_flow_style=None), end='')

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from estimator_pkg.printable import printable
+
 
 def number(value: float | None, digits: int = 4) -> str:
     """A number in few characters; '-' for none."""
@@ -34,7 +36,7 @@ def error(value: float | None, decimals: int) -> str:
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
     """Columns side by side, the first `left` of them set left, the others right."""
-    lines = [list(header), *[list(row) for row in rows]]
+    lines = [list(header), *[[printable(cell) for cell in row] for row in rows]]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return '\n'.join('  '.join(
         cell.ljust(width) if i < left else cell.rjust(width)
@@ -44,6 +46,6 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """The same as a Markdown table."""
     def line(cells: Sequence[str]) -> str:
-        return '| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |'
+        return '| ' + ' | '.join(printable(cell).replace('|', '\\|') for cell in cells) + ' |'
 
     return '\n'.join([line(header), '|' + '---|' * len(header), *[line(row) for row in rows]])

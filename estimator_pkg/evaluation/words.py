@@ -9,6 +9,7 @@ from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import error, fixed, number, table
 from estimator_pkg.evaluation.truth import SMOOTHED
+from estimator_pkg.printable import printable
 
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
           'received', 'used', 'dropped')
@@ -35,7 +36,7 @@ def describe(comparison: Comparison) -> str:
             remarks.append(f'{row.source}, {row.joint}: of {counts["estimates"]} estimates '
                            f'{counts["interpolated"]} met an interpolated truth, '
                            f'{counts["unmatched"]} none')
-    lines.append(table(HEADER, rows, left=2))
+    lines += table(HEADER, rows, left=2).split('\n')
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the reference cannot tell: the error is no larger than the reference's own "
                      'noise')
@@ -51,7 +52,7 @@ def describe(comparison: Comparison) -> str:
             off = comparison.corrected[joint]
             lines.append(f'  taken off: lag {_ms(off["lag_s"]):.2f} ms, bias {off["bias"]:.4f} '
                          'rad/s')
-    return '\n'.join(lines + remarks + list(comparison.notes))
+    return '\n'.join(map(printable, lines + remarks + list(comparison.notes)))
 
 
 def describe_smoother(smoothed: Smoothed) -> str:

@@ -24,6 +24,7 @@ from estimator_pkg.nodes.diagnostics import OK, WARN, array, entry
 from estimator_pkg.nodes.ros_parameters import Values
 from estimator_pkg.observers.adaptive import OBSERVER
 from estimator_pkg.observers.contract import Observer
+from estimator_pkg.printable import printable
 
 
 class AdaptiveObserver(DrivenNode):
@@ -93,8 +94,9 @@ class AdaptiveObserver(DrivenNode):
         try:
             if not path:
                 raise UserError("parameter 'parameters_file' is not set")
-            response.message = f'{", ".join(adaptive_file.save(path, self.bank))}: {path}'
+            saved = ', '.join(adaptive_file.save(path, self.bank))
+            response.message = printable(f'{saved}: {path}')
             response.success = True
         except UserError as error:
-            response.success, response.message = False, str(error)
+            response.success, response.message = False, printable(error)
         return response

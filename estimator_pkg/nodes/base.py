@@ -30,6 +30,7 @@ from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import declared
+from estimator_pkg.printable import PrintableLogger
 
 LOOK_AROUND = 0.1   # [s]
 TYPICAL_DT = 1e-3   # [s]
@@ -91,6 +92,10 @@ class ObserverNode(Node):
             if isinstance(error, ArithmeticError):
                 raise UsageError(f'{self._observer.name}: {NO_NUMBERS} ({error})') from error
             raise
+
+    def get_logger(self) -> Any:
+        """The node's logger, whose texts are printable whatever names are in them."""
+        return PrintableLogger(super().get_logger())
 
     # What a node says of itself
 

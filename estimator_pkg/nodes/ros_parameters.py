@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.parameters import Parameter, build, declared
+from estimator_pkg.printable import printable
 
 T = TypeVar('T')
 Values = dict[str, Any]
@@ -215,7 +216,7 @@ class RosParameters:
             for name in self._fresh:
                 self._node.undeclare_parameter(name)
             self._fresh = []
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=printable(error))
         return SetParametersResult(successful=True)
 
     def _settable(self, name: str, being_set: bool) -> None:

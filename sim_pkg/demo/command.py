@@ -16,6 +16,7 @@ from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.nodes.domain import free_domain
 from estimator_pkg.nodes.runtime import settle_environment
+from estimator_pkg.printable import show
 
 COUNTS = 4096
 RATE = 500              # samples per second
@@ -65,7 +66,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         code = velocity_estimator(['evaluate', str(bag), '--estimate', ESTIMATE,
                                    '--observer', 'finite_difference',
                                    '--skip', '1', '--plot', str(plot)])
-    print(f'\nbag   {bag}\nplot  {plot}')
+    show('', f'bag   {bag}', f'plot  {plot}')
     return {'ok': code == 0 and count > 0, 'bag': str(bag), 'plot': str(plot), 'estimates': count}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import deque
 
 from rich.console import Console, Group
@@ -10,6 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from estimator_pkg.printable import printable, terminal
 from sim_pkg.demo.listener import Snapshot
 
 BARS = ' ▁▂▃▄▅▆▇█'
@@ -28,8 +30,8 @@ class Display:
     """
 
     def __init__(self, title: str, console: Console | None = None) -> None:
-        self._console = console or Console()
-        self._title = title
+        self._console = console or Console(file=terminal(sys.stdout))
+        self._title = printable(title)
         self._live: Live | None = None
         self._traces = {name: deque([0.0] * TRACE, maxlen=TRACE)
                         for name in ('truth', 'difference', 'error')}

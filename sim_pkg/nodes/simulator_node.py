@@ -21,6 +21,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.nodes.ros_parameters import RosParameters
+from estimator_pkg.printable import PrintableLogger
 from sim_pkg.contract import Simulator, Topic
 from sim_pkg.nodes.deadline import Deadlines
 from sim_pkg.nodes.settings import FOREVER, RunSettings
@@ -70,6 +71,10 @@ class SimulatorNode(Node):
             super().destroy_node()
             raise
         self._thread.start()
+
+    def get_logger(self) -> Any:
+        """The node's logger, whose texts are printable whatever names are in them."""
+        return PrintableLogger(super().get_logger())
 
     def _set_up(self, simulator: Simulator) -> None:
         ros_parameters = RosParameters(self)

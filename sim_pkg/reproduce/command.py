@@ -10,6 +10,7 @@ from estimator_pkg import registry
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UserError
 from estimator_pkg.optional import Lazy, needs
+from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from sim_pkg.reproduce.contract import Reproduction
 
@@ -28,19 +29,19 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compute and print the rows, draw the figures; 'ok' is False if a row fails."""
     reproduction: Reproduction = registry.find(registry.REPRODUCTIONS, parsed.paper)
-    show = table.show            # what is missing is told before the work, not after it
+    tell = table.show            # what is missing is told before the work, not after it
     if parsed.plot is not None:
         _require_matplotlib()
         parsed.plot.mkdir(parents=True, exist_ok=True)
     with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
         rows = list(reproduction.rows(advance, parsed.only))
     print(reproduction.summary)
-    show(rows)
+    tell(rows)
     for line in (*reproduction.tables(rows), *reproduction.notes):
         print(line)
     if parsed.plot is not None:
         for path in reproduction.draw(parsed.plot):
-            print(path)
+            show(path)
     return {'paper': reproduction.name, 'ok': all(row.ok for row in rows),
             'rows': [row.as_dict() for row in rows]}
 

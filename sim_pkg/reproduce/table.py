@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from estimator_pkg.printable import terminal
 from sim_pkg.reproduce.contract import Row
 
 PLAIN_WIDTH = 160  # columns where the output is no terminal
@@ -25,7 +27,7 @@ def number(value: float) -> str:
 
 def show(rows: Sequence[Row], console: Console | None = None) -> None:
     """Print the table and one line that says how many rows hold."""
-    console = console or Console()
+    console = console or Console(file=terminal(sys.stdout))
     if not console.is_terminal:
         console = Console(file=console.file, width=PLAIN_WIDTH)
     table = Table(box=None, pad_edge=False, header_style='bold')

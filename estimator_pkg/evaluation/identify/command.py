@@ -21,6 +21,7 @@ from estimator_pkg.evaluation.identify.model import Unknowns, unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build, parse_assignments
+from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from estimator_pkg.yaml_text import comment, scalar
 
@@ -70,7 +71,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     _print(parsed.bag, parsed.model, names, found, units)
     if out is not None:
         _write(out, parsed.model, names, texts, found, str(parsed.bag))
-        print(f'{out}: parameters of mechanical_observer')
+        show(f'{out}: parameters of mechanical_observer')
     return {'bag': str(parsed.bag), 'joints': list(names), 'model': parsed.model,
             'values': dict(zip(found.names, found.values.tolist())),
             'stddev': dict(zip(found.names, found.deviations.tolist())),
@@ -94,14 +95,14 @@ def _first_guess(samples: Recording, wanted: Unknowns, given: Mapping[str, Any],
 
 def _print(bag: Any, model: str, names: tuple[str, ...], found: Found, units: tuple[str, ...]
            ) -> None:
-    print(f'{bag}: {model}, {", ".join(names)}; {found.pieces[0]} pieces to identify, '
-          f'{found.pieces[1]} to judge')
+    show(f'{bag}: {model}, {", ".join(names)}; {found.pieces[0]} pieces to identify, '
+         f'{found.pieces[1]} to judge')
     for name, value, spread, unit in zip(found.names, found.values, found.deviations, units):
-        print(f'  {name} = {value:.5g} +- {spread:.2g} {unit}'.rstrip())
+        show(f'  {name} = {value:.5g} +- {spread:.2g} {unit}'.rstrip())
     print(f'  explains {100.0 * found.explained:.2f} % of the motion beyond constant velocity '
           f'there, {100.0 * found.explained_elsewhere:.2f} % in the other part')
     for name, here, there in zip(names, found.residual, found.residual_elsewhere):
-        print(f'  {name}: {here:.3g} rms are left there, {there:.3g} in the other part')
+        show(f'  {name}: {here:.3g} rms are left there, {there:.3g} in the other part')
     if found.explained_elsewhere < LITTLE:
         print('  the model explains little of what it was not fitted to: do not trust it beyond '
               'a low disturbance')

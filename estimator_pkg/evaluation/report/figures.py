@@ -16,6 +16,7 @@ from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, 
 from estimator_pkg.evaluation.report.zoom import zoomed
 from estimator_pkg.evaluation.spectrum import by_speed, density, normalised
 from estimator_pkg.observers.contract import STATUS_NAMES
+from estimator_pkg.printable import printable
 
 COLOURS = ('#1f77b4', '#d62728', '#2ca02c', '#9467bd', '#ff7f0e', '#17becf', '#8c564b', '#e377c2',
            '#7f7f7f', '#bcbd22')
@@ -121,7 +122,7 @@ def sample_times(seen: Measurement) -> Any:
 
 def _figure(title: str, height: int, **options: Any) -> Any:
     from bokeh.plotting import figure
-    made = figure(title=title, height=height, sizing_mode='stretch_width', tools=TOOLS,
+    made = figure(title=printable(title), height=height, sizing_mode='stretch_width', tools=TOOLS,
                   active_drag='box_zoom', toolbar_location='above', **options)
     made.toolbar.logo = None
     made.grid.grid_line_alpha = 0.4
@@ -208,8 +209,8 @@ def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
             shown.varea(row.time[few], _short(middle - band), _short(middle + band),
                         color=style['color'], alpha=0.25, legend_label='95 % band',
                         name='95 % band')
-        _line(shown, row.time, row.estimate, chosen, line_width=1.2, legend_label=row.source,
-              **style)
+        _line(shown, row.time, row.estimate, chosen, line_width=1.2,
+              legend_label=printable(row.source), **style)
         if outer:
             _mark_outside(shown, outer, time, estimate, style)
     return _legend(shown)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from estimator_pkg.evaluation.many import LeftOut
 from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.optional import needs
+from estimator_pkg.printable import escaped
 
 POINTS_OF_A_PAGE = 240_000  # of all lines over time: so many make a few megabytes,
 POINTS = (600, 40000)       # and fewest and most of one line
@@ -94,16 +94,16 @@ class Report:
                     seen[joint] = found
         said = sentences(comparison, seen)
         bag = Path(comparison.bag)
-        parts = [f'<h2 id="{self._overview.add(comparison)}">{html.escape(bag.name)}</h2>',
-                 f'<p class="note">{html.escape(str(bag))}</p>',
-                 f'<p>Velocity errors against {html.escape(comparison.truth)}, at zero shift; '
+        parts = [f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>',
+                 f'<p class="note">{escaped(str(bag))}</p>',
+                 f'<p>Velocity errors against {escaped(comparison.truth)}, at zero shift; '
                  'the delay stands beside them.</p>', table(comparison), worth(comparison),
                  '<h3>What to know, and what to do next</h3>',
-                 '<ul>' + ''.join(f'<li>{html.escape(each)}</li>' for each in said) + '</ul>']
+                 '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in said) + '</ul>']
         points = self._points(comparison)
         for joint in dict.fromkeys(row.joint for row in comparison.rows):
             rows = [row for row in comparison.rows if row.joint == joint]
-            parts.append(f'<h3>{html.escape(joint)}</h3>')
+            parts.append(f'<h3>{escaped(joint)}</h3>')
             parts += self._draw(comparison, joint, rows, seen.get(joint), points)
             self._keep(comparison, joint, rows)
         self._sections.append('\n'.join(parts))
@@ -113,7 +113,7 @@ class Report:
         """What is said of bags that could not be judged."""
         if bags:
             self._sections.append('<h2>Left out</h2><ul>' + ''.join(
-                f'<li>{html.escape(str(bag))}</li>' for bag in bags) + '</ul>')
+                f'<li>{escaped(str(bag))}</li>' for bag in bags) + '</ul>')
 
     def _points(self, comparison: Comparison) -> int:
         """How many points a line may have."""

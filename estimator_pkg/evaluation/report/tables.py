@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.text import error, fixed, number
 from estimator_pkg.evaluation.words import describe_smoother, describe_truth
+from estimator_pkg.printable import escaped
 
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'worst', 'worst at', 'bias', 'delay', 'noise',
           'in 95 % band', 'valid', 'samples', 'dropped')
@@ -30,7 +30,7 @@ class Overview:
         self._bags += 1
         place = f'bag_{self._bags}'
         best = _best(comparison)
-        bag = f'<a href="#{place}">{html.escape(Path(comparison.bag).name)}</a>'
+        bag = f'<a href="#{place}">{escaped(Path(comparison.bag).name)}</a>'
         for joint in dict.fromkeys(row.joint for row in comparison.rows):
             cells = {}
             for row in comparison.rows:
@@ -38,14 +38,14 @@ class Overview:
                     text = error(row.velocity['rms'], 4) + '*' * row.reference_cannot_tell
                     cells[row.source] = f'<b>{text}</b>' if best.get(joint) is row else text
             self._sources.update(dict.fromkeys(cells))
-            self._lines.append((bag, html.escape(joint), cells))
+            self._lines.append((bag, escaped(joint), cells))
         return place
 
     def html(self) -> str:
         """The table; empty for a single bag."""
         if self._bags < 2:
             return ''
-        head = ''.join(f'<th>{html.escape(each)}</th>' for each in ('bag', 'joint', *self._sources))
+        head = ''.join(f'<th>{escaped(each)}</th>' for each in ('bag', 'joint', *self._sources))
         lines = ''.join(f'<tr><td>{bag}</td><td>{joint}</td>' + ''.join(
             f'<td>{cells.get(source, "-")}</td>' for source in self._sources) + '</tr>'
             for bag, joint, cells in self._lines)
@@ -60,7 +60,7 @@ def worth(comparison: Comparison) -> str:
             f'The truth of {joint}, held against the measured position: {describe_truth(known)}'
             for joint, known in comparison.references.items()
             if any(row.joint == joint for row in comparison.rows)]
-    return ''.join(f'<p class="note">{html.escape(each)}.</p>' for each in told)
+    return ''.join(f'<p class="note">{escaped(each)}.</p>' for each in told)
 
 
 def table(comparison: Comparison) -> str:
@@ -101,5 +101,5 @@ def _line(row: Row, best: bool) -> str:
              f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
              f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
              f'{row.samples["used"]} of {row.samples["received"]}', dropped or '0')
-    made = ''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)
+    made = ''.join(f'<td>{escaped(cell)}</td>' for cell in cells)
     return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'

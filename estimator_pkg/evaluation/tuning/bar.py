@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from estimator_pkg.evaluation.tuning.search import Search
 from estimator_pkg.evaluation.tuning.study import Value
 from estimator_pkg.optional import is_there
+from estimator_pkg.printable import printable, terminal
 
 
 @contextmanager
@@ -19,10 +20,11 @@ def bar(label: str, trials: int) -> Iterator[Callable[[int, Search], None]]:
         return
     from rich import progress as rich
     from rich.console import Console
-    with rich.Progress(rich.TextColumn('{task.description}'), rich.BarColumn(),
-                       rich.MofNCompleteColumn(), rich.TextColumn('{task.fields[best]}'),
-                       console=Console(stderr=True), transient=True) as shown:
-        task = shown.add_task(label, total=trials, best='')
+    with rich.Progress(rich.TextColumn('{task.description}', markup=False), rich.BarColumn(),
+                       rich.MofNCompleteColumn(),
+                       rich.TextColumn('{task.fields[best]}', markup=False),
+                       console=Console(file=terminal(sys.stderr)), transient=True) as shown:
+        task = shown.add_task(printable(label), total=trials, best='')
 
         def told(count: int, found: Search) -> None:
             best = found.best

@@ -23,6 +23,7 @@ from estimator_pkg.evaluation.tuning.seek import seek
 from estimator_pkg.evaluation.tuning.wishes import WRAP_PERIOD, Wishes, wishes
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.nodes.settings import ANGLE, ANGLE_TYPES
+from estimator_pkg.printable import show
 
 TRIALS = 40
 
@@ -121,13 +122,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     print(output.describe(tuned, notes))
     out.write_text(output.as_yaml(wished, _held(parsed, wished, seen[0].bag), tuned, held_out),
                    encoding='utf-8')
-    print(f'gains: {out}')
+    show(f'gains: {out}')
     drawn = picture.draw(tuned, parsed.plot, out.with_suffix('.png'), parsed.observer)
     if drawn:
-        print(f'noise against delay: {drawn}')
+        show(f'noise against delay: {drawn}')
     if parsed.apply:
         changed = live.apply(parsed.apply, output.node_values(tuned))
-        print(f'set on {parsed.apply}: {", ".join(changed)}')
+        show(f'set on {parsed.apply}: {", ".join(changed)}')
     for each in tuned:
         each.pop('trials')
     return {'observer': parsed.observer, 'preference': wished.preference, 'out': str(out),

@@ -11,6 +11,7 @@ from estimator_pkg.evaluation.text import number, table
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.wishes import Wishes, single
 from estimator_pkg.parameters import Parameter, declared
+from estimator_pkg.printable import printable
 from estimator_pkg.yaml_text import scalar
 
 WORSE = 'on what was held out these gains are no better than the defaults: keep the defaults'
@@ -125,7 +126,7 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
     else:
         judged = 'the part that was tuned on: nothing was held out'
     lines = [f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials',
-             table(HEADER, rows, left=3)]
+             *table(HEADER, rows, left=3).split('\n')]
     for each in tuned:
         of = each['joint'] or 'all joints'
         lines += [f"{of}: '{name}' changes nothing in these bags and is left at its default"
@@ -134,4 +135,4 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
             lines.append(f'{of}: {WORSE}')
     if any(each['interrupted'] for each in tuned):
         lines.append('interrupted: these are the best gains so far')
-    return '\n'.join([*lines, *notes])
+    return '\n'.join(map(printable, [*lines, *notes]))

@@ -8,6 +8,7 @@ from typing import Any
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.plot import check
+from estimator_pkg.printable import drawn
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
@@ -63,7 +64,7 @@ def draw(tuned: Sequence[Mapping[str, Any]], asked: str | None, usual: Path, obs
         if not points:
             axis.text(0.5, 0.5, 'the motion tells no delay', ha='center',
                       transform=axis.transAxes)
-        axis.set_title(f'{observer}: {each["joint"] or "all joints"}')
+        axis.set_title(drawn(f'{observer}: {each["joint"] or "all joints"}'))
         axis.grid(alpha=0.3)
         if points:
             axis.legend(fontsize='small')
