@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import importlib
 import inspect
@@ -67,6 +68,17 @@ def test_no_choice_of_any_parameter_is_a_boolean_a_null_or_a_number():
                 assert yaml_text.is_text(one.default), (owner, one.name)
     assert seen > 100
     assert not wrong
+
+
+def test_no_choice_of_a_command_is_one_either():
+    seen = 0
+    for name in registry.names(registry.COMMANDS):
+        parser = argparse.ArgumentParser()
+        registry.find(registry.COMMANDS, name).arguments(parser)
+        for word in (word for action in parser._actions for word in action.choices or ()):
+            seen += 1
+            assert not any(pattern.fullmatch(str(word)) for pattern in YAML_1_1), (name, word)
+    assert seen > 5
 
 
 @pytest.mark.parametrize('word', [

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-SHARED = {'errors', 'parameters', 'registry'}  # small files that every room may use
+# small files that every room may use
+SHARED = {'errors', 'parameters', 'registry', 'optional', 'printable', 'yaml_text'}
 ROS = {'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'std_srvs',
        'geometry_msgs', 'trajectory_msgs', 'diagnostic_msgs', 'launch', 'launch_ros'}
 # room: (rooms, packages) that its files may import, wherever in a file

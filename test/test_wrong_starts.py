@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from pathlib import Path
 
 import dds
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from estimator_pkg.errors import UserError
 from estimator_pkg.nodes.ros_parameters import ros_values
 
+ROOT = Path(__file__).parent.parent
 OWN = 'own_models:'
 MOTOR = {'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 EXECUTABLES = [('mechanical', 'input:=torque'), ('adaptive', 'order:=9'),
@@ -81,3 +83,51 @@ def test_executables_print_it_and_end():
         output, error = child.communicate(timeout=3.0 * dds.PATIENCE)
         assert child.returncode == 2, error
         assert given.split(':=')[0] in error and len(error.splitlines()) == 1 and output == ''
+
+
+FILES = {  # what a parameter file says of joint_observer -> what the executable prints
+    "joints: [y]": "not [True]: y, n, yes, no, on and off are booleans in YAML; write texts in "
+                   "quotes, joints: ['y']",
+    'joints: [1, 2]': "joints: ['1', '2']",
+    'joints: y': "joints: ['y']",
+    'stamp_source: no': "write texts in quotes, stamp_source: 'header'",
+    'angle_joint: on': "angle_joint: 'y'",
+    'joints: [x, y, z]': "Sequence should be of same type. Value type 'bool' do not belong at "
+                         "line_num 3; write texts in quotes, as in ['x', 'y']",
+    'joints:': 'No value at line 3'}
+
+
+def ended(module, *arguments):
+    """The line that a node printed when it ended with a usage error."""
+    done = subprocess.run([sys.executable, '-m', f'estimator_pkg.nodes.{module}', *arguments],
+                          text=True, capture_output=True, timeout=3.0 * dds.PATIENCE)
+    assert done.returncode == 2 and done.stdout == '', done.stderr
+    line, = done.stderr.splitlines()
+    return line
+
+
+@pytest.mark.parametrize('text, told', FILES.items())
+def test_a_name_without_quotes_is_one_line_that_shows_them(text, told, tmp_path):
+    path = tmp_path / 'params.yaml'
+    path.write_text(f'/**:\n  ros__parameters:\n    {text}\n')
+    line = ended('joint_observer', *dds.ros_args(file=path))
+    assert told in line
+    if text in ('joints: [y]', 'joints: [x, y, z]'):  # word for word in Troubleshooting
+        page = (ROOT / 'docs/troubleshooting.md').read_text(encoding='utf-8')
+        assert line.partition(': ')[2].replace(str(path), 'FILE') in page
+
+
+def test_the_gate_of_the_last_release_is_read_where_it_is_a_text():
+    line = ended('adaptive_observer', *dds.ros_args('gate:=off'))
+    assert line.endswith("write texts in quotes, gate: 'none'")
+    with dds.NodeProcess('estimator_pkg.nodes.adaptive_observer',
+                         *dds.ros_args("gate:='off'")) as process:
+        process.prints("'off' is called 'none' now")
+        process.prints('adaptive estimates every joint')
+
+
+def test_a_parameters_file_with_a_list_of_joints_is_one_line(tmp_path):
+    path = tmp_path / 'motor.yaml'
+    path.write_text('adaptive_parameters: 1\njoints: [a, b]\n')
+    line = ended('adaptive_observer', *dds.ros_args(f'parameters_file:={path}'))
+    assert f"{path}: 'joints' must hold each joint's name" in line

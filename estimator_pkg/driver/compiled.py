@@ -130,7 +130,7 @@ def _cache_class() -> type:
                                      self._impl.locator.get_source_stamp())
 
         def _index_key(self, sig: Any, codegen: Any) -> tuple:
-            return (sig, codegen.magic_tuple(), self._content)
+            return (sig, codegen.magic_tuple(), self._content, 'sha256')  # how it is kept
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             try:
