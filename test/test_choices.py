@@ -8,6 +8,7 @@ import importlib
 import inspect
 import pkgutil
 import re
+from pathlib import Path
 
 import pytest
 import yaml
@@ -21,6 +22,7 @@ from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.observers.adaptive_gains import Gains
 from estimator_pkg.parameters import build, declared, parse_assignments
 
+ROOT = Path(__file__).parent.parent
 # https://yaml.org/type: bool, null, int, float, timestamp, merge and value of YAML 1.1
 YAML_1_1 = [re.compile(pattern) for pattern in (
     r'y|Y|yes|Yes|YES|n|N|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF',
@@ -183,3 +185,12 @@ def test_texts_stay_texts_in_what_is_written(text):
                 text, {text: 1}, [text], {text: [text, 1.0]})
     line = yaml_text.comment(text)
     assert line.startswith('# ') and line.isprintable() and yaml.safe_load(line) is None
+
+
+def test_the_files_that_we_ship_quote_names_of_joints():
+    """A user edits the example: y in place of 'shoulder' would be a boolean."""
+    for path in (ROOT / 'config').glob('*.yaml'):
+        text = path.read_text(encoding='utf-8')
+        for value in re.findall(r'^ +#?(?:[\w.]+\.)?(?:joints?|angle_joint|mechanisms): (.*)$',
+                                text, re.MULTILINE):
+            assert re.fullmatch(r"\[?('[\w]+'(, )?)+\]?", value), (path.name, value)
