@@ -75,7 +75,7 @@ def test_switched_starts_again_when_its_numbers_ran_away(gains):
             broken = joint._track[6]._replace(
                 observed=tuple((math.nan,) * len(x) for x in joint._track[6].observed),
                 zt=tuple((1e300,) * len(x) for x in joint._track[6].zt))
-            joint._track = (*joint._track[:6], broken, joint._track[7])
+            joint._track = (*joint._track[:6], broken, *joint._track[7:])
     position, velocity, _, status = joint.estimate()
     assert position == pytest.approx(0.1, abs=0.01) and abs(velocity) < 5.0
     assert status == TRACKING or 'form' in gains

@@ -74,7 +74,7 @@ def run(joint, angles, torques, events=(), offset=0.0):
         rows.append((z, converged, joint.estimate()[1]))
         if i in events:
             joint._track = (*joint._track[:6], joint.functions.jump(state, (events[i], ())),
-                            joint._track[7])
+                            *joint._track[7:])
     return rows
 
 

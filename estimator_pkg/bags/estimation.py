@@ -17,6 +17,7 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.guard import (
     AFTER_CLOCK_JUMP,
     AFTER_GAP,
+    AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
     DUPLICATE,
 )
@@ -61,7 +62,7 @@ class History:
         for row in np.flatnonzero(verdict == AFTER_STRAY_STAMP).tolist():
             self._take_back(passed, row)
         passed[(verdict == AFTER_CLOCK_JUMP) | (passed < 0.0)] = 0.0
-        gap = verdict == AFTER_GAP
+        gap = (verdict == AFTER_GAP) | (verdict == AFTER_OUTAGE)
         self._last_gap = float(passed[-1]) if gap[-1] else 0.0
         for kind in np.unique(status).tolist():
             self._count(STATUS_NAMES[kind], passed[(status == kind) & ~gap])

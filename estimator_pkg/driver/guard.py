@@ -16,17 +16,20 @@ FIRST = 1
 AFTER_GAP = 2          # position re-initialised, speed kept
 AFTER_CLOCK_JUMP = 3   # reset: a looping bag, a restarted simulation
 AFTER_STRAY_STAMP = 4  # the sample before had a stamp from the far future: on from before it
-DUPLICATE = 5
-LATE = 6
-NON_FINITE = 7
-ZERO_STAMP = 8
-MISCONFIGURED = 9
-VERDICTS = ('used', 'first', 'gap', 'clock_jump', 'stray_stamp',
+AFTER_OUTAGE = 5       # a new start: nothing is known of the motion before
+DUPLICATE = 6
+LATE = 7
+NON_FINITE = 8
+ZERO_STAMP = 9
+MISCONFIGURED = 10
+VERDICTS = ('used', 'first', 'gap', 'clock_jump', 'stray_stamp', 'outage',
             'duplicate', 'late', 'non_finite', 'zero_stamp', 'misconfigured')
+NEW_STARTS = (AFTER_CLOCK_JUMP, AFTER_OUTAGE)  # turns may have been lost in them
 DROPPED = VERDICTS[DUPLICATE:]
 
 LATE_IN_A_ROW = 3      # so many late stamps in a row mean that the clock jumped
 SLOW_STREAM = 4.0      # a gap is at least so many mean sample times: slow streams have none
+LONGEST_FIRST = 8.0    # s; a first sample time up to this may be the rule: 0.5 Hz with three lost
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,9 @@ class GuardSettings:
                     'older ones mean that the clock jumped')
     timeout: float = parameter(
         0.5, unit='s', range=(0.01, 3600.0),
-        description='without input for so long (steady clock) the joint is lost')
+        description='without input for so long (steady clock) the joint is lost; a gap between '
+                    'stamps that is longer is a new start (neither is ever shorter than gap_max '
+                    'or four mean sample times)')
 
 
 class Limits(NamedTuple):
@@ -51,17 +56,18 @@ class Limits(NamedTuple):
 
     gap_ns: int
     reorder_ns: int
+    timeout_ns: int
     longest_dt: float  # sample time beyond which the gains are unstable [s]
 
 
 def limits(settings: GuardSettings, longest_dt: float) -> Limits:
     """The settings in nanoseconds, with the observer's own limit [s]."""
     return Limits(round(settings.gap_max * 1e9), round(settings.reorder_window * 1e9),
-                  float(longest_dt))
+                  round(settings.timeout * 1e9), float(longest_dt))
 
 
 def judge(last_ns: int, before_ns: int, late: int, mean_dt: float, stamp_ns: int,
-          gap_ns: int, reorder_ns: int) -> int:
+          gap_ns: int, reorder_ns: int, timeout_ns: int) -> int:
     """The verdict on a stamp.
 
     Parameters
@@ -69,12 +75,14 @@ def judge(last_ns: int, before_ns: int, late: int, mean_dt: float, stamp_ns: int
     last_ns : stamp of the last sample used.
     before_ns : stamp before the last gap, while the first sample after it is the newest; else 0.
     late : late stamps in a row so far.
-    mean_dt : mean sample time [s].
+    mean_dt : mean sample time [s]; 0: not known yet.
     """
     ahead = stamp_ns - last_ns
-    slow_ns = SLOW_STREAM * 1e9 * mean_dt
+    slow_ns = 1e9 * (SLOW_STREAM * mean_dt if mean_dt > 0.0 else LONGEST_FIRST)
     if ahead > 0:
-        return AFTER_GAP if ahead > gap_ns and ahead > slow_ns else USED
+        if ahead <= gap_ns or ahead <= slow_ns:
+            return USED
+        return AFTER_OUTAGE if ahead > timeout_ns else AFTER_GAP
     if ahead == 0:
         return DUPLICATE
     since = stamp_ns - before_ns

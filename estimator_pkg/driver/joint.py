@@ -15,6 +15,9 @@ from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.guard import (
     DROPPED,
     DUPLICATE,
+    LONGEST_FIRST,
+    NEW_STARTS,
+    SLOW_STREAM,
     VERDICTS,
     GuardSettings,
     limits,
@@ -54,6 +57,7 @@ class Joint:
         self.counts = [0] * len(VERDICTS)
         self.stamp_ns = 0
         self.reset_count = 0
+        self._new_starts = 0  # until the last reset
         self._structure(gains)
         self._track = self._blank(self._design)
         self.verdict = DUPLICATE
@@ -106,6 +110,7 @@ class Joint:
         """Start again, as if no sample had come; the counters go on."""
         self._track = self._blank(self._design)
         self.reset_count += 1
+        self._new_starts = self._count_new_starts()
 
     def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
         """One sample in. True if it was used, False if it was dropped (and counted)."""
@@ -172,6 +177,14 @@ class Joint:
         return self._track[MEAN_DT]
 
     @property
+    def silence(self) -> float:
+        """Silence [s] beyond which the joint is lost; between two stamps it is an outage."""
+        slowest = self.mean_dt
+        if slowest == 0.0 and self.running:  # one sample does not show the rate
+            slowest = LONGEST_FIRST / SLOW_STREAM
+        return max(self.settings.timeout, self.settings.gap_max, SLOW_STREAM * slowest)
+
+    @property
     def received(self) -> int:
         """Samples that came, used and dropped."""
         return sum(self.counts)
@@ -186,7 +199,7 @@ class Joint:
         return {kind: count for kind, count in zip(DROPPED, self.counts[DUPLICATE:]) if count}
 
     def events(self) -> dict[str, int]:
-        """Gaps, clock jumps and stray stamps that samples were used across."""
+        """Gaps, outages, clock jumps and stray stamps that samples were used across."""
         return {kind: count for kind, count in zip(VERDICTS[2:DUPLICATE],
                                                    self.counts[2:DUPLICATE]) if count}
 
@@ -195,9 +208,15 @@ class Joint:
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
+        said = ''
         if self.functions.why is not None and self.running:
-            return self.functions.why(self.state, self._design)
-        return ''
+            said = self.functions.why(self.state, self._design)
+        if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
+            return 'turns may have been lost in an outage or a clock jump (~/reset counts anew)'
+        return said
+
+    def _count_new_starts(self) -> int:
+        return sum(self.counts[verdict] for verdict in NEW_STARTS)
 
 
 def _shape(state: Any) -> Any:

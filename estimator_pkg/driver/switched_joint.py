@@ -96,7 +96,7 @@ class SwitchedJoint(Joint):
         stamp_ns, event = self._waiting.pop(0)
         jump = self.functions.jump
         if jump is not None and self.running:
-            self._track = (*self._track[:STATE], jump(self.state, event), self.running)
+            self._track = (*self._track[:STATE], jump(self.state, event), *self._track[STATE + 1:])
 
     def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
         """(Z, its standard deviations, converged)."""

@@ -2,9 +2,10 @@
 
 The live node calls these as ordinary Python, replay and benchmarks may compile them.
 A track is a tuple; `blank` makes an empty one, `advance` takes one sample in, `read` looks at it.
-Its entries: the last stamp [ns]; the one before it, after a gap [ns]; late stamps in a row; the
-last sample time [ns]; the mean one [s]; the observer's coefficients; its state; whether a sample
-has come.
+Its entries: the last stamp [ns]; the one before it, after a gap or a first sample time that may
+have been one [ns]; late stamps in a row; the last sample time [ns]; the mean one [s]; the
+observer's coefficients; its state; whether a sample has come; the state before the last gap, to go
+on from where that stamp turns out to be a stray one.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ from typing import Any, NamedTuple
 from estimator_pkg.driver.guard import (
     AFTER_CLOCK_JUMP,
     AFTER_GAP,
+    AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
     DUPLICATE,
     FIRST,
     LATE,
     MISCONFIGURED,
     NON_FINITE,
+    SLOW_STREAM,
     USED,
     ZERO_STAMP,
     judge,
@@ -29,7 +32,7 @@ from estimator_pkg.driver.guard import (
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import Functions
 
-MEAN_DT, COEFFICIENTS, STATE, RUNNING = 4, 5, 6, 7  # places in a track
+MEAN_DT, COEFFICIENTS, STATE, RUNNING, KEPT = 4, 5, 6, 7, 8  # places in a track
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 
 
@@ -47,67 +50,91 @@ def make_track(functions: Functions) -> TrackFunctions:
     prepare, init, step = functions.prepare, functions.init, functions.step
     resume, output, stddev, finite = (functions.resume, functions.output, functions.stddev,
                                       functions.finite)
-    nothing = functions.blank
+    nothing, restart = functions.blank, functions.new_start
 
     def blank(design: tuple) -> tuple:
         """A track that no sample has reached."""
-        return (0, 0, 0, 0, 0.0, prepare(design, 1e-3), init(nothing, design), False)
+        empty = init(nothing, design)
+        return (0, 0, 0, 0, 0.0, prepare(design, 1e-3), empty, False, empty)
 
     def advance(track: tuple, design: tuple, limits: tuple, stamp_ns: int, measurement: Any,
                 given: Any) -> tuple[tuple, int]:
         """(track, verdict) after one sample; a dropped sample leaves the estimate alone."""
-        last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running = track
-        gap_ns, reorder_ns, longest_dt = limits
+        last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept = track
+        gap_ns, reorder_ns, timeout_ns, longest_dt = limits
         if not finite(measurement):
             return track, NON_FINITE
         if stamp_ns <= 0:
             return track, ZERO_STAMP
         if not running:
-            return ((stamp_ns, 0, 0, 0, 0.0, coefficients, init(measurement, design), True),
+            return ((stamp_ns, 0, 0, 0, 0.0, coefficients, init(measurement, design), True, kept),
                     FIRST)
         ahead = stamp_ns - last_ns
         if 0 < ahead <= gap_ns:  # what nearly every sample is, without the call
             verdict = USED
         else:
-            verdict = judge(last_ns, before_ns, late, mean_dt, stamp_ns, gap_ns,
-                            reorder_ns)
+            verdict = judge(last_ns, before_ns, late, mean_dt, stamp_ns, gap_ns, reorder_ns,
+                            timeout_ns)
         if verdict == USED or verdict == AFTER_STRAY_STAMP:
-            passed_ns = stamp_ns - (last_ns if verdict == USED else before_ns)
+            passed_ns = ahead
+            since_ns = 0    # the stamp before this sample time, where the next may show it odd
+            if verdict == AFTER_STRAY_STAMP:
+                passed_ns, state = stamp_ns - before_ns, kept
+            passed = passed_ns * 1e-9
             if passed_ns != dt_ns:
                 coefficients = prepare(design, passed_ns * 1e-9)
-            if verdict == USED:
-                passed = passed_ns * 1e-9
-                mean_dt += (1.0 if mean_dt == 0.0 else RATE_WEIGHT) * (passed - mean_dt)
+            if verdict == AFTER_STRAY_STAMP:
+                if (last_ns - before_ns) * 1e-9 <= mean_dt:
+                    mean_dt = 0.0  # it was made of that stamp alone
+            elif mean_dt == 0.0:
+                mean_dt = passed
+                if ahead > gap_ns:
+                    since_ns, kept = last_ns, state
+            elif before_ns != 0 and SLOW_STREAM * passed < mean_dt:
+                mean_dt = passed  # it was made of holes; a step over one was none
+                if dt_ns == last_ns - before_ns:
+                    verdict = AFTER_OUTAGE
+            else:
+                mean_dt += RATE_WEIGHT * (passed - mean_dt)
             if mean_dt > longest_dt:
-                return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients,
-                         init(measurement, design), True), MISCONFIGURED)
-            if verdict == USED and passed_ns * 1e-9 <= longest_dt:
+                return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients,
+                         restart(state, coefficients, design, measurement), True, kept),
+                        MISCONFIGURED)
+            if verdict == USED and passed <= longest_dt:
                 state = step(state, coefficients, design, measurement, given)
-                return (stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True), USED
+                return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients, state, True,
+                         kept), USED)
+            if verdict == AFTER_OUTAGE:
+                state = restart(state, coefficients, design, measurement)
+                return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True, kept),
+                        AFTER_OUTAGE)
             # a sample time that would be unstable if it were the rule is passed over as a gap is
             state = resume(state, coefficients, design, measurement)
-            return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True),
+            return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients, state, True, kept),
                     AFTER_GAP if verdict == USED else verdict)
         if verdict == DUPLICATE:
             return track, DUPLICATE
         if verdict == LATE:
-            return ((last_ns, before_ns, late + 1, dt_ns, mean_dt, coefficients, state, True),
+            return ((last_ns, before_ns, late + 1, dt_ns, mean_dt, coefficients, state, True, kept),
                     LATE)
-        if verdict == AFTER_GAP:
-            if before_ns != 0:
-                # One hole, or one stamp from the far future, says nothing of the rate; two in a row
-                # mean that it fell: double the mean until they are holes no more.
-                shorter = min(stamp_ns - last_ns, last_ns - before_ns) * 1e-9
-                mean_dt = shorter if mean_dt == 0.0 else min(2.0 * mean_dt, shorter)
-            return ((stamp_ns, last_ns, 0, dt_ns, mean_dt, coefficients,
-                     resume(state, coefficients, design, measurement), True), AFTER_GAP)
-        return ((stamp_ns, 0, 0, dt_ns, mean_dt, coefficients, init(measurement, design), True),
-                AFTER_CLOCK_JUMP)
+        if verdict == AFTER_CLOCK_JUMP:
+            return ((stamp_ns, 0, 0, dt_ns, mean_dt, coefficients,
+                     restart(state, coefficients, design, measurement), True, kept),
+                    AFTER_CLOCK_JUMP)
+        if before_ns != 0:
+            # One hole, or one stamp from the far future, says nothing of the rate; two in a row
+            # mean that it fell.
+            shorter = min(ahead, last_ns - before_ns) * 1e-9
+            if shorter > mean_dt:
+                mean_dt = shorter
+        after = (resume(state, coefficients, design, measurement) if verdict == AFTER_GAP
+                 else restart(state, coefficients, design, measurement))
+        return (stamp_ns, last_ns, 0, dt_ns, mean_dt, coefficients, after, True, state), verdict
 
     def read(track: tuple, design: tuple, limits: tuple, measurement: Any,
              given: Any) -> tuple:
         """(position, velocity, acceleration or nan, status) of the newest estimate."""
-        if track[4] > limits[2]:
+        if track[4] > limits[3]:
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
         return output(track[6], track[5], design, measurement, given)
 

@@ -83,7 +83,8 @@ class Health:
         'dropped.non_finite': 'samples that are not finite',
         'dropped.zero_stamp': 'samples without a stamp',
         'dropped.misconfigured': 'samples of misconfigured joints',
-        'events.clock_jump': 'clock jumps', 'events.stray_stamp': 'stamps from far ahead',
+        'events.outage': 'outages', 'events.clock_jump': 'clock jumps',
+        'events.stray_stamp': 'stamps from far ahead',
         'lost_by_dds': 'messages lost by DDS'}
 
     def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters,
@@ -149,17 +150,17 @@ class Health:
                 self._name_unseen()
 
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
-        """(status, why) of a joint; without a usable sample for its timeout it is lost."""
+        """(status, why) of a joint; without a usable sample for too long it is lost."""
         used, received = joint.used, joint.received
         known, since, before = self._used.get(name, (-1, now, 0))
         if used != known:
             since, before = now, received
             self._used[name] = (used, now, received)
-        if now - since > joint.settings.timeout:
+        if now - since > joint.silence:
             reason = self._bank.why_silent(name)
             if not reason and received > before:
                 reason = dropped_for(joint.verdict)
-            return LOST, (f'no usable sample for {joint.settings.timeout:g} s'
+            return LOST, (f'no usable sample for {joint.silence:.3g} s'
                           + (f'; {reason}' if reason else ''))
         return joint.estimate()[3], joint.why()
 

@@ -287,6 +287,15 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return (math.sqrt(of_position * power + slow),
                 math.sqrt(of_speed * power + first * first * slow))
 
+    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
+        fresh, theta = resume(state, coefficients, design, measurement), state[2]
+        y = fresh[7][0]
+        inner, z = started(zeros, theta, design, y, 0.0)
+        if is_paper:
+            z = paper_start(theta, design, y, 0.0)
+        return (inner, z, theta, fresh[3], fresh[4], fresh[5], fresh[6], fresh[7], (INIT, 0, 0),
+                fresh[9])
+
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         (inner, z, theta, information, p, convention, scatter,
          (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power), flags,
@@ -308,7 +317,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return None
 
     return Functions(design, prepare, init, step, output, stddev, resume, limits,
-                     lambda dt: 0.0, is_angle)  # with the plant's parameters it lags nothing
+                     lambda dt: 0.0,  # with the plant's parameters it lags nothing
+                     is_angle, restart=restart)
 
 
 OBSERVER = Observer(

@@ -240,5 +240,9 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
                 (0.0, 0.0, reading[2], reading[3]), power, lock)
 
+    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
+        fresh = init(measurement, design)
+        return (fresh[0], follow(state[1], measurement, design[1]), fresh[2], fresh[3], fresh[4])
+
     return Functions(design, prepare, init, step, output, stddev, resume, core.limits,
-                     core.group_delay, is_angle)
+                     core.group_delay, is_angle, restart=restart)

@@ -47,6 +47,9 @@ class Functions:
     stddev : (state, coefficients, design) -> (position, velocity): one standard deviation of each.
     resume : (state, coefficients, design, measurement) -> state. After a gap: position from the
         measurement, speed kept where that is safe.
+    restart : (state, coefficients, design, measurement) -> state. A new start, after an outage or
+        a jump of the clock: nothing of the motion before, but what is known beside it (the turns
+        counted, parameters that were identified). None: as `init`.
     limits : (dt) -> None, or why these gains cannot work at this dt [s], with the limit in words.
     group_delay : (dt) -> delay of the velocity at low frequency [s].
     finite : (measurement) -> bool. False: the guard drops and counts the sample.
@@ -70,6 +73,17 @@ class Functions:
     no_input: Any = 0.0
     jump: Callable[[tuple, tuple], tuple] | None = None
     why: Callable[[tuple, tuple], str] | None = None
+    restart: Callable[[tuple, tuple, tuple, Any], tuple] | None = None
+
+    @property
+    def new_start(self) -> Callable[[tuple, tuple, tuple, Any], tuple]:
+        """`restart`, or `init` in its place."""
+        init = self.init
+
+        def afresh(state: tuple, coefficients: tuple, design: tuple, measurement: Any) -> tuple:
+            return init(measurement, design)
+
+        return self.restart or afresh
 
 
 @dataclass(frozen=True)

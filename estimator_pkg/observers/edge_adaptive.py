@@ -322,6 +322,10 @@ def build(gains: Gains, circle: Circle) -> Functions:
                  0.0), steps,
                 follow(convention, measurement, design[0]), (status, 0.0, lock[2]), STEADY)
 
+    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
+        rested = resume(state, coefficients, design, measurement)
+        return again(measurement, design, rested[3], rested[4], rested[5])
+
     def why(state: tuple, design: tuple) -> str:
         given, found = design[2], quantum_of(state[4], 0.0)
         said = agreement(state[4], given)
@@ -334,7 +338,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return ''
 
     return Functions(design, prepare, init, step, output, stddev, resume, lambda dt: None,
-                     lambda dt: math.nan, is_angle, why=why)
+                     lambda dt: math.nan, is_angle, why=why, restart=restart)
 
 
 OBSERVER = Observer(

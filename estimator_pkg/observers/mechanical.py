@@ -197,6 +197,10 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
         return (inner, measurement, follow_all(conventions, measurement, design[1]), power,
                 (status, 0.0, 0.0, 0))
 
+    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: tuple) -> tuple:
+        return (begin_core(), measurement, follow_all(state[2], measurement, design[1]), state[3],
+                (INITIALISING, 0.0, 0.0, 0))
+
     def why(state: tuple, design: tuple) -> str:
         status, clear, astray, trouble = state[4]
         if trouble == 1:
@@ -223,4 +227,4 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
         group_delay=lambda dt: core.lag + (0.0 if linear_hold else 0.5 * dt),
         finite=finite, blank=tuple(mechanics.centre),
         no_input=(math.nan,) * max(1, mechanics.inputs),
-        mechanics=mechanics, core=core, describe=describe, why=why)
+        mechanics=mechanics, core=core, describe=describe, why=why, restart=restart)

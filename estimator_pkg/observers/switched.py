@@ -166,6 +166,10 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
             scatters=tuple(resume_scatter(state.scatters[i], float(measurement[i]))
                            for i in outputs))
 
+    def restart(state: Any, coefficients: tuple, design: tuple, measurement: tuple) -> State:
+        return init(measurement, design)._replace(conventions=tuple(
+            follow(state.conventions[i], float(measurement[i]), period) for i in outputs))
+
     def finite(measurement: tuple) -> bool:
         return len(measurement) == len(indices) and all(is_angle(x) for x in measurement)
 
@@ -174,7 +178,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         finite, (0.0,) * len(indices), (0.0,) * system.inputs,
         lambda state, event: jump(system, state, event), states=states, outputs=given_outputs,
         discrete=lambda state: discrete(system, state), chains=system.chains,
-        deviations=deviations)
+        deviations=deviations, restart=restart)
 
 
 OBSERVER = Observer(
