@@ -212,6 +212,25 @@ def test_starts_frozen_with_saved_parameters():
     assert all(item.stddev == 0.0 for item in named(made).values())
 
 
+@pytest.mark.parametrize('ahead', [10 ** 10, -10 ** 10])
+def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
+    u = excited(20000)
+    angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
+    made = joint(0.0)
+    feed(made, angles[:15001], u[:15000])
+    before, mean_dt = made._track[6][2], made.mean_dt
+    at = 10 ** 18 + 15000 * 10 ** 6 + ahead
+    for k in range(15001, 18000):
+        made.update(at + (k - 15000) * 10 ** 6, float(angles[k]), float(u[k - 1]))
+        if k == 15001:
+            assert made.estimate()[1] == 0.0 and made.estimate()[3] == INITIALISING
+        if k < 15100:
+            assert made._track[6][2] == before
+    assert made.mean_dt == pytest.approx(mean_dt)
+    assert made.estimate()[3] == TRACKING
+    assert made.estimate()[1] == pytest.approx(velocity[17999], abs=1e-3 * np.std(velocity))
+
+
 def test_a_gap_keeps_parameters_and_speed():
     u = excited(20000)
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
@@ -220,11 +239,12 @@ def test_a_gap_keeps_parameters_and_speed():
     before = made._track[6][2]
     at = 10 ** 18 + 15000 * 10 ** 6
     assert made.estimate()[3] == TRACKING
-    made.update(at + 10 ** 9, float(angles[15001]), float(u[15000]))  # a second is missing
+    gap = 4 * 10 ** 8
+    made.update(at + gap, float(angles[15001]), float(u[15000]))
     assert made.estimate()[1] == pytest.approx(velocity[15000], abs=0.05 * np.std(velocity))
     assert made.estimate()[3] == COASTING and made._track[6][8][0] == INIT
     for k in range(15002, 17000):
-        made.update(at + 10 ** 9 + (k - 15001) * 10 ** 6, float(angles[k]), float(u[k - 1]))
+        made.update(at + gap + (k - 15001) * 10 ** 6, float(angles[k]), float(u[k - 1]))
         if k < 15100:
             assert made._track[6][2] == before  # not adapted while the filters settle
     assert made.estimate()[1] == pytest.approx(velocity[16999], abs=1e-3 * np.std(velocity))

@@ -1,5 +1,6 @@
 """hybrid_angle, the robust form: equations, streams, low speed, live changes; plain is compiled."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -81,7 +82,7 @@ def test_the_speed_limit_holds():
 
 
 def test_a_gap_re_initialises_the_position_and_keeps_the_speed():
-    t = np.concatenate((0.01 * np.arange(200), 0.01 * np.arange(300, 400)))
+    t = np.concatenate((0.01 * np.arange(200), 0.01 * np.arange(240, 340)))
     angle = 150.0 * t
     joint = make(bandwidth_hz=5.0)
     out = joint.run(stamps(t), wrapped(angle), fast=False)
@@ -134,6 +135,7 @@ def test_streams_of_the_spec(name):
     if name.startswith('outlier'):
         angle[500] += float(name.split()[1])
     joint = make(order=2, epsilon=0.1, quantum=quantum)
+    joint.set_settings(dataclasses.replace(joint.settings, timeout=2.0))
     out = joint.run(stamps(stamped), wrapped(angle), fast=False)
     error = (out.velocity - 150.0)[(times > 2.0) & (out.verdict < DUPLICATE)]
     largest, rms = STREAMS[name]
@@ -296,5 +298,5 @@ def test_plain_equals_compiled_per_step(name):
         for mine, other in zip(here[:5], there[:5]):
             assert mine[0] == pytest.approx(other[0], rel=1e-12, abs=1e-12, nan_ok=True)
         assert flat(track) == pytest.approx(flat(compiled_track), rel=1e-12, abs=1e-12)
-    assert {verdict for verdict, _ in seen} >= {0, 1, 2, 3, 5, 6, 7, 8}
+    assert {verdict for verdict, _ in seen} >= {0, 1, 2, 3, 6, 7, 8, 9}
     assert {status for _, status in seen} == {0, 1, 2}

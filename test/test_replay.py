@@ -239,7 +239,7 @@ def test_gaps_and_loops_in_the_summary(tmp_path):
     path = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
     replay(path, '--observer', 'finite_difference', '--json', tmp_path / 'json')
     joint = json.loads((tmp_path / 'json').read_text())['joints']['a']
-    assert joint['events'] == {'gap': 1, 'clock_jump': 1}
+    assert joint['events'] == {'outage': 1, 'clock_jump': 1}
     assert joint['status_s']['gap'] == pytest.approx(1.01)
     assert sum(joint['status_s'].values()) == pytest.approx(1.01 + 3 * 0.99)
 

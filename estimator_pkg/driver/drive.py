@@ -80,7 +80,7 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
                 if gap <= LONGEST_COAST:  # on by what was turned in it
                     track = (track[0], track[1], track[2], track[3], track[4], track[5],
                              coast(before[6], before[5], design, measurement, gap * 1e-9), track[7],
-                             track[8])
+                             track[8], track[9], track[10], track[11])
             if said < DUPLICATE:
                 row = rows[k]
                 row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(track[6], track[5],

@@ -22,8 +22,10 @@ LATE = 7
 NON_FINITE = 8
 ZERO_STAMP = 9
 MISCONFIGURED = 10
+REPEATED = 11          # a reading of before, published again: see `driver.repeats`
 VERDICTS = ('used', 'first', 'gap', 'clock_jump', 'stray_stamp', 'outage',
-            'duplicate', 'late', 'non_finite', 'zero_stamp', 'misconfigured')
+            'duplicate', 'late', 'non_finite', 'zero_stamp', 'misconfigured',
+            'repeated')
 NEW_STARTS = (AFTER_CLOCK_JUMP, AFTER_OUTAGE)  # turns may have been lost in them
 DROPPED = VERDICTS[DUPLICATE:]
 

@@ -22,7 +22,7 @@ from estimator_pkg.driver.guard import (
     GuardSettings,
     limits,
 )
-from estimator_pkg.driver.track import MEAN_DT, RUNNING, STATE, make_track
+from estimator_pkg.driver.track import MEAN_DT, REPEATS, RUNNING, STATE, make_track
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import parameter
@@ -68,7 +68,8 @@ class Joint:
         self.gains = gains
         self.functions = self.observer.build(
             gains, Circle(self.settings.wrap_period, self.settings.unwrap))
-        track = make_track(self.functions)
+        period = self.settings.wrap_period if self.observer.kind == 'angle' else None
+        track = make_track(self.functions, period)
         self._blank, self._advance, self._read, self._deviation = track
         self._batch: Callable[..., tuple] = batches.make_batch(track)
         self._design = self.functions.design()
@@ -208,12 +209,20 @@ class Joint:
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
-        said = ''
-        if self.functions.why is not None and self.running:
+        said = self._repeating()
+        if not said and self.functions.why is not None and self.running:
             said = self.functions.why(self.state, self._design)
         if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
             return 'turns may have been lost in an outage or a clock jump (~/reset counts anew)'
         return said
+
+    def _repeating(self) -> str:
+        """That readings are repeated, and how often; '' where they are not."""
+        repeats = self._track[REPEATS]
+        if not repeats[0]:
+            return ''
+        return (f'the stream repeats its readings (up to {repeats[0]} times each): the repeated '
+                'ones are dropped')
 
     def _count_new_starts(self) -> int:
         return sum(self.counts[verdict] for verdict in NEW_STARTS)

@@ -5,7 +5,8 @@ A track is a tuple; `blank` makes an empty one, `advance` takes one sample in, `
 Its entries: the last stamp [ns]; the one before it, after a gap or a first sample time that may
 have been one [ns]; late stamps in a row; the last sample time [ns]; the mean one [s]; the
 observer's coefficients; its state; whether a sample has come; the state before the last gap, to go
-on from where that stamp turns out to be a stray one.
+on from where that stamp turns out to be a stray one; the newest reading; the one before it; what is
+known of repeated readings (see `repeats`).
 """
 
 from __future__ import annotations
@@ -24,15 +25,18 @@ from estimator_pkg.driver.guard import (
     LATE,
     MISCONFIGURED,
     NON_FINITE,
+    REPEATED,
     SLOW_STREAM,
     USED,
     ZERO_STAMP,
     judge,
 )
+from estimator_pkg.driver.repeats import BLANK, Repeats, changed, hold, repeated
+from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import Functions
 
-MEAN_DT, COEFFICIENTS, STATE, RUNNING, KEPT = 4, 5, 6, 7, 8  # places in a track
+MEAN_DT, COEFFICIENTS, STATE, RUNNING, REPEATS = 4, 5, 6, 7, 11  # places in a track
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 
 
@@ -45,8 +49,45 @@ class TrackFunctions(NamedTuple):
     deviation: Callable[..., tuple[float, float]]
 
 
-def make_track(functions: Functions) -> TrackFunctions:
-    """The driver's functions around an observer's."""
+def make_sieve(period: float) -> Callable[..., tuple[Repeats, bool]]:
+    """What is asked of a reading that repeats the last, and of each where others are dropped.
+
+    Parameters
+    ----------
+    period : wrap period [rad]; 0: none.
+    """
+    def sieve(repeats: Repeats, stamp_ns: int, passed_ns: int, measurement: float, reading: float,
+              earlier: float, mean_dt: float) -> tuple[Repeats, bool]:
+        """What is known of repeated readings, and whether this one is dropped."""
+        if repeats[0] > 0:
+            if measurement == reading:
+                return repeated(repeats)
+            return changed(repeats, passed_ns, wrap(measurement - reading, period)), False
+        if reading != earlier:
+            repeats = hold(repeats, stamp_ns, reading, earlier, mean_dt, period)
+            return repeats, repeats[0] > 0
+        if repeats[1] == 1:
+            return (*repeats[:1], 2, *repeats[2:]), False
+        return repeats, False
+
+    return sieve
+
+
+def take_all(repeats: Repeats, stamp_ns: int, passed_ns: int, measurement: Any, reading: Any,
+             earlier: Any, mean_dt: float) -> tuple[Repeats, bool]:
+    """As what `make_sieve` makes, for measurements that are more than an angle."""
+    return repeats, False
+
+
+def make_track(functions: Functions, period: float | None = None) -> TrackFunctions:
+    """The driver's functions around an observer's.
+
+    Parameters
+    ----------
+    period : wrap period of the angle that is measured alone [rad], whose repeated readings are
+        dropped; None: nothing is.
+    """
+    sieve = take_all if period is None else make_sieve(float(period))
     prepare, init, step = functions.prepare, functions.init, functions.step
     resume, output, stddev, finite = (functions.resume, functions.output, functions.stddev,
                                       functions.finite)
@@ -55,26 +96,36 @@ def make_track(functions: Functions) -> TrackFunctions:
     def blank(design: tuple) -> tuple:
         """A track that no sample has reached."""
         empty = init(nothing, design)
-        return (0, 0, 0, 0, 0.0, prepare(design, 1e-3), empty, False, empty)
+        return (0, 0, 0, 0, 0.0, prepare(design, 1e-3), empty, False, empty, nothing, nothing,
+                BLANK)
 
     def advance(track: tuple, design: tuple, limits: tuple, stamp_ns: int, measurement: Any,
                 given: Any) -> tuple[tuple, int]:
         """(track, verdict) after one sample; a dropped sample leaves the estimate alone."""
-        last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept = track
+        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
+         earlier, repeats) = track
         gap_ns, reorder_ns, timeout_ns, longest_dt = limits
         if not finite(measurement):
             return track, NON_FINITE
         if stamp_ns <= 0:
             return track, ZERO_STAMP
         if not running:
-            return ((stamp_ns, 0, 0, 0, 0.0, coefficients, init(measurement, design), True, kept),
-                    FIRST)
+            return ((stamp_ns, 0, 0, 0, 0.0, coefficients, init(measurement, design), True, kept,
+                     measurement, measurement, BLANK), FIRST)
         ahead = stamp_ns - last_ns
         if 0 < ahead <= gap_ns:  # what nearly every sample is, without the call
             verdict = USED
         else:
             verdict = judge(last_ns, before_ns, late, mean_dt, stamp_ns, gap_ns, reorder_ns,
                             timeout_ns)
+        if verdict == USED and (measurement == reading or repeats[0] > 0):
+            recognised = repeats[0] > 0
+            repeats, drop = sieve(repeats, stamp_ns, ahead, measurement, reading, earlier, mean_dt)
+            if drop:
+                if not recognised:  # what was learnt of such a sensor is wrong
+                    state = restart(state, coefficients, design, measurement)
+                return ((last_ns, before_ns, 0, dt_ns, mean_dt, coefficients, state, True, kept,
+                         reading, earlier, repeats), REPEATED)
         if verdict == USED or verdict == AFTER_STRAY_STAMP:
             passed_ns = ahead
             since_ns = 0    # the stamp before this sample time, where the next may show it odd
@@ -98,29 +149,30 @@ def make_track(functions: Functions) -> TrackFunctions:
                 mean_dt += RATE_WEIGHT * (passed - mean_dt)
             if mean_dt > longest_dt:
                 return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients,
-                         restart(state, coefficients, design, measurement), True, kept),
-                        MISCONFIGURED)
+                         restart(state, coefficients, design, measurement), True, kept, measurement,
+                         reading, repeats), MISCONFIGURED)
             if verdict == USED and passed <= longest_dt:
                 state = step(state, coefficients, design, measurement, given)
                 return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients, state, True,
-                         kept), USED)
+                         kept, measurement, reading, repeats), USED)
             if verdict == AFTER_OUTAGE:
                 state = restart(state, coefficients, design, measurement)
-                return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True, kept),
-                        AFTER_OUTAGE)
+                return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True, kept,
+                         measurement, measurement, repeats), AFTER_OUTAGE)
             # a sample time that would be unstable if it were the rule is passed over as a gap is
             state = resume(state, coefficients, design, measurement)
-            return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients, state, True, kept),
+            return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients, state, True, kept,
+                     measurement, measurement, repeats),
                     AFTER_GAP if verdict == USED else verdict)
         if verdict == DUPLICATE:
             return track, DUPLICATE
         if verdict == LATE:
-            return ((last_ns, before_ns, late + 1, dt_ns, mean_dt, coefficients, state, True, kept),
-                    LATE)
+            return ((last_ns, before_ns, late + 1, dt_ns, mean_dt, coefficients, state, True, kept,
+                     reading, earlier, repeats), LATE)
         if verdict == AFTER_CLOCK_JUMP:
             return ((stamp_ns, 0, 0, dt_ns, mean_dt, coefficients,
-                     restart(state, coefficients, design, measurement), True, kept),
-                    AFTER_CLOCK_JUMP)
+                     restart(state, coefficients, design, measurement), True, kept, measurement,
+                     measurement, repeats), AFTER_CLOCK_JUMP)
         if before_ns != 0:
             # One hole, or one stamp from the far future, says nothing of the rate; two in a row
             # mean that it fell.
@@ -129,7 +181,8 @@ def make_track(functions: Functions) -> TrackFunctions:
                 mean_dt = shorter
         after = (resume(state, coefficients, design, measurement) if verdict == AFTER_GAP
                  else restart(state, coefficients, design, measurement))
-        return (stamp_ns, last_ns, 0, dt_ns, mean_dt, coefficients, after, True, state), verdict
+        return (stamp_ns, last_ns, 0, dt_ns, mean_dt, coefficients, after, True, state,
+                measurement, measurement, repeats), verdict
 
     def read(track: tuple, design: tuple, limits: tuple, measurement: Any,
              given: Any) -> tuple:

@@ -14,6 +14,7 @@ from estimator_pkg.driver.guard import (
     DUPLICATE,
     LATE,
     NON_FINITE,
+    REPEATED,
     VERDICTS,
     ZERO_STAMP,
 )
@@ -38,7 +39,8 @@ _REASONS = {INITIALISING: 'not settled yet since the start, a reset or the loss 
             NOT_OBSERVABLE: 'the signals do not determine the state'}
 EVENTS = VERDICTS[2:DUPLICATE]
 _DROPPED_FOR = {DUPLICATE: 'their stamps repeat', LATE: 'their stamps are late',
-                NON_FINITE: 'their numbers are not finite', ZERO_STAMP: 'they have no time stamp'}
+                NON_FINITE: 'their numbers are not finite', ZERO_STAMP: 'they have no time stamp',
+                REPEATED: 'they repeat the reading before'}
 
 
 def dropped_for(verdict: int) -> str:

@@ -83,6 +83,7 @@ class Health:
         'dropped.non_finite': 'samples that are not finite',
         'dropped.zero_stamp': 'samples without a stamp',
         'dropped.misconfigured': 'samples of misconfigured joints',
+        'dropped.repeated': 'repeated readings',
         'events.outage': 'outages', 'events.clock_jump': 'clock jumps',
         'events.stray_stamp': 'stamps from far ahead',
         'lost_by_dds': 'messages lost by DDS'}

@@ -323,8 +323,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 follow(convention, measurement, design[0]), (status, 0.0, lock[2]), STEADY)
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        rested = resume(state, coefficients, design, measurement)
-        return again(measurement, design, rested[3], rested[4], rested[5])
+        steps = state[4]    # what is known of the quantum
+        return again(measurement, design, begin_sensor(quantum_of(steps, design[2]), BLUR), steps,
+                     follow(state[5], measurement, design[0]))
 
     def why(state: tuple, design: tuple) -> str:
         given, found = design[2], quantum_of(state[4], 0.0)

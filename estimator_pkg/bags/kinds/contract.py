@@ -35,7 +35,8 @@ WHY_DROPPED = {
     'late': 'stamps older than the one before: messages overtake each other',
     'zero_stamp': "no stamp: use 'stamp_source: publisher'",
     'non_finite': 'NaN or infinite positions',
-    'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz'}
+    'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
+    'repeated': 'readings that are published again: the sensor is slower than its driver'}
 
 
 class Request(NamedTuple):
