@@ -223,7 +223,7 @@ def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
     for k in range(15001, 18000):
         made.update(at + (k - 15000) * 10 ** 6, float(angles[k]), float(u[k - 1]))
         if k == 15001:
-            assert made.estimate()[1] == 0.0 and made.estimate()[3] == INITIALISING
+            assert abs(made.estimate()[1]) < 0.01 and made.estimate()[3] == INITIALISING
         if k < 15100:
             assert made._track[6][2] == before
     assert made.mean_dt == pytest.approx(mean_dt)

@@ -25,6 +25,7 @@ from estimator_pkg.nodes.joint_observer import JointObserver
 from estimator_pkg.nodes.pmsm_observer import PmsmObserver
 from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.nodes.switched_observer import SwitchedObserver
+from estimator_pkg.observers.contract import LOST, TRACKING
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
@@ -125,7 +126,7 @@ def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
 def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
     from sensor_msgs.msg import JointState
 
-    live = own(JointObserver, timeout=0.02)
+    live = own(JointObserver, timeout=0.02, gap_max=0.02)
     states = live.publisher(JointState, 'joint_states')
     for k in range(2):
         live.take(states, live.encode(BEGIN + k * MS, '', 'abcdefg', [0.0] * 7))
@@ -135,6 +136,28 @@ def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
     assert ("joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; those that "
             'come are dropped: their numbers are not finite') in said
     assert live.node.health._said['g'][1].endswith('their numbers are not finite')
+
+
+def test_a_slow_stream_is_not_lost_between_two_samples(own):
+    """0.5 Hz, and a timeout that wall time passes between any two: as long as four sample times."""
+    from sensor_msgs.msg import JointState
+
+    live = own(JointObserver, timeout=0.02)
+    states = live.publisher(JointState, 'joint_states')
+    for k in range(8):
+        live.take(states, live.encode(BEGIN + 2000 * k * MS, '', ('slow',), (0.1 * k,)))
+        time.sleep(0.05)
+        live.node.health.look()
+        assert live.node.health._said['slow'][0] != LOST
+        assert k < 5 or live.node.health._said['slow'][0] == TRACKING
+    joint = live.node.bank.joints['slow']
+    assert joint.silence == pytest.approx(8.0) and joint.events() == {}
+    for k in range(200):    # and a fast one is
+        live.take(states, live.encode(BEGIN + (20_000 + k) * MS, '', ('fast',), (0.1,)))
+    time.sleep(0.3)
+    live.node.health.look()
+    assert live.node.health._said['fast'][0] == LOST
+    assert live.node.health._said['slow'][0] == TRACKING
 
 
 def test_two_clocks_on_one_topic_are_told(own, capfd):

@@ -17,9 +17,10 @@ at a whole fraction of a count per sample, of readings that are rounded coarsely
 A tuple keeps what is known: how many equal readings in a row are dropped (0: no pattern is
 recognised); how many were since the last change or the last sample used; stamp of the newest hold
 [ns]; its spacing from the one before [ns]; the newest change [rad]; the reading of the newest hold
-[rad]; the smallest and the second smallest change of the chain [rad]; the score; changes that
-differed while the spacing was exactly the same; length of the longest hold; changes in a row; how
-many of these end the recognition; the sample time of the messages [ns].
+[rad]; the smallest and the second smallest change of the chain [rad]; the score; holds in a
+row whose spacing was exactly the same, and how many of their changes differed; length of the
+longest hold; changes in a row; how many of these end the recognition; the sample time of the
+messages [ns].
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ import math
 
 from estimator_pkg.observers.circle import wrap
 
-Repeats = tuple[int, int, int, int, float, float, float, float, int, int, int, int, int, float]
+Repeats = tuple[int, int, int, int, float, float, float, float, int, int, int, int, int, int,
+                float]
 
-BLANK: Repeats = (0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0.0)
+BLANK: Repeats = (0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0)
 
 SCORE = 12          # a chain is believed: so many holds of one sample, half as many longer ones
-DIFFERENCES = 20    # the same of changes that differ, where holds are spaced exactly alike
+ALIKE = 50          # the same of holds that are spaced exactly alike, ...
+DIFFERENCES = 10    # ... if so many of their changes differ
 VARIED = 3.0        # times the second smallest change of the chain: motion, not one count
 DIFFERENT = 0.002   # part of a change by which another one differs that is not the same count
 RESIDUE = 1e-10     # rad or m; and part of the reading for float32: smaller changes are rounding
@@ -55,8 +58,8 @@ def hold(repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_d
     mean_dt : mean sample time [s].
     period : wrap period [rad]; 0: none.
     """
-    (_, length, start_ns, before_ns, last, value, least, low, score, differences, longest, _, _,
-     _) = repeats
+    (_, length, start_ns, before_ns, last, value, least, low, score, alike, differences, longest,
+     _, _, _) = repeats
     change = wrap(reading - earlier, period)
     size, pace = abs(change), 1e9 * mean_dt
     spacing_ns = stamp_ns - start_ns
@@ -66,25 +69,27 @@ def hold(repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_d
         follows or (length == 1 and spacing_ns < FAR * pace))
     rounding = RESIDUE + ROUNDING * (abs(reading) + abs(earlier))
     if not regular or size <= rounding:
-        return (0, 1, stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0.0)
+        return (0, 1, stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0,
+                0.0)
     held = int(spacing_ns / pace + 0.5) - 1 if follows else 1
     longest = max(longest, held, 1)
     if size < least:
         least, low = size, least
     elif size < low:
         low = size
+    alike += 1
     if slip > 0.5 * pace:
-        differences = 0
+        alike = differences = 0
     if change * last > 0.0 and reading != value:
         if size >= VARIED * low:
             score += 1 if held == 1 else 2
         if abs(change - last) > DIFFERENT * size + rounding:
             differences += 1
-    if score < SCORE and differences < DIFFERENCES:
-        return (0, 1, stamp_ns, spacing_ns, change, reading, least, low, score, differences,
+    if score < SCORE and (alike < ALIKE or differences < DIFFERENCES):
+        return (0, 1, stamp_ns, spacing_ns, change, reading, least, low, score, alike, differences,
                 longest, 0, 0, 0.0)
     patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
-    return (longest, 1, stamp_ns, spacing_ns, change, reading, least, low, 0, 0, 0, 0, patience,
+    return (longest, 1, stamp_ns, spacing_ns, change, reading, least, low, 0, 0, 0, 0, 0, patience,
             pace)
 
 
@@ -96,7 +101,7 @@ def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
     most, length = repeats[0], repeats[1] + 1
     drop = length <= most
     return (most, length if drop else 0, repeats[2], repeats[3], repeats[4], repeats[5],
-            repeats[6], repeats[7], 0 if drop else 1, 0, 0, 0, repeats[12], repeats[13]), drop
+            repeats[6], repeats[7], 0 if drop else 1, 0, 0, 0, 0, repeats[13], repeats[14]), drop
 
 
 def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
@@ -108,12 +113,12 @@ def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
     change : of the reading [rad or m].
     """
     most, length, last, low, alone = repeats[0], repeats[1], repeats[4], repeats[7], repeats[8]
-    patience, pace = repeats[12], repeats[13]
-    changes = repeats[11] + 1 if length == 0 and passed_ns < 1.5 * pace else 0
+    patience, pace = repeats[13], repeats[14]
+    changes = repeats[12] + 1 if length == 0 and passed_ns < 1.5 * pace else 0
     if changes >= patience:
         return BLANK
     if (alone == 1 and length == 0 and change * last > 0.0 and abs(change) >= VARIED * low
             and abs(last) >= 0.5 * abs(change)):
         most += 1   # what was taken for a reading at rest was in the midst of the motion
-    return (most, 0, repeats[2], repeats[3], change, repeats[5], repeats[6], low, 0, 0, 0, changes,
-            patience, pace)
+    return (most, 0, repeats[2], repeats[3], change, repeats[5], repeats[6], low, 0, 0, 0, 0,
+            changes, patience, pace)

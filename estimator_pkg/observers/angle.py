@@ -89,8 +89,8 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
 
     A shaft turning faster would have changed the reading by now, unless noise held it back: so much
     is added. Off where the noise is larger than a quantum, because then an unchanged reading says
-    nothing. A stream that repeats every
-    second sample is not slowed: its change spans two samples.
+    nothing. A stream that repeats every second sample is not slowed while it is not recognised yet:
+    its change spans two samples.
 
     Parameters
     ----------
