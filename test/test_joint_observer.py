@@ -100,8 +100,8 @@ def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
     dropped = {key.partition('.')[2]: count for key, count in joint.items()
                if key.startswith('dropped.')}
     assert dropped == {'duplicate': 2, 'late': 1, 'non_finite': 3, 'zero_stamp': 1,
-                       'misconfigured': 0}
-    assert joint['events.gap'] == 1 and joint['events.stray_stamp'] == 1
+                       'misconfigured': 0, 'repeated': 0}
+    assert joint['events.outage'] == 1 and joint['events.stray_stamp'] == 1
     assert joint['events.clock_jump'] == 2
     assert joint['received'] == joint['used'] + sum(dropped.values()) == 300 + 7 + 2 + 600
     new = {key: int(after['/joint_observer'][key]) - int(before[key])
