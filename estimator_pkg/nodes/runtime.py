@@ -19,11 +19,12 @@ from estimator_pkg.optional import missing
 from estimator_pkg.printable import printable
 
 if TYPE_CHECKING:
-    from rclpy.executors import Executor
     from rclpy.node import Node
 
-SPIN = 0.1       # [s] EventsExecutor.spin() dispatches nothing on the PyPI wheels, spin_once does
+    from estimator_pkg.nodes.executor import SteadyExecutor
+
 MIXED = 'Sequence should be of same type'  # rcl of a list in which y, n, on or off is a boolean
+SPIN = 0.1       # [s] at most until an interrupt is seen
 AGAIN = 0.05     # [s] until what cannot be interrupted now is interrupted
 
 
@@ -39,14 +40,10 @@ def settle_environment() -> None:
 settle_environment()
 
 
-def make_executor() -> Executor:
-    """The executor that costs least where it exists, else the usual one."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        from rclpy.executors import SingleThreadedExecutor
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+def make_executor() -> SteadyExecutor:
+    """The executor that costs least, and that no rate of messages starves."""
+    from estimator_pkg.nodes.executor import SteadyExecutor
+    return SteadyExecutor()
 
 
 class Interrupts:
