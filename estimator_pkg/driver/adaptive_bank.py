@@ -93,7 +93,8 @@ class AdaptiveBank(Bank):
         self.without_input = 0  # messages with positions but without their efforts
 
     def _make(self, name: str) -> Joint:
-        made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name))
+        made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name),
+                             self._newest)
         if isinstance(self.configuration, AdaptiveConfiguration):
             made.origin = self.configuration.origin(name)
         return made

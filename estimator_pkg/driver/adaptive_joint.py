@@ -22,7 +22,7 @@ class AdaptiveJoint(Joint):
 
     Parameters
     ----------
-    observer, gains, settings : as of `Joint`.
+    observer, gains, settings, twin : as of `Joint`.
 
     Attributes
     ----------
@@ -30,8 +30,9 @@ class AdaptiveJoint(Joint):
     origin : of the parameters that it starts with, where they come from a file.
     """
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
-        super().__init__(observer, gains, settings)
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings,
+                 twin: Joint | None = None) -> None:
+        super().__init__(observer, gains, settings, twin)
         self.evidence = Evidence(structure(gains).slowest, gains.memory)
         self.origin: Origin | None = None
 

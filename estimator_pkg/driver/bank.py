@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
@@ -18,6 +19,8 @@ class Received:
     empty : those without a position.
     """
 
+    joints: Mapping[str, Any]
+
     def __init__(self) -> None:
         self.mismatched = self.empty = 0
 
@@ -30,6 +33,11 @@ class Received:
             self.mismatched += 1
             return False
         return True
+
+    def rehearse(self) -> None:
+        """Let what a first sample needs be made before it comes."""
+        for joint in self.joints.values():
+            joint.rehearse()
 
     def why_silent(self, name: str) -> str:
         """Why there may be no usable sample of a joint, where that can be known; else ''."""
@@ -50,16 +58,23 @@ class Bank(Received):
         self.configuration = configuration
         self.only = frozenset(only)
         self.joints: dict[str, Joint] = {}
+        self._newest: Joint | None = None
+
+    def rehearse(self) -> None:
+        """Make a joint that is nobody's: the first ones take its functions."""
+        self._newest = self._make('')
+        self._newest.rehearse()
 
     def joint(self, name: str) -> Joint | None:
         """The joint called `name`, made at its first appearance; None if it is not wanted."""
         joint = self.joints.get(name)
         if joint is None and (not self.only or name in self.only):
-            joint = self.joints[name] = self._make(name)
+            joint = self._newest = self.joints[name] = self._make(name)
         return joint
 
     def _make(self, name: str) -> Joint:
-        return Joint(self.configuration.observer, *self.configuration.for_joint(name))
+        return Joint(self.configuration.observer, *self.configuration.for_joint(name),
+                     self._newest)
 
     def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]
                ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:

@@ -67,6 +67,12 @@ class DriveStream:
         self.statuses: Counter[str] = Counter()
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
 
+    def rehearse(self) -> None:
+        """Let what a first sample needs be made before it comes."""
+        self.joint.warm_up()
+        if not self.joint.fast:
+            self.joint.rehearse()
+
     def batch(self, raw: bytes) -> Answer:
         """The answer to a batch of samples; raises MalformedMessageError if it is none."""
         stamps, samples = self._decoded(drive_samples.decode, raw)

@@ -27,6 +27,9 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import parameter
 
+SHARED = ('functions', '_blank', '_advance', '_read', '_deviation', '_batch', '_design',
+          'longest_dt')  # what follows from the gains and how angles wrap
+
 
 @dataclass(frozen=True)
 class JointSettings(GuardSettings):
@@ -49,10 +52,22 @@ class Joint:
     observer : which observer.
     gains : an instance of ``observer.gains``.
     settings : wrap period, gaps, reordering.
+    twin : a joint of the same observer; where its gains are the same its functions serve both.
     """
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
+    functions: Functions
+    longest_dt: float
+    _blank: Callable[..., tuple]
+    _advance: Callable[..., tuple]
+    _read: Callable[..., tuple]
+    _deviation: Callable[..., tuple]
+    _batch: Callable[..., tuple]
+    _design: tuple
+
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings,
+                 twin: Joint | None = None) -> None:
         self.observer = observer
+        self._twin = twin
         self.settings = settings
         self.counts = [0] * len(VERDICTS)
         self.stamp_ns = 0
@@ -63,15 +78,24 @@ class Joint:
         self.verdict = DUPLICATE
         self._measurement: Any = self.functions.blank
         self._given: Any = self.functions.no_input
+        self._twin = None
 
     def _structure(self, gains: Any) -> None:
         self.gains = gains
+        twin = self._twin
+        if twin is not None and twin.gains == gains and all(
+                getattr(twin.settings, name) == getattr(self.settings, name)
+                for name in ('wrap_period', 'unwrap')):
+            for name in SHARED:
+                setattr(self, name, getattr(twin, name))
+            self._limits = limits(self.settings, self.longest_dt)
+            return
         self.functions = self.observer.build(
             gains, Circle(self.settings.wrap_period, self.settings.unwrap))
         period = self.settings.wrap_period if self.observer.kind == 'angle' else None
         track = make_track(self.functions, period)
         self._blank, self._advance, self._read, self._deviation = track
-        self._batch: Callable[..., tuple] = batches.make_batch(track)
+        self._batch = batches.make_batch(track)
         self._design = self.functions.design()
         self.longest_dt = longest_dt(self.functions.limits)
         self._limits = limits(self.settings, self.longest_dt)
@@ -106,6 +130,15 @@ class Joint:
         """Other guard settings from the next sample on; the state is kept."""
         self.settings = settings
         self._limits = limits(settings, self.longest_dt)
+
+    def rehearse(self) -> None:
+        """Take samples and forget them: what a first sample makes or imports is there then."""
+        track, still = self._blank(self._design), self.functions.blank
+        for k in range(1, 4):
+            track, _ = self._advance(track, self._design, self._limits, k * 1_000_000, still,
+                                     self.functions.no_input)
+        self._read(track, self._design, self._limits, still, self.functions.no_input)
+        self._deviation(track, self._design)
 
     def reset(self) -> None:
         """Start again, as if no sample had come; the counters go on."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from time import perf_counter
 from traceback import format_exception
 from typing import Any, ClassVar
@@ -129,7 +130,7 @@ class ObserverNode(Node):
         return f'{len(self.bank.joints)} {self.HEALTH.KEPT}s start'
 
     def _make_health(self) -> Health:
-        return self.HEALTH(self, self.bank, self._endpoints, self._ros, self.input)
+        return self.HEALTH(self, self.bank, self._endpoints, self._ros)
 
     def _gains_changed(self, name: str) -> None:
         """A joint has other gains from the next sample on."""
@@ -155,12 +156,15 @@ class ObserverNode(Node):
         self._stddev = self._endpoints.on_demand(JointState, '~/estimate_stddev')
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
         self._acceleration: OnDemand | None = None
-        self.input = self._connect()
         self.create_service(Trigger, '~/reset', self._reset)
         self.health = self._make_health()
+        self._ros.watch(self._check, self._apply)
+        with suppress(Exception):  # of a user's model: told when a message meets it
+            self.bank.rehearse()
         self.create_timer(LOOK_AROUND, self._look_around,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._ros.watch(self._check, self._apply)
+        # Last: from here on messages come, and wait in a queue that is not long.
+        self.input = self.health.input = self._connect()
         self.get_logger().info(
             f'{self._observer.name} estimates {self._wanted()} of '
             f'{" and ".join(self._endpoints.inputs)} on {self._estimate.topic_name}')

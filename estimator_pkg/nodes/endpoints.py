@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from time import time_ns
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
@@ -143,13 +144,13 @@ class Endpoints:
         UsageError : a wrong ``qos_overrides`` parameter.
         """
         holder: list[Subscription] = []
-        loss = Loss(lambda: holder[0].get_publisher_count())
+        loss = Loss(lambda: holder[0].get_publisher_count(), time_ns())
         saw = loss.saw
 
         def callback(*arguments: Any) -> None:
             # EventsExecutor of rclpy 7.1 hands over one tuple, other executors two arguments.
             raw, info = arguments if len(arguments) == 2 else arguments[0]
-            saw(info['publication_sequence_number'])
+            saw(info['publication_sequence_number'], info['source_timestamp'])
             receive(raw, info)
 
         callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them

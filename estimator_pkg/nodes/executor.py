@@ -25,15 +25,17 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_default_context
+from rclpy.waitable import Waitable
 
 try:
     from rclpy.experimental import EventsExecutor
 except ImportError:  # of an rclpy without it
-    EventsExecutor = None
+    EventsExecutor = None  # type: ignore[assignment]
 
 TURN = 0.01     # [s] for the messages of one subscription before everything else has its turn
-OLDEST = 0.1    # [s] an event may have waited
-ASK_EVERY = 0.1  # [s] how long one waits
+ASK_EVERY = 0.05  # [s] how old the queue of events is
+OLDEST = 0.1      # [s] it may be
+AT_LEAST = 20     # callbacks within that time: a process that was not given the processor has fewer
 CALM = 1.0      # [s] without a full turn after which events are queued again
 LONGEST_CALM = 60.0  # [s] where that has failed again and again
 
@@ -52,6 +54,7 @@ class TurnsExecutor(SingleThreadedExecutor):
         super().__init__(context=context)
         self.busy = 0.0
         self._changed = True  # nodes or what they consist of
+        self._looks = False
         self._entities: dict[str, list[Any]] = {}
         self._takes: dict[int, Subscription] = {}  # by pointer, as the wait set gives them back
         self._wait_set: Any = None
@@ -73,7 +76,8 @@ class TurnsExecutor(SingleThreadedExecutor):
 
     def can_execute(self, entity: Any) -> bool:
         """Whether the executor of rclpy sees to `entity`: not to messages, which are taken here."""
-        return not _taken_here(entity) and super().can_execute(entity)
+        return (not _taken_here(entity) and not (self._looks and isinstance(entity, Waitable))
+                and super().can_execute(entity))
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait until something is ready; then a turn of messages, and all else that is ready."""
@@ -88,10 +92,15 @@ class TurnsExecutor(SingleThreadedExecutor):
             self._run_others()
 
     def look_at(self, nodes: list[Node]) -> None:
-        """Run once what is ready of nodes that another executor has."""
-        self._nodes, self._changed = set(nodes), True
-        self.spin_once(0.0)
-        self._nodes, self._changed = set(), True
+        """Run once what is ready of nodes that EventsExecutor has.
+
+        Waitables are its own: each keeps its place in a wait set of that executor.
+        """
+        self._nodes, self._changed, self._looks = set(nodes), True, True
+        try:
+            self.spin_once(0.0)
+        finally:
+            self._nodes, self._changed, self._looks = set(), True, False
 
     def _wait(self, timeout_sec: float | None) -> tuple[list[Subscription], bool]:
         """(the subscriptions with messages, whether anything else may be ready)."""
@@ -132,8 +141,9 @@ class TurnsExecutor(SingleThreadedExecutor):
             'client': [each.handle for node in nodes for each in node.clients],
             'service': [each.handle for node in nodes for each in node.services]}
         counts = [len(entities) for entities in self._entities.values()]
-        with self._context.handle:
-            self._wait_set = rclpy_implementation.WaitSet(*counts, 0, self._context.handle)
+        context: Any = self._context.handle
+        with context:
+            self._wait_set = rclpy_implementation.WaitSet(*counts, 0, context)
 
     def _take(self, subscription: Subscription) -> None:
         """Call back with the messages that wait, for one turn."""
@@ -181,6 +191,8 @@ class SteadyExecutor:
         self._since = 0.0    # that these events are queued
         self._asked = 0.0    # when an event was queued to see how long it waits; 0: it has run
         self._ask_at = 0.0
+        self._ran = 0        # callbacks since then
+        self._look = False   # at what came while nodes were taken in, which may go unnoticed
         if EventsExecutor is not None:
             self._queue_events()
 
@@ -199,6 +211,7 @@ class SteadyExecutor:
         if node in self._nodes:
             return False
         self._nodes.append(node)
+        self._look = True
         return (self._events or self._turns).add_node(node)
 
     def remove_node(self, node: Node) -> None:
@@ -232,13 +245,19 @@ class SteadyExecutor:
                 self._queue_events()
             return
         now = monotonic()
+        self._ran += 1
         if now >= self._ask_at:
             if not self._asked:
-                self._asked, self._ask_at = now, now + ASK_EVERY
+                self._asked, self._ask_at, self._ran = now, now + ASK_EVERY, 0
                 self._events.create_task(self._answer)
-            elif now - self._asked > OLDEST:
+            elif now - self._asked > OLDEST and self._ran >= AT_LEAST:
                 self._take_turns(now)
                 return
+        if self._look:
+            self._look = False
+            self._events.spin_once(timeout_sec=0.0)  # takes the nodes in
+            self._turns.look_at(self._nodes)
+            return
         self._events.spin_once(timeout_sec=timeout_sec)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
@@ -265,10 +284,7 @@ class SteadyExecutor:
             context=self._context), 0.0, monotonic()
         for node in self._nodes:
             self._events.add_node(node)
-        if self._nodes:
-            self._events.spin_once(timeout_sec=0.0)  # takes the nodes in
-            # what came meanwhile may have gone unnoticed
-            self._turns.look_at(self._nodes)
+        self._look = True
 
 
 def _taken_here(entity: Any) -> bool:

@@ -52,6 +52,9 @@ class WatchedBank(Protocol):
     def joints(self) -> Mapping[str, Joint]:
         """The joints (or mechanisms) by name."""
 
+    def rehearse(self) -> None:
+        """Let what a first sample needs be made before it comes."""
+
     def why_silent(self, name: str) -> str:
         """Why there may be no usable sample of a joint, where that can be known; else ''."""
 
@@ -62,10 +65,10 @@ class Health:
     Parameters
     ----------
     node : whose health it is.
-    input : the subscription that feeds the bank.
 
     Attributes
     ----------
+    input : the subscription that feeds the bank; set once it is made.
     KEPT : what the bank keeps by name, in words.
     MISMATCH : why messages are counted as mismatched, in words.
     NO_STAMP : what helps where they have no stamps, in words.
@@ -88,10 +91,11 @@ class Health:
         'events.stray_stamp': 'stamps from far ahead',
         'lost_by_dds': 'messages lost by DDS'}
 
-    def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters,
-                 input: Subscription) -> None:
+    input: Subscription
+
+    def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters
+                 ) -> None:
         self._node, self._bank, self._endpoints, self._ros = node, bank, endpoints, ros
-        self._input = input
         self._status = endpoints.publisher(DiagnosticArray, '~/status', latched())
         self._diagnostics = endpoints.publisher(DiagnosticArray, '/diagnostics')
         self._decoded = self._malformed = self._failed = 0
@@ -193,7 +197,7 @@ class Health:
                    - new['messages_dropped.failed'])
         values: dict[str, Any] = {
             'rate_hz': new['messages_received'] / passed, **totals,
-            'publishers': self._input.get_publisher_count(),
+            'publishers': self.input.get_publisher_count(),
             'step_time_mean_us': 1e6 * self._step_time / decoded if decoded else 0.0,
             'step_time_max_us': 1e6 * self._longest_step}
         wrong = [f'{new[key]} {text}' for key, text in self.WRONG.items() if new.get(key)]
@@ -222,12 +226,12 @@ class Health:
 
     def _warn(self, new: _Totals) -> None:
         """One line for what a person should know of, at most one of a kind in ten seconds."""
-        topic = self._input.topic_name
+        topic = self.input.topic_name
         if new['dropped.zero_stamp']:
             self._say('zero', f"{new['dropped.zero_stamp']} samples on {topic} carry no time stamp "
                               f'and are dropped: {self.NO_STAMP}')
         if new['events.clock_jump']:
-            publishers = self._input.get_publisher_count()
+            publishers = self.input.get_publisher_count()
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
             self._say('jump', 'the clock of the measurements jumped (a bag that loops, a restarted '
                               f'simulation{several}): its {self.KEPT}s start again')
@@ -277,8 +281,8 @@ class Health:
         """No input at all, or publishers of another type: as often as that changes."""
         texts = self._endpoints.of_other_types()
         if not self._decoded + self._malformed + self._failed:
-            texts.append(f'nothing has been received on {self._input.topic_name} yet; publishers '
-                         f'connected: {self._input.get_publisher_count()}')
+            texts.append(f'nothing has been received on {self.input.topic_name} yet; publishers '
+                         f'connected: {self.input.get_publisher_count()}')
         for text in texts:
             if text not in self._told:
                 self._told.add(text)

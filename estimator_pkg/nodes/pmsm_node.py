@@ -36,9 +36,7 @@ class PmsmObserver(ObserverNode):
         return self.settings.find()
 
     def _make_bank(self, configuration: Configuration) -> DriveStream:
-        stream = self.settings.stream(configuration)
-        stream.joint.warm_up()
-        return stream
+        return self.settings.stream(configuration)
 
     def _connect(self) -> Subscription:
         self._flux = self._endpoints.on_demand(Vector3Stamped, '~/flux_linkage')

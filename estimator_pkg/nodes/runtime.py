@@ -5,6 +5,7 @@ Import this module before rclpy and numpy: it settles the environment that they 
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import re
@@ -139,9 +140,12 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
         rest = remove_ros_args([program, *args] if args is not None else sys.argv)[1:]
         if rest:
             return _usage(program, rest[0])
-        node = make_node()
         executor = make_executor()
+        gc.disable()  # a collection takes longer than a queue of 50 messages bridges at 1 kHz
+        node = make_node()
         executor.add_node(node)
+        gc.freeze()   # nor is what has been imported looked through again
+        gc.enable()
         interrupts.making = False
         while rclpy.ok() and not interrupts.came:
             executor.spin_once(timeout_sec=SPIN)
@@ -156,6 +160,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
             raise
         return 0  # the node has ended ROS itself, under a call
     finally:
+        gc.enable()
         interrupts.making = False
         rclpy.try_shutdown()  # first: the threads of a node look whether ROS is there
         if executor is not None:
