@@ -80,13 +80,13 @@ class AdaptiveBank(Bank):
 
     Parameters
     ----------
-    configuration, only : as of `Bank`.
+    configuration, only, most : as of `Bank`.
     source : where efforts come from: FIELD (of joint states) or COMMAND (a topic of its own).
     """
 
     def __init__(self, configuration: Configuration, only: Iterable[str] = (),
-                 source: str = FIELD) -> None:
-        super().__init__(configuration, only)
+                 source: str = FIELD, most: int | None = None) -> None:
+        super().__init__(configuration, only, most)
         self._source = source
         self._acting: dict[str, Acting] = {}
         self.unknown: set[str] = set()  # joints whose input was not known at their newest sample
@@ -94,7 +94,7 @@ class AdaptiveBank(Bank):
 
     def _make(self, name: str) -> Joint:
         made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name),
-                             self._newest)
+                             self._twin)
         if isinstance(self.configuration, AdaptiveConfiguration):
             made.origin = self.configuration.origin(name)
         return made
@@ -115,6 +115,7 @@ class AdaptiveBank(Bank):
             self.without_input += 1
             self.mismatched += 1
             return []
+        self._note(names)
         valid = []
         for name, position, effort in zip(names, positions, efforts):
             joint = self.joints.get(name) or self.joint(name)
@@ -137,8 +138,15 @@ class AdaptiveBank(Bank):
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
         """One effort_command in."""
         for name, effort in zip(names, efforts):
-            if not self.only or name in self.only:
+            if name in self.joints or name in self._acting or self.named(name) or (
+                    not self.only and len(self._acting) < self._most):
                 self._acting_on(name).command(0, stamp_ns, effort)
+
+    def forget(self, name: str) -> None:
+        """As of `Bank`."""
+        super().forget(name)
+        self._acting.pop(name, None)
+        self.unknown.discard(name)
 
     def _acting_on(self, name: str) -> Acting:
         acting = self._acting.get(name)

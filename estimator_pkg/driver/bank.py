@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ class Received:
     """
 
     joints: Mapping[str, Any]
+    refused = expired = 0  # samples of names beyond the most, and joints forgotten: of `Bank`
 
     def __init__(self) -> None:
         self.mismatched = self.empty = 0
@@ -33,6 +35,10 @@ class Received:
             self.mismatched += 1
             return False
         return True
+
+    def touched(self) -> Iterable[str]:
+        """The joints that may have had a sample since this was called last."""
+        return tuple(self.joints)
 
     def rehearse(self) -> None:
         """Let what a first sample needs be made before it comes."""
@@ -51,30 +57,75 @@ class Bank(Received):
     ----------
     configuration : observer, gains and settings.
     only : names of the joints to estimate; empty: every joint that appears.
+    most : joints that are kept; None: any number. Named ones (in `only` or an override) are kept in
+        any case.
+
+    Attributes
+    ----------
+    refused, expired : samples of names beyond `most`, and joints that `forget` took.
+    refused_name : the newest such name.
     """
 
-    def __init__(self, configuration: Configuration, only: Iterable[str] = ()) -> None:
+    def __init__(self, configuration: Configuration, only: Iterable[str] = (),
+                 most: int | None = None) -> None:
         super().__init__()
+        self._most = math.inf if most is None else most
+        self.refused = self.expired = 0
+        self.refused_name = ''
+        self._recent: set[Sequence[str]] = set()  # names of messages since `touched`
+        self._noting = False
         self.configuration = configuration
         self.only = frozenset(only)
         self.joints: dict[str, Joint] = {}
-        self._newest: Joint | None = None
+        self._twin: Joint | None = None  # of which joints of equal gains take the functions
+        self._unnamed = 0  # joints that the configuration does not name
 
     def rehearse(self) -> None:
         """Make a joint that is nobody's: the first ones take its functions."""
-        self._newest = self._make('')
-        self._newest.rehearse()
+        self._twin = self._make('')
+        self._twin.rehearse()
+        self._noting = True
+
+    def named(self, name: str) -> bool:
+        """Whether the configuration names this joint."""
+        return name in self.only or name in self.configuration.overrides
+
+    def touched(self) -> Iterable[str]:
+        """The joints that may have had a sample since this was called last."""
+        recent, self._recent = self._recent, set()
+        return {name for names in recent for name in names if name in self.joints}
+
+    def forget(self, name: str) -> None:
+        """A joint that has expired; if it comes again it is a new one."""
+        del self.joints[name]
+        self._unnamed -= not self.named(name)
+        self.expired += 1
+
+    def _note(self, names: Sequence[str]) -> None:
+        """A message with these names came."""
+        if self._noting:
+            self._recent.add(names if isinstance(names, tuple) else tuple(names))
 
     def joint(self, name: str) -> Joint | None:
-        """The joint called `name`, made at its first appearance; None if it is not wanted."""
+        """The joint called `name`, made at its first appearance; None if it is not wanted, or if
+        there are too many (that sample is counted).
+        """
         joint = self.joints.get(name)
         if joint is None and (not self.only or name in self.only):
-            joint = self._newest = self.joints[name] = self._make(name)
+            named = self.named(name)
+            if self._unnamed >= self._most and not named:
+                self.refused += 1
+                self.refused_name = name
+                return None
+            joint = self.joints[name] = self._make(name)
+            if not named:
+                self._unnamed += 1
+                self._twin = joint
         return joint
 
     def _make(self, name: str) -> Joint:
         return Joint(self.configuration.observer, *self.configuration.for_joint(name),
-                     self._newest)
+                     self._twin)
 
     def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]
                ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
@@ -87,6 +138,7 @@ class Bank(Received):
         """
         if not self.fits(names, positions):
             return []
+        self._note(names)
         valid = []
         for name, position in zip(names, positions):
             joint = self.joints.get(name) or self.joint(name)

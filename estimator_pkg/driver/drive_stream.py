@@ -53,7 +53,7 @@ class DriveStream:
 
     configuration: Any = None  # as of banks; the motor is made already
     only: frozenset[str] = frozenset()
-    mismatched = 0
+    mismatched = refused = expired = 0
 
     def __init__(self, joint: DriveJoint, name: str, *, pair_tolerance: float = 0.0,
                  phases: Phases | None = None) -> None:
@@ -66,6 +66,10 @@ class DriveStream:
         self.complaint = ''
         self.statuses: Counter[str] = Counter()
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
+
+    def touched(self) -> tuple[str, ...]:
+        """The joints that may have had a sample."""
+        return tuple(self.joints)
 
     def rehearse(self) -> None:
         """Let what a first sample needs be made before it comes."""

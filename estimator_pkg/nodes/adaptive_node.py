@@ -50,7 +50,8 @@ class AdaptiveObserver(DrivenNode):
         return AdaptiveConfiguration(OBSERVER, common, overrides, self._saved)
 
     def _make_bank(self, configuration: AdaptiveConfiguration) -> AdaptiveBank:
-        return AdaptiveBank(configuration, self.settings.only, self.settings.input)
+        return AdaptiveBank(configuration, self.settings.only, self.settings.input,
+                            self.settings.joints_max)
 
     def _connect(self) -> Subscription:
         self._identified = self._endpoints.on_demand(DiagnosticArray, '~/identified_parameters')
@@ -80,6 +81,19 @@ class AdaptiveObserver(DrivenNode):
             entry(OK if said.trusted else WARN, name, f'{said.phase}: {said.reason}',
                   values_of(said, self.bank.unit(name)))
             for name, said in self.bank.reports().items())))
+
+    def _saved_before_expiry(self, names: Sequence[str]) -> bool:
+        path, reports = self.settings.parameters_file, self.bank.reports()
+        if not path or not any(name in reports and reports[name].adapted for name in names):
+            return True
+        try:
+            adaptive_file.save(path, self.bank)
+            self._saved.update(adaptive_file.load(path))  # for a joint that comes again
+        except UserError as error:
+            self.get_logger().warning(f'joints do not expire: {error}')
+            return False
+        self.bank.configuration = self._configuration(self._ros.values, self._ros.overrides)
+        return True
 
     # Services
 

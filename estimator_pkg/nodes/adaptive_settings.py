@@ -19,6 +19,15 @@ class AdaptiveNodeSettings(EffortSettings):
     joints: tuple[str, ...] | None = parameter(
         None, unit='', kind=tuple, structural=True,
         description='names of the joints to estimate; unset: every joint that appears')
+    joints_max: int = parameter(
+        512, unit='', range=(1, 1_000_000), structural=True,
+        description='joints that are kept at most; names that come beyond it get no estimate and '
+                    'are counted. Joints that are named in the parameters do not count')
+    expiry: float = parameter(
+        600.0, unit='s', range=(0.0, 1e9), structural=True,
+        description='without a sample for so long a joint is forgotten, unless the parameters name '
+                    'it; what it has learnt is saved first where parameters_file is set. 0: '
+                    'never')
     parameters_file: str = parameter(
         '', unit='', structural=True,
         description='where ~/save writes what was learnt; read at start if it is there. With '

@@ -135,6 +135,19 @@ class ObserverNode(Node):
     def _gains_changed(self, name: str) -> None:
         """A joint has other gains from the next sample on."""
 
+    def _saved_before_expiry(self, names: Sequence[str]) -> bool:
+        """Whether these joints may be forgotten: what they have learnt is kept elsewhere."""
+        return True
+
+    def expire(self, names: Sequence[str]) -> bool:
+        """Forget these joints, which have had no sample for `expiry`; whether that was possible."""
+        if not self._saved_before_expiry(names):
+            return False
+        bank: Any = self.bank
+        for name in names:
+            bank.forget(name)
+        return True
+
     def _look(self) -> None:
         """What else is to be done ten times a second."""
 

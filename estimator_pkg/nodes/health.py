@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from time import monotonic
 from typing import Any, ClassVar, Protocol
 
@@ -52,6 +52,12 @@ class WatchedBank(Protocol):
     def joints(self) -> Mapping[str, Joint]:
         """The joints (or mechanisms) by name."""
 
+    refused: int
+    expired: int
+
+    def touched(self) -> Iterable[str]:
+        """The joints that may have had a sample since this was called last."""
+
     def rehearse(self) -> None:
         """Let what a first sample needs be made before it comes."""
 
@@ -89,6 +95,9 @@ class Health:
         'dropped.repeated': 'repeated readings',
         'events.outage': 'outages', 'events.clock_jump': 'clock jumps',
         'events.stray_stamp': 'stamps from far ahead',
+        'dropped.refused': 'samples of new joints beyond joints_max (name the joints that you need '
+                           'in joints, or raise joints_max)',
+        'joints_expired': 'joints that were forgotten after expiry',
         'lost_by_dds': 'messages lost by DDS'}
 
     input: Subscription
@@ -107,6 +116,8 @@ class Health:
         self._first_input = 0.0
         # samples used; when that last grew, and how many had been received then
         self._used: dict[str, tuple[int, float, int]] = {}
+        self._alive: set[str] = set()  # joints that are not lost
+        self._gone: dict[str, int] = {}  # counters of joints that have expired
         self._lost: Mapping[str, int] = {}  # by topic
         self._said: dict[str, tuple[int, str]] = {}    # status and why, as published
         self._warned: dict[str, float] = {}
@@ -134,13 +145,22 @@ class Health:
     def look(self) -> None:
         """Publish what has changed, and once a second the diagnostics."""
         now = monotonic()
-        statuses = {name: self._judge(name, joint, now)
-                    for name, joint in self._bank.joints.items()}
-        changed = statuses != self._said
-        if changed:
-            self._tell_changes(statuses)
-        self._said = statuses
         due = now - self._last_report >= DIAGNOSTICS
+        if due:
+            self._expire(now)
+        joints, said = self._bank.joints, self._said
+        # A joint that is lost stays so until a sample comes: ten times a second the others are
+        # judged alone, and once a second all.
+        touched = self._bank.touched()
+        names = set(joints) if due or len(joints) != len(said) else self._alive.union(touched)
+        new = {name: self._judge(name, joints[name], now) for name in names}
+        changed = {name: status for name, status in new.items() if said.get(name) != status}
+        self._alive.update(name for name in changed if new[name][0] != LOST)
+        self._alive.difference_update(name for name in changed if new[name][0] == LOST)
+        if changed:
+            self._tell_changes(changed)
+            said.update(changed)
+        statuses = said
         if changed or due:
             self._publish_status()
         if due:
@@ -153,6 +173,31 @@ class Health:
             if now >= max(self._started + UNHEARD_OF, self._first_input + ALL_HERE):
                 self._named_unseen = True
                 self._name_unseen()
+
+    def _expire(self, now: float) -> None:
+        """Let the node forget joints that have had no sample for its `expiry`."""
+        node: Any = self._node
+        expiry = getattr(node.settings, 'expiry', 0.0)
+        bank: Any = self._bank
+        old = [name for name, (_, since, _) in self._used.items()
+               if now - since > expiry and not bank.named(name)] if expiry > 0.0 else []
+        if old:
+            counts = self._counts_of(old)
+            if not node.expire(old):
+                return
+            for key, count in counts.items():
+                self._gone[key] = self._gone.get(key, 0) + count
+            for kept in (self._used, self._said):
+                for name in old:
+                    kept.pop(name, None)
+            self._alive.difference_update(old)
+            more = f' and {len(old) - NAMED} more' if len(old) > NAMED else ''
+            self._say('expired', f"{self.KEPT} {', '.join(map(repr, old[:NAMED]))}{more}: no "
+                                 f'sample for {expiry:g} s, forgotten (expiry)')
+
+    def _counts_of(self, names: Iterable[str]) -> dict[str, int]:
+        joints = {name: self._bank.joints[name] for name in names}
+        return {**counters(joints), 'resets': sum(each.reset_count for each in joints.values())}
 
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
         """(status, why) of a joint; without a usable sample for too long it is lost."""
@@ -210,6 +255,10 @@ class Health:
 
     def _totals(self) -> _Totals:
         bank = self._bank
+        samples = self._counts_of(bank.joints)
+        for key, count in self._gone.items():
+            samples[key] += count
+        samples['received'] += bank.refused
         return _Totals({
             'messages_received': self._decoded + self._malformed + self._failed,
             'messages_used': self._decoded - bank.empty - bank.mismatched,
@@ -217,8 +266,8 @@ class Health:
             'messages_dropped.failed': self._failed,
             'messages_dropped.empty': bank.empty,
             'messages_dropped.mismatched': bank.mismatched,
-            **counters(bank.joints),
-            'resets': sum(joint.reset_count for joint in bank.joints.values()),
+            **samples, 'dropped.refused': bank.refused,
+            'joints': len(bank.joints), 'joints_expired': bank.expired,
             'lost_by_dds': sum(self._endpoints.lost.values()),
             'qos_mismatches': self._endpoints.qos_mismatches})
 
@@ -240,12 +289,19 @@ class Health:
             self._say('malformed', f'messages on {where} are malformed and dropped: {why}')
         if new['messages_dropped.mismatched']:
             self._say('mismatched', f'messages on {topic} are dropped: {self.MISMATCH}')
+        if new['dropped.refused']:
+            bank: Any = self._bank
+            self._say('refused', f"{new['dropped.refused']} samples on {topic} are of joints beyond "
+                                 f"joints_max (the newest is '{bank.refused_name}'; "
+                                 f'{len(bank.joints)} are kept): name those that you need in '
+                                 "'joints', or raise 'joints_max'")
         before, self._lost = self._lost, self._endpoints.lost
         where = ' and '.join(each for each, count in self._lost.items()
                              if count > before.get(each, 0))
         if where:
             self._say('lost', f"{new['lost_by_dds']} messages on {where} were lost: more come than "
-                              'this node or the network can take')
+                              'this node or the network can take, or they came before the '
+                              'connection was made')
 
     def _tell_changes(self, statuses: Mapping[str, tuple[int, str]]) -> None:
         """Joints that have become misconfigured, or of which every sample is dropped."""

@@ -51,7 +51,7 @@ class JointObserver(ObserverNode):
         self._gives_acceleration = any(
             self._observer.gives_acceleration(configuration.for_joint(joint)[0])
             for joint in ('', *configuration.overrides))
-        return Bank(configuration, self.settings.only)
+        return Bank(configuration, self.settings.only, self.settings.joints_max)
 
     def _connect(self) -> Subscription:
         if self._gives_acceleration:

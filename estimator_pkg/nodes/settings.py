@@ -28,6 +28,14 @@ class NodeSettings:
     joints: tuple[str, ...] | None = parameter(
         None, unit='', kind=tuple, structural=True,
         description='names of the joints to estimate; unset: every joint that appears')
+    joints_max: int = parameter(
+        512, unit='', range=(1, 1_000_000), structural=True,
+        description='joints that are kept at most; names that come beyond it get no estimate and '
+                    'are counted. Joints that are named in the parameters do not count')
+    expiry: float = parameter(
+        600.0, unit='s', range=(0.0, 1e9), structural=True,
+        description='without a sample for so long a joint is forgotten, unless the parameters name '
+                    'it; 0: never')
     input: str = parameter(
         JOINT_STATES, unit='', choices=(JOINT_STATES, ANGLE), structural=True,
         description='which topic is read: joint_states (sensor_msgs/JointState) or angle '

@@ -1,0 +1,213 @@
+"""More than a node can do: too many messages, too many names, messages before the connection."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import dds
+import pytest
+
+from estimator_pkg import observers
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.nodes.adaptive_observer import AdaptiveObserver
+from estimator_pkg.nodes.joint_observer import JointObserver
+from estimator_pkg.nodes.loss import Loss
+from estimator_pkg.nodes.ros_parameters import ros_values
+
+BEGIN = 1_700_000_000_000_000_000  # [ns]
+MS = 1_000_000
+
+
+# ---------------------------------------------------------------- messages faster than callbacks
+
+def test_a_stream_that_is_too_fast_starves_no_service(probe):
+    """A callback of 2 ms and a message every 0.3 ms: the queue of events must not grow."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from std_msgs.msg import Float64
+    from std_srvs.srv import Trigger
+
+    from estimator_pkg.nodes.executor import SteadyExecutor
+
+    context = Context()
+    rclpy.init(context=context, domain_id=dds.DOMAIN)
+    busy = rclpy.create_node('busy', context=context)
+    taken: list[bytes] = []
+
+    def slow(raw):
+        taken.append(raw)
+        time.sleep(2e-3)
+
+    def answer(request, response):
+        response.message = str(len(taken))
+        return response
+
+    busy.create_subscription(Float64, 'flood', slow, QoSProfile(
+        depth=50, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True)
+    busy.create_service(Trigger, 'busy', answer)
+    executor = SteadyExecutor(context=context)
+    executor.add_node(busy)
+    ended = threading.Event()
+
+    def spin():
+        while not ended.is_set():
+            executor.spin_once(timeout_sec=0.05)
+
+    def flood():
+        while not ended.is_set() and flowing.is_set():
+            publisher.publish(bytes(12))
+            time.sleep(2e-4)
+
+    publisher = probe.node.create_publisher(Float64, 'flood', 50)
+    flowing = threading.Event()
+    flowing.set()
+    threads = [threading.Thread(target=spin), threading.Thread(target=flood)]
+    try:
+        threads[0].start()
+        probe.until(publisher.get_subscription_count)
+        threads[1].start()
+        assert dds.until(lambda: executor.in_turns)
+        for _ in range(5):
+            before = len(taken)
+            handled = int(probe.call(Trigger, 'busy', Trigger.Request()).message)
+            assert handled - before < 250  # events queued in the meantime would be thousands
+        flowing.clear()
+        assert dds.until(lambda: not executor.in_turns)  # events again, once that is over
+        count = len(taken)
+        publisher.publish(bytes(12))
+        assert dds.until(lambda: len(taken) == count + 1)
+        assert probe.call(Trigger, 'busy', Trigger.Request()).message == str(count + 1)
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join()
+        executor.shutdown()
+        busy.destroy_node()
+        rclpy.shutdown(context=context)
+        probe.node.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize('first, sent_ms, lost', [
+    (1, 5, 0),      # nothing is missing
+    (31, 40, 30),   # 30 ms of a stream that began at 10 ms
+    (31, 20, 0),    # it began before anybody was there
+])
+def test_what_was_sent_before_the_first_message_is_lost(first, sent_ms, lost):
+    loss = Loss(lambda: 1, BEGIN)
+    for k in range(5):
+        loss.saw(first + k, BEGIN + (sent_ms + k) * MS)
+    assert loss.lost == lost
+    loss.saw(first + 7, BEGIN + (sent_ms + 7) * MS)
+    assert loss.lost == lost + 2
+
+
+# ---------------------------------------------------------------- names without end
+
+def test_a_joint_of_the_same_gains_takes_the_functions_that_are_there():
+    configuration = Configuration(observers.find('hybrid_angle'), {},
+                                  {'b': {'bandwidth_hz': 7.0}, 'c': {'wrap_period': 0.0}})
+    bank = Bank(configuration)
+    bank.rehearse()
+    a, b, c, d = (bank.joint(name) for name in 'abcd')
+    assert a.functions is d.functions
+    assert a.functions is not b.functions and b.functions is not c.functions
+    assert b.gains.bandwidth_hz == 7.0 and c.settings.wrap_period == 0.0
+    bank.update(BEGIN, 'ad', (0.1, 0.2))
+    assert a.state != d.state and a.used == d.used == 1 and b.used == 0
+
+
+def test_beyond_the_most_new_names_are_refused_and_named_ones_are_not():
+    bank = Bank(Configuration(observers.find('hybrid_angle'), {}, {'own': {'bandwidth_hz': 7.0}}),
+                most=3)
+    for k in range(10):
+        bank.update(BEGIN + k * MS, ('first', f'new_{k}'), (0.0, 0.0))
+    assert set(bank.joints) == {'first', 'new_0', 'new_1'}
+    assert bank.refused == 8 and bank.refused_name == 'new_9'
+    bank.update(BEGIN + 20 * MS, ('own',), (0.0,))
+    assert 'own' in bank.joints and bank.joints['first'].used == 10
+
+
+class Still:
+    """A node in this process, fed without a topic; it looks around when it is told to."""
+
+    def __init__(self, kind, **values):
+        self.node = kind(kind.__name__.lower(), parameter_overrides=ros_values(values))
+        self.encode = Encoder().encode
+        self.judged: list[str] = []
+        judge = self.node.health._judge
+
+        def noting(name, joint, now):
+            self.judged.append(name)
+            return judge(name, joint, now)
+
+        self.node.health._judge = noting
+
+    def look(self):
+        self.judged.clear()
+        self.node.health.look()
+        return set(self.judged)
+
+    def feed(self, names, k):
+        bank = self.node.bank
+        args = (BEGIN + k * MS, tuple(names), (0.01 * k,) * len(names))
+        if isinstance(self.node, AdaptiveObserver):
+            bank.take(*args, (0.1,) * len(names))
+        else:
+            bank.update(*args)
+
+
+@pytest.fixture
+def still(probe):
+    made = []
+
+    def start(kind, **values):
+        made.append(Still(kind, **values))
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.node.destroy_node()
+
+
+def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
+    live = still(JointObserver, timeout=0.02)
+    names = [f'joint_{k}' for k in range(512)]
+    live.feed(names, 0)
+    live.look()
+    time.sleep(0.03)
+    live.look()                                # all are lost
+    live.node.health._last_report += 1e6       # no report is due
+    live.feed(['joint_7'], 1)
+    assert live.look() == {'joint_7'}
+    live.feed(['joint_7', 'joint_9'], 2)
+    assert live.look() == {'joint_7', 'joint_9'}
+    time.sleep(0.03)
+    assert live.look() == {'joint_7', 'joint_9'}   # they get lost
+    assert live.look() == set()
+
+
+@pytest.mark.parametrize('kind', [JointObserver, AdaptiveObserver])
+def test_joints_expire_unless_they_are_named(still, kind, capfd):
+    live = still(kind, joints_max=2, expiry=0.02, **{'joints.kept.wrap_period': 0.0})
+    for k in range(3):
+        live.feed(['kept', 'old', f'new_{k}'], k)
+    live.look()
+    before = live.node.health._totals()
+    assert before['received'] == 9 and before['dropped.refused'] == 2
+    assert before['received'] == before['used'] + sum(
+        count for key, count in before.items() if key.startswith('dropped.'))
+    time.sleep(0.05)
+    live.node.health._last_report = 0.0
+    live.look()
+    assert set(live.node.bank.joints) == {'kept'}
+    after = live.node.health._totals()
+    assert after['joints_expired'] == 2 and after['received'] == 9
+    assert after['used'] == before['used']
+    said = capfd.readouterr().err
+    assert 'no sample for 0.02 s, forgotten (expiry)' in said and "'joints_max'" in said
+    live.feed(['old'], 9)
+    assert live.node.bank.joints['old'].used == 1
