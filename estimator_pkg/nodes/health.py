@@ -291,7 +291,7 @@ class Health:
             self._say('mismatched', f'messages on {topic} are dropped: {self.MISMATCH}')
         if new['dropped.refused']:
             bank: Any = self._bank
-            self._say('refused', f"{new['dropped.refused']} samples on {topic} are of joints beyond "
+            self._say('refused', f"{new['dropped.refused']} samples on {topic} are beyond "
                                  f"joints_max (the newest is '{bank.refused_name}'; "
                                  f'{len(bank.joints)} are kept): name those that you need in '
                                  "'joints', or raise 'joints_max'")

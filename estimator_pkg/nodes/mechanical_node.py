@@ -52,11 +52,11 @@ class MechanicalObserver(DrivenNode):
         return MechanismConfiguration(self._observer, common, overrides)
 
     def _make_bank(self, configuration: MechanismConfiguration) -> MechanismBank:
+        self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
         return MechanismBank(configuration, self.settings.mechanisms, self.settings.input)
 
     def _connect(self) -> Subscription:
         self._gains = self._endpoints.publisher(DiagnosticArray, '~/gains', latched())
-        self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
         return self._connect_states(self._states_came)
 
     def _orders(self) -> Sequence[Sequence[str]]:
