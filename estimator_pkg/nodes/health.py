@@ -154,7 +154,8 @@ class Health:
         touched = self._bank.touched()
         names = set(joints) if due or len(joints) != len(said) else self._alive.union(touched)
         new = {name: self._judge(name, joints[name], now) for name in names}
-        changed = {name: status for name, status in new.items() if said.get(name) != status}
+        changed = {name: new[name] for name in (joints if len(new) == len(joints) else sorted(new))
+                   if said.get(name) != new[name]}
         self._alive.update(name for name in changed if new[name][0] != LOST)
         self._alive.difference_update(name for name in changed if new[name][0] == LOST)
         if changed:
