@@ -175,6 +175,8 @@ def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,
     del left
     rows, time, true = matched.rows[kept], matched.time[kept], matched.velocity[kept]
     velocity, stddev = estimate.velocity[rows], estimate.velocity_stddev[rows]
+    if np.isinf(stddev).any():  # not known: no band, no coverage
+        stddev = np.where(np.isinf(stddev), np.nan, stddev)
     noise = known.noise if np.isfinite(known.noise) else 0.0
     speeds = metrics.velocity(time, velocity, true, noise)
     angles = metrics.position(time, estimate.position[rows], matched.position[kept],

@@ -23,6 +23,24 @@ FRESH = 4.0         # samples that the power weighs when a start has settled
 OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
 LARGEST = 1e9       # beyond it [rad] a double does not tell 1e-7 rad apart: no reading, but garbage
 CONFIRMED = 3.5     # a lock takes more samples than these
+RESTED = 0.12       # [s] within the noise of one angle: the shaft rests, and may start
+START = 0.25        # [s] that a start lasts at least, ...
+DECAYED = 10.0      # ... and until the errors of the core have decayed by so many nepers
+PACE = 0.8          # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
+LAG_3 = 0.2         # a fifth of what a ramp's begin or end errs by, in acceleration/pace: order 3
+LAG_2 = 0.36        # the same of order 2, which lags throughout
+TAIL = 1.18         # of these nepers, where the polynomial before the exponential is generous
+LEARNT = 6.0        # nepers after which innovations of a start speak of noise again
+ENOUGH = 8.0        # changed readings after which a start has shown its noise
+SHORT = 32.0        # samples over which they are averaged until the start is over
+BEGUN = 0.75        # sample times by which motion may have begun after the last reading at rest
+BAND = 10.0         # (3.2)^2: times the power of the innovations, off by more is no rest
+SLOW = 0.125        # a joint at rest does not leave the noise in this part of the rest's time
+UNBOUNDED = 1e200   # a noise gain beyond it: no gap, but a sample time too long for the core
+GAP = 0.2           # [s] a gap is at least so long
+RESIDUE = 1e-9      # [rad] a smaller step is rounding, no quantum
+COARSEST = 2.0 ** -23  # resolution of a float32, of its value: a reading is no finer than known
+FINEST = 2.0 ** -52    # the same of a double
 LOST_AFTER = 0.5    # in doubt, and off for this long [s] in all (never less than it takes to
                     # settle): the observer starts again
 
@@ -59,6 +77,10 @@ class AngleCore:
     noise_gains : (state, coefficients) -> variances of position, velocity and innovation, each per
         unit variance of white measurement noise.
     restarts : False where the core must be left alone whatever becomes of its lock.
+    pace : (state, coefficients, dt) -> how fast errors of a start decay [1/s]; None: that of a
+        linear loop, see `linear_pace`.
+    lag : standard deviation of the velocity error at the begin and the end of a ramp of speed, in
+        acceleration/pace: a fifth of the error itself, so that five cover it.
     """
 
     design: Callable[[], tuple]
@@ -72,6 +94,8 @@ class AngleCore:
     limits: Callable[[float], str | None]
     group_delay: Callable[[float], float]
     restarts: bool = True
+    pace: Callable[[tuple, tuple, float], float] | None = None
+    lag: float = LAG_3
 
 
 def is_angle(measurement: float) -> bool:
@@ -124,13 +148,31 @@ def _watch(lock: tuple[int, float, float, float], size: float, outside: float, d
     return (status, clear, astray, trusted)
 
 
+def linear_pace(noise_gains: Callable[[tuple, tuple], tuple[float, float, float]]
+                ) -> Callable[[tuple, tuple, float], float]:
+    """How fast the errors of a tracking loop decay [1/s], from what it makes of noise.
+
+    A loop whose poles are all at w lets through a velocity variance of 1/4 (order 2) to 7/4 (order
+    3) of w^3 dt per unit variance of white noise.
+    """
+    def pace(inner: tuple, coefficients: tuple, dt: float) -> float:
+        return PACE * (noise_gains(inner, coefficients)[1] / dt) ** (1.0 / 3.0)
+
+    return pace
+
+
 def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     """The contract's functions for an angle-only observer made of `core`.
 
     State: core's state; convention; reading: (size of its last change [rad], time since it [s],
     smallest change seen [rad], recent power of the innovation [rad^2]); (power of the innovation
     [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
-    it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start).
+    it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start);
+    start of motion: (angle of the rest before [rad], time at rest [s], time since the last reading
+    at rest [s] (0: no start), nepers by which the core's errors decayed since then, angle travelled
+    [rad], speed that was kept across a gap [rad/s]).
+
+    The start's share of the standard deviation is derived in docs/coverage.md.
 
     A core that was astray for too long starts again. So does one whose lock returned at another
     speed: every speed + n 2 pi/dt fits the samples as well, and a shaft does not change by half of
@@ -139,7 +181,10 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     prepare_core, init_core, correct = core.prepare, core.init, core.correct
     estimate, resume_core, noise_gains = core.estimate, core.resume, core.noise_gains
     restarts = core.restarts
+    pace = core.pace if core.pace is not None else linear_pace(noise_gains)
+    bent = 2.0 * core.lag
     half = 0.5 * circle.period if circle.period > 0.0 else math.inf
+    period = float(circle.period)
 
     def design() -> tuple:
         floor = variance_floor(gains.quantum)
@@ -154,31 +199,47 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
 
     def init(measurement: float, design: tuple) -> tuple:
         return (init_core(measurement, design[0]), begin(measurement), (0.0, 0.0, 0.0, design[5]),
-                (design[5], 1.0), (INITIALISING, 0.0, 0.0, 0.0))
+                (design[5], 1.0), (INITIALISING, 0.0, 0.0, 0.0),
+                (measurement, RESTED, 0.0, 0.0, 0.0, 0.0))
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
-        inner, convention, reading, (power, count), lock = state
+        inner, convention, reading, (power, count), lock, start = state
         inner, innovation = correct(inner, coefficients[0], measurement)
         square = innovation * innovation
         size = abs(innovation)
         outside = design[7]
-        recent = reading[3]
+        before = recent = reading[3]
         if size <= outside:
             recent += (square - recent) / RECENT
         if measurement == convention[0]:
-            reading = (reading[0], reading[1] + coefficients[1], reading[2], recent)
+            since = reading[1] + coefficients[1]
+            reading = (reading[0], since, reading[2], recent)
+            start = stayed(start, measurement, since, coefficients, inner)
         else:
-            change = abs(wrap(measurement - convention[0], design[1]))
+            moved = wrap(measurement - convention[0], design[1])
+            change = abs(moved)
             smallest = reading[2]
             if 0.0 < change < smallest or smallest == 0.0:
                 smallest = change
             reading = (change, 0.0, smallest, recent)
             convention = follow(convention, measurement, design[1])
+            if start[1] > 0.0 or start[2] > 0.0 or change * change <= BAND * before:
+                start = went(start, measurement, moved, before, coefficients, inner)
         if lock[0] == TRACKING and size <= outside:
-            if count < MEMORY:
+            if start[2] > 0.0:
+                if state[5][2] == 0.0:
+                    count = ENOUGH
+                if start[3] < LEARNT:
+                    return (inner, convention, reading, (power, count), lock, start)
+                if reading[1] > 0.0:
+                    count = max(ENOUGH, 0.75 * count)  # coarse: the readings show no noise
+                elif count < SHORT:
+                    count += 1.0
+            elif count < MEMORY:
                 count += 1.0
-            return (inner, convention, reading, (power + (square - power) / count, count), lock)
+            return (inner, convention, reading, (power + (square - power) / count, count), lock,
+                    start)
         if lock[0] == INITIALISING:
             if size <= outside:
                 power += (square - power) / FRESH
@@ -193,7 +254,69 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             if lost:
                 inner = init_core(measurement, design[0])
                 lock = (INITIALISING, 0.0, 0.0, 0.0)
-        return (inner, convention, reading, (power, count), lock)
+        return (inner, convention, reading, (power, count), lock, start)
+
+    def stayed(start: tuple, measurement: float, since: float, coefficients: tuple,
+               inner: tuple) -> tuple:
+        """The start of motion after a reading that repeats, unchanged for `since` [s]."""
+        anchor, rested, time, decay, travelled, speed = start
+        dt = coefficients[1]
+        if time == 0.0:
+            return (anchor if rested > 0.0 else measurement, rested + dt, 0.0, 0.0, 0.0, 0.0)
+        if since >= RESTED and decay >= LEARNT:
+            return (measurement, since, 0.0, 0.0, 0.0, 0.0)
+        return aged(start, measurement, 0.0, coefficients, inner)
+
+    def went(start: tuple, measurement: float, moved: float, power: float, coefficients: tuple,
+             inner: tuple) -> tuple:
+        """The start of motion after a reading that `moved` [rad] from the last one.
+
+        power : recent one of the innovations [rad^2]; BAND times it is the noise of a rest.
+        """
+        anchor, rested, time, decay, travelled, speed = start
+        band = BAND * power
+        if time > 0.0:
+            travelled += moved
+            if speed == 0.0 and travelled * travelled <= band:  # back where it was ...
+                pushed = SLOW * RESTED * estimate(inner)[1]
+                if decay < 1.0 or pushed * pushed <= band:      # ... and slow: it rests still
+                    return (anchor, RESTED, 0.0, 0.0, 0.0, 0.0)
+            return aged(start, measurement, moved, coefficients, inner)
+        off = wrap(measurement - anchor, period)
+        square = off * off
+        if rested >= RESTED:
+            # of noise alone the innovations have more power than the readings
+            if square * noise_gains(inner, coefficients[0])[2] > band:
+                return (anchor, rested, coefficients[1], 0.0, off, 0.0)
+        elif square > band:
+            return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return (anchor + off / RECENT, rested + coefficients[1], 0.0, 0.0, 0.0, 0.0)
+
+    def aged(start: tuple, measurement: float, moved: float, coefficients: tuple, inner: tuple
+             ) -> tuple:
+        """A start of motion one sample further; over when it is old and its errors decayed."""
+        anchor, rested, time, decay, travelled, speed = start
+        time += coefficients[1]
+        decay += pace(inner, coefficients[0], coefficients[1]) * coefficients[1]
+        if time >= START and decay >= DECAYED:
+            return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return (anchor, rested, time, decay, travelled + moved, speed)
+
+    def unsettled(state: tuple, dt: float) -> float:
+        """Standard deviation of the speed that a start adds [rad/s]: equations (1) and (2) of
+        docs/coverage.md.
+        """
+        anchor, rested, time, decay, travelled, speed = state[5]
+        time -= BEGUN * dt
+        mean = travelled / time
+        scale = 2.0 * abs(mean)
+        if speed > scale:
+            scale = speed
+        left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
+        bend = bent * abs(estimate(state[0])[1] - mean)
+        if decay > 1.0:
+            bend /= decay
+        return math.sqrt(left * left + bend * bend)
 
     def bounded(state: tuple, coefficients: tuple, design: tuple, value: float) -> float:
         """`value` [rad/s] held within the low-speed bound."""
@@ -221,24 +344,44 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
         of_position, of_velocity, of_innovation = noise_gains(state[0], coefficients[0])
+        reading = state[2]
         variance = design[4]
         if variance == 0.0:
             variance = state[3][0] / of_innovation
             if variance < design[5]:
                 variance = design[5]
-        sigma = math.sqrt(of_velocity * variance)
-        if state[2][1] > 0.0 and design[8] > 0.0:
+            elif design[5] == 0.0:
+                least = reading[2] * reading[2] / MEMORY
+                if reading[2] == 0.0:
+                    least = variance_floor(COARSEST * (1.0 + abs(state[1][0])))
+                elif state[5][2] > 0.0 and state[3][1] < 2.0 * ENOUGH:
+                    least = variance_floor(reading[2] if reading[2] > RESIDUE else reading[0])
+                elif reading[1] <= STILL * coefficients[1]:
+                    least = variance_floor(FINEST * (reading[2] + abs(state[1][0])))
+                if variance < least:
+                    variance = least
+        of_position *= variance
+        of_velocity *= variance
+        if state[5][2] > 0.0:
+            of_position += reading[3]
+            of_velocity += unsettled(state, coefficients[1]) ** 2
+        sigma = math.sqrt(of_velocity)
+        if reading[1] > 0.0 and design[8] > 0.0:
             sigma = bounded(state, coefficients, design, sigma)
-        return math.sqrt(of_position * variance), sigma
+        return math.sqrt(of_position), sigma
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        inner, convention, reading, power, lock = state
+        inner, convention, reading, power, lock, start = state
+        speed = estimate(inner)[1]
         if lock[0] == TRACKING:
-            lock = (COASTING, 0.0, 0.0, estimate(inner)[1])
+            lock = (COASTING, 0.0, 0.0, speed)
         else:
             lock = (lock[0], 0.0, lock[2], lock[3])
+        moved = wrap(measurement - convention[0], design[1])
+        if noise_gains(inner, coefficients[0])[1] < UNBOUNDED:
+            start = (measurement, 0.0, coefficients[1], 0.0, 0.0, abs(speed) + abs(moved) / GAP)
         return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
-                (0.0, 0.0, reading[2], reading[3]), power, lock)
+                (0.0, 0.0, reading[2], reading[3]), power, lock, start)
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         fresh = init(measurement, design)

@@ -10,6 +10,7 @@ from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.parameters import parameter
 
+LAG = 0.4       # see `AngleCore.lag`: (1 + w dt/2)/w of a ramp
 SETTLING = 3.0  # time constants until a start counts as settled
 
 
@@ -81,7 +82,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     return around(AngleCore(
         design=design, settle=SETTLING / pole, prepare=prepare, init=init, correct=correct,
         estimate=estimate, resume=resume, noise_gains=noise_gains,
-        limits=lambda dt: None, group_delay=group_delay), gains, circle)
+        limits=lambda dt: None, group_delay=group_delay, lag=LAG), gains, circle)
 
 
 OBSERVER = Observer(

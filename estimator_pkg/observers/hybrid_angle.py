@@ -10,13 +10,14 @@ from estimator_pkg.observers import hybrid_correction as correction
 from estimator_pkg.observers import hybrid_paper as paper
 from estimator_pkg.observers import hybrid_robust as robust
 from estimator_pkg.observers import injections
-from estimator_pkg.observers.angle import AngleCore, AngleGains, around
+from estimator_pkg.observers.angle import LAG_2, AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.observers.hybrid_design import Design, paper_limit
 from estimator_pkg.observers.hybrid_design import settle as settle_design
 from estimator_pkg.parameters import parameter
 
+LAG_PAPER = 0.7  # see `AngleCore.lag`: of the paper's poles, 1 and 5
 SETTLING = 3.0  # time constants of the slowest pole until a start counts as settled
 
 
@@ -130,7 +131,7 @@ def _robust(gains: Gains, design: Design, injection: injections.Injection, margi
             design=lambda: values, settle=SETTLING / design.slowest, prepare=robust.prepare_2,
             init=robust.init_2, correct=correction.make_correct_2(injection, linear, period),
             estimate=robust.estimate_2, resume=robust.resume_2, noise_gains=robust.noise_gains_2,
-            limits=lambda dt: None, group_delay=group_delay)
+            limits=lambda dt: None, group_delay=group_delay, lag=LAG_2)
     return AngleCore(
         design=lambda: values, settle=SETTLING / design.slowest,
         prepare=robust.prepare_triple if design.triple else robust.prepare_3,
@@ -160,7 +161,8 @@ def _paper(gains: Gains, design: Design, injection: injections.Injection, margin
         design=lambda: values, settle=SETTLING / design.slowest, prepare=paper.prepare,
         init=paper.init, correct=paper.make_correct(paper.make_algorithm_1(injection, period)),
         estimate=paper.estimate, resume=paper.make_resume(period), noise_gains=paper.noise_gains,
-        limits=limits, group_delay=lambda dt: l1 / l2 - 0.5 * dt, restarts=False)
+        limits=limits, group_delay=lambda dt: l1 / l2 - 0.5 * dt, restarts=False,
+        lag=LAG_PAPER)
 
 
 OBSERVER = Observer(

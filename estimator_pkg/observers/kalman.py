@@ -19,7 +19,14 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.observers.angle import AngleCore, AngleGains, around, variance_floor
+from estimator_pkg.observers.angle import (
+    LAG_2,
+    LAG_3,
+    AngleCore,
+    AngleGains,
+    around,
+    variance_floor,
+)
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.observers.covariance import (
@@ -222,7 +229,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
     return around(AngleCore(
         design=design, settle=SETTLING / radius, prepare=make_prepare(of_noise), init=init,
         correct=correct, estimate=estimate, resume=resume, noise_gains=noise_gains,
-        limits=lambda dt: None, group_delay=group_delay), gains, circle)
+        limits=lambda dt: None, group_delay=group_delay, lag=LAG_2 if order == 2 else LAG_3),
+        gains, circle)
 
 
 OBSERVER = Observer(

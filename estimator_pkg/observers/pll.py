@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from estimator_pkg.observers.angle import AngleCore, AngleGains, around
+from estimator_pkg.observers.angle import LAG_2, AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.observers.tracking import matched, natural_frequency, noise_of_two
@@ -90,7 +90,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     return around(AngleCore(
         design=design, settle=SETTLING / slow, prepare=prepare, init=init, correct=correct,
         estimate=estimate, resume=resume, noise_gains=noise_gains,
-        limits=lambda dt: None, group_delay=group_delay), gains, circle)
+        limits=lambda dt: None, group_delay=group_delay, lag=LAG_2), gains, circle)
 
 
 OBSERVER = Observer(

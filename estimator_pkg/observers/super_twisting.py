@@ -36,6 +36,8 @@ from estimator_pkg.observers.twisting import implicit_step
 from estimator_pkg.parameters import parameter
 
 EXPLICIT = ('taylor', 'explicit')
+PACE = 0.55         # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
+LARGE = 16.0        # times the mean square: the innovations of a start
 REFRESH = 8.0       # samples between two looks at what noise makes of the gains
 
 
@@ -236,6 +238,19 @@ def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]
     return state[6]
 
 
+def make_pace(order: int) -> Callable[[tuple, tuple, float], float]:
+    """`AngleCore.pace`: the error dynamics are the slower, the larger the innovation is."""
+    root = 0.5 / (order + 1.0)
+
+    def pace(state: tuple, coefficients: tuple, dt: float) -> float:
+        power = LARGE * state[4]
+        if power < SMALLEST:
+            power = SMALLEST
+        return PACE * coefficients[1][1] / power ** root
+
+    return pace
+
+
 def build(gains: Gains, circle: Circle) -> Functions:
     """The functions at these gains.
 
@@ -274,8 +289,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
     return around(AngleCore(
         design=design, settle=settle, prepare=prepare, init=init, correct=correct,
         estimate=estimate_velocity if order == 1 else estimate_acceleration, resume=resume,
-        noise_gains=noise_gains, limits=limits, group_delay=lambda dt: 0.0),
-        gains, circle)
+        noise_gains=noise_gains, limits=limits, group_delay=lambda dt: 0.0,
+        pace=make_pace(order)), gains, circle)
 
 
 OBSERVER = Observer(

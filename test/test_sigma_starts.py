@@ -1,0 +1,126 @@
+"""The standard deviation is never zero, covers starts and gaps, and is calm again soon."""
+
+import math
+
+import numpy as np
+import pytest
+from observer_cases import label, make, stamps, tunable_variants, wrapped
+from sigma_starts import MOTIONS, Case, measure, stream
+
+from estimator_pkg.observers.contract import TRACKING
+
+QUANTUM = 2.0 * math.pi / 4096.0
+NOISES = (0.0, 0.5)
+
+
+@pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
+@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+def test_error_is_within_five_sigma_from_the_first_changed_reading_on(variant, known):
+    name, gains = variant
+    for motion in MOTIONS:
+        for rate in (1000.0, 100.0):
+            for bits in (12, 17):
+                for noise in NOISES:
+                    case = Case(motion, rate, bits, noise, known)
+                    found = measure(name, gains, case)
+                    assert found.worst < 5.0, case
+                    assert found.zeros == 0, case
+
+
+@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+def test_a_start_of_a_joint_that_does_not_wrap_is_covered(variant):
+    name, gains = variant
+    if gains.get('form') == 'paper' or gains.get('injection') == 'tan':
+        pytest.skip('needs a circle')
+    for motion in ('steps 40 rad/s^2', 'steps at once', 'constant'):
+        assert measure(name, gains, Case(motion, period=0.0)).worst < 5.0
+
+
+# Third-order Kalman filters and super-twisting err by more than ten steady sigma (of a quantum) at
+# the end of this ramp, and the paper's form lags throughout it.
+LATER = {'kalman': 85, 'super_twisting': 75, 'paper': 80}
+
+
+@pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
+@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+def test_sigma_is_below_twice_its_steady_value_soon_after_a_start(variant, known):
+    """At 40 rad/s^2 and 4096 counts, 1 kHz: within 20 changed readings."""
+    name, gains = variant
+    found = measure(name, gains, Case('steps 40 rad/s^2', known=known))
+    late = 20 if 'model' in gains else LATER.get(gains.get('form', name), 20)
+    assert found.calm <= late
+
+
+@pytest.mark.parametrize('resting', [0.0, 1.7, -3.0])
+@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+def test_sigma_of_a_joint_that_never_moved_is_the_resolution_of_a_float32(variant, resting):
+    name, gains = variant
+    joint = make(name, gains)
+    out = joint.run(stamps(3000), np.full(3000, resting), fast=False)
+    told = out.status >= TRACKING
+    assert told.sum() > 2500
+    assert np.all(out.velocity_stddev > 0.0)
+    assert np.all(out.position_stddev > 0.0)
+    assert np.all(out.position_stddev[told] < 1e-6)
+
+
+@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+def test_sigma_at_rest_after_motion_follows_from_the_smallest_step_and_time(variant):
+    name, gains = variant
+    time = np.arange(6000) * 1e-3
+    angle = np.where(time < 2.0, 1.5 * time, 3.0)
+    joint = make(name, gains)
+    out = joint.run(stamps(6000), np.rint(angle / QUANTUM) * QUANTUM, fast=False)
+    late = out.velocity_stddev[4000:]
+    unchanged = time[4000:] - 2.0
+    assert np.all(late > 0.0)
+    assert np.all(late <= 1.001 * QUANTUM / unchanged * 1.01)
+    assert np.all(out.position_stddev[4000:] > 0.001 * QUANTUM)
+
+
+@pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
+@pytest.mark.parametrize('gap', [0.25, 0.45])
+@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+def test_sigma_after_a_gap_covers_a_joint_that_came_to_rest_in_it(variant, gap, known):
+    name, gains = variant
+    for rate in (1000.0, 100.0):
+        for speed in (1.0, 8.0, -30.0):
+            before, after = round(1.5 * rate), round(0.3 * rate)
+            time = np.arange(before + after) / rate
+            time[before:] += gap
+            angle = 0.3 + speed * np.minimum(time, time[before - 1] + 0.5 * gap)
+            joint = make(name, {**gains, 'quantum': QUANTUM} if known else gains)
+            at = 1_700_000_000_000_000_000 + np.rint(time * 1e9).astype(np.int64)
+            out = joint.run(at, wrapped(np.rint(angle / QUANTUM) * QUANTUM), fast=False)
+            told = (out.status[before:] >= TRACKING) & np.isfinite(out.velocity[before:])
+            if gains.get('form') != 'paper':   # which is not stable at 100 Hz
+                assert told.any()
+            error = np.abs(out.velocity[before:])[told]
+            assert np.all(error < 3.0 * out.velocity_stddev[before:][told]), (rate, speed)
+
+
+@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+def test_residue_of_floats_before_a_start_is_no_quantum(variant):
+    """A joint at rest whose readings move by 1e-17 rad, then in steps of 40 rad/s^2."""
+    name, gains = variant
+    at, read, velocity, begins = stream(Case('steps 40 rad/s^2'))
+    read = read.copy()
+    read -= read[0]
+    read[:begins] += 1e-17 * np.random.default_rng(1).standard_normal(begins)
+    first = begins + int(np.argmax(np.abs(read[begins:]) > 1e-6))
+    out = make(name, gains).run(at, read, fast=False)
+    assert np.all(out.velocity_stddev[out.status >= TRACKING] > 0.0)
+    part = slice(first, first + 40)  # later the power of few innovations decides
+    assert np.all(np.abs(out.velocity - velocity)[part] < 5.0 * out.velocity_stddev[part])
+
+
+@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'pll', 'finite_difference',
+                                  'super_twisting'])
+def test_plain_and_compiled_agree_through_a_start(name):
+    pytest.importorskip('numba')
+    at, read, *_ = stream(Case('steps 40 rad/s^2', noise=0.5))
+    plain = make(name).run(at, read, fast=False)
+    compiled = make(name).run(at, read, fast=True)
+    np.testing.assert_allclose(plain.velocity_stddev, compiled.velocity_stddev, rtol=1e-9)
+    np.testing.assert_allclose(plain.position_stddev, compiled.position_stddev, rtol=1e-9)
+    np.testing.assert_allclose(plain.velocity, compiled.velocity, rtol=1e-9, atol=1e-9)
