@@ -218,6 +218,87 @@ def test_an_index_that_leads_out_of_the_chunk(tmp_path):
         assert len(list(bag.messages())) == bag.count
 
 
+@pytest.mark.parametrize('name', ['d%41', 'a#b', 'a?mode=memory', 'a%', 'ä %20', "a'b", '%2e%2e'])
+@pytest.mark.parametrize('kind', ['sqlite3', 'sqlite3, file compressed', 'mcap folder',
+                                  'mcap zstd'])
+def test_a_path_means_itself_alone(kind, name, tmp_path, capsys):
+    """In a URI %41 is A: dA is another bag."""
+    mine = make.content(4)
+    for folder, messages in ((name, mine), ('dA', make.content(9))):
+        made = make.KINDS[kind](tmp_path / 'bag', messages)
+        (tmp_path / folder).mkdir()
+        shutil.move(made, tmp_path / folder / made.name)
+    path = tmp_path / name / made.name
+    assert read(path) == mine
+    for file in [path] if path.is_file() else path.glob('*.[md][cb]*'):
+        alone = shutil.copy(file, tmp_path / name / f'{name}{file.suffix}')
+        found = read(alone)
+        assert found and set(found) <= set(mine)
+    assert capsys.readouterr().err == ''
+
+
+def test_a_damaged_database_is_named_as_the_user_knows_it(tmp_path):
+    path = tmp_path / 'a#%41.db3'
+    path.write_bytes(b'SQLite format 3\0' + bytes(100))
+    with pytest.raises(UserError) as caught:
+        open_bag(path)
+    assert str(caught.value).count(str(path)) == 2 and '%23' not in str(caught.value)
+
+
+def information(**changes):
+    return {'relative_file_paths': ['bag_0.mcap'], 'topics_with_message_count': [], **changes}
+
+
+def about(**changes):
+    return [{'topic_metadata': {'name': '/x', 'type': TEXT, 'serialization_format': 'cdr',
+                                **changes}, 'message_count': 1}]
+
+
+STRANGE = [None, True, 5, 1.5, [], {}, ['a'], '']
+
+
+@pytest.mark.parametrize('content', [
+    *({'rosbag2_bagfile_information': each} for each in STRANGE), *STRANGE,
+    *(information(relative_file_paths=each) for each in [None, True, 5, [], {}, '', [True], [None], [[]], ['..'],
+                                                         ['a\0b']]),
+    *(information(topics_with_message_count=each) for each in STRANGE),
+    *(information(topics_with_message_count=[each]) for each in STRANGE),
+    *(information(topics_with_message_count=[{'topic_metadata': each}]) for each in STRANGE),
+    *(information(topics_with_message_count=about(**{key: each})) for each in STRANGE
+      for key in ('name', 'type', 'offered_qos_profiles', 'type_description_hash')),
+    *(information(compression_mode=each) for each in STRANGE)],
+    ids=lambda content: str(content).replace('\0', '0')[:60])
+@pytest.mark.parametrize('bare', [True, False])
+def test_no_metadata_keep_a_bag_from_being_read(content, bare, tmp_path, capsys):
+    messages = make.content(4)
+    path = make.ours(tmp_path / 'bag', messages)
+    if bare and isinstance(content, dict) and 'rosbag2_bagfile_information' not in content:
+        content = {'rosbag2_bagfile_information': content}
+    (path / 'metadata.yaml').write_text(yaml.safe_dump(content))
+    assert read(path) == messages
+    with open_bag(path) as bag:
+        assert bag.listing() and bag.topics[STATES].count == 4
+    assert 'Traceback' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('text', ['[' * 20000, 'a: ' + '1' * 6000, 'a: 2020-99-99', '\0',
+                                  'a: &a [*a, *a]', '? [a, b]\n: c', '\xff'])
+def test_metadata_that_break_the_parser(text, tmp_path, capsys):
+    messages = make.content(4)
+    path = make.ours(tmp_path / 'bag', messages)
+    (path / 'metadata.yaml').write_text(text, encoding='latin-1')
+    assert read(path) == messages
+    assert capsys.readouterr().err.count('cannot be read as metadata') == 1
+
+
+def test_messages_compressed_otherwise_are_refused(tmp_path):
+    path = make.KINDS['sqlite3, messages compressed'](tmp_path / 'bag', make.content(4))
+    file = path / 'metadata.yaml'
+    file.write_text(file.read_text().replace('compression_format: zstd', 'compression_format: xz'))
+    with pytest.raises(UserError, match="compressed as 'xz', which is not supported"):
+        open_bag(path)
+
+
 def test_a_missing_file_of_a_split_bag_is_named(tmp_path, capsys):
     messages = make.content()
     path = make.KINDS['mcap split'](tmp_path / 'bag', messages)

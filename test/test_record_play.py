@@ -316,6 +316,14 @@ def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
         process.prints("'/a b' is no name that a topic may have")
 
 
+def test_play_says_which_topics_it_cannot_send(tmp_path):
+    path = make.mcap(tmp_path / 'bag.mcap', make.content(3), encoding='json')
+    with command('play', path) as process:
+        assert process.ends() == 1
+    assert f"{STATES} is not played: its messages are 'json', not CDR" in process.output
+    assert 'has nothing to play' in process.output and 'Traceback' not in process.output
+
+
 def test_a_played_bag_is_recorded_again(recording, tmp_path):
     with command('record', '/rp9/states', '--out', tmp_path / 'bag') as recorder:
         recorder.prints('waiting for')

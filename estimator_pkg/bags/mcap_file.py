@@ -16,9 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import lz4.frame
 import numpy as np
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
@@ -26,6 +24,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, ChunkIndex, Schema
 from numpy.typing import NDArray
 
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.block import Block, rows
 from estimator_pkg.errors import UserError, first_line
 
@@ -45,6 +44,7 @@ class _Part(NamedTuple):
     at: int          # where the chunk record stands; -1: the file has no chunks
     start_ns: int
     index_size: int  # bytes of message index behind the chunk; 0: none
+    size: int = 0    # bytes of the chunk's records, as the index declares them; 0: it does not
 
 
 class McapFile:
@@ -56,14 +56,20 @@ class McapFile:
     counts : channel id -> number of messages.
     metadata : the metadata records by name.
 
+    Parameters
+    ----------
+    limit : bytes that a chunk may unpack to.
+
     Raises
     ------
     UserError : it is empty, no MCAP file, or nothing in it can be read.
     """
 
-    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, warn: Callable[[str], None],
+                 limit: int = unpacking.LIMIT) -> None:
         self.path = path
         self._warn = warn
+        self._limit = limit
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.counts: dict[int, int] = {}
@@ -178,6 +184,8 @@ class McapFile:
             return self._block(data, self._walk(data, len(MAGIC))[0])
         try:
             data, cut = self._chunk(part)
+        except unpacking.TooLargeError:
+            raise
         except UserError as error:
             self._warn(str(error))
             data, cut = np.zeros(0, np.uint8), False
@@ -201,6 +209,7 @@ class McapFile:
         if len(head) < _RECORD.size + _CHUNK.size or head[0] != Opcode.CHUNK:
             raise damaged('no chunk starts there')
         _, _, size, checksum, text = _CHUNK.unpack_from(head, _RECORD.size)
+        size = min(size, part.size or size)
         if size > LARGEST or text > 64:
             raise damaged('wrong size')
         rest = self._file.read(text + 8)
@@ -210,14 +219,16 @@ class McapFile:
             raise damaged('wrong size')
         packed = self._read(packed_size) if len(rest) == text + 8 else b''
         try:
-            if len(packed) == packed_size:
-                data = _unpack(packed, compression, size)
-            else:
-                return np.frombuffer(_unpack_partly(packed, compression), np.uint8), True
-        except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError) as error:
+            cut = len(packed) < packed_size
+            if compression == 'zstd' and not cut and unpacking.declared(packed) not in (None, size):
+                raise ValueError('wrong size')
+            unpacking.check(f'{self.path}: the chunk at byte {part.at}', size, self._limit)
+            if cut:
+                return np.frombuffer(unpacking.unpack_partly(packed, compression, size),
+                                     np.uint8), True
+            data = unpacking.unpack(packed, compression, size)
+        except unpacking.DAMAGED as error:
             raise damaged(first_line(error)) from error
-        if len(data) != size:
-            raise damaged('wrong size')
         if checksum and zlib.crc32(data) != checksum:
             raise damaged('wrong checksum')
         return np.frombuffer(data, np.uint8), False
@@ -291,22 +302,5 @@ class McapFile:
 
 
 def _part(index: ChunkIndex) -> _Part:
-    return _Part(index.chunk_start_offset, index.message_start_time, index.message_index_length)
-
-
-def _unpack(packed: bytes, compression: str, size: int) -> bytes:
-    if compression == 'zstd':
-        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-    if compression == 'lz4':
-        return lz4.frame.decompress(packed)
-    if compression:
-        raise ValueError(f"unknown compression '{compression}'")
-    return packed
-
-
-def _unpack_partly(packed: bytes, compression: str) -> bytes:
-    if compression == 'zstd':
-        return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
-    if compression == 'lz4':
-        return lz4.frame.LZ4FrameDecompressor().decompress(packed)
-    return packed if not compression else b''
+    return _Part(index.chunk_start_offset, index.message_start_time, index.message_index_length,
+                 index.uncompressed_size)

@@ -57,15 +57,15 @@ class McapOutput:
         self._record(Header('ros2', f'velocity_estimator {__version__}'))
 
     def add_channel(self, topic: str, type_name: str, encoding: str, definition: str,
-                    metadata: Mapping[str, str]) -> int:
-        """The id of a new channel of CDR messages."""
+                    metadata: Mapping[str, str], serialization: str) -> int:
+        """The id of a new channel."""
         schema = next((item for item in self._schemas if item.name == type_name), None)
         if schema is None:
             schema = Schema(id=len(self._schemas) + 1, name=type_name,
                             encoding=encoding if definition else '', data=definition.encode())
             self._schemas.append(schema)
             self._new.append(schema)
-        channel = Channel(id=len(self._channels) + 1, topic=topic, message_encoding='cdr',
+        channel = Channel(id=len(self._channels) + 1, topic=topic, message_encoding=serialization,
                           metadata=dict(metadata), schema_id=schema.id)
         self._channels.append(channel)
         self._new.append(channel)

@@ -39,15 +39,15 @@ class Output:
         for name in sorted(wanted & set(self.topics)):
             show(f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
                  'another name)', file=sys.stderr)
-        self.copied = {name for name in wanted - set(self.topics)
-                       if bag.topics[name].serialization == 'cdr'}
+        self.copied = wanted - set(self.topics)
         self._numbers = {}
         for name in bag.topics:
             if name in self.copied:
                 topic = bag.topics[name]
                 self._numbers[name] = writer.add_topic(
                     name, topic.type, topic.qos, definition=topic.definition,
-                    definition_format=topic.definition_format, type_hash=topic.type_hash)
+                    definition_format=topic.definition_format, type_hash=topic.type_hash,
+                    serialization=topic.serialization)
         self.own = [writer.add_topic(name, kind, qos.profile(depth=50))
                     for name, kind in types.items()]
 

@@ -9,8 +9,9 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.keyboard import keys
-from estimator_pkg.bags.reader import Bag, open_bag
+from estimator_pkg.bags.reader import CDR, Bag, open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.printable import show
@@ -45,6 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='publish topic FROM as TO')
     parser.add_argument('--wait', metavar='S', type=float, default=5.0,
                         help='wait so long for subscriptions (default 5; 0: start at once)')
+    unpacking.arguments(parser)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -55,7 +57,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if not (math.isfinite(parsed.wait) and parsed.wait >= 0.0):
         raise UsageError(f'--wait {parsed.wait:g}: it must be 0 s or more')
     given = dict(_remapping(text) for text in parsed.remap)
-    with open_bag(parsed.bag) as bag:
+    with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         for name in parsed.topics or ():
             bag.require(name)
         remap = {_meant(bag, name): target for name, target in given.items()}
@@ -116,7 +118,11 @@ class Player:
         self._publishers: dict[str, tuple[str, Publisher]] = {}
         for topic in bag.topics.values():
             if (topics is not None and topic.name not in topics) or not topic.count or (
-                    topic.serialization != 'cdr' or (topic.name == CLOCK and clock)):
+                    topic.name == CLOCK and clock):
+                continue
+            if topic.serialization != CDR:
+                bag.warn(f"{topic.name} is not played: its messages are '{topic.serialization}', "
+                         'not CDR as those of ROS 2')
                 continue
             kind = message_class(topic.type)
             if kind is None:

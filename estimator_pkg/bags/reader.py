@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 import yaml
 
 from estimator_pkg.bags import qos as qos_profiles
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.block import Block, compact, from_messages, join
 from estimator_pkg.errors import UserError
 from estimator_pkg.optional import Lazy
@@ -36,7 +37,13 @@ sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
 zstandard = Lazy('zstandard')
 
 METADATA = 'metadata.yaml'
+INFORMATION = 'rosbag2_bagfile_information'
+CDR = 'cdr'
 ROS1 = b'#ROSBAG'
+
+
+class UnreadableError(UserError):
+    """A topic is there, but none of its messages can be decoded."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,7 @@ class Topic:
     definition: str = field(default='', repr=False)
     type_hash: str = ''
     definition_format: str = 'ros2msg'
-    serialization: str = 'cdr'
+    serialization: str = CDR
 
 
 class Message(NamedTuple):
@@ -82,8 +89,10 @@ class Bag:
     warnings : what was wrong with the bag without keeping it from being read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, unpack_limit: int = unpacking.LIMIT) -> None:
         self.path = path
+        self._limit = unpack_limit
+        self._size = 0      # bytes of all files
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
         self._names: list[str] = []
@@ -135,12 +144,12 @@ class Bag:
             raise UserError(f"{self.path} has no topic '{topic}'"
                             + (f" (did you mean '{near[0]}'?)" if near else '')
                             + f'; it has {self.listing()}')
+        if found.serialization != CDR:
+            raise UnreadableError(f"topic '{topic}' of {self.path} cannot be read: its messages "
+                                  f"are '{found.serialization}', not CDR as those of ROS 2")
         if types and found.type not in types:
             raise UserError(f"topic '{topic}' of {self.path} is {found.type}, "
                             f'not {" or ".join(types)}')
-        if found.serialization != 'cdr':
-            raise UserError(f"topic '{topic}' of {self.path} is not of ROS 2: its messages are "
-                            f"'{found.serialization}', not CDR")
         if not found.count:
             raise UserError(f"topic '{topic}' of {self.path} holds no messages")
         return found
@@ -163,11 +172,15 @@ class Bag:
         wanted = set(self.topics if topics is None else topics)
         keep = np.array([name in wanted for name in self._names] + [False])
         for block in _merged(sorted(self._parts(keep), key=lambda part: part[0])
-                             if not self._sqlites else self._sqlite_parts(keep)):
-            if self._unpack_messages:
-                block = self._unpacked(block)
-            if len(block):
-                yield self._names, block
+                             if not self._sqlites else self._sqlite_parts(keep), self._has_room):
+            for part in self._unpacked(block) if self._unpack_messages else (block,):
+                if len(part):
+                    yield self._names, part
+
+    def _has_room(self, size: int) -> None:
+        """Raise TooLargeError where messages of so many bytes would have to be sorted at once."""
+        unpacking.check(f'{self.path}: what overlaps in time', size,
+                        max(self._limit, unpacking.RATIO * self._size))
 
     def _parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
         for mcap, index in self._mcaps:
@@ -191,26 +204,51 @@ class Bag:
                 block = load()
                 yield start_ns, partial(replace, block, topic=index[block.topic])
 
-    def _unpacked(self, block: Block) -> Block:
-        """The messages of a bag whose messages are compressed one by one."""
+    def _unpacked(self, block: Block) -> Iterator[Block]:
+        """The messages of a bag whose messages are compressed one by one, a few MB at a time."""
         view = block.data.data
-        unpacker = zstandard.ZstdDecompressor()
-        rows, raws = [], []
+        rows: list[int] = []
+        raws: list[bytes] = []
+        size = 0
+
+        def unpacked() -> Block:
+            good = block.take(np.array(rows, np.int64))
+            return from_messages(good.topic.tolist(), good.log_ns.tolist(),
+                                 good.publish_ns.tolist(), raws)
+
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
             try:
-                raws.append(unpacker.decompressobj().decompress(view[start:end]))
-                rows.append(row)
+                raws.append(unpacking.unpack_message(
+                    view[start:end], f'{self.path}: a message', self._limit))
             except zstandard.ZstdError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are left out')
-        good = block.take(np.array(rows, np.int64))
-        return from_messages(good.topic.tolist(), good.log_ns.tolist(), good.publish_ns.tolist(),
-                             raws)
+                continue
+            rows.append(row)
+            size += len(raws[-1])
+            if size >= unpacking.PIECE:
+                yield unpacked()
+                rows, raws, size = [], [], 0
+        yield unpacked()
 
     def warn(self, text: str) -> None:
         """Tell the user, once, what is wrong with the bag."""
         if text not in self.warnings:
             self.warnings.append(text)
             show(f'warning: {text}', file=sys.stderr)
+
+    def count_malformed(self, topic: str, count: int, malformed: int) -> None:
+        """Warn of messages of a topic that cannot be decoded.
+
+        Raises
+        ------
+        UnreadableError : none of the `count` messages can.
+        """
+        if malformed and malformed == count:
+            raise UnreadableError(f"no message of '{topic}' of {self.path} can be read: all "
+                                  f'{count} are malformed')
+        if malformed:
+            self.warn(f"{malformed} of {count} messages of '{topic}' of {self.path} are malformed "
+                      'and are left out')
 
     def _open(self) -> None:
         try:
@@ -228,16 +266,16 @@ class Bag:
 
     def _open_folder(self) -> None:
         information = self._metadata()
-        listed = information.get('relative_file_paths')
-        if isinstance(listed, list) and listed:
-            files = [self.path / Path(str(name)).name for name in listed]
-            missing = [file.name for file in files if not file.exists()]
+        listed = _names_of_files(information)
+        if listed:
+            files = [self.path / name for name in listed]
+            missing = [file.name for file in files if not file.is_file()]
             if len(missing) == len(files):
                 raise UserError(f'{self.path}: {missing[0]} is missing, which {METADATA} names')
             if missing:
                 self.warn(f'{self.path}: {", ".join(missing)} is missing, which {METADATA} '
                           'names; its messages are left out')
-            files = [file for file in files if file.exists()]
+            files = [file for file in files if file.is_file()]
         else:
             files = sorted((file for file in self.path.iterdir()
                             if file.suffix in ('.mcap', '.db3', '.zstd')), key=_natural)
@@ -249,6 +287,10 @@ class Bag:
                           f'reading {len(files)} file{"s" if len(files) > 1 else ""}')
         mode = str(information.get('compression_mode') or '').lower()
         self._unpack_messages = mode == 'message'
+        packed = information.get('compression_format')
+        if self._unpack_messages and packed not in ('zstd', '', None):
+            raise UserError(f"{self.path}: its messages are compressed as '{packed}', which is not "
+                            'supported: only zstd is')
         problems = []
         for file in files:
             try:
@@ -259,23 +301,27 @@ class Bag:
             raise UserError(problems[0])
         for problem in problems:
             self.warn(f'{problem}; it is left out')
-        for item in information.get('topics_with_message_count') or ():
-            try:
-                about = item['topic_metadata']
-                self._add(about['name'], about['type'], 0,
-                          qos_profiles.parse(about.get('offered_qos_profiles')),
-                          type_hash=about.get('type_description_hash', ''))
-            except (KeyError, TypeError, AttributeError):
+        for about in _described(information):
+            name, type_name = about.get('name'), about.get('type')
+            if not (isinstance(name, str) and name and isinstance(type_name, str)):
+                self.warn(f'{self.path / METADATA}: the description of a topic is damaged and is '
+                          'left out')
                 continue
+            type_hash, format_ = about.get('type_description_hash'), about.get(
+                'serialization_format')
+            self._add(name, type_name, 0, qos_profiles.parse(about.get('offered_qos_profiles')),
+                      type_hash=type_hash if isinstance(type_hash, str) else '',
+                      serialization=CDR if format_ in (None, '') else str(format_))
 
     def _metadata(self) -> dict[str, Any]:
         file = self.path / METADATA
         if not file.exists():
             return {}
         try:
-            content = yaml.safe_load(file.read_text(encoding='utf-8'))
-            return dict(content['rosbag2_bagfile_information'])
-        except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError):
+            return dict(yaml.safe_load(file.read_text(encoding='utf-8'))[INFORMATION])
+        except OSError:
+            raise
+        except Exception:  # whatever a damaged file does to the library
             self.warn(f'{file} cannot be read as metadata; reading the files beside it')
             return {}
 
@@ -284,13 +330,14 @@ class Bag:
             file = self._unpacked_file(file)
         with open(file, 'rb') as stream:
             start = stream.read(len(ROS1))
+        self._size += file.stat().st_size
         if start == ROS1:
             raise UserError(f"{file} is a bag of ROS 1; 'rosbags-convert --src {file.name} --dst "
                             f"{file.stem}' makes one of ROS 2 of it")
         if start[:6] == b'SQLite':
             self._add_sqlite(sqlite_file.SqliteFile(file, self.warn))
         elif start[:5] == b'\x89MCAP':
-            self._add_mcap(mcap_file.McapFile(file, self.warn))
+            self._add_mcap(mcap_file.McapFile(file, self.warn, self._limit))
         elif not start:
             raise UserError(f'{file} is empty (0 bytes)')
         else:
@@ -300,11 +347,7 @@ class Bag:
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix='bag')
         target = Path(self._folder.name, file.stem)
-        try:
-            with open(file, 'rb') as packed, open(target, 'wb') as plain:
-                zstandard.ZstdDecompressor().copy_stream(packed, plain)
-        except zstandard.ZstdError as error:
-            raise UserError(f'{file} is damaged: {error}') from error
+        unpacking.unpack_file(file, target, self._limit)
         return target
 
     def _add_mcap(self, mcap: McapFile) -> None:
@@ -325,13 +368,13 @@ class Bag:
             item.topic, item.msgtype, item.msgcount,
             list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
             definition=item.msgdef.data, type_hash=item.digest,
-            serialization=item.ext.serialization_format)  # type: ignore[union-attr]  # too
+            serialization=str(item.ext.serialization_format))  # type: ignore[union-attr]  # too
             for item in sqlite.connections]
         self._sqlites.append((sqlite, np.array(index, np.int64)))
 
     def _add(self, name: str, type_name: str, count: int, qos: Sequence[Qos], *,
              definition: str = '', type_hash: str = '', definition_format: str = 'ros2msg',
-             serialization: str = 'cdr') -> int:
+             serialization: str = CDR) -> int:
         """The topic's index; -1 where its messages cannot go with those of the same name."""
         known = self.topics.get(name)
         if known is None:
@@ -346,18 +389,39 @@ class Bag:
             known.qos + tuple(item for item in qos if item not in known.qos),
             known.definition or definition, known.type_hash or type_hash,
             definition_format if definition and not known.definition else known.definition_format,
-            serialization)
+            serialization if known.serialization == CDR else known.serialization)
         return self._names.index(name)
 
 
-def open_bag(path: str | Path) -> Bag:
+def open_bag(path: str | Path, unpack_limit: int = unpacking.LIMIT) -> Bag:
     """The bag at `path`: a rosbag2 folder, or a single .mcap or .db3 file.
+
+    Parameters
+    ----------
+    unpack_limit : bytes that a compressed chunk or message may unpack to.
 
     Raises
     ------
     UserError : it is missing, empty, or no bag.
     """
-    return Bag(Path(path))
+    return Bag(Path(path), unpack_limit)
+
+
+def _names_of_files(information: Mapping[str, Any]) -> list[str]:
+    """The files of the folder that the metadata list; [] where the list makes no sense."""
+    listed = information.get('relative_file_paths')
+    if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
+        return []
+    names = [Path(name).name for name in listed]
+    return [] if any(name in ('', '..') or '\0' in name for name in names) else names
+
+
+def _described(information: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The descriptions of topics in the metadata; {} for what is none."""
+    listed = information.get('topics_with_message_count')
+    found = [item.get('topic_metadata') if isinstance(item, Mapping) else None
+             for item in (listed if isinstance(listed, list) else [])]
+    return [about if isinstance(about, Mapping) else {} for about in found]
 
 
 def _natural(file: Path) -> tuple:
@@ -375,8 +439,14 @@ def _natural(file: Path) -> tuple:
     return tuple(parts)
 
 
-def _merged(parts: Iterable[tuple[int, Callable[[], Block]]]) -> Iterator[Block]:
-    """Blocks in log order from parts sorted by their first time, which may overlap."""
+def _merged(parts: Iterable[tuple[int, Callable[[], Block]]], has_room: Callable[[int], None]
+            ) -> Iterator[Block]:
+    """Blocks in log order from parts sorted by their first time, which may overlap.
+
+    Parameters
+    ----------
+    has_room : raises UserError where so many bytes that overlap are too many.
+    """
     held: Block | None = None
     for start_ns, load in parts:
         if held is not None and len(held) and held.log_ns[-1] > start_ns:
@@ -384,6 +454,7 @@ def _merged(parts: Iterable[tuple[int, Callable[[], Block]]]) -> Iterator[Block]
             if cut:
                 yield held.take(slice(0, cut))
             held = join([compact(held.take(slice(cut, None))), load()]).in_log_order()
+            has_room(len(held.data))
             continue
         if held is not None and len(held):
             yield held

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg.bags import kinds
+from estimator_pkg.bags import kinds, unpacking
 from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.estimates import Encoded
 from estimator_pkg.bags.kinds.contract import GAP, Answers, Kind, Replay, Request, Setup
@@ -56,6 +56,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                              'joint_observer, or what else the observer runs in)')
     parser.add_argument('--copy', metavar='TOPIC', nargs='*',
                         help='copy only these topics of BAG (or none); default: all')
+    unpacking.arguments(parser)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -64,7 +65,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.name is not None and not NODE_NAME.fullmatch(parsed.name):
         raise UsageError(f"--name '{parsed.name}': a node is called with letters, digits and '_', "
                          "behind a namespace if need be, as in 'arm/observer'")
-    with open_bag(parsed.bag) as bag:
+    with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         kind, setup = settled(bag, parsed)
         replay = kind.start(setup)
         node = f'/{(parsed.name or kind.node).strip("/")}'
@@ -82,7 +83,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                             made.add(output.own[each.output], each.rank, each.rows, each.raw)
                         output.write_among(names, block, made)
                     advance(count)
-            for warning in replay.finish(str(bag.path)):
+            for warning in replay.end(str(bag.path)):
                 bag.warn(warning)
         result = {'bag': str(parsed.bag), 'out': parsed.out,
                   'observer': _observer(replay, setup),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.reader import CDR, Bag
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.nodes.settings import NodeSettings
@@ -24,11 +24,12 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
 
     Raises
     ------
-    UserError : it is not there or has another type, or it is not clear which one is meant.
+    UserError : it is not there, has another type or no CDR messages, or it is not clear which one
+        is meant.
     """
     if named is not None:
         found = bag.topics.get(named)
-        if found is not None and found.count and found.type != TYPE:
+        if found is not None and found.count and found.type != TYPE and found.serialization == CDR:
             raise UserError(f"topic '{named}' of {bag.path} is {found.type}, not {TYPE}: name the "
                             f"number in it with --angle {named}:FIELD")
         return bag.require(named, [TYPE]).name
@@ -36,9 +37,9 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
     names = [topic.name for topic in states
              if TRUTH not in f'{topic.name}/' and not topic.name.endswith(MADE)]
     if len(names) == 1:
-        return names[0]
+        return bag.require(names[0], [TYPE]).name
     if USUAL in names:
-        return USUAL
+        return bag.require(USUAL, [TYPE]).name
     if names:
         raise UserError(f'{bag.path} has several topics of joint states: name one with '
                         f'--measurement ({", ".join(sorted(names))})')

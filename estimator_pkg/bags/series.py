@@ -38,19 +38,22 @@ def joint_series(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, 
 
     Raises
     ------
-    UserError : the topic is not there, of another type, or names no joint.
+    UserError : the topic is not there, of another type, or names no joint; or none of its messages
+        can be decoded.
     """
     bag.require(topic, [TYPE])
     pieces: dict[str, list[tuple[NDArray, Decoded, int]]] = {}
-    first = 0
+    first = unread = 0
     for _, block in bag.blocks([topic]):
-        groups, _ = decode_block(block)
+        groups, malformed = decode_block(block)
+        unread += len(malformed)
         for group in groups:
             if by_publisher:
                 group = group._replace(stamps_ns=block.publish_ns[group.rows])
             for column, name in enumerate(group.names):
                 pieces.setdefault(name, []).append((group.rows + first, group, column))
         first += len(block)
+    bag.count_malformed(topic, first, unread)
     if not pieces:
         raise UserError(f"topic '{topic}' of {bag.path} names no joint")
     return {name: _series(items) for name, items in pieces.items()}

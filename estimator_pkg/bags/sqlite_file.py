@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from urllib.parse import quote
 
 import apsw
 from rosbags.interfaces import Connection
@@ -41,11 +43,13 @@ class SqliteFile:
             raise UserError(f'{path} is empty (0 bytes)')
         if start != MAGIC:
             raise UserError(f'{path} is no sqlite3 file')
-        self._reader = Sqlite3Reader(path)
+        for_library = _within_uri(path)
+        self._reader = Sqlite3Reader(for_library)
         try:
             self._reader.open()
         except Exception as error:  # whatever a damaged file does to the library
-            raise UserError(f'{path} cannot be read as a bag: {first_line(error)}') from error
+            why = first_line(error).replace(str(for_library), str(path))
+            raise UserError(f'{path} cannot be read as a bag: {why}') from error
         every = list(self._reader.connections)
         self.connections: list[Connection] = [
             item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)]
@@ -93,3 +97,9 @@ class SqliteFile:
             yield full()
         if strange:
             self._warn(f'{self.path} is damaged: {strange} messages are no bytes and are left out')
+
+
+def _within_uri(path: Path) -> Path:
+    """Return the path as rosbags needs it: it puts the text into a URI without quoting it."""
+    whole = os.fsencode(os.path.abspath(path))
+    return Path('/' + quote(whole.lstrip(b'/')) if whole.startswith(b'/') else quote(whole))

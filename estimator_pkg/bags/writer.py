@@ -99,8 +99,8 @@ class BagWriter:
                 self._say_kept()
 
     def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] | Qos | None = None, *,
-                  definition: str = '', definition_format: str = 'ros2msg', type_hash: str = ''
-                  ) -> int:
+                  definition: str = '', definition_format: str = 'ros2msg', type_hash: str = '',
+                  serialization: str = 'cdr') -> int:
         """Declare a topic; returns the number that `write_block` takes for it.
 
         Parameters
@@ -108,6 +108,7 @@ class BagWriter:
         name, type_name : as in '/joint_states', 'sensor_msgs/msg/JointState'.
         qos : the profile or profiles its publishers offer; None: reliable, volatile, keep last 10.
         definition, definition_format, type_hash : as another bag has them; else they are looked up.
+        serialization : of its messages, as another bag has it.
         """
         if name in self._topics:
             return self._topics[name][0]
@@ -120,9 +121,9 @@ class BagWriter:
         channel = self._mcap.add_channel(
             name, type_name, definition_format, definition,
             {'offered_qos_profiles': qos_profiles.to_text(profiles),
-             'topic_type_hash': type_hash})
+             'topic_type_hash': type_hash}, serialization)
         self._topics[name] = channel, {
-            'name': name, 'type': type_name, 'serialization_format': 'cdr',
+            'name': name, 'type': type_name, 'serialization_format': serialization,
             'offered_qos_profiles': qos_profiles.plain(profiles),
             'type_description_hash': type_hash}
         return channel

@@ -119,7 +119,7 @@ def compare(path: str, options: Options) -> Comparison:
     UserError : no truth, no estimates, no joint in common, no overlap in time; one line each, with
         what there is instead.
     """
-    with open_bag(path) as bag:
+    with open_bag(path, options.unpack_limit) as bag:
         measurement = measured(bag, options)
         true = truth(bag, path, measurement, options)
         if any(len(series.stamps_ns) >= MANY for series in true.series.values()):

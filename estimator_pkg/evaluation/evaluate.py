@@ -9,6 +9,7 @@ import contextlib
 import math
 from typing import Any
 
+from estimator_pkg.bags import unpacking
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import asked, plot
@@ -56,6 +57,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--html', metavar='FILE',
                         help='write one page with tables, plots that zoom and what to do next; the '
                              'numbers behind it go into an .npz beside it')
+    unpacking.arguments(parser)
     parser.add_argument('--jobs', type=int, default=1, metavar='N',
                         help='local processes, for many bags')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
@@ -71,7 +73,7 @@ def options(parsed: argparse.Namespace) -> Options:
     observers = tuple(asked.entries(parsed.observer, parsed.params, parsed.set))
     return Options(parsed.measurement, parsed.truth, tuple(parsed.estimate), observers,
                    parsed.skip, parsed.wrap_period, parsed.correct_reference,
-                   parsed.reference, parsed.angle)
+                   parsed.reference, parsed.angle, parsed.unpack_limit)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:

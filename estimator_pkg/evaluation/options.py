@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator_pkg.bags.unpacking import LIMIT
 from estimator_pkg.evaluation.entries import Entry
 
 MEASUREMENT = '/joint_states'
@@ -27,6 +28,7 @@ class Options:
     correct_reference : take the reference's own lag and bias off before it is compared with.
     reference : 'auto': the truth, and where there is none the off-line smoother; 'truth' or
         'smoother': that one alone.
+    unpack_limit : of the bags, see `estimator_pkg.bags.reader.open_bag`.
     """
 
     measurement: str | None = None
@@ -38,3 +40,4 @@ class Options:
     correct_reference: bool = False
     reference: str = AUTO
     angle: str | None = None
+    unpack_limit: int = LIMIT

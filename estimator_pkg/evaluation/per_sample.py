@@ -39,6 +39,7 @@ def finer(bag: Bag, topic: str, series: Mapping[str, Series]) -> dict[str, Serie
     electrical = [joint for joint in series if joint.endswith(ELECTRICAL)]
     if len(electrical) != 1 or not _there(bag, topic):
         return dict(series)
+    bag.require(topic)
     try:
         batches = [drive_samples.decode(bytes(message.raw)) for message in bag.messages([topic])]
     except MalformedMessageError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags import kinds
 from estimator_pkg.bags.kinds.contract import Estimate, Kind, Recording, Request, Setup
-from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.reader import Bag, UnreadableError
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions
 from estimator_pkg.driver.joint import Joint
@@ -50,13 +49,17 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
             return found
     if options.measurement is not None and not asked:
         bag.require(options.measurement, (TYPE,))
-    with suppress(UserError):  # of a truth, estimates can be judged without a measurement
+    try:
         topic = measurement_topic(bag, options.measurement)
         if topic != options.truth:
             found = positions(bag, topic)
             if any((series.stamps_ns > 0).any() for series in found.values()):
                 return found
             return positions(bag, topic, by_publisher=True)  # as their estimates must have been
+    except UnreadableError:
+        raise
+    except UserError:   # of a truth, estimates can be judged without a measurement
+        pass
     return {}
 
 
@@ -111,8 +114,12 @@ def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Option
         deviations: dict[str, Series] = {}
         beside = bag.topics.get(f'{topic}_stddev')
         if beside is not None and beside.type == TYPE and beside.count:
-            with suppress(UserError):  # no joint was ever valid
+            try:
                 deviations = joint_series(bag, beside.name)
+            except UnreadableError:
+                raise
+            except UserError:   # no joint was ever valid
+                pass
         found = joint_series(bag, topic)
         if per_sample.available(bag, options):
             found = per_sample.finer(bag, f'{topic}{per_sample.BATCHES}', found)

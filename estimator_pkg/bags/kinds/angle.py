@@ -91,8 +91,13 @@ class AngleKind(Kind):
         if setup.values.get('input') != ANGLE:
             return super().measured(bag, setup)
         replay = AngleReplay(setup)
-        groups = [group for _, block in bag.blocks([setup.topics[0].name])
-                  for group in replay.source.samples(block)[0] if group.positions.shape[1]]
+        name = setup.topics[0].name
+        groups, count, malformed = [], 0, 0
+        for _, block in bag.blocks([name]):
+            found, unread = replay.source.samples(block)
+            groups += [group for group in found if group.positions.shape[1]]
+            count, malformed = count + len(block), malformed + len(unread)
+        bag.count_malformed(name, count, malformed)
         if not groups:
             return {}
         return {replay.settings.angle_joint: of_positions(
@@ -159,6 +164,12 @@ class AngleReplay(Replay):
                 'dropped': {kind: count for kind, count in unused.items() if count},
                 'estimates': self._answered}
 
+    def read(self) -> dict[str, tuple[int, int]]:
+        """See `Replay`."""
+        estimation = self.estimation
+        return ({self._topic.name: (estimation.messages, estimation.malformed)}
+                if estimation.messages else {})
+
     def why(self) -> str:
         """See `Replay`."""
         bank, received, topic = self.estimation.bank, self.estimation.messages, self._topic.name
@@ -166,15 +177,15 @@ class AngleReplay(Replay):
             return f'no message of {topic} has a position there'
         if bank.mismatched == received:
             return f'no message of {topic} has as many positions as names'
-        if self.estimation.malformed == received:
-            return f'no message of {topic} can be read as {self._topic.type}'
         return super().why() or 'too few samples: all were needed to begin'
 
     def finish(self, path: str) -> list[str]:
         """The joints that the user named must be there."""
         seen, topic = self.estimation.seen, self._topic.name
         if not seen:
-            raise UserError(f"topic '{topic}' of {path} names no joint")
+            raise UserError(f"topic '{topic}' of {path} names no joint"
+                            if self.estimation.messages else
+                            f"no message of '{topic}' of {path} can be read from the file")
         there = ', '.join(sorted(seen))
         missing = [name for name in self.settings.only if name not in seen]
         if missing and self.settings.input != ANGLE:

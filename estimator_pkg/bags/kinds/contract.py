@@ -21,7 +21,7 @@ from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.reader import Bag, Topic
 from estimator_pkg.bags.series import Series, positions
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.errors import plainly
+from estimator_pkg.errors import UserError, plainly
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.contract import STATUS_NAMES
 from estimator_pkg.parameters import Parameter
@@ -191,6 +191,27 @@ class Replay(ABC):
     @abstractmethod
     def messages(self) -> dict[str, Any]:
         """How many messages were 'received', 'used', and 'dropped' by kind."""
+
+    @abstractmethod
+    def read(self) -> dict[str, tuple[int, int]]:
+        """(messages, malformed ones among them) of every topic that came."""
+
+    def end(self, path: str) -> list[str]:
+        """As `finish`.
+
+        Raises
+        ------
+        UserError : also where no message of one of the topics can be read.
+        """
+        for topic, (count, malformed) in self.read().items():
+            if count == malformed:
+                raise UserError(f"no message of '{topic}' of {path} can be read: all {count} are "
+                                f'malformed{self.complaint()}')
+        return self.finish(path)
+
+    def complaint(self) -> str:
+        """What is wrong with malformed messages, behind a colon; '' where it is not known."""
+        return ''
 
     def finish(self, path: str) -> list[str]:
         """Once at the end: warnings. Raises UserError if what was asked for never came.

@@ -122,6 +122,14 @@ class DriveReplay(OneByOne):
         return {self._settings.joint: System(joint, self.stream.names, {
             status: count * joint.mean_dt for status, count in self.stream.statuses.items()})}
 
+    def unread(self) -> int:
+        """See `OneByOne`."""
+        return self.stream.malformed
+
+    def complaint(self) -> str:
+        """See `Replay`."""
+        return f': {self.stream.complaint}' if self.stream.complaint else ''
+
     def messages(self) -> dict[str, Any]:
         """See `Replay`."""
         stream = self.stream

@@ -36,6 +36,7 @@ class OneByOne(Replay):
 
     def __init__(self) -> None:
         self.received = self.malformed = self.answered = self.inputs_malformed = 0
+        self._read: dict[str, tuple[int, int]] = {}
 
     @abstractmethod
     def take(self, topic: str, raw: bytes, publish_ns: int) -> list[dict[int, bytes]]:
@@ -53,15 +54,18 @@ class OneByOne(Replay):
         times = block.publish_ns.tolist()
         for row in range(len(block)):
             raw = block.data[block.start[row]:block.end[row]].tobytes()
-            before = self.received
+            topic = names[topics[row]]
+            before, unread = self.received, self.unread()
+            answers: list[dict[int, bytes]] = []
             try:
-                answers = self.take(names[topics[row]], raw, times[row])
+                answers = self.take(topic, raw, times[row])
             except MalformedMessageError:
                 if self.received > before:
                     self.malformed += 1
                 else:
                     self.inputs_malformed += 1
-                continue
+            count, malformed = self._read.get(topic, (0, 0))
+            self._read[topic] = count + 1, malformed + self.unread() - unread
             for number, answer in enumerate(answers):
                 for output, message in answer.items():
                     rows, ranks, raws = made.setdefault((output, len(message)), ([], [], []))
@@ -71,6 +75,14 @@ class OneByOne(Replay):
         return [Answers(output, np.array(rows), np.array(ranks),
                         np.frombuffer(b''.join(raws), np.uint8).reshape(len(rows), size))
                 for (output, size), (rows, ranks, raws) in made.items()]
+
+    def unread(self) -> int:
+        """Malformed messages so far, of all topics."""
+        return self.malformed + self.inputs_malformed
+
+    def read(self) -> dict[str, tuple[int, int]]:
+        """See `Replay`."""
+        return self._read
 
     def messages(self) -> dict[str, Any]:
         """See `Replay`."""
@@ -106,7 +118,7 @@ class MessageRecording(Recording):
         collected = _Collected(replay.batches if self.fine else {})
         for names, block in self.blocks:
             collected.add(replay.answers(names, block))
-        replay.finish(self.path)
+        replay.end(self.path)
         found = collected.estimates(replay.systems())
         if not found:
             why = replay.why()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import destination
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.cli import Command
@@ -46,6 +47,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                         help='a number of the model that is known, and held')
     parser.add_argument('--start', metavar='KEY=VALUE', action='append', default=[],
                         help="a number to start from, where the model's own is far off")
+    unpacking.arguments(parser)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -57,7 +59,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         destination.check(out)
         if out.exists():
             raise UserError(f'{out} exists already')
-    with open_bag(parsed.bag) as bag:
+    with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         topic = measurement_topic(bag, parsed.measurement)
         samples, names = recording(bag, topic, wanted.make(wanted.start), parsed.joint)
     delay = 0.0

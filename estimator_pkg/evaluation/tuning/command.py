@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator_pkg import destination
-from estimator_pkg.bags import kinds
+from estimator_pkg.bags import kinds, unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
@@ -79,6 +79,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plot', metavar='FILE',
                         help='picture of noise against delay (default: beside the YAML, where '
                              'matplotlib is installed)')
+    unpacking.arguments(parser)
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='local processes')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
     parser.add_argument('--storage', metavar='URL',
@@ -96,7 +97,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         picture.check(parsed.plot)
     options = Options(parsed.measurement, parsed.truth, observers=(wished.entry,),
                       wrap_period=parsed.wrap_period, correct_reference=True,
-                      reference=parsed.reference, angle=parsed.angle)
+                      reference=parsed.reference, angle=parsed.angle,
+                      unpack_limit=parsed.unpack_limit)
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         if parsed.live is not None:
@@ -195,7 +197,7 @@ def _held(parsed: argparse.Namespace, wished: Wishes, path: str) -> dict[str, An
     """
     held = wished.held
     if parsed.angle:
-        with open_bag(path) as bag:
+        with open_bag(path, parsed.unpack_limit) as bag:
             kind = bag.topics[parsed.angle.partition(':')[0]].type.rpartition('/')[2]
         if kind in ANGLE_TYPES:     # else it is a number that no node reads, but replay does
             held |= {'input': ANGLE, 'angle_type': kind}

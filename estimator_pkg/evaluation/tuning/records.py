@@ -59,7 +59,7 @@ def records(path: str, entry: Entry, options: Options, held_out: float,
     UserError, UsageError : the bag lacks what the observer needs, a parameter is wrong, no truth
         and too little to make a reference from.
     """
-    with open_bag(path) as bag:
+    with open_bag(path, options.unpack_limit) as bag:
         measurement = measured(bag, options)
         whole = recording(entry, bag, measurement, options)
         true = truth(bag, path, measurement, options)

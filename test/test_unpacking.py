@@ -1,0 +1,143 @@
+"""No bag unpacks to more than it declares, nor to more than the user allows."""
+
+from __future__ import annotations
+
+import resource
+import sqlite3
+import subprocess
+import sys
+
+import bag_making as make
+import lz4.frame
+import pytest
+import zstandard
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+
+from estimator_pkg import cli
+from estimator_pkg.bags import unpacking
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.errors import UserError
+
+MIB = unpacking.MIB
+BOMBS = {'zstd': lambda size: zstandard.compress(bytes(size)),
+         'zstd without its size': lambda size: zstandard.ZstdCompressor(
+             write_content_size=False).compress(bytes(size)),
+         'lz4': lambda size: lz4.frame.compress(bytes(size)),
+         'lz4 without its size': lambda size: lz4.frame.compress(bytes(size), store_size=False)}
+
+
+def with_chunk(path, kind, unpacked, declared):
+    """An MCAP without index whose second chunk unpacks to `unpacked` and declares `declared`."""
+    from mcap.data_stream import RecordBuilder
+    from mcap.records import Chunk
+    make.mcap(path, make.content(5), chunk_size=1)
+    with open(path, 'rb') as stream:
+        index = make_reader(stream).get_summary().chunk_indexes[-1]
+    packed = BOMBS[kind](unpacked)
+    builder = RecordBuilder()
+    Chunk(compression=kind.split()[0], data=packed, message_start_time=make.START,
+          message_end_time=make.START, uncompressed_crc=0, uncompressed_size=declared
+          ).write(builder)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:index.chunk_start_offset] + builder.end()
+                     + whole[index.chunk_start_offset:index.chunk_start_offset
+                             + index.chunk_length])
+    return path
+
+
+@pytest.mark.parametrize('kind', BOMBS)
+def test_a_chunk_unpacks_to_no_more_than_it_declares(kind, tmp_path):
+    path = with_chunk(tmp_path / 'bag.mcap', kind, 64 * MIB, 1000)
+    script = ('import resource, sys; from estimator_pkg.bags.reader import open_bag\n'
+              'before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n'
+              'bag = open_bag(sys.argv[1]); print(len(list(bag.messages())))\n'
+              'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)')
+    done = subprocess.run([sys.executable, '-c', script, str(path)], capture_output=True,
+                          text=True, timeout=60, check=True)
+    count, kilobytes = map(int, done.stdout.split())
+    assert count == 7       # of the sound chunks
+    assert kilobytes < 32 * 1024
+    assert 'the chunk at byte' in done.stderr and 'is damaged' in done.stderr
+
+
+@pytest.mark.parametrize('kind', BOMBS)
+def test_a_chunk_unpacks_to_no_more_than_the_limit(kind, tmp_path, capsys):
+    path = with_chunk(tmp_path / 'bag.mcap', kind, 3 * MIB, 3 * MIB)
+    with pytest.raises(UserError, match=r'the chunk at byte \d+ unpacks to more than 2 MiB: if '
+                                        'you trust the bag, raise --unpack-limit'):
+        open_bag(path, 2 * MIB)
+    with open_bag(path) as bag:
+        assert bag.count == 7
+    capsys.readouterr()
+    for command in (['replay', path], ['evaluate', path], ['identify', path], ['play', path],
+                    ['tune', path, '--observer', 'pll', '--out', tmp_path / 'out.yaml']):
+        assert cli.main([*map(str, command), '--unpack-limit', '2']) == 1
+        said = capsys.readouterr().err
+        assert 'raise --unpack-limit' in said and said.count('\n') == 1
+    assert cli.main(['replay', str(path), '--unpack-limit', '0']) == 2
+
+
+def test_the_limit_by_itself_stops_a_chunk_that_declares_gigabytes(tmp_path):
+    path = with_chunk(tmp_path / 'bag.mcap', 'zstd without its size', MIB, 4 << 30)
+    with pytest.raises(UserError, match='more than 256 MiB'):
+        open_bag(path)
+
+
+def test_the_index_bounds_a_chunk_too(tmp_path, capsys):
+    path = make.mcap(tmp_path / 'bag.mcap', make.content(), compression=CompressionType.ZSTD)
+    with open_bag(path) as bag:
+        mcap, _ = bag._mcaps[0]
+        mcap._parts = [part._replace(size=100) for part in mcap._parts]
+        assert not list(bag.messages())
+    assert 'wrong size' in capsys.readouterr().err
+
+
+def test_chunks_that_overlap_are_bounded_together(tmp_path):
+    """Each is small; sorted together they would be everything at once."""
+    message = make.text('x' * MIB)
+    messages = [(make.OTHER, make.START + i % 2 * 10**9, message) for i in range(40)]
+    path = make.mcap(tmp_path / 'bag.mcap', messages, chunk_size=2 * MIB)
+    with open_bag(path, 8 * MIB) as bag, pytest.raises(UserError, match='overlaps in time'):
+        list(bag.messages())
+    with open_bag(path) as bag:
+        assert len(list(bag.messages())) == 40
+
+
+@pytest.mark.parametrize('kind', [name for name in BOMBS if name.startswith('zstd')])
+def test_messages_compressed_one_by_one_are_bounded(kind, tmp_path):
+    path = make.KINDS['sqlite3, messages compressed'](tmp_path / 'bag', make.content(9))
+    with sqlite3.connect(next(path.glob('*.db3'))) as base:
+        base.execute('update messages set data = ? where id = 3', (BOMBS[kind](3 * MIB),))
+    base.close()
+    with open_bag(path, 2 * MIB) as bag, pytest.raises(UserError, match='a message unpacks to '
+                                                                        'more than 2 MiB'):
+        list(bag.messages())
+    with open_bag(path) as bag:
+        assert max(len(message.raw) for message in bag.messages()) == 3 * MIB
+
+
+def test_many_large_messages_come_a_few_at_a_time(tmp_path):
+    path = make.KINDS['sqlite3, messages compressed'](tmp_path / 'bag', make.content(30))
+    with sqlite3.connect(next(path.glob('*.db3'))) as base:
+        base.execute('update messages set data = ?', (BOMBS['zstd'](3 * MIB),))
+    base.close()
+    with open_bag(path) as bag:
+        sizes = [len(block.data) for _, block in bag.blocks()]
+    assert sum(sizes) == 40 * 3 * MIB and max(sizes) <= 6 * MIB
+
+
+@pytest.mark.parametrize('kind', ['sqlite3, file compressed', 'mcap folder, file compressed'])
+def test_a_compressed_file_is_bounded(kind, tmp_path, monkeypatch):
+    path = make.KINDS[kind](tmp_path / 'bag', make.content(9))
+    packed, = (file for file in path.iterdir() if file.suffix == '.zstd')
+    packed.write_bytes(BOMBS['zstd without its size'](64 * MIB))
+    monkeypatch.setattr(unpacking, 'RATIO', 2)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4 * MIB, limits[1]))     # no file is larger
+    try:
+        with pytest.raises(UserError, match=f'{packed.name} unpacks to more than 1 MiB'):
+            open_bag(path, MIB)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+

@@ -1,0 +1,184 @@
+"""Topics that no command can read: other serialisations, malformed messages. One line, exit 1."""
+
+from __future__ import annotations
+
+import sqlite3
+
+import bag_making as make
+import pytest
+import yaml
+from bag_making import START, STATES
+
+from estimator_pkg import cli
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.messages import drive_samples, vector3
+from estimator_pkg.messages.joint_state import TYPE, Encoder
+
+TRUTH = '/ground_truth/joint_states'
+COUNT = 60
+
+
+def commands(path, tmp_path):
+    """Every command that reads a bag, but play, which needs a ROS graph."""
+    out = tmp_path / 'out'
+    return [['replay', path], ['replay', path, '--out', out], ['evaluate', path],
+            ['replay', path, '--measurement', STATES], ['evaluate', path, '--observer', 'pll'],
+            ['replay', path, '--angle', f'{STATES}:position[0]'],
+            ['evaluate', path, '--html', f'{out}.html', '--observer', 'pll'],
+            ['replay', path, '--observer', 'geso', '--set', 'joints=[a]'],
+            ['replay', path, '--observer', 'adaptive'],
+            ['evaluate', path, '--observer', 'adaptive'],
+            ['evaluate', path, '--observer', 'pll', '--angle', f'{STATES}:position[0]'],
+            ['tune', path, '--observer', 'pll', '--out', f'{out}.yaml'],
+            ['tune', path, '--observer', 'adaptive', '--out', f'{out}.yaml'],
+            ['identify', path, '--out', f'{out}.yaml']]
+
+
+def refused(words, capsys):
+    """The one line that a command says before it ends with 1."""
+    assert cli.main([str(word) for word in words]) == 1, words
+    printed, said = capsys.readouterr()
+    assert said.count('\n') == 1 and 'Traceback' not in said, (words, said)
+    return said
+
+
+def in_mcap(path):
+    return make.mcap(path.with_suffix('.mcap'), make.content(), encoding='wrong_format')
+
+
+def in_sqlite(path):
+    make.rosbags(path, make.content())
+    with sqlite3.connect(next(path.glob('*.db3'))) as base:
+        base.execute("update topics set serialization_format = 'wrong_format'")
+    base.close()
+    return path
+
+
+def in_metadata(path, make_bag=make.ours):
+    make_bag(path, make.content())
+    file = path / 'metadata.yaml'
+    content = yaml.safe_load(file.read_text())
+    for item in content['rosbag2_bagfile_information']['topics_with_message_count']:
+        item['topic_metadata']['serialization_format'] = 'wrong_format'
+    file.write_text(yaml.safe_dump(content))
+    return path
+
+
+DECLARED = {'mcap': in_mcap, 'sqlite': in_sqlite, 'metadata of mcap': in_metadata,
+            'metadata of sqlite': lambda path: in_metadata(path, make.rosbags)}
+
+
+@pytest.mark.parametrize('where', DECLARED)
+def test_another_serialisation_is_never_decoded_as_cdr(where, tmp_path, capsys):
+    path = DECLARED[where](tmp_path / 'bag')
+    for words in commands(path, tmp_path):
+        said = refused(words, capsys)
+        assert f"topic '{STATES}' of {path}" in said, words
+        assert "its messages are 'wrong_format', not CDR" in said, words
+    assert refused(['play', path, '--topics', STATES], capsys).count("'wrong_format', not CDR")
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_folder_of_mcap_keeps_what_its_file_declares(tmp_path):
+    """metadata.yaml without serialization_format changes nothing."""
+    path = make.ours(tmp_path / 'bag', make.content(4))
+    make.mcap(tmp_path / 'other.mcap', make.content(4), encoding='json').replace(
+        path / 'bag_0.mcap')
+    with open_bag(path) as bag:
+        assert {topic.serialization for topic in bag.topics.values()} == {'json'}
+
+
+def test_replay_copies_other_serialisations_as_they_are(tmp_path):
+    from mcap.reader import make_reader
+    path = make.ours(tmp_path / 'bag', make.content())
+    with BagWriter(tmp_path / 'both') as writer, open_bag(path) as bag:
+        writer.add_topic(STATES, TYPE)
+        writer.add_topic('/json', 'a/msg/B', serialization='json')
+        for message in bag.messages([STATES]):
+            writer.write(STATES, message.log_ns, message.raw)
+        writer.write('/json', START, b'{"a": 1}')
+    assert cli.main(['replay', str(tmp_path / 'both'), '--out', str(tmp_path / 'out')]) == 0
+    with open_bag(tmp_path / 'out') as bag:
+        assert bag.topics['/json'].serialization == 'json'
+        assert [message.raw for message in bag.messages(['/json'])] == [b'{"a": 1}']
+    with open(tmp_path / 'out' / 'out_0.mcap', 'rb') as stream:
+        assert {channel.message_encoding for channel in
+                make_reader(stream).get_summary().channels.values()} == {'cdr', 'json'}
+
+
+# ---------------------------------------------------------------- malformed messages
+
+def bag_of(path, topics, bad, part=1.0):
+    """Topics by name -> (type, bytes by number); the first `part` of those in `bad` are rubbish."""
+    with BagWriter(path) as bag:
+        for name, (kind, _) in topics.items():
+            bag.add_topic(name, kind)
+        for i in range(COUNT):
+            for name, (_, raw) in topics.items():
+                rubbish = name in bad and i < part * COUNT
+                bag.write(name, START + i * 10**7, b'\0\1\0\0\xff' if rubbish else raw(i))
+    return path
+
+
+def state(i, velocity=None):
+    effort = [0.1] if velocity is None else []
+    return Encoder().encode(START + i * 10**7, '', ['a'], [0.01 * i],
+                            [] if velocity is None else [velocity], effort)
+
+
+JOINTS = {STATES: (TYPE, state), TRUTH: (TYPE, lambda i: state(i, 1.0)),
+          '/effort_command': (TYPE, state)}
+
+
+def test_every_message_malformed_is_exit_1(tmp_path, capsys):
+    path = bag_of(tmp_path / 'bag', JOINTS, [STATES])
+    for words in commands(path, tmp_path):
+        said = refused(words, capsys)
+        assert f"no message of '{STATES}' of {path} can be read: all {COUNT} are malformed" in said
+    assert [each.name for each in tmp_path.iterdir()] == ['bag']
+
+
+@pytest.mark.parametrize(('bad', 'words'), [
+    (TRUTH, ['evaluate', '--observer', 'pll']),
+    (TRUTH, ['tune', '--observer', 'pll', '--out', 'OUT']),
+    ('/effort_command', ['replay', '--observer', 'geso', '--set', 'joints=[a]',
+                         '--set', 'input=effort_command']),
+    ('/effort_command', ['evaluate', '--observer', 'adaptive', '--set', 'input=effort_command']),
+    ('/effort_command', ['replay', '--angle', '/effort_command:position[0]'])])
+def test_one_topic_of_several_wholly_malformed(bad, words, tmp_path, capsys):
+    path = bag_of(tmp_path / 'bag', JOINTS, [bad])
+    words = [str(tmp_path / 'out.yaml') if word == 'OUT' else word for word in words]
+    said = refused([words[0], path, *words[1:]], capsys)
+    assert f"no message of '{bad}' of {path} can be read: all {COUNT} are malformed" in said
+
+
+def test_a_measurement_that_is_malformed_is_not_passed_over(tmp_path, capsys):
+    """Estimates could be judged without it, but its absence would not be noticed."""
+    topics = {**JOINTS, '/joint_observer/estimate': (TYPE, lambda i: state(i, 1.0))}
+    path = bag_of(tmp_path / 'bag', topics, [STATES])
+    assert 'all 60 are malformed' in refused(['evaluate', path], capsys)
+
+
+@pytest.mark.parametrize('bad', ['/current', '/voltage', '/drive_samples'])
+def test_drives(bad, tmp_path, capsys):
+    def vector(i):
+        return vector3.encode(START + i * 10**7, '', 1.0, 0.0)
+
+    topics = ({bad: (drive_samples.TYPE, vector)} if bad == '/drive_samples' else
+              {'/current': (vector3.TYPE, vector), '/voltage': (vector3.TYPE, vector)})
+    path = bag_of(tmp_path / 'bag', topics, [bad])
+    motor = ('resistance=0.5', 'inductance=1e-3', 'flux=0.01', 'pole_pairs=4')
+    said = refused(['replay', path, '--observer', 'pmsm',
+                    *(word for each in motor for word in ('--set', each))], capsys)
+    assert f"no message of '{bad}' of {path} can be read: all {COUNT} are malformed: " in said
+
+
+def test_some_malformed_messages_are_counted_aloud(tmp_path, capsys):
+    path = bag_of(tmp_path / 'bag', JOINTS, [STATES, TRUTH], part=0.1)
+    assert cli.main(['replay', str(path)]) == 0
+    assert 'malformed 6' in capsys.readouterr().out
+    assert cli.main(['evaluate', str(path), '--observer', 'pll']) == 0
+    said = capsys.readouterr().err
+    assert f"6 of {COUNT} messages of '{STATES}' of {path} are malformed and are left out" in said
+    assert f"6 of {COUNT} messages of '{TRUTH}' of {path} are malformed and are left out" in said
