@@ -259,8 +259,8 @@ STRANGE = [None, True, 5, 1.5, [], {}, ['a'], '']
 
 @pytest.mark.parametrize('content', [
     *({'rosbag2_bagfile_information': each} for each in STRANGE), *STRANGE,
-    *(information(relative_file_paths=each) for each in [None, True, 5, [], {}, '', [True], [None], [[]], ['..'],
-                                                         ['a\0b']]),
+    *(information(relative_file_paths=each) for each in [
+        None, True, 5, [], {}, '', [True], [None], [[]], ['..'], ['a\0b']]),
     *(information(topics_with_message_count=each) for each in STRANGE),
     *(information(topics_with_message_count=[each]) for each in STRANGE),
     *(information(topics_with_message_count=[{'topic_metadata': each}]) for each in STRANGE),

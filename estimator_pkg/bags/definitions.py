@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 typesys = Lazy('rosbags.typesys')
 SEPARATOR = '=' * 80
+TYPE_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)', re.ASCII)
 
 
 @lru_cache(maxsize=1)
@@ -78,6 +80,8 @@ def _hash(type_name: str) -> str:
 
 
 def _file(type_name: str, suffix: str) -> Path | None:
+    if not TYPE_NAME.fullmatch(type_name):      # it comes from a bag: no path out of `share`
+        return None
     for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
         package, _, rest = type_name.partition('/')
         path = Path(prefix, 'share', package, rest + suffix)

@@ -1,0 +1,83 @@
+"""Type names come from bags and from other people's nodes: what they may import."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import dds
+import pytest
+
+from estimator_pkg.bags.definitions import define
+from estimator_pkg.bags.live import message_class
+from estimator_pkg.bags.writer import BagWriter
+
+HOSTILE = 'from pathlib import Path\nPath(__file__).with_name("imported").touch()\n'
+NAMES = ['mine/msg/Foo', 'mine.inner/msg/Foo', 'this/msg/Foo', 'sensor_msgs/msg/JointState',
+         'rclpy/msg/Foo', 'mine/msg/Foo/msg/Foo', '../mine/msg/Foo', 'mine//Foo', '/msg/Foo',
+         'sensor_msgs/mine/Foo', 'MINE/msg/Foo', 'mine/msg/foo']
+
+
+@pytest.fixture
+def hostile(tmp_path):
+    """A folder with packages of the user's, one with the name of a ROS package."""
+    for name in ('mine', 'sensor_msgs', 'this'):
+        (tmp_path / name / 'msg').mkdir(parents=True)
+        for file in (tmp_path / name / '__init__.py', tmp_path / name / 'msg' / '__init__.py'):
+            file.write_text(HOSTILE + 'class Foo: ...\nclass JointState: ...\n')
+    (tmp_path / 'mine' / 'inner').mkdir()
+    (tmp_path / 'mine' / 'inner' / '__init__.py').write_text(HOSTILE)
+    return tmp_path
+
+
+def imported(folder):
+    return [str(path) for path in folder.rglob('imported')]
+
+
+@pytest.mark.parametrize('way', ['', os.pathsep])
+def test_a_type_name_imports_nothing_of_the_current_folder(hostile, way):
+    script = ('import sys\nfrom estimator_pkg.bags.live import message_class\n'
+              'print([message_class(name) for name in sys.argv[1:]])')
+    done = subprocess.run([sys.executable, '-c', script, *NAMES], cwd=hostile, text=True,
+                          env={**os.environ, 'PYTHONPATH': way}, capture_output=True, timeout=60,
+                          check=True)
+    assert done.stdout.strip() == str([None] * len(NAMES))
+    assert imported(hostile) == []
+
+
+def test_play_imports_nothing_that_a_bag_names(hostile):
+    with BagWriter(hostile / 'bag') as bag:
+        for number, name in enumerate(NAMES):
+            bag.add_topic(f'/topic{number}', name)
+            bag.write(f'/topic{number}', 10**18, b'\0\1\0\0')
+    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.cli', 'play', 'bag', '--wait', '0'],
+                          cwd=hostile, text=True, capture_output=True, timeout=dds.PATIENCE,
+                          env={**os.environ, 'PYTHONPATH': os.pathsep}, check=False)
+    assert done.returncode == 1 and 'has nothing to play' in done.stderr, done.stderr
+    assert done.stderr.count('is not played: its type') == len(NAMES)
+    assert imported(hostile) == []
+
+
+def test_every_installed_message_is_found():
+    from ament_index_python.packages import get_packages_with_prefixes
+    count = 0
+    for package, prefix in get_packages_with_prefixes().items():
+        folder = os.path.join(prefix, 'share', package, 'msg')
+        for file in os.listdir(folder) if os.path.isdir(folder) else ():
+            if file.endswith('.msg'):
+                name = f'{package}/msg/{file[:-4]}'
+                assert message_class(name).__name__ == file[:-4]
+                count += 1
+    assert count > 100
+
+
+def test_a_type_name_leads_to_no_file_outside_share(tmp_path, monkeypatch):
+    (tmp_path / 'share').mkdir()
+    for name in ('secret/msg/Foo.msg', 'share/own_msgs/msg/Foo.msg'):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text('float64 x\n')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    assert define('own_msgs/msg/Foo')[0] == 'float64 x\n'
+    for name in ('../secret/msg/Foo', f'{tmp_path}/secret/msg/Foo', 'own_msgs/../own_msgs/msg/Foo'):
+        assert define(name) == ('', '')
