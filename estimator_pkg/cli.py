@@ -1,7 +1,7 @@
 """The command line ``velocity_estimator``: finds its commands through entry points, and is thin.
 
 A command is a `Command`: its module adds its arguments and runs. Errors that a user can mend are
-one line; exit codes are 0 (done), 1 (failed) and 2 (wrong use).
+one line; exit codes are 0 (done), 1 (failed), 2 (usage error) and 128 + N (ended by signal N).
 """
 
 from __future__ import annotations
@@ -11,17 +11,19 @@ import contextlib
 import json
 import math
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import __version__, destination, registry
+from estimator_pkg import __version__, destination, interrupts, registry
+from estimator_pkg.destination import STDOUT
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import PrintableStream, printable, show
 
-STDOUT = '-'    # in place of a file's name
+INTERRUPTED = 128   # and the number of the signal: exit code of what a signal ended
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Command:
     summary : one line.
     arguments : adds the command's arguments to its parser.
     run : (arguments) -> result, a dictionary for ``--json`` (or None). It prints what a person
-        wants to see; a key 'ok' that is False makes the exit code 1.
+        wants to see; a key 'ok' that is False makes the exit code 1, a key 'interrupted' that is
+        True makes it 128 and the number of the signal, as of a command that has nothing to show.
     """
 
     summary: str
@@ -52,16 +55,18 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    prog = ' '.join(['velocity_estimator', *words[:1]])
     with contextlib.ExitStack() as stack:
         for stream, redirect in ((sys.stdout, contextlib.redirect_stdout),
                                  (sys.stderr, contextlib.redirect_stderr)):
             if stream is not None and not isinstance(stream, PrintableStream):
                 stack.enter_context(redirect(PrintableStream(stream)))
-        return _guarded(words, ' '.join(['velocity_estimator', *words[:1]]))
+        stack.enter_context(interrupts.handled())
+        return _ended(words, prog)
 
 
-def _guarded(words: list[str], prog: str) -> int:
-    """Run one command; an error is one line."""
+def _ended(words: list[str], prog: str) -> int:
+    """Run one command to its end, however it ends; returns the exit code."""
     try:
         try:
             return _run(words, prog)
@@ -69,22 +74,22 @@ def _guarded(words: list[str], prog: str) -> int:
             if sys.stdout is not None:
                 sys.stdout.flush()
     except UserError as error:
-        show(f'{prog}: {error}', file=sys.stderr)
+        interrupts.say(f'{prog}: {error}')
         return error.exit_code
     except (KeyboardInterrupt, ImportError) as error:
         if _interrupted(error):
-            print(f'{prog}: interrupted', file=sys.stderr)
-            return 130
+            interrupts.say(f'{prog}: interrupted')
+            return INTERRUPTED + (interrupts.came() or signal.SIGINT)
         line = missing(error)
         if line is None:
             raise
-        print(f'{prog}: {line}', file=sys.stderr)
+        interrupts.say(f'{prog}: {line}')
         return 1
     except BrokenPipeError:  # the reader of our output went away, as with `| head`
         _give_up_output()
         return 1
     except OSError as error:
-        show(f'{prog}: {error.filename or "output"}: {error.strerror or error}', file=sys.stderr)
+        interrupts.say(f'{prog}: {error.filename or "output"}: {error.strerror or error}')
         if error.filename is None:
             _give_up_output()
         return 1
@@ -109,12 +114,15 @@ def _run(words: list[str], prog: str) -> int:
                         help="the result as JSON ('-': to stdout, and the text to stderr)")
     parsed = parser.parse_args(words[1:])
     to_stdout = parsed.json == STDOUT
+    destination.check_apart(parsed)
     if parsed.json is not None and not to_stdout:
         destination.check(parsed.json)
     with contextlib.redirect_stdout(sys.stderr) if to_stdout else contextlib.nullcontext():
         result = command.run(parsed)
     if parsed.json is not None:
         _write_json(parsed.json, result)
+    if result and result.get('interrupted'):
+        return INTERRUPTED + (interrupts.came() or signal.SIGINT)
     return 1 if result and result.get('ok') is False else 0
 
 
@@ -136,8 +144,7 @@ def _write_json(path: str, result: Any) -> None:
     if path == STDOUT:
         print(text)
     else:
-        with open(path, 'w', encoding='utf-8') as file:
-            file.write(text + '\n')
+        destination.write_text(path, text + '\n')
 
 
 def _strict(value: Any) -> Any:

@@ -54,8 +54,9 @@ def test_a_report_does_not_depend_on_where_arrays_wait(tmp_path, all_in_files, m
         monkeypatch.setattr(kept, 'LONG', long)
         page, result = tmp_path / f'{long}.html', tmp_path / f'{long}.json'
         assert main(['evaluate', str(tmp_path / 'bag'), '--observer', 'pll', '--observer', 'kalman',
-                     '--skip', '0.2', '--html', str(page), '--json', str(result)]) == 0
-        with np.load(page.with_suffix('.npz')) as full:
+                     '--skip', '0.2', '--html', str(page), '--json', str(result),
+                     '--data', str(tmp_path / 'numbers.npz')]) == 0
+        with np.load(tmp_path / 'numbers.npz') as full:
             found.append((json.loads(result.read_text()), {name: full[name] for name in full}))
     assert found[0][0] == found[1][0]
     assert found[0][1].keys() == found[1][1].keys()

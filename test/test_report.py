@@ -32,7 +32,7 @@ def page(tmp_path_factory):
     result = path.with_name('result.json')
     assert main(['evaluate', str(PENDULUM), str(FAULTS), '--observer', 'hybrid_angle',
                  '--observer', 'finite_difference', '--skip', '0.5', '--html', str(path),
-                 '--json', str(result)]) == 0
+                 '--data', str(path.with_name('numbers.npz')), '--json', str(result)]) == 0
     return path, json.loads(result.read_text())
 
 
@@ -70,9 +70,10 @@ def test_what_the_reference_cannot_rank_has_no_best(errors, best):
     assert re.findall('<b>([^<]*)', found.html()) == ([f'{errors[1]:.4f}'] * 2 if best else [])
 
 
-def test_every_compared_sample_is_beside_the_page(page):
+def test_every_compared_sample_is_in_the_data(page):
     path, result = page
-    data = np.load(path.with_suffix('.npz'))
+    assert 'in numbers.npz (numpy.load)' in path.read_text()
+    data = np.load(path.with_name('numbers.npz'))
     found = result['bags'][str(FAULTS)]['estimates']['hybrid_angle']['joints']['wheel']
     base = f'{str(FAULTS).strip("/")}/wheel/hybrid_angle'
     assert len(data[f'{base}/velocity']) == found['matched']['compared']
@@ -238,7 +239,7 @@ def test_a_full_disk_leaves_no_halves(place, left, tmp_path, capsys, monkeypatch
 
     monkeypatch.setattr(f'estimator_pkg.evaluation.report.{place}', full)
     assert main(['evaluate', str(FAULTS), '--observer', 'pll', '--html',
-                 str(tmp_path / 'p.html')]) == 1
+                 str(tmp_path / 'p.html'), '--data', str(tmp_path / 'p.npz')]) == 1
     assert capsys.readouterr().err.endswith('output: No space left on device\n')
     assert [path.name for path in tmp_path.iterdir()] == left
 

@@ -250,8 +250,9 @@ def test_the_picture_shows_the_front_and_the_choice(tmp_path, monkeypatch):
     for name in ('scatter', 'plot'):
         monkeypatch.setattr(Axes, name, spied(getattr(Axes, name)))
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=3.0)
-    found, _ = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '12', '--held-out', '0')
-    assert (tmp_path / 'gains.png').read_bytes().startswith(b'\x89PNG')
+    found, _ = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '12', '--held-out', '0',
+                     '--plot', str(tmp_path / 'front.png'))
+    assert (tmp_path / 'front.png').read_bytes().startswith(b'\x89PNG')
     best = found['tuned'][0]['best']
     assert drawn['chosen'][0] == pytest.approx((best['delay_s'] * 1e3, best['noise']))
     line = drawn['nothing is better in both']

@@ -9,6 +9,7 @@ import contextlib
 import math
 from typing import Any
 
+from estimator_pkg import interrupts
 from estimator_pkg.bags import unpacking
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
@@ -16,6 +17,7 @@ from estimator_pkg.evaluation import asked, plot
 from estimator_pkg.evaluation.comparison import Comparison, compare
 from estimator_pkg.evaluation.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.report.page import Report
 from estimator_pkg.evaluation.words import describe
 from estimator_pkg.evaluation.workers import workers
@@ -55,8 +57,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                              'off-line smoother of the measured positions (default: the smoother '
                              'where there is no truth)')
     parser.add_argument('--html', metavar='FILE',
-                        help='write one page with tables, plots that zoom and what to do next; the '
-                             'numbers behind it go into an .npz beside it')
+                        help='write one page with tables, plots that zoom and what to do next')
+    parser.add_argument('--data', metavar='FILE',
+                        help='write every sample that was compared (.npz, for numpy.load)')
     unpacking.arguments(parser)
     parser.add_argument('--jobs', type=int, default=1, metavar='N',
                         help='local processes, for many bags')
@@ -85,29 +88,47 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
     left_out: list[LeftOut] = []
+    interrupted = False
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
-        page = (stack.enter_context(Report(parsed.html, len(bags), chosen.wrap_period))
-                if parsed.html else None)
-        for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
-            told = describe(comparison)
-            print(told + '\n')
-            result[comparison.bag] = comparison.as_dict()
-            if page is not None:
-                said = page.add(comparison)
-                result[comparison.bag]['findings'] = said
-                lines = told.split('\n')
-                show(*(f'- {each}' for each in said if printable(each) not in lines), '')
-            if parsed.plot:
-                drawn.append(comparison)
+        page = (stack.enter_context(Report(parsed.html, len(bags), chosen.wrap_period,
+                                           parsed.data)) if parsed.html else None)
+        data = stack.enter_context(FullData(parsed.data)) if parsed.data else None
+        try:
+            for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
+                with interrupts.gently():   # a bag is judged as a whole or not at all
+                    told = describe(comparison)
+                    print(told + '\n')
+                    result[comparison.bag] = comparison.as_dict()
+                    if data is not None:
+                        data.add(comparison)
+                    if page is not None:
+                        said = page.add(comparison)
+                        result[comparison.bag]['findings'] = said
+                        lines = told.split('\n')
+                        show(*(f'- {each}' for each in said
+                               if printable(each) not in lines), '')
+                    if parsed.plot:
+                        drawn.append(comparison)
+                if interrupts.came() and len(result) < len(bags):
+                    raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            if not result:
+                raise
+            interrupted = True
+            interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are judged')
+        interrupts.finish()
         if page is not None:
             page.leave_out(left_out)
     if parsed.html:
         show(f'page: {parsed.html}')
+    if parsed.data:
+        show(f'data: {parsed.data}')
     if parsed.plot:
         plot.draw(drawn, parsed.plot)
         show(f'plot: {parsed.plot}')
-    return {'bags': result, 'left_out': {each.path: each.why for each in left_out}}
+    return {'bags': result, 'interrupted': interrupted,
+            'left_out': {each.path: each.why for each in left_out}}
 
 
 COMMAND = Command('estimates against truth: errors, delay, noise, samples used and dropped',

@@ -96,7 +96,13 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
         below.set_xlabel('time [s]')
     figure.legend(names.values(), map(drawn, names), loc='outside upper center', fontsize='small',
                   ncols=min(len(names), 7), frameon=False)
-    figure.savefig(path, dpi=120)
+    save(figure, path)
+
+
+def save(figure: Any, path: str) -> None:
+    """Write a figure, whole or not at all; its kind by the suffix."""
+    with destination.replacing(path) as beside:
+        figure.savefig(beside, dpi=120, format=Path(path).suffix[1:].lower())
 
 
 def _line(axis: Any, time: Array, values: Array, **style: Any) -> Any:

@@ -125,7 +125,7 @@ def _write(path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...
         spread = spreads.get(text.partition('=')[0], np.nan)
         lines.append(f'      - {scalar(text)}'
                      + (f'  # +- {spread:.2g}' if np.isfinite(spread) else ''))
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    destination.write_text(path, '\n'.join(lines) + '\n')
 
 
 COMMAND = Command("a model's numbers from a recording, judged on its other part", arguments, run)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
-
-import numpy as np
 
 from estimator_pkg import __version__, destination
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.findings import Measurement, look, sentences
 from estimator_pkg.evaluation.many import LeftOut
-from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import escaped
@@ -46,30 +42,30 @@ tr.best td { font-weight: 600; } .note { color: #666; font-size: 13px; }
 
 
 class Report:
-    """Gathers bags, writes the page and the numbers beside it; a context manager.
+    """Gathers bags and writes the page; a context manager.
 
     Parameters
     ----------
     path : of the page; nothing is there before it is complete.
     bags : how many will come, so that the points can be shared out.
     period : wrap period of the positions [rad].
+    data : file with every sample, which the page names; None: there is none.
 
     Raises
     ------
     UserError : Bokeh is missing, or no file can be written there.
     """
 
-    def __init__(self, path: str, bags: int, period: float) -> None:
+    def __init__(self, path: str, bags: int, period: float, data: str | None = None) -> None:
         try:
             import bokeh  # noqa: F401  (only to see whether it is there)
         except ImportError as error:
             raise UserError(f"pages: {needs('bokeh')}") from error
         self.path = Path(path)
         destination.check(path)
-        self.data = self.path.with_suffix('.npz')
+        self._data = data
         self._period = period
         self._bags = max(1, bags)
-        self._full = FullData(self.data)
         self._overview = Overview()
         self._sections: list[str] = []
         self._figures: dict[str, Any] = {}
@@ -80,7 +76,6 @@ class Report:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         """The page appears, unless something went wrong."""
-        self._full.__exit__(kind, error, trace)
         if kind is None:
             self._write()
 
@@ -105,7 +100,6 @@ class Report:
             rows = [row for row in comparison.rows if row.joint == joint]
             parts.append(f'<h3>{escaped(joint)}</h3>')
             parts += self._draw(comparison, joint, rows, seen.get(joint), points)
-            self._keep(comparison, joint, rows)
         self._sections.append('\n'.join(parts))
         return said
 
@@ -145,25 +139,6 @@ class Report:
                         for name in names)
         return f'<div class="{kind}">{slots}</div>'
 
-    def _keep(self, comparison: Comparison, joint: str, rows: Sequence[Row]) -> None:
-        """The full numbers of one joint, next to the page."""
-        base = _name(comparison.bag, joint)
-        if joint in comparison.measurement:
-            series = comparison.measurement[joint]
-            self._full.add(f'{base}/measurement/stamps_ns', series.stamps_ns)
-            self._full.add(f'{base}/measurement/position', series.position)
-        shared: Row | None = None
-        for row in rows:
-            here = _name(base, row.source)
-            if (shared is None or len(shared.time) != len(row.time)
-                    or not np.array_equal(shared.time, row.time)):
-                shared = row
-                self._full.add(f'{here}/time', row.time)
-                self._full.add(f'{here}/reference', row.truth)
-            self._full.add(f'{here}/velocity', row.estimate)
-            if np.isfinite(row.stddev).any():
-                self._full.add(f'{here}/velocity_stddev', row.stddev)
-
     def _write(self) -> None:
         from bokeh.document import Document
         from bokeh.embed import components
@@ -181,18 +156,13 @@ class Report:
                 f'<meta name="viewport" content="width=device-width, initial-scale=1">'
                 f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
                 f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
-                f'{__version__}. Every sample that was compared is in {self.data.name} beside this '
-                f'page (numpy.load); the plots show the extremes of each stretch, and more of '
-                f'them the closer one looks.</p>\n{script}\n'
+                f'{__version__}. {self._where()}The plots show the extremes of each stretch, and '
+                f'more of them the closer one looks.</p>\n{script}\n'
                 '</body></html>\n')
-        beside = self.path.with_name(f'.{self.path.name}.part')
-        try:
-            beside.write_text(page, encoding='utf-8')
-            os.replace(beside, self.path)
-        finally:
-            beside.unlink(missing_ok=True)
+        destination.write_text(self.path, page)
 
-
-def _name(*parts: str) -> str:
-    """A name inside the .npz: no part of it can leave it."""
-    return '/'.join(part.strip('/').replace('..', '_') for part in parts)
+    def _where(self) -> str:
+        if self._data is None:
+            return ''
+        return ('Every sample that was compared is in '
+                f'{escaped(Path(self._data).name)} (numpy.load). ')

@@ -77,8 +77,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--wrap-period', type=float, default=2.0 * math.pi, metavar='RAD',
                         help='period of the positions; 0 for prismatic joints (default 2 pi)')
     parser.add_argument('--plot', metavar='FILE',
-                        help='picture of noise against delay (default: beside the YAML, where '
-                             'matplotlib is installed)')
+                        help='draw noise against delay of every trial (PNG, SVG, PDF)')
     unpacking.arguments(parser)
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='local processes')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
@@ -116,18 +115,23 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         tuned = []
         for joint, chosen in _groups(seen, wished, parsed.per_joint).items():
             name = f'{parsed.study}/{joint}' if joint else parsed.study
-            tuned.append(seek(joint, chosen, _of(judged, joint), wished, parsed.trials,
-                              parsed.seed, parsed.storage, name, run_many))
+            try:
+                tuned.append(seek(joint, chosen, _of(judged, joint), wished, parsed.trials,
+                                  parsed.seed, parsed.storage, name, run_many))
+            except KeyboardInterrupt:   # before this joint's first trial
+                if not tuned:
+                    raise
+                break
             if tuned[-1]['interrupted']:
                 break
     notes = _notes(seen)
     print(output.describe(tuned, notes))
-    out.write_text(output.as_yaml(wished, _held(parsed, wished, seen[0].bag), tuned, held_out),
-                   encoding='utf-8')
+    destination.write_text(out, output.as_yaml(wished, _held(parsed, wished, seen[0].bag), tuned,
+                                               held_out))
     show(f'gains: {out}')
-    drawn = picture.draw(tuned, parsed.plot, out.with_suffix('.png'), parsed.observer)
-    if drawn:
-        show(f'noise against delay: {drawn}')
+    if parsed.plot:
+        picture.draw(tuned, parsed.plot, parsed.observer)
+        show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
         changed = live.apply(parsed.apply, output.node_values(tuned))
         show(f'set on {parsed.apply}: {", ".join(changed)}')

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.plot import check
+from estimator_pkg.evaluation.plot import check, save
 from estimator_pkg.printable import drawn
 
 
@@ -21,22 +19,14 @@ def front(points: Sequence[tuple[float, float]]) -> list[int]:
     return kept
 
 
-def draw(tuned: Sequence[Mapping[str, Any]], asked: str | None, usual: Path, observer: str
-         ) -> str | None:
-    """Draws every trial, the Pareto front of noise against delay, and what was chosen.
-
-    Where nobody asked and matplotlib is missing there is no picture.
+def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
+    """Draw every trial, the Pareto front of noise against delay, and what was chosen.
 
     Raises
     ------
-    UserError : it was asked for and cannot be drawn.
+    UserError : it cannot be drawn there.
     """
-    try:
-        check(asked or str(usual))
-    except UserError:
-        if asked:
-            raise
-        return None
+    check(path)
     from matplotlib.figure import Figure
     figure = Figure(figsize=(6.5 * len(tuned), 4.8), layout='constrained')
     axes = figure.subplots(1, len(tuned), squeeze=False)[0]
@@ -68,5 +58,4 @@ def draw(tuned: Sequence[Mapping[str, Any]], asked: str | None, usual: Path, obs
         axis.grid(alpha=0.3)
         if points:
             axis.legend(fontsize='small')
-    figure.savefig(asked or str(usual), dpi=120)
-    return asked or str(usual)
+    save(figure, path)

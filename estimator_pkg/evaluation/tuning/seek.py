@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg import interrupts
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.options import SMOOTHER
 from estimator_pkg.evaluation.reference import CLEARLY
@@ -74,6 +75,7 @@ def seek(joint: str, chosen: Sequence[Record], judged: Sequence[Record], wishes:
             raise KeyboardInterrupt
         raise UserError(f"no gains of '{observer}' within the search work on these bags: widen "
                         '--search, or look at the sample rate')
+    interrupts.finish()     # judging takes as long as one trial
     _check_effect(found, wishes)
     idle = found.idle
     gains = {name: value for name, value in best.values.items() if name not in idle}
