@@ -48,21 +48,23 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if not (math.isfinite(duration) and 0.0 < duration <= LONGEST):
         raise UsageError(f'--duration {duration:g}: it must be above 0 and at most {LONGEST:g} s')
     parameters: Any = build(simulator.parameters, values, owner=f"simulator '{simulator.name}'")
-    counts = write_bag(simulator, parameters, duration, settings.seed, parsed.out)
-    show(f'{parsed.out}: {duration:g} s of {simulator.name}, seed {settings.seed}')
+    counts, written = write_bag(simulator, parameters, duration, settings.seed, parsed.out)
+    ended = written < duration
+    show(f'{parsed.out}: {written:g} s of {simulator.name}, seed {settings.seed}'
+          + (f'; interrupted: {duration:g} s were requested' if ended else ''))
     for topic in simulator.topics(parameters):
         of = 'truth' if topic.truth else 'measurement'
         show(f'  /{topic.name}  {counts[topic.name]} messages of {topic.type} ({of})')
-    return {'bag': parsed.out, 'simulator': simulator.name, 'duration': duration,
-            'seed': settings.seed,
+    return {'bag': parsed.out, 'simulator': simulator.name, 'duration': written,
+            'interrupted': ended, 'seed': settings.seed,
             'topics': {f'/{topic.name}': {'type': topic.type, 'truth': topic.truth,
                                           'messages': counts[topic.name]}
                        for topic in simulator.topics(parameters)}}
 
 
 def write_bag(simulator: Simulator, parameters: Any, duration: float, seed: int, path: str
-              ) -> Counter[str]:
-    """Simulate into a new bag.
+              ) -> tuple[Counter[str], float]:
+    """Simulate into a new bag; a signal ends it with what is simulated by then.
 
     Parameters
     ----------
@@ -72,18 +74,21 @@ def write_bag(simulator: Simulator, parameters: Any, duration: float, seed: int,
 
     Returns
     -------
-    How many messages each topic has.
+    How many messages each topic has, and how many seconds were simulated.
 
     Raises
     ------
     UserError : `path` exists or cannot be written.
+    KeyboardInterrupt : a signal came before the first message.
     """
+    from estimator_pkg import interrupts
     from estimator_pkg.bags.writer import BagWriter
     from estimator_pkg.progress import progress
 
     counts: Counter[str] = Counter()
     done_ns = 0
-    with BagWriter(path) as bag, progress('simulating', round(duration * 1e3)) as advance:
+    with interrupts.gently(), BagWriter(path) as bag, progress(
+            'simulating', round(duration * 1e3)) as advance:
         for topic in simulator.topics(parameters):
             bag.add_topic(f'/{topic.name}', topic.type)
         for chunk in simulator.generate(parameters, duration, seed):
@@ -95,7 +100,11 @@ def write_bag(simulator: Simulator, parameters: Any, duration: float, seed: int,
                 passed = max(0, (chunk[-1].due_ns - done_ns) // 1_000_000)
                 done_ns += passed * 1_000_000
                 advance(passed)
-    return counts
+            if interrupts.came():
+                if not counts:
+                    raise KeyboardInterrupt
+                return counts, chunk[-1].due_ns * 1e-9 if chunk else done_ns * 1e-9
+    return counts, duration
 
 
 def _from_file(path: str | None, simulator: Simulator) -> dict[str, Any]:

@@ -132,7 +132,7 @@ def test_record_follows_a_publisher_that_offers_less(probe, tmp_path):
         assert [message.raw for message in bag.messages()] == [make.text('one'), make.text('two')]
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_record_without_messages_leaves_nothing(number, tmp_path):
     with command('record', '/rp4/nobody', '--out', tmp_path / 'bag') as process:
         process.prints('waiting for /rp4/nobody')
@@ -324,14 +324,16 @@ def test_play_says_which_topics_it_cannot_send(tmp_path):
     assert 'has nothing to play' in process.output and 'Traceback' not in process.output
 
 
-def test_a_played_bag_is_recorded_again(recording, tmp_path):
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_played_bag_is_recorded_again(number, recording, tmp_path):
     with command('record', '/rp9/states', '--out', tmp_path / 'bag') as recorder:
         recorder.prints('waiting for')
         # at once: the last ones still wait to be taken in when the recorder is ended
         with command('play', recording, '--topics', STATES, '--rate', '1000', '--remap',
                      f'{STATES}:=/rp9/states') as player:
             assert player.ends() == 0, player.output
-        recorder.signal(signal.SIGINT)
+        recorder.signal(number)
         assert recorder.ends() == 0, recorder.output
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
     with open_bag(tmp_path / 'bag') as bag:
         assert [message.raw for message in bag.messages()] == raws(150)

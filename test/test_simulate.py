@@ -141,7 +141,7 @@ def test_stamps_move_with_the_start_and_values_do_not():
 
 def test_a_bag_holds_the_stream(tmp_path):
     parameters = build(EncoderParameters, FAULTS)
-    counts = write_bag(SIMULATOR, parameters, 2.0, 7, tmp_path / 'bag')
+    counts, written = write_bag(SIMULATOR, parameters, 2.0, 7, tmp_path / 'bag')
     with open_bag(tmp_path / 'bag') as bag:
         assert {name: (topic.type, topic.count) for name, topic in bag.topics.items()} == {
             '/joint_states': ('sensor_msgs/msg/JointState', counts['joint_states']),
@@ -268,7 +268,8 @@ def test_a_simulator_with_stamps_inside_its_data_fits_the_contract(tmp_path):
 
     topic = Topic('drive_samples', 'std_msgs/msg/Float64MultiArray')
     simulator = Simulator('drive', '', RunSettings, lambda parameters: (topic,), generate)
-    assert write_bag(simulator, RunSettings(), 0.02, 1, tmp_path / 'bag') == {'drive_samples': 20}
+    assert write_bag(simulator, RunSettings(), 0.02, 1, tmp_path / 'bag') == (
+        {'drive_samples': 20}, 0.02)
     with open_bag(tmp_path / 'bag') as bag:
         message = list(bag.messages(['/drive_samples']))[19]
     reader = Reader(bytes(message.raw))

@@ -8,12 +8,12 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from estimator_pkg import interrupts
 from estimator_pkg.bags.definitions import TYPE_NAME
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.optional import missing
@@ -49,24 +49,24 @@ DEPTH = 1000  # of queues: what arrives while the disk is busy must not be lost
 
 
 class Live:
-    """A node, and whether the user wants to end.
+    """A node on the live graph.
 
     Attributes
     ----------
     node : the node.
-    stopping : Ctrl-C was pressed, or the process was asked to end.
     """
 
     def __init__(self, name: str) -> None:
         from rclpy.node import Node
-        self.stopping = False
-        # Our loops end by themselves, so that the bag is closed while ROS is still there.
-        self._before = {number: signal.signal(number, self._stop)
-                        for number in (signal.SIGINT, signal.SIGTERM)}
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node: Node = Node(name)
         self._executor = make_executor()
         self._executor.add_node(self.node)
+
+    @property
+    def stopping(self) -> bool:
+        """A signal came that asks the process to end."""
+        return bool(interrupts.came())
 
     def spin(self, seconds: float) -> None:
         """Let callbacks run for at most so long, at least one if any is due."""
@@ -77,13 +77,6 @@ class Live:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _stop(self, number: int, frame: Any) -> None:
-        if self.stopping:  # a second Ctrl-C: at once
-            raise KeyboardInterrupt
-        self.stopping = True
 
 
 @contextmanager
@@ -94,14 +87,15 @@ def live(name: str) -> Iterator[Live]:
     ------
     UserError : ROS cannot start.
     """
-    try:
-        here = Live(name)
-    except Exception as error:  # of rcl: no middleware, a wrong environment
-        raise UserError(f'ROS cannot start: {first_line(error)}') from error
-    try:
-        yield here
-    finally:
-        here.close()
+    with interrupts.gently(background=True):    # our loops end by themselves, before ROS does
+        try:
+            here = Live(name)
+        except Exception as error:  # of rcl: no middleware, a wrong environment
+            raise UserError(f'ROS cannot start: {first_line(error)}') from error
+        try:
+            yield here
+        finally:
+            here.close()
 
 
 def message_class(type_name: str) -> Any | None:

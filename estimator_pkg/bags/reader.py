@@ -278,7 +278,7 @@ class Bag:
             files = [file for file in files if file.is_file()]
         else:
             files = sorted((file for file in self.path.iterdir()
-                            if file.suffix in ('.mcap', '.db3', '.zstd')), key=_natural)
+                            if file.suffix in ('.mcap', '.db3', '.zstd')), key=natural)
             if not files:
                 raise UserError(f'{self.path} is no bag: it holds neither {METADATA} nor .mcap or '
                                 '.db3 files')
@@ -424,7 +424,7 @@ def _described(information: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [about if isinstance(about, Mapping) else {} for about in found]
 
 
-def _natural(file: Path) -> tuple:
+def natural(file: Path) -> tuple:
     """Sort key under which wbag_10 comes after wbag_9."""
     parts: list[Any] = []
     digits = ''

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from estimator_pkg import interrupts
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
@@ -35,6 +37,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('topics', metavar='TOPIC', nargs='*',
                         help='topics to record; none: all, also those that appear later')
+    parser.add_argument('--recover', metavar='PATH',
+                        help='record nothing: make a bag of the file or folder that a recorder '
+                             'left which was killed (.mcap, .db3)')
+    unpacking.arguments(parser)
     parser.add_argument('--out', metavar='BAG', required=True, help='bag to write')
     parser.add_argument('--duration', metavar='S', type=float,
                         help='end so long after the first message (10 s later if none comes); '
@@ -43,12 +49,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Records until Ctrl-C or for the given time, then says what came."""
+    if parsed.recover is not None:
+        return _recovered(parsed)
     if parsed.duration is not None and not (math.isfinite(parsed.duration)
                                             and parsed.duration > 0.0):
         raise UsageError(f'--duration {parsed.duration:g}: it must be above 0 s')
     from estimator_pkg.bags.live import live
     wanted = [name if name.startswith('/') else f'/{name}' for name in parsed.topics]
-    with BagWriter(parsed.out, keep=True) as writer:
+    with interrupts.gently(background=True), BagWriter(parsed.out, keep=True) as writer:
         with live('bag_recorder') as here:
             recorder = Recorder(here, writer, wanted)
             recorder.run(parsed.duration)
@@ -62,6 +70,18 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     for name, count in counts.items():
         show(f'  {name}  {count} messages' + (f', {lost[name]} lost' if lost[name] else ''))
     return {'bag': parsed.out, 'messages': counts, 'lost': lost}
+
+
+def _recovered(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Make a bag of what a crash left, and report what came of it."""
+    if parsed.topics or parsed.duration is not None:
+        raise UsageError('--recover takes neither topics nor --duration')
+    from estimator_pkg.bags.recover import recover
+    counts = recover(parsed.recover, parsed.out, parsed.unpack_limit)
+    print(f'{parsed.out}, recovered from {parsed.recover}, which you may delete now:')
+    for name, count in counts.items():
+        print(f'  {name}  {count} messages')
+    return {'bag': parsed.out, 'recovered': parsed.recover, 'messages': counts}
 
 
 @dataclass

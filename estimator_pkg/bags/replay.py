@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg import interrupts
 from estimator_pkg.bags import kinds, unpacking
 from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.estimates import Encoded
@@ -69,8 +70,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         kind, setup = settled(bag, parsed)
         replay = kind.start(setup)
         node = f'/{(parsed.name or kind.node).strip("/")}'
-        with (BagWriter(parsed.out) if parsed.out is not None else nullcontext()) as writer:
-            output = None
+        with interrupts.gently(), (BagWriter(parsed.out) if parsed.out is not None
+                                   else nullcontext()) as writer:
+            output, interrupted = None, False
             if writer is not None:
                 output = Output(bag, writer, parsed.copy, {
                     f'{node}/{name}': type_ for name, type_ in replay.outputs.items()})
@@ -83,13 +85,20 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                             made.add(output.own[each.output], each.rank, each.rows, each.raw)
                         output.write_among(names, block, made)
                     advance(count)
-            for warning in replay.end(str(bag.path)):
-                bag.warn(warning)
+                    interrupted = bool(interrupts.came())
+                    if interrupted:
+                        break
+            if interrupted:
+                bag.warn('interrupted: what follows in the bag was not replayed')
+            else:
+                for warning in replay.end(str(bag.path)):
+                    bag.warn(warning)
         result = {'bag': str(parsed.bag), 'out': parsed.out,
                   'observer': _observer(replay, setup),
                   'measurement': ' and '.join(topic.name for topic in setup.topics),
                   **replay.summary(), 'written': output.topics if output else [],
-                  'warnings': bag.warnings, 'elapsed_s': time.perf_counter() - begun}
+                  'interrupted': interrupted, 'warnings': bag.warnings,
+                  'elapsed_s': time.perf_counter() - begun}
     _print(result)
     return result
 

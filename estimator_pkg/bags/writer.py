@@ -4,16 +4,20 @@
 ...     bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
 ...     bag.write('/joint_states', log_ns, raw)
 
-The bag is written beside its place and moved there when it is whole, so that neither an error nor
-an interrupt leaves half a bag. What cannot be made again (a recording) is kept all the same.
+The bag is written in a new folder beside its place and moved there when it is whole, so that an
+error or an interrupt leaves no half of a bag. What cannot be made again (a recording) is kept all
+the same. After a crash that folder stays, with the only copy: no other instance touches it, and the
+next one names it (`crashed`).
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
+import secrets
+import shlex
 import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -22,12 +26,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import yaml
 
+from estimator_pkg import interrupts
 from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags.block import Block, from_messages
 from estimator_pkg.bags.definitions import define
 from estimator_pkg.errors import UserError
 from estimator_pkg.optional import Lazy
-from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos
@@ -38,6 +42,7 @@ interfaces = Lazy('rosbags.interfaces')
 CHUNK_SIZE = 1 << 20   # bytes of messages that are written together, as one chunk
 VERSION = 9            # of metadata.yaml, as Jazzy writes it
 OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
+HOW = '`velocity_estimator record --recover {} --out BAG` makes a bag of it'
 LATEST = 2**63 - 1     # the starting time of a bag without messages
 
 
@@ -71,12 +76,16 @@ class BagWriter:
         if not self.path.parent.is_dir():
             raise UserError(f'{path} cannot be written: there is no folder {self._name.parent}')
         output = mcap_output.McapOutput  # a missing library is found before anything is made
-        self._folder = self.path.parent / f'.{self.path.name}.{os.getpid()}.part'
+        for folder in crashed(self.path):
+            interrupts.say(f'warning: {folder} holds what was written when a process that made '
+                           f'{path} was killed: {HOW.format(shlex.quote(str(folder)))}')
+        self._folder: Path | None = None
         self._file = f'{self.path.stem}_0.mcap' if not self._bare else self.path.name
         self._stream: BinaryIO | None = None
         try:
-            self._folder.mkdir()
-            self._stream = (self._folder / self._file).open('wb')
+            self._folder = _new_folder(self.path)
+            self._stream = (self._folder / self._file).open('xb')
+            _mark(self._stream)
             self._mcap = output(self._stream)
         except OSError as error:
             self.abort()
@@ -191,6 +200,7 @@ class BagWriter:
             if not self._bare:
                 text = yaml.safe_dump({'rosbag2_bagfile_information': information},
                                       sort_keys=False)
+                assert self._folder is not None
                 (self._folder / 'metadata.yaml').write_text(text, encoding='utf-8')
             self._move()
         except OSError as error:
@@ -201,12 +211,30 @@ class BagWriter:
             raise
 
     def _move(self) -> None:
-        """Put what was written in its place; fails where something is by now."""
+        """Put what was written in its place; fails where something is by now.
+
+        The place is reserved first, which fails if somebody else has it; only then something is
+        replaced: what this instance has just made. So no hard links are needed.
+        """
+        assert self._folder is not None
         if self._bare:
-            os.link(self._folder / self._file, self.path)
-            shutil.rmtree(self._folder)
+            with open(self.path, 'xb'):
+                pass
+            made: Path = self._folder / self._file
         else:
-            os.rename(self._folder, self.path)
+            self.path.mkdir()
+            made = self._folder
+        try:
+            os.replace(made, self.path)
+        except OSError:
+            if self._bare:
+                self.path.unlink()
+                raise
+            self.path.rmdir()
+            os.rename(made, self.path)  # where no folder, even an empty one, can be replaced
+        if self._bare:
+            self._folder.rmdir()
+        self._folder = None
 
     def _give_up(self) -> None:
         """Leave nothing behind; of what is to be kept, all that can be read of it."""
@@ -221,24 +249,31 @@ class BagWriter:
         self._say_kept()
 
     def _say_kept(self) -> None:
-        place = self._folder if self._folder.exists() else self._name
-        show(f'{place} holds what was written until then', file=sys.stderr)
+        if self._folder is None:
+            interrupts.say(f'{self._name} holds what was written until then')
+        else:
+            interrupts.say(f'{self._folder} holds what was written until then: '
+                           + HOW.format(shlex.quote(str(self._folder))))
 
     def abort(self) -> None:
         """Leave nothing behind."""
         if self._stream is not None:
             with contextlib.suppress(OSError):
                 self._stream.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
 
     def _write(self, block: Block) -> None:
         if not len(block):
             return
         try:
             self._mcap.write(block)
-        except OSError as error:
+        except BaseException as error:  # a second Ctrl-C too
             self._torn = True
-            raise self._unwritable(error) from error
+            if isinstance(error, OSError):
+                raise self._unwritable(error) from error
+            raise
 
     def _information(self) -> dict[str, Any]:
         count = sum(self._mcap.counts.values())
@@ -258,3 +293,49 @@ class BagWriter:
 
     def _unwritable(self, error: OSError) -> UserError:
         return UserError(f'{self._name} cannot be written: {error.strerror or error}')
+
+
+def _new_folder(path: Path) -> Path:
+    """Make a folder beside `path` that nobody else has; raises OSError if that is not possible."""
+    while True:
+        folder = path.parent / f'.{path.name}.{secrets.token_hex(4)}.part'
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir()
+            return folder
+
+
+def _mark(stream: BinaryIO) -> None:
+    """Lock the file while this process lives, where the system has such locks."""
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def in_use(file: Path) -> bool:
+    """True if a process that lives is writing this file."""
+    try:
+        import fcntl
+        with open(file, 'rb') as stream:
+            fcntl.flock(stream.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except (ImportError, OSError):
+        pass
+    return False
+
+
+def crashed(path: Path) -> list[Path]:
+    """Return the folders beside `path` that writers of it left when they were killed.
+
+    Parameters
+    ----------
+    path : of the bag that was to be made.
+    """
+    name = re.compile(re.escape(f'.{path.name}.') + r'[0-9a-f]+\.part')
+    try:
+        found = sorted(folder for folder in path.parent.iterdir()
+                       if name.fullmatch(folder.name) and folder.is_dir())
+        return [folder for folder in found if any(folder.iterdir())
+                and not any(in_use(file) for file in folder.iterdir())]
+    except OSError:
+        return []

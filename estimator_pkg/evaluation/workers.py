@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any
 
+from estimator_pkg import interrupts
 from estimator_pkg.errors import UsageError, UserError, first_line
 from estimator_pkg.optional import needs
 
@@ -49,8 +50,10 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
 
 
 def _leave_interrupts() -> None:
-    """Ctrl-C goes to every process of the terminal: the first one decides."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ctrl-C and HUP go to every process of the terminal: the first one decides."""
+    for number in interrupts.NUMBERS:
+        if number != signal.SIGTERM:    # with which the pool ends them
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _mapped(pool: ProcessPoolExecutor, function: Callable[..., Any], items: Sequence[tuple]
@@ -58,6 +61,8 @@ def _mapped(pool: ProcessPoolExecutor, function: Callable[..., Any], items: Sequ
     try:
         yield from pool.map(_call, [(function, item) for item in items])
     except BrokenProcessPool as error:
+        if interrupts.came():   # TERM to the whole group, too
+            raise KeyboardInterrupt from error
         raise UserError('a worker process died (was there enough memory?)') from error
 
 

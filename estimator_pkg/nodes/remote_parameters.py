@@ -22,7 +22,10 @@ class Spinning(Protocol):
     """A node with its executor, as of `estimator_pkg.bags.live.live`."""
 
     node: Node
-    stopping: bool
+
+    @property
+    def stopping(self) -> bool:
+        """The process is to end."""
 
     def spin(self, seconds: float) -> None:
         """Let callbacks run for at most so long."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from estimator_pkg import interrupts
 from estimator_pkg.bags import record
 
 
@@ -24,7 +26,11 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
     """
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
         path = str(Path(folder) / 'live')
-        record.run(argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds))
+        record.run(argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds,
+                                      recover=None))
+        if interrupts.came() not in (0, signal.SIGINT):
+            raise KeyboardInterrupt
+        interrupts.forget()     # Ctrl-C ended the recording alone
         yield path
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg import interrupts
 from estimator_pkg.evaluation.tuning.study import BATCH, Dimension, Study, Trial, Value
 
 SPREAD = 2          # batches that look everywhere, before the parabola
@@ -95,6 +96,8 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
             found.asked += size
             number += 1
             told(size, found)
+            if interrupts.came():   # an exception may be lost where something is tidied up
+                raise KeyboardInterrupt
     except KeyboardInterrupt:
         found.interrupted = True
     return found
