@@ -41,12 +41,17 @@ from estimator_pkg.observers.edge_covariance import (
 )
 from estimator_pkg.observers.edge_interval import HELD, NOTHING, cell, interval, within
 from estimator_pkg.observers.edge_sensor import (
+    FINEST,
     FIRST_STEPS,
+    JUMP,
+    RESIDUE,
+    ROUNDING,
     SURPRISE,
     TOO_LARGE,
     TOO_SMALL,
     agreement,
     begin_sensor,
+    first_step,
     follow_noise,
     follow_sensor,
     follow_steps,
@@ -54,7 +59,18 @@ from estimator_pkg.observers.edge_sensor import (
     tells_quantum,
     vibration,
 )
-from estimator_pkg.observers.edge_start import started, stood, waiting
+from estimator_pkg.observers.edge_start import (
+    RECENT,
+    SETTLES,
+    START,
+    UNSURE,
+    bent,
+    doubted,
+    later,
+    settled,
+    started,
+    stood,
+)
 from estimator_pkg.parameters import parameter
 
 # The constants, all of them; docs/observers/edge_adaptive.md says where each comes from.
@@ -71,6 +87,9 @@ STRAY = 2.0       # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
 CALM = 0.5        # of its variance the speed keeps at least, however small the innovations are
 
+UNIT = 1.0        # [rad] quantum while none is known: before the first step all is relative to it
+RESTED = 0.5      # of a cell's variance: a prediction this vague has seen no edge for long
+LIE = 0.25        # of an innovation: a reading this close to an even clock has a wrong stamp
 SLIGHT = 0.3      # a rise of the log density by less changes next to nothing of what was told
 PLAIN = 4.0 * BLUR * BLUR   # square quanta: a noise above it is more than the blur of the edges
 UNTOLD = 0.05     # of its variance an innovation has at least, were it to count in sigmas
@@ -105,7 +124,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     State: motion: (position [rad], velocity, acceleration, time since a reading told something
     [s]); covariance; band (see `edge_bandwidth`); sensor, steps (see `edge_sensor`); convention;
     lock: (status, samples since a start, a gap or a doubt, time [s] for which the readings were far
-    off); sway (see `edge_bandwidth`).
+    off); sway (see `edge_bandwidth`); doubt (see `edge_start`).
     """
     def design() -> tuple:
         outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
@@ -115,26 +134,28 @@ def build(gains: Gains, circle: Circle) -> Functions:
                  laws.memory))
 
     def init(measurement: float, design: tuple) -> tuple:
-        quantum = design[2]
+        quantum = design[2] if design[2] > 0.0 else UNIT
         floor = quantum * quantum / 12.0
         return ((measurement, 0.0, 0.0, 0.0), (floor, 0.0, 0.0, 0.0, 0.0, 0.0), begin_band(0.0),
-                begin_sensor(quantum, BLUR), FIRST_STEPS, begin(measurement),
-                (INITIALISING, 1.0, 0.0), STEADY)
+                begin_sensor(quantum, BLUR, design[2]), FIRST_STEPS, begin(measurement),
+                (INITIALISING, 1.0, 0.0), STEADY, START)
 
-    def again(measurement: float, design: tuple, sensor: tuple, steps: tuple, convention: tuple
-              ) -> tuple:
+    def again(measurement: float, design: tuple, sensor: tuple, steps: tuple, convention: tuple,
+              doubt: tuple) -> tuple:
         """A start after lock was lost: what is known of the sensor stays."""
         fresh = init(measurement, design)
-        return (fresh[0], fresh[1], fresh[2], sensor, steps, convention, fresh[6], STEADY)
+        return (fresh[0], (sensor[0] * sensor[0] / 12.0,) + fresh[1][1:], fresh[2], sensor, steps,
+                convention, fresh[6], STEADY, doubt)
 
-    def told(kind: int, centre: float, half: float, off: float, ahead: float, p: tuple,
-             band: tuple, sensor: tuple, noisy: bool, flickers: bool, idle: float, dt: float,
-             laws: tuple) -> tuple:
+    def told(kind: int, centre: float, half: float, off: float, ahead: float, moved: float,
+             p: tuple, band: tuple, sensor: tuple, noisy: bool, flickers: bool, idle: float,
+             dt: float, laws: tuple) -> tuple:
         """What a reading changes that tells something.
 
         Parameters
         ----------
         kind, centre, half, off, ahead : what it is worth, and from what; see `edge_interval`.
+        moved : predicted motion over the sample [rad].
         noisy, flickers : the noise is more than the edges' blur; it crosses edges by itself.
         idle : time since the last one that told something [s].
 
@@ -148,9 +169,16 @@ def build(gains: Gains, circle: Circle) -> Functions:
         d, left = within(centre, half, math.sqrt(s))
         known = 1.0 - left
         z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
-        beyond = z > ALARM or z < -ALARM
-        if beyond:
-            z = ALARM if z > 0.0 else -ALARM
+        beyond = False
+        if z > SIGMAS or z < -SIGMAS:
+            size, pace = abs(ahead), sensor[10]
+            if (size > STRAY * quantum and pace > 0.0
+                    and abs(ahead + moved - moved * pace / dt) < LIE * size):
+                # the reading moved on as in a mean sample time: it is the stamp that is wrong
+                return (False, (0.0, 0.0, 0.0), p, band, sensor)
+            beyond = z > ALARM or z < -ALARM
+            if beyond:
+                z = ALARM if z > 0.0 else -ALARM
         least = (quantum * quantum + 12.0 * noise) / LONGEST ** 5
         if not flickers:
             shaken = vibration(sensor)
@@ -194,35 +222,60 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway = state
+        motion, p, band, sensor, steps, convention, lock, sway, doubt = state
         dt = coefficients[0]
         period, laws = design[0], design[4]
         change = measurement - convention[0]
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
         quantum = sensor[0]
+        doubted_so_far = doubt[1] > 0.0
+        if doubted_so_far:
+            doubt = later(doubt, dt)
+            jump = steps[4]
+            if jump * (change + 0.5 * jump) > 0.0:   # it lasts: all before was residue, no steps
+                steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, design[2])
+                quantum = quantum_of(steps, design[2])
+                sensor = first_step(quantum, BLUR, jump, dt)
+                motion = (convention[0] - 0.5 * jump, 0.0, 0.0, 0.0)   # at the edge
+                p, band = stood(quantum, BLUR, LONGEST)
+                doubt = doubted(quantum, dt, period, 0.0)
+            elif jump != 0.0:                        # a glitch
+                change += jump
+                steps = steps[:4] + (0.0,)
+        first = False
         if change != 0.0 and tells_quantum(steps, change, sensor[6], quantum):
+            first = convention[1] == convention[2]
             size = abs(measurement) + abs(convention[0])
-            steps = follow_steps(steps, change, sensor[6], sensor[7], size, design[2])
-            quantum = quantum_of(steps, design[2])
-            if quantum != sensor[0] and sensor[0] > 0.0:
-                scale = quantum / sensor[0]
-                band = (band[0] * scale * scale,) + band[1:]
+            least = ROUNDING * size if first and design[2] == 0.0 else RESIDUE * quantum
+            if -least <= change <= least or -FINEST < change < FINEST:
+                measurement, change, first = convention[0], 0.0, False   # residue: it stands
+            else:
+                steps = follow_steps(steps, change, sensor[6], sensor[7], size, design[2])
+                quantum = quantum_of(steps, design[2])
+                if quantum != sensor[0]:
+                    scale = quantum * quantum / (sensor[0] * sensor[0])
+                    band = (band[0] * scale,) + band[1:]
+                    if first:   # what was relative to UNIT
+                        sensor = (sensor[:1] + (scale * sensor[1],) + sensor[2:9]
+                                  + (0.0, sensor[10]))
+                        p = (scale * p[0], scale * p[1], scale * p[2], scale * p[3], scale * p[4],
+                             scale * p[5])
         stepped, rested = sensor[4], sensor[7]
         sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
-        last, convention = convention[0], follow(convention, measurement, period)
+        was, convention = convention, follow(convention, measurement, period)
         status, count, astray = lock
-        if p[3] == 0.0 < p[5] and stepped * change <= 0.0:   # it was an edge, and no start
-            motion, p, band = stood(last - 0.5 * stepped, p, LONGEST)
-        if p[3] == 0.0:      # no speed is known: the second reading, or the first that differs
-            if p[5] == 0.0 < quantum and rested > CONFIRMED * dt:
-                p = waiting(rested, quantum, LONGEST)
-            elif quantum > 0.0:
-                motion, p, band = started(measurement, change, dt, quantum, sensor[1], period,
-                                          LONGEST)
-            return (motion, p, band, sensor, steps, convention,
-                    (TRACKING if count + 1.0 >= CONFIRMED and quantum == 0.0 else status,
-                     count + 1.0, astray), sway)
+        if (p[3] == 0.0 or (doubted_so_far and stepped * change > 0.0 and doubt[1] == UNSURE)
+                or (first and design[2] == 0.0 and rested <= CONFIRMED * dt)):
+            # no speed is known: the second reading, the second that moves on after a rest, or the
+            # first that moves so early that it shows the quantum alone
+            density = band[0]
+            motion, p, band = started(measurement, change, dt, quantum, sensor[1], period, LONGEST)
+            if doubt[1] == UNSURE:
+                band = (density if density > band[0] else band[0],) + band[1:]
+                doubt = (0.0, SETTLES, doubt[2])
+            return (motion, p, band, sensor, steps, convention, (status, count + 1.0, astray),
+                    sway, doubt)
         x, v, a, idle = motion
         moved = v * dt + a * coefficients[1]
         off = measurement - x - moved
@@ -237,14 +290,18 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if swing > 0.0:
                 p = swayed(p, swing, dt)
         idle += dt
+        if (rested > 0.0 and change != 0.0 and rested > CONFIRMED * dt
+                and sensor[1] <= PLAIN * square and (first or 12.0 * p[0] > RESTED * square)):
+            doubted_so_far = False
+            doubt = doubted(quantum, dt, period, 0.0 if first else doubt[2])
         if off > design[3] or off < -design[3]:
             # an eighth of a turn off: no reading of this shaft, or not of this speed
             astray += dt
             if astray > LOST_AFTER:
-                return again(measurement, design, sensor, steps, convention)
+                return again(measurement, design, sensor, steps, convention, doubt)
             return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
-                    (COASTING if status != INITIALISING else status, 0.0, astray), sway)
-        ahead, half = change - moved, 0.5 * quantum
+                    (COASTING if status != INITIALISING else status, 0.0, astray), sway, doubt)
+        ahead, half, calm = change - moved, 0.5 * quantum, sway
         if count > 0.0:
             sway = follow_sway(sway, ahead, SURPRISE * (sensor[2] + square), MEMORY)
         else:     # it moved away from a reading that was not believed
@@ -267,24 +324,33 @@ def build(gains: Gains, circle: Circle) -> Functions:
             kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
         if kind != NOTHING:
             believed, shift, p, band, sensor = told(
-                kind, centre, half, off, ahead, p, band, sensor, noisy, flickers, idle, dt, laws)
+                kind, centre, half, off, ahead, moved, p, band, sensor, noisy, flickers, idle, dt,
+                laws)
             idle = 0.0
             if not believed:
+                if quantum != design[2] and abs(change) > JUMP * (was[2] - was[1]):
+                    # what moved before was residue, or this is a glitch: the next reading tells
+                    steps = steps[:4] + (change,)
+                    doubt = doubted(quantum, dt, period, 0.0)
                 return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
-                        (COASTING if status != INITIALISING else status, 0.0, astray), sway)
+                        (COASTING if status != INITIALISING else status, 0.0, astray),
+                        calm, doubt)
             off -= shift[0]
             v += shift[1]
             a += shift[2]
             turn = (v + v) * dt
             if (turn > period or turn < -period) and period > 0.0:
                 # faster than half a turn per sample: lock was lost
-                return again(measurement, design, sensor, steps, convention)
+                return again(measurement, design, sensor, steps, convention, doubt)
+        if doubted_so_far and change != 0.0:
+            doubt = settled(doubt, v, change, rested, dt, square, noise)
         if status != TRACKING:
             count += 1.0
             if count >= CONFIRMED and p[3] * dt * dt < square + 12.0 * noise:
                 status, astray = TRACKING, 0.0
             lock = (status, count, astray)
-        return (measurement - off, v, a, idle), p, band, sensor, steps, convention, lock, sway
+        return ((measurement - off, v, a, idle), p, band, sensor, steps, convention, lock, sway,
+                doubt)
 
     def bound(sensor: tuple) -> float:
         """The largest speed [rad/s] that a reading unchanged for so long allows."""
@@ -302,25 +368,35 @@ def build(gains: Gains, circle: Circle) -> Functions:
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
         p, sensor = state[1], state[3]
         floor = sensor[0] * sensor[0] / 12.0   # where in its count the encoder changes is not known
-        if p[3] == 0.0:
-            return math.sqrt(floor), math.sqrt(2.0 * floor) / coefficients[0]
+        if design[2] == 0.0 and state[5][1] == state[5][2]:   # nothing moved: no quantum is known
+            return math.inf, math.inf
         squares = state[2][7]
-        sigma = math.sqrt(p[3] * (squares if squares > CALM else CALM)) if p[3] > 0.0 else 0.0
+        variance = p[3] * (squares if squares > CALM else CALM)
+        doubt = state[8]
+        if p[3] <= 0.0:
+            variance = doubted(sensor[0], coefficients[0], design[0], 0.0)[0]
+        else:
+            variance += doubt[0]
+        if 0.0 < doubt[2] < RECENT:
+            variance += bent(12.0 * (floor + sensor[1]), doubt[2])
+        sigma = math.sqrt(variance)
         if sensor[7] > 0.0:
             most = bound(sensor)
             sigma = most if sigma > most else sigma
         return math.sqrt(p[0] + floor if p[0] > 0.0 else floor), sigma
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway = state
+        motion, p, band, sensor, steps, convention, lock, sway, doubt = state
         quantum = sensor[0]
         status = COASTING if lock[0] == TRACKING else lock[0]
+        known = convention[2] > convention[1] or design[2] > 0.0
         return ((measurement, motion[1], 0.0, 0.0),
                 (quantum * quantum / 12.0, 0.0, 0.0, p[3], 0.0, p[5]),
                 (band[0], 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, band[7]),
-                (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, quantum, 0.0, math.inf, 0.0,
-                 0.0), steps,
-                follow(convention, measurement, design[0]), (status, 0.0, lock[2]), STEADY)
+                (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, quantum if known else 0.0, 0.0,
+                 math.inf, 0.0, 0.0), steps[:4] + (0.0,),
+                follow(convention, measurement, design[0]), (status, 0.0, lock[2]), STEADY,
+                (motion[1] * motion[1], SETTLES, doubt[2]))
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         steps = state[4]    # what is known of the quantum

@@ -14,6 +14,9 @@ import math
 SURPRISE = 25.0   # a square counts at most so many times what is expected: 5 sigma
 LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
 ROUNDING = 1e-6   # of the reading: smaller steps are a float32's last digit
+RESIDUE = 1e-3    # of the quantum: a change by less is rounding residue, and no motion
+FINEST = 1e-10    # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
+JUMP = 1e3        # times the range of all readings before: those before were residue
 SEEN = 2.0        # a smaller step than the given quantum is believed when it came twice
 MANY = 8.0        # steps that show the quantum, before it is thought to be larger than given
 FINER = 0.75      # the quantum is too large if steps below this part of it are seen
@@ -31,15 +34,25 @@ AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
 # differences that last [rad^2], negative where they alternate; mean dt [s])
 Sensor = tuple[float, float, float, float, float, float, float, float, float, float, float]
 # (smallest step seen [rad]; smallest step of the steps [rad]; how many showed the quantum; steps of
-# either kind that were finer than the given quantum)
-Steps = tuple[float, float, float, float]
+# either kind that were finer than the given quantum; the last step [rad], where it was more than
+# `JUMP` times the range of all readings before, else 0)
+Steps = tuple[float, float, float, float, float]
 
-FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, 0.0)
+FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, 0.0, 0.0)
 
 
-def begin_sensor(quantum: float, blur: float) -> Sensor:
-    """Before anything was seen; `quantum` [rad] as given, 0: not known. `blur`: see `follow`."""
-    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, 0.0, 0.0, quantum, 0.0,
+def begin_sensor(quantum: float, blur: float, given: float) -> Sensor:
+    """Before anything was seen; `given`: the quantum in use [rad], or 0 where that is not known.
+
+    `blur`: see `follow_sensor`.
+    """
+    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, 0.0, 0.0, given, 0.0,
+            math.inf, 0.0, 0.0)
+
+
+def first_step(quantum: float, blur: float, step: float, dt: float) -> Sensor:
+    """Return the sensor as after the first `step` [rad], in a sample of `dt` [s]."""
+    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, step, dt, abs(step), 0.0,
             math.inf, 0.0, 0.0)
 
 
@@ -54,9 +67,9 @@ def follow_steps(steps: Steps, step: float, last: float, since: float, size: flo
     size : of the two readings [rad]: of their last digits nothing is learnt.
     quantum : as given [rad]; 0: not known.
     """
-    smallest, finest, several, finer = steps
-    grain = ROUNDING * size
+    smallest, finest, several, finer, _ = steps
     found = abs(step)
+    grain = max(ROUNDING * size, RESIDUE * min(smallest, finest, found))
     if grain < found < smallest:
         smallest = found
     if since > 0.0 and several < MANY:
@@ -72,7 +85,7 @@ def follow_steps(steps: Steps, step: float, last: float, since: float, size: flo
                 found = bend
     if grain < found < FINER * quantum and finer < SEEN:
         finer += 1.0
-    return (smallest, finest, several, finer)
+    return (smallest, finest, several, finer, 0.0)
 
 
 def tells_quantum(steps: Steps, step: float, last: float, quantum: float) -> bool:
