@@ -11,6 +11,7 @@ from estimator_pkg.evaluation.bench import accuracy as bench_accuracy
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.signals import FURTHER, SIGNALS
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from sim_pkg.joints import profiles
 
 QUANTUM = 2.0 * math.pi / 4096
 DT = 1e-3
@@ -470,3 +471,169 @@ def test_no_stream_makes_it_fail_or_say_what_is_no_number():
         assert np.count_nonzero(used) > 100
         assert np.all(np.isfinite(out.velocity[used])), seed
         assert np.all(out.velocity_stddev[used] >= 0.0), seed
+
+
+# ---------------------------------------------------------------- faults that strangers found
+
+def half_turns(count=4000):
+    """(time [s], angle [rad], velocity [rad/s]) of a joint that rests for 1 s and then swings."""
+    t = np.arange(count) * DT
+    moving = t >= 1.0
+    return (t, np.where(moving, 1.5 * (1.0 - np.cos(np.pi * (t - 1.0))), 0.0),
+            np.where(moving, 1.5 * np.pi * np.sin(np.pi * (t - 1.0)), 0.0))
+
+
+def error_of(reading, velocity, at=None, **settings):
+    """(rms, largest) error of the velocity [rad/s]."""
+    gains = settings.pop('gains')
+    out = make('edge_adaptive', gains, **settings).run(
+        stamps(len(reading)) if at is None else at, reading, fast=False)
+    error = out.velocity - velocity
+    return rms(error), float(np.max(np.abs(error)))
+
+
+RESIDUES = {
+    'random at rest': lambda size, rest, noise: np.where(rest, size * noise, 0.0),
+    'random always': lambda size, rest, noise: size * noise,
+    'alternating': lambda size, rest, noise: size * (np.arange(len(noise)) % 2),
+    'one reading': lambda size, rest, noise: np.where(np.arange(len(noise)) == 500, size, 0.0)}
+
+
+@pytest.mark.parametrize('kind', RESIDUES)
+@pytest.mark.parametrize('base', [0.0, 0.7])
+def test_float_residue_is_not_taken_for_the_quantum(kind, base):
+    t, angle, velocity = half_turns()
+    clean = wrapped(np.floor(angle / QUANTUM) * QUANTUM + np.floor(base / QUANTUM) * QUANTUM)
+    noise = np.random.default_rng(5).normal(size=len(t))
+    for gains in ({'quantum': QUANTUM}, {}):
+        twin = error_of(clean, velocity, gains=gains)
+        for size in (1e-310, 1e-17, 1e-12, 1e-9, 1e-7):
+            reading = clean + RESIDUES[kind](size, t < 1.0, noise)
+            found = error_of(reading, velocity, gains=gains)
+            assert max(found[0] / twin[0], found[1] / twin[1]) <= 1.05, (gains, size)
+
+
+def test_float32_readings_and_prismatic_residue_are_no_quantum():
+    t, angle, velocity = half_turns()
+    clean = np.floor(angle / QUANTUM) * QUANTUM
+    noise = np.random.default_rng(5).normal(size=len(t))
+    offset = np.float32(1.2345)
+    for gains in ({'quantum': QUANTUM}, {}):
+        twin = error_of(clean, velocity, gains=gains, wrap_period=0.0)
+        for reading in (clean.astype(np.float32).astype(float), clean + 1e-12 * noise,
+                        ((clean.astype(np.float32) + offset) - offset).astype(float)):
+            found = error_of(reading, velocity, gains=gains, wrap_period=0.0)
+            assert max(found[0] / twin[0], found[1] / twin[1]) <= 1.05
+
+
+def delayed(t, every, delay, burst):
+    """Stamps [ns], each `every`-th late by `delay` [s], those behind it pushed on (or one only)."""
+    late = t.copy()
+    for k in range(every // 2, len(t) - 20, every):
+        late[k] += delay
+        last = k + (20 if burst else 1)
+        for j in range(k + 1, last + 1):
+            late[j] = max(late[j], late[j - 1] + 1e-4) if burst else late[j - 1] + 1e-4
+    return stamps(1)[0] + np.rint(late * 1e9).astype(np.int64)
+
+
+@pytest.mark.parametrize('delay', [1e-3, 2e-3, 4e-3])
+@pytest.mark.parametrize('burst', [True, False])
+@pytest.mark.parametrize('known', [True, False])
+def test_a_late_stamp_is_no_motion(delay, burst, known):
+    quantum, rate = 3.8e-4, 667.0
+    t = np.arange(int(8.0 * rate)) / rate
+    w = 2.0 * math.pi * 0.8
+    reading, velocity = read(4.0 * np.sin(w * t), quantum), 4.0 * w * np.cos(w * t)
+    at = delayed(t, 500, delay, burst)
+    error = {}
+    for name in ('edge_adaptive', 'kalman'):
+        gains = {'quantum': quantum} if known or name == 'kalman' else {}
+        out = make(name, gains).run(at, reading, fast=False)
+        used = (t > 1.0) & (out.verdict < 5)
+        error[name] = (out.velocity - velocity)[used]
+    assert np.max(np.abs(error['edge_adaptive'])) < 1.0       # it was 176 rad/s
+    assert rms(error['edge_adaptive']) < rms(error['kalman'])
+
+
+@pytest.mark.parametrize('late', [1e-3, 2e-3])
+def test_a_stamp_that_is_late_by_a_whole_sample_is_no_motion(late):
+    """The next sample comes 0.1 ms later: whatever sways in it is not divided by so little."""
+    t = np.arange(8000) * DT
+    w = 0.4 * math.pi
+    out = run(30.0 * np.sin(w * t), delayed(t, 500, late, True))
+    assert np.max(np.abs(out.velocity - 30.0 * w * np.cos(w * t))[1000:]) < 0.5   # 9.6 and 18
+
+
+@pytest.mark.parametrize('speed, constant', [(0.3, None), (10.0, None), (100.0, None),
+                                             (10.0, 0.05), (100.0, 0.02)])
+@pytest.mark.parametrize('rate', [200.0, 1000.0])
+def test_a_given_quantum_is_no_worse_where_a_joint_starts_with_a_jump(speed, constant, rate):
+    """At once, or as a motor: what was found is at most 5 % better than what was given."""
+    t = np.arange(int(2.0 * rate)) / rate
+    since = np.clip(t - 0.5003, 0.0, None)
+    if constant is None:
+        angle, velocity = speed * since, np.where(since > 0.0, speed, 0.0)
+    else:
+        velocity = speed * (1.0 - np.exp(-since / constant))
+        angle = speed * since - constant * velocity
+    reading = read(angle + 0.3 * QUANTUM)
+    given, found = (error_of(reading, velocity, stamps(len(t), 1.0 / rate), gains=gains)[0]
+                    for gains in ({'quantum': QUANTUM}, {}))
+    assert given <= 1.05 * found
+
+
+STARTS = {
+    'steps': lambda t: profiles.steps(8.0, 40.0, 0.5)(t),
+    'trapezoid': lambda t: profiles.trapezoid(10.0, 50.0, 1.0)(t),
+    'trapezoid at once': lambda t: profiles.trapezoid(10.0, 0.0, 0.5)(t),
+    'slow': lambda t: profiles.trapezoid(1.0, 2.0, 1.0)(t),
+    'sine': lambda t: profiles.sine(5.0, 0.3)(t),
+    'slow sine': lambda t: profiles.sine(0.1, 0.3)(t),
+    'constant': lambda t: profiles.constant(10.0)(t),
+    'chirp': lambda t: profiles.chirp(5.0, 0.3, 5.0, 20.0)(t),
+    'figure 4': lambda t: profiles.figure_4()(t),
+    'figure 6': lambda t: profiles.figure_6(0.15)(t)}
+
+
+@pytest.mark.parametrize('known', [True, False])
+@pytest.mark.parametrize('name', STARTS)
+def test_sigma_covers_every_start_from_the_first_changed_reading_on(name, known):
+    for phase in (0.0, 0.3e-3, 0.77e-3):
+        t = np.arange(5000) * DT
+        angle, velocity, _ = STARTS[name](t + phase)
+        reading = read(angle)
+        out = make('edge_adaptive', {'quantum': QUANTUM} if known else {}).run(
+            stamps(len(t)), reading, fast=False)
+        assert np.min(out.velocity_stddev[1:]) > 0.0
+        changed = np.diff(reading, prepend=reading[0]) != 0.0
+        moving = velocity != 0.0
+        for start in np.flatnonzero(moving & ~np.roll(moving, 1) | (moving & (t == 0.0))):
+            first = start + np.argmax(changed[start:])
+            span = slice(first, start + 200)
+            shown = (out.status[span] == TRACKING) | (out.status[span] == COASTING)
+            error = np.abs(out.velocity - velocity)[span][shown]
+            assert np.all(error < 5.0 * out.velocity_stddev[span][shown]), (phase, t[start])
+
+
+def test_without_a_quantum_nothing_is_known_until_the_first_step():
+    one = make('edge_adaptive')
+    out = one.run(stamps(600), np.where(np.arange(600) < 500, 0.0, QUANTUM), fast=False)
+    assert np.all(np.isinf(out.velocity_stddev[:500])) and np.all(out.velocity[:500] == 0.0)
+    assert np.all(np.isfinite(out.velocity_stddev[500:]))
+    assert np.all(out.status[10:] == TRACKING)
+    # a count, and six sigma of the edges' blur, in the time since it came
+    assert out.velocity_stddev[520] <= 1.19 * QUANTUM / (20 * DT)
+
+
+@pytest.mark.parametrize('quantum', [QUANTUM, 2e-5])
+@pytest.mark.parametrize('gap', [0.21, 0.3, 0.45])
+@pytest.mark.parametrize('after', [0.0, 8.0, -8.0])
+def test_after_a_gap_sigma_covers_a_joint_that_stands(quantum, gap, after):
+    t = np.concatenate([np.arange(2000) * DT, 2.0 + gap + np.arange(300) * DT])
+    angle = np.where(t < 2.0, 8.0 * t, 16.0 + 0.3 * quantum + after * (t - t[2000]))
+    at = stamps(1)[0] + np.rint(t * 1e9).astype(np.int64)
+    for gains in ({'quantum': quantum}, {}):
+        out = make('edge_adaptive', gains).run(at, read(angle, quantum), fast=False)
+        error = np.abs(out.velocity - after)[2000:]
+        assert np.all(error < 3.0 * out.velocity_stddev[2000:])
