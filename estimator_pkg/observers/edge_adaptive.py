@@ -88,8 +88,8 @@ CONFIRMED = 4.0   # samples after which a start, a gap or a doubt has settled
 CALM = 0.5        # of its variance the speed keeps at least, however small the innovations are
 
 UNIT = 1.0        # [rad] quantum while none is known: before the first step all is relative to it
-RESTED = 0.5      # of a cell's variance: a prediction this vague has seen no edge for long
-LIE = 0.25        # of an innovation: a reading this close to an even clock has a wrong stamp
+RESTED = 0.7      # of a cell's variance: a prediction this vague has seen no edge for long
+LIE = 0.25 # of an innovation: a reading this close to an even clock has a wrong stamp
 SLIGHT = 0.3      # a rise of the log density by less changes next to nothing of what was told
 PLAIN = 4.0 * BLUR * BLUR   # square quanta: a noise above it is more than the blur of the edges
 UNTOLD = 0.05     # of its variance an innovation has at least, were it to count in sigmas
@@ -169,16 +169,14 @@ def build(gains: Gains, circle: Circle) -> Functions:
         d, left = within(centre, half, math.sqrt(s))
         known = 1.0 - left
         z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
-        beyond = False
-        if z > SIGMAS or z < -SIGMAS:
+        beyond = z > ALARM or z < -ALARM
+        if beyond:
             size, pace = abs(ahead), sensor[10]
             if (size > STRAY * quantum and pace > 0.0
                     and abs(ahead + moved - moved * pace / dt) < LIE * size):
                 # the reading moved on as in a mean sample time: it is the stamp that is wrong
                 return (False, (0.0, 0.0, 0.0), p, band, sensor)
-            beyond = z > ALARM or z < -ALARM
-            if beyond:
-                z = ALARM if z > 0.0 else -ALARM
+            z = ALARM if z > 0.0 else -ALARM
         least = (quantum * quantum + 12.0 * noise) / LONGEST ** 5
         if not flickers:
             shaken = vibration(sensor)
@@ -290,7 +288,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if swing > 0.0:
                 p = swayed(p, swing, dt)
         idle += dt
-        if (rested > 0.0 and change != 0.0 and rested > CONFIRMED * dt
+        if (rested > 0.0 and change != 0.0 and rested > MEMORY * dt
                 and sensor[1] <= PLAIN * square and (first or 12.0 * p[0] > RESTED * square)):
             doubted_so_far = False
             doubt = doubted(quantum, dt, period, 0.0 if first else doubt[2])

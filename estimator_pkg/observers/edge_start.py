@@ -13,8 +13,8 @@ from estimator_pkg.observers.edge_covariance import Covariance
 SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
 VAGUE = 100.0     # the same in quanta, where there is no turn
 
-SETTLES = 4.0     # changed readings after which a speed in doubt is known
-UNSURE = 5.0      # the same when the first has just come: the next one may be a line's second point
+SETTLES = 2.0     # changed readings after which a speed in doubt is known
+UNSURE = 3.0      # the same when the first has just come: the next one may be a line's second point
 RECENT = 0.3      # [s] after the first motion of all a change of its acceleration is not seen
 
 Motion = tuple[float, float, float, float]
