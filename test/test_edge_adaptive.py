@@ -103,6 +103,29 @@ def test_standard_deviation_covers_in_motion():
         assert 0.915 <= row['coverage'] <= 0.99, row['signal']   # of four draws
 
 
+def test_readings_that_repeat_a_pattern_do_not_make_it_too_sure():
+    """At so many counts per sample the innovations soon are far smaller than foreseen, but they are
+    the same ones again and again, and no news: no error is 5 sigma.
+    """
+    ratios = []
+    for counts in (0.3, 7.3):
+        for phase in (0.05, 0.3, 0.55, 0.8):
+            speed = counts * QUANTUM / DT
+            out = run(speed * DT * np.arange(5000) + phase * QUANTUM)
+            ratios.append(((out.velocity - speed) / out.velocity_stddev)[1500:])
+    assert np.max(np.abs(ratios)) < 5.0
+    assert rms(ratios) < 1.4
+
+
+def test_calm_innovations_are_believed_in_part():
+    """A slow sine: not all of the intervals may cover, they are 95 % ones."""
+    w = math.pi
+    t = DT * np.arange(8000)
+    out = run(-5.0 / w * np.cos(w * t))
+    covered = np.abs(out.velocity - 5.0 * np.sin(w * t)) < 1.96 * out.velocity_stddev
+    assert 0.93 < np.mean(covered[1500:]) < 0.985
+
+
 VIBRATIONS = [(200.0, 7.0, 4.0), (300.0, 5.5, 12.0), (1000.0, 14.0, 10.0)]
 
 
@@ -283,6 +306,17 @@ def test_a_quantum_too_small_is_reported_and_mended(speed):
     out = one.run(stamps(4000), read(speed * np.arange(4000) * DT), fast=False)
     assert 'too small' in one.why()
     assert rms(out.velocity[2500:] - speed) < 5e-3
+
+
+@pytest.mark.parametrize('speed', [10.0, 200.0])
+@pytest.mark.parametrize('given', [1.0 / 1.6, 0.5])
+def test_a_quantum_of_half_the_step_is_reported_and_mended(given, speed):
+    """Twice the counts, as where the lines of an encoder are taken for a quarter of its edges."""
+    one = joint(quantum=given * QUANTUM)
+    out = one.run(stamps(4000), read(speed * np.arange(4000) * DT), fast=False)
+    assert 'too small' in one.why() and f'{QUANTUM:.4g}' in one.why()
+    right = run(speed * np.arange(4000) * DT)
+    assert out.velocity_stddev[3000:] == pytest.approx(right.velocity_stddev[3000:], rel=0.05)
 
 
 @pytest.mark.parametrize('speed', [0.02, 2.0, 200.0, 1000.0])

@@ -89,6 +89,18 @@ def test_scale_sign_and_timeout():
     assert found == pytest.approx([-2.0, -2.0, -2.0, -2.0, NAN], nan_ok=True)
 
 
+@pytest.mark.parametrize('effort_is', [MEASURED, COMMANDED])
+@pytest.mark.parametrize('delay', [0.0, 0.002])
+def test_a_hole_longer_than_the_timeout_leaves_the_effort_known(effort_is, delay):
+    """The timeout is for commands that stop. An effort beside its position was there all the time,
+    and that it acts late changes nothing.
+    """
+    settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,), input_timeout=0.004)
+    samples = [(at, 1.0) for at in (*range(10), *range(15, 30))]
+    found = acted(FIELD, settings, samples)
+    assert found[4:] == [1.0] * (len(samples) - 4)
+
+
 def test_a_late_sample_takes_no_effort_away():
     settings = DrivenSettings(effort_is=COMMANDED)
     acting = Acting(1, FIELD, settings)

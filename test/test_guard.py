@@ -339,6 +339,19 @@ def test_a_hole_does_not_make_the_rate_look_slow():
     assert joint.mean_dt == pytest.approx(1e-3, rel=1e-6)
 
 
+def test_a_few_holes_one_behind_the_other_do_not_make_the_rate_look_slow():
+    """Three holes with one sample between them, as a bad radio link makes them, at 1 kHz: the mean
+    sample time stays of the size it is, and the next hole is found to be one.
+    """
+    joint, feed, now = running()
+    for k in range(1, 4):
+        assert feed(now + k * 300 * MS) == AFTER_GAP
+    assert joint.mean_dt < 0.01
+    for i in range(1, 50):
+        feed(now + 900 * MS + i * MS)
+    assert feed(now + 1250 * MS) == AFTER_GAP
+
+
 def test_gap_max_and_reorder_window_are_what_is_set():
     joint, feed, now = running(gap_max=0.5, reorder_window=0.02, timeout=0.501)
     assert feed(now + 400 * MS) == USED

@@ -47,6 +47,42 @@ def test_second_order_follows_the_spec_line_by_line():
     assert resets > 50 and capped > 50
 
 
+@pytest.mark.parametrize('name', ['saw', 'sat', 'sin'])
+def test_third_order_is_set_on_the_reading_before_it_is_half_a_turn_off(name):
+    """10 to -20 rad/s in 0.1 s at 0.5 Hz: the position slips, and each time it is put right (J2)
+    within 5 degrees of half a turn, instead of coming back from the other side.
+    """
+    t = 1e-3 * np.arange(6000)
+    speed = np.interp(t, (0.0, 2.0, 2.1, 6.0), (10.0, 10.0, -20.0, -20.0))
+    angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 1e-3))
+    out = make(bandwidth_hz=0.5, injection=name).run(stamps(t), wrapped(angle), fast=False)
+    off = np.abs(wrapped(out.position - angle))
+    assert np.max(off) < math.pi - MARGIN
+    slips = np.flatnonzero((off[:-1] > 2.9) & (off[1:] < 1e-9))
+    assert len(slips) > 1
+    before, after = out.velocity[slips], out.velocity[slips + 1]
+    gained = 1e-3 * out.acceleration[slips]   # the speed goes on as it was
+    assert after - before == pytest.approx(gained, abs=1e-9)
+
+
+def test_third_order_never_puts_the_position_past_the_measurement():
+    """tan grows without bound towards half a turn; what it injects is held back."""
+    dt = 0.01
+    correct = core_of(injection='tan', epsilon=0.05).correct
+    coefficients = coefficients_of(dt, injection='tan', epsilon=0.05)
+    random = np.random.default_rng(6)
+    capped = 0
+    for _ in range(3000):
+        error, push = random.uniform(-2.9, 2.9), random.uniform(-0.1, 0.1)
+        state = (1.0, error, 10.0, 0.0, 0.0)
+        (_, left, velocity, _, _), innovation = correct(state, coefficients, 1.0 + 10.0 * dt + push)
+        assert innovation == pytest.approx(error + push)
+        assert left * innovation >= -1e-12 and abs(left) <= abs(innovation)
+        assert (velocity - 10.0) * innovation >= 0.0
+        capped += abs(innovation) > 0.1 and abs(left) < 1e-12
+    assert capped > 300
+
+
 def test_injections_differ_at_large_errors_as_in_figure_4():
     """10 to -20 rad/s in 50 ms, epsilon 0.7 s: the spec's RMS errors, and its order."""
     t = 1e-3 * np.arange(8000)
@@ -79,6 +115,22 @@ def test_the_speed_limit_holds():
         assert np.max(np.abs(out.velocity)) <= 5.0
         out = make(order=order, max_speed=5.0).run(stamps(t), wrapped(4.0 * t), fast=False)
         assert out.velocity[-1] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize('bandwidth, settled', [(5.0, 0.35), (2.0, 0.9), (1.0, 1.8)])
+def test_no_acceleration_winds_up_at_the_speed_limit(bandwidth, settled):
+    """3 to 8 rad/s and back with a limit of 5: at the limit no acceleration is published, and the
+    speed is right again as soon as after any other ramp.
+    """
+    t = 0.01 * np.arange(1000)
+    speed = np.interp(t, (0.0, 1.0, 2.0, 4.0, 5.0, 10.0), (3.0, 3.0, 8.0, 8.0, 3.0, 3.0))
+    angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 0.01))
+    out = make(max_speed=5.0, bandwidth_hz=bandwidth).run(stamps(t), wrapped(angle), fast=False)
+    assert np.max(out.velocity) == 5.0
+    assert np.max(np.abs(out.acceleration[250:400])) < 1.0
+    late = (out.velocity > 4.9) & (t > 4.0)
+    assert t[late][-1] < 4.65 + 0.3 / bandwidth
+    assert np.max(np.abs(out.velocity - 3.0)[t > 5.0 + settled]) < 0.15
 
 
 def test_a_gap_re_initialises_the_position_and_keeps_the_speed():

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from mechanism_runs import FAST, motion
 
 from estimator_pkg import cli, observers
 from estimator_pkg.bags.kinds.mechanical import settled
@@ -14,6 +15,7 @@ from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.efforts import COMMAND, Inputs
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismConfiguration
 from estimator_pkg.errors import UserError
+from estimator_pkg.observers.contract import COASTING, NOT_OBSERVABLE, TRACKING
 
 MS = 1_000_000
 START = 10 ** 12
@@ -98,6 +100,48 @@ def test_pair_tolerance_joins_stamps_that_differ_a_little():
             mechanisms.update(START + k * MS, ('arm',), (0.0,), ())
             mechanisms.update(START + k * MS + MS // 10, ('wagon',), (0.0,), (0.0,))
         assert mechanisms.joints['m'].used == used
+
+
+@pytest.mark.parametrize('order', [(0, 1), (1, 0)])
+def test_a_sample_of_joints_that_come_apart_has_the_later_stamp(order):
+    """Whichever message comes first: only then all its positions were measured."""
+    mechanisms = bank(model='cart_pendulum', joints=['arm', 'wagon'], pair_tolerance=2e-4)
+    messages = [(START, 'arm'), (START + MS // 10, 'wagon')]
+    for place in order:
+        stamp, joint = messages[place]
+        mechanisms.update(stamp, (joint,), (0.0,), (0.0,))
+    assert mechanisms.joints['m'].used == 1
+    assert mechanisms.joints['m'].stamp_ns == START + MS // 10
+
+
+@pytest.mark.parametrize('observer', ['geso', 'hgo', 'ehgo', 'smo'])
+def test_the_velocity_goes_on_where_the_input_comes_back(observer):
+    """A fast cart-pendulum, the effort missing for 0.15 s while the arm turns by 1 rad. In other
+    coordinates (momenta) it would not be the velocity that is carried.
+    """
+    positions, _ = motion('cart_pendulum', FAST, (1.37, -0.1), (6.0, 0.35), 1e-3, 1655)
+    gains = {'mu': [29.0, 10.0]} if observer == 'smo' else {'bandwidth_hz': 8.0}
+    mechanisms = bank(observer=observer, model='cart_pendulum', model_parameters=list(FAST), **gains)
+    mechanism, velocities = mechanisms.joints['m'], []
+    for k, position in enumerate(positions):
+        effort = math.nan if 1500 <= k < 1650 else 0.0
+        mechanisms.update(START + k * MS, mechanism.names, position, (effort, effort))
+        velocities.append(mechanism.estimate()[1])
+    held = np.array(velocities[1499:1650])
+    assert np.all(held == held[0])
+    assert velocities[1650] == pytest.approx(held[0], abs=0.3)
+
+
+def test_without_an_effort_it_coasts_for_a_fifth_of_a_second_and_no_longer():
+    mechanisms = bank(model='single_joint', joints=['j'], bandwidth_hz=20.0)
+    mechanism, published = mechanisms.joints['m'], []
+    for k in range(1400):
+        effort = math.nan if k >= 1000 else 0.0
+        found = mechanisms.update(START + k * MS, ('j',), (1e-3 * k,), (effort,))
+        published.append((mechanism.estimate()[3], bool(found)))
+    assert published[999] == (TRACKING, True)
+    assert set(published[1000:1190]) == {(COASTING, True)}
+    assert set(published[1210:]) == {(NOT_OBSERVABLE, False)}
 
 
 def test_missing_effort_of_an_unactuated_joint_is_no_error():

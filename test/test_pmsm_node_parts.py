@@ -206,6 +206,16 @@ def test_phases_without_neutral_sum_to_zero():
     assert three.voltage(*(u + 5.0 for u in phases(1.0, 2.0))) == pytest.approx((1.0, 2.0))
 
 
+def test_the_large_currents_of_a_start_are_soon_forgotten():
+    """After an inrush of 100 A a wrong wire at 1 A is found again, within a fraction of a second of
+    20 kHz; but not within an electrical turn of a slow rotor, whose currents pass through zero.
+    """
+    three = Phases(0.1)
+    assert three.current(*phases(100.0, 0.0)) is not None
+    verdicts = [three.current(1.0, -0.2, -0.2) is None for _ in range(6000)]
+    assert not any(verdicts[:1000]) and all(verdicts[4000:])
+
+
 # ---- what a user sets --------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('name', 'classes'), [

@@ -164,12 +164,16 @@ def test_a_voltage_reported_early_is_delayed(delay):
     assert late == pytest.approx(delay * 12.6, abs=1.5)  # omega Ts
 
 
-def test_half_a_sample_of_voltage_delay_lies_between():
+@pytest.mark.parametrize('part', [0.25, 0.5, 0.75, 1.25])
+def test_a_part_of_a_sample_of_voltage_delay_lies_between(part):
     samples = record(((0.06, 6000.0, 6000.0),)).samples.copy()
-    ahead = np.vstack((samples[1:], samples[-1:]))
-    samples[:, 2:] = 0.5 * (samples[:, 2:] + ahead[:, 2:])  # as if reported half a sample early
+    early = math.floor(part)
+    voltage = np.vstack((samples[early:, 2:], samples[-1 - early:, 2:]))
+    weight = part - early
+    count = len(samples)   # as if reported so much of a sample early
+    samples[:, 2:] = (1.0 - weight) * voltage[:count] + weight * voltage[1:count + 1]
     truth = record(((0.06, 6000.0, 6000.0),)).truth
-    status, _, rows, *_ = estimates(made(voltage_delay=0.5), samples)
+    status, _, rows, *_ = estimates(made(voltage_delay=part), samples)
     assert status[-1] == TRACKING
     assert abs(np.mean(angle_error(rows[-200:, 0], truth[-200:, 1]))) < 0.5
 

@@ -14,12 +14,12 @@ from sim_pkg.reproduce.pmsm.continuous_rows import drawn_times, later
 from sim_pkg.reproduce.pmsm.paper import REPRODUCTION
 from sim_pkg.reproduce.pmsm.references import REFERENCE_RUNS, SCHEMES, rows
 
-# the 120 starts and ten seeds per speed take long: here a part of each
-LONG = ('order', 'T6', 'status', 'loop')
+SLOW = ('order',)  # the 120 starts
 
 
-@pytest.mark.parametrize('part', [part for part in REPRODUCTION.parts if part.name not in LONG],
-                         ids=lambda part: part.name)
+@pytest.mark.parametrize('part', [
+    pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else ())
+    for part in REPRODUCTION.parts], ids=lambda part: part.name)
 def test_every_row_is_within_its_tolerance(part):
     failed = [f'{row.reference.id}: {row.value} for {row.reference.value} '
               f'+- {row.reference.tolerance_text}' for row in part.rows() if not row.ok]
@@ -77,11 +77,6 @@ def test_dead_time_that_the_voltage_does_not_know_of_is_taken_off_where_it_is_de
     told = pmsm_drive_rows.judged(Profile(P1), plant, dead_time_voltage=0.24)
     assert blind.worst > 10.0
     assert told.wrong == 0.0 and told.worst < 4.0 and told.withheld < 15.0
-
-
-def test_the_loop_closes_over_the_observer():
-    part = next(part for part in REPRODUCTION.parts if part.name == 'loop')
-    assert not [f'{row.reference.id}: {row.value}' for row in part.rows() if not row.ok]
 
 
 def test_the_figures_are_drawn(tmp_path):

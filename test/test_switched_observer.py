@@ -226,6 +226,32 @@ def test_the_fifo_of_n_intervals_and_the_prediction_of_n_plus_1_steps(steps):
         assert converged and shown == pytest.approx(true, abs=0.05)
 
 
+def test_the_acceleration_is_right_at_once_after_a_known_event():
+    """Z jumps, and with it what ends the chains: in the example by 6 of their 10 units. With
+    `reset: all` the published acceleration jumps along before the stages could have settled.
+    """
+    model = load('example')
+    times, states, z = trajectory(model, 10)
+    worst = {}
+    for reset in ('all', 'states'):
+        functions = OBSERVER.build(Gains(model='example', settle=0.2, velocity='cascade',
+                                         reset=reset), Circle(0.0))
+        coefficients = functions.prepare((), 1e-3)
+        state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
+        off = []
+        for i in range(1, len(times)):
+            measured = (float(states[i, 0]), float(states[i, 2]))
+            state = functions.step(state, coefficients, (), measured, ())
+            if i % 500 == 0:
+                state = functions.jump(state, ('', ()))
+            if i > 3000 and 3 <= i % 500 < 10:
+                at = model.zeta(states[i], z[i])
+                true = model.gamma(at, ())[0] + np.dot(model.lam(at, ())[0], z[i])
+                off.append(abs(functions.outputs(state, measured)[0][2] - true))
+        worst[reset] = max(off)
+    assert worst['all'] < 2.0 < 5.0 < worst['states']
+
+
 def test_the_inversion_is_not_used_below_its_singular_value():
     model = load('example')
     times, states, true = trajectory(model, 4)
