@@ -1,6 +1,8 @@
 # make demo     watch a live ROS 2 node estimate velocity beside the truth (installs everything first)
 # make test     run every test, the multi-process ones over real DDS included
 # make test-slow  the tests that take minutes
+# make figures  write the numbers that commands give into README and docs (docs/figures.yaml)
+# make mutants  500 small changes of the code, and which of them no test notices (an hour)
 # make install  only make .venv with the package, ROS 2 Jazzy and all extras
 # make check    ruff and mypy alone
 # make clean    remove .venv and what builds leave behind
@@ -12,7 +14,7 @@ STAMP := $(VENV)/.installed
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find estimator_pkg sim_pkg resource launch config -type f -not -name '*.pyc')
 
-.PHONY: demo test test-slow install check clean
+.PHONY: demo test test-slow figures mutants install check clean
 
 demo: install
 	@$(BIN)/velocity_estimator demo
@@ -35,6 +37,15 @@ test: install check
 
 test-slow: install
 	$(BIN)/pytest -m slow
+
+figures: install
+	$(BIN)/python docs/figures.py
+
+MUTANTS ?= --count 500 --seed 1 --page
+mutants: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check '.[mutants]'
+	@rm -rf build/lib build/bdist.* *.egg-info
+	$(BIN)/python test/mutants/run.py $(MUTANTS)
 
 check: install
 	$(BIN)/ruff check .

@@ -26,6 +26,7 @@ EXTRAS = {
              'motulator>=0.5,<0.6', 'types-PyYAML', 'colcon-common-extensions>=0.3,<1'],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
+EXTRAS['mutants'] = ['cosmic-ray>=8.3,<9', 'coverage>=7.5,<8']  # of make mutants alone
 
 setup(
     name=NAME,

@@ -1,0 +1,311 @@
+"""Mutation testing: small changes of the code, and whether a test notices.
+
+    make mutants                              # 500 of seed 1
+    python test/mutants/run.py --count 60 --seed 2
+
+cosmic-ray makes the changes, one at a time, in a copy of estimator_pkg. First all tests of MODULES
+run once under coverage: which test runs which line, and how long it takes. Each mutant is then
+judged by the tests that run its line, the quickest first, in plain Python (Numba is hidden). What
+was judged is kept in build/mutants, so that a run that was stopped goes on. Verdicts on survivors
+are in survivors.yaml; the table is docs/mutants.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import hashlib
+import json
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter, defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import Queue
+
+import yaml
+from cosmic_ray.commands import init
+from cosmic_ray.mutating import apply_mutation, mutate_and_test
+from cosmic_ray.plugins import get_operator
+from cosmic_ray.work_db import WorkDB, use_db
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+WORK = ROOT / 'build' / 'mutants'
+PAGE = ROOT / 'docs' / 'mutants.md'
+VERDICTS = HERE / 'survivors.yaml'
+
+SOURCES = ('driver/*.py', 'messages/*.py', 'observers/angle.py', 'observers/convention.py',
+           'observers/circle.py', 'observers/contract.py', 'observers/covariance.py',
+           'observers/edge_*.py', 'observers/finite_difference.py', 'observers/hybrid_*.py',
+           'observers/injections.py', 'observers/kalman.py', 'observers/pll.py',
+           'observers/scatter.py', 'observers/steady_noise.py', 'observers/super_twisting*.py',
+           'observers/tracking.py', 'observers/twisting.py')
+# Without DDS; what takes long in plain Python is left out test by test
+MODULES = ('adaptive_observer', 'adaptive_parameters', 'convention', 'drive_samples', 'driver',
+           'edge_adaptive', 'edge_adaptive_parts', 'efforts', 'fingerprint', 'frequency_response',
+           'guard', 'hybrid_angle', 'hybrid_robust', 'injections', 'joint_state_bytes', 'kalman',
+           'low_speed', 'mechanical_driver', 'messages_blocks', 'observers_contract',
+           'observers_extremes', 'parameters', 'per_sample', 'pll', 'pmsm_driver',
+           'pmsm_node_parts', 'replay', 'reproduce_hybrid_angle', 'stddev', 'super_twisting',
+           'switched_observer')
+LONGEST = 6.0     # s of CPU: a test that takes longer, under coverage, is cut off and left out
+BUDGET = 30.0     # s of CPU: the tests of one mutant together
+ENOUGH = 0.9      # of the mutants that are not equivalent must die
+LARGE = 50.0      # a number beyond it, changed by one, is the same to within 2 %
+
+# These die by a TypeError, or change nothing: bits of floats, `is` with numbers, annotations
+NO_NEWS = re.compile(r'(Binary.*_(BitAnd|BitOr|BitXor|LShift|RShift)$|BinaryOperator_BitOr_'
+                     r'|ComparisonOperator_(?!Is_IsNot|IsNot_Is)(.*_)?Is(Not)?(_|$)'
+                     r'|NoOp|RemoveDecorator|Variable)')
+
+
+def sources() -> list[Path]:
+    """The files that are changed, relative to the checkout."""
+    return sorted({path.relative_to(ROOT) for pattern in SOURCES
+                   for path in (ROOT / 'estimator_pkg').glob(pattern)
+                   if path.name != '__init__.py'})
+
+
+def is_news(mutation) -> bool:
+    """False for what NO_NEWS names, and for a number that is changed by less than 2 %."""
+    if NO_NEWS.search(mutation.operator_name):
+        return False
+    if mutation.operator_name != 'core/NumberReplacer':
+        return True
+    (line, first), (_, last) = mutation.start_pos, mutation.end_pos
+    try:
+        text = Path(mutation.module_path).read_text().splitlines()[line - 1]
+        return abs(float(text[first:last])) <= LARGE
+    except ValueError:
+        return True
+
+
+def sample(count: int, seed: int) -> list:
+    """`count` mutations: places of the code drawn without repetition, and one change of each."""
+    places = defaultdict(list)
+    WORK.mkdir(parents=True, exist_ok=True)
+    with use_db(str(WORK / 'session.sqlite'), WorkDB.Mode.create) as session:
+        init([ROOT / path for path in sources()], session, {})
+        for item in session.work_items:
+            mutation = item.mutations[0]
+            if is_news(mutation):
+                path = Path(mutation.module_path).relative_to(ROOT)
+                places[str(path), mutation.start_pos, mutation.end_pos].append(mutation)
+    draw = random.Random(seed)
+    chosen = draw.sample(sorted(places), min(count, len(places)))
+    print(f'{sum(map(len, places.values()))} mutations at {len(places)} places in '
+          f'{len(sources())} files')
+    return [draw.choice(sorted(places[place], key=lambda one: (one.operator_name, one.occurrence)))
+            for place in chosen]
+
+
+# ---- which tests run which line
+
+def workspace(name: str) -> Path:
+    """A new folder with a copy of estimator_pkg, and no Numba."""
+    folder = WORK / name
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(ROOT / 'estimator_pkg', folder / 'estimator_pkg',
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    (folder / 'sim_pkg').symlink_to(ROOT / 'sim_pkg')
+    (folder / 'numba.py').write_text("raise ImportError('hidden from mutants')\n")
+    return folder
+
+
+def environment(folder: Path, **more: str) -> dict[str, str]:
+    """What pytest runs in: the copy before the installed package, one thread, no bytecode kept."""
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join((str(folder), str(HERE))),
+            'PYTHONDONTWRITEBYTECODE': '1', 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1',
+            'HYPOTHESIS_STORAGE_DIRECTORY': str(folder / 'hypothesis'), **more}
+
+
+def pytest(modules) -> list[str]:
+    """The command that runs these test modules."""
+    return [str(Path(sys.executable).parent / 'pytest'), '-c', str(ROOT / 'pyproject.toml'),
+            '--rootdir', str(ROOT), '-x', '-q', '-p', 'judge', '-p', 'no:cacheprovider',
+            '-p', 'no:rerunfailures', '--hypothesis-seed', '0', *modules]
+
+
+def fingerprint(*modules: str) -> str:
+    """Of everything that decides which lines the tests of these modules run."""
+    digest = hashlib.sha256()
+    helpers = [path for path in (ROOT / 'test').glob('*.py') if not path.stem.startswith('test_')]
+    for path in sorted([*(ROOT / 'estimator_pkg').rglob('*.py'), *helpers,
+                        *(ROOT / 'test' / f'test_{module}.py' for module in modules)]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def look(module: str) -> dict:
+    """Of each test of a module that passes: its CPU time [s] and the lines it runs.
+
+    Kept until any source or test changes.
+    """
+    kept = WORK / f'tests_{module}_{fingerprint(module)}.json'
+    if not kept.exists():
+        folder = workspace(f'look_{module}')
+        command = [part for part in pytest([f'{ROOT}/test/test_{module}.py']) if part != '-x']
+        subprocess.run(command, env=environment(folder, MUTANTS_COVER=str(folder / 'tests.json'),
+                                                MUTANTS_LONGEST=str(LONGEST)), cwd=folder,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+        shutil.move(folder / 'tests.json', kept)
+        shutil.rmtree(folder)
+    return json.loads(kept.read_text())
+
+
+def tests(modules, jobs: int) -> dict:
+    """{nodeid: {'time': CPU s, 'lines': {file: [line]}}} of the tests that judge."""
+    WORK.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(jobs) as pool:
+        parts = list(pool.map(look, modules))
+    return {name: test for part in parts for name, test in part.items()}
+
+
+def judges(known: dict, path: str, lines: range) -> list[str]:
+    """The tests that run one of these lines, the quickest first, within the budget.
+
+    A line that runs at import alone (a constant) is judged by all that run anything of its file.
+    """
+    by_line = [name for name, test in known.items()
+               if not set(lines).isdisjoint(test['lines'].get(path, ()))]
+    if not by_line:
+        by_line = [name for name, test in known.items() if test['lines'].get(path)]
+    chosen, total = [], 0.0
+    for name in sorted(by_line, key=lambda name: (known[name]['time'], name)):
+        total += known[name]['time']
+        if total > BUDGET and chosen:
+            break
+        chosen.append(name)
+    return chosen
+
+
+# ---- one mutant
+
+def change(mutation) -> tuple[str, str]:
+    """(removed, added) line of the source."""
+    operator = get_operator(mutation.operator_name)(**mutation.operator_args)
+    before, after = apply_mutation(mutation.module_path, operator, mutation.occurrence)
+    Path(mutation.module_path).write_text(before)
+    lines = list(difflib.ndiff(before.splitlines(), after.splitlines()))
+    return tuple(' '.join(line[2:].strip() for line in lines if line[:2] == sign)
+                 for sign in ('- ', '+ '))
+
+
+def judge(mutation, folder: Path, known: dict) -> dict:
+    """What became of a mutant: 'killed', 'survived' or 'no test'."""
+    path = Path(mutation.module_path).relative_to(ROOT)
+    here = type(mutation)(folder / path, mutation.operator_name, mutation.occurrence,
+                          mutation.start_pos, mutation.end_pos)
+    removed, added = change(here)
+    chosen = judges(known, str(path), range(mutation.start_pos[0], mutation.end_pos[0] + 1))
+    row = {'file': str(path), 'line': mutation.start_pos[0], 'removed': removed, 'added': added,
+           'operator': mutation.operator_name, 'tests': len(chosen)}
+    if not chosen:
+        return {**row, 'outcome': 'no test'}
+    (folder / 'chosen.json').write_text(json.dumps(chosen))
+    modules = sorted({str(ROOT / name.split('::')[0]) for name in chosen})
+    seconds = round(3.0 * sum(known[name]['time'] for name in chosen) + 30.0)
+    settings = environment(folder, MUTANTS_CHOSEN=str(folder / 'chosen.json'),
+                           MUTANTS_SECONDS=str(seconds))
+    words = [f'{name}={value}' for name, value in settings.items()
+             if value != os.environ.get(name)]
+    begun = time.monotonic()
+    result = mutate_and_test([here], ' '.join(['env', *words, *pytest(modules)]),
+                             timeout=20.0 * seconds)
+    output = (result.output or '').strip().splitlines()
+    return {**row, 'outcome': result.test_outcome.value,
+            'seconds': round(time.monotonic() - begun, 1),
+            'by': next((line for line in reversed(output) if line.startswith(('FAILED', 'ERROR'))),
+                       output[-1] if output else '')[:160]}
+
+
+# ---- the table
+
+def verdicts() -> dict:
+    """{(file, removed, added): (equivalent, why)} of the survivors that were looked at."""
+    rows = yaml.safe_load(VERDICTS.read_text()) if VERDICTS.exists() else None
+    return {(row['file'], row['removed'], row['added']): (row['equivalent'], row['why'])
+            for row in rows or ()}
+
+
+def table(rows: list[dict], seed: int) -> tuple[str, float]:
+    """(the Markdown, part of those not equivalent that died)."""
+    known = verdicts()
+    alive = [row for row in rows if row['outcome'] != 'killed']
+    same = [row for row in alive
+            if known.get((row['file'], row['removed'], row['added']), (False, ''))[0]]
+    part = (len(rows) - len(alive)) / max(1, len(rows) - len(same))
+    counts: dict[str, Counter] = defaultdict(Counter)
+    for row in rows:
+        counts[row['file']][row['outcome'] == 'killed'] += 1
+    lines = [f'Seed {seed}: {len(rows)} mutants, {len(rows) - len(alive)} killed, {len(same)} '
+             f'equivalent, {len(alive) - len(same)} alive: {100.0 * part:.1f} % of those that are '
+             'not equivalent died.', '', '| file | mutants | killed |', '|---|---|---|',
+             *(f'| {name} | {sum(each.values())} | {each[True]} |'
+               for name, each in sorted(counts.items())), '', 'Survivors:', '',
+             '| file, line | before | after | verdict |', '|---|---|---|---|']
+    for row in sorted(alive, key=lambda row: (row['file'], row['line'])):
+        equivalent, why = known.get((row['file'], row['removed'], row['added']),
+                                    (False, 'not looked at yet'))
+        cells = (f"{row['file']}:{row['line']}", f"`{row['removed']}`", f"`{row['added']}`",
+                 f"{'equivalent: ' if equivalent else ''}{why}"
+                 f"{' (no test runs it)' if row['outcome'] == 'no test' else ''}")
+        lines.append('| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |')
+    return '\n'.join(lines), part
+
+
+def main() -> int:
+    """Sample, judge, write the table; 1 if too many survive."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--count', type=int, default=500, help='mutants to judge')
+    parser.add_argument('--seed', type=int, default=1, help='random seed of the sample')
+    parser.add_argument('--jobs', type=int, default=2, help='judged at the same time')
+    parser.add_argument('--modules', nargs='+', default=MODULES, metavar='NAME',
+                        help='test modules that judge, without test_')
+    parser.add_argument('--page', action='store_true', help=f'write the table into {PAGE.name}')
+    parsed = parser.parse_args()
+    chosen = sample(parsed.count, parsed.seed)
+    known = tests(parsed.modules, parsed.jobs)
+    print(f'{len(known)} tests, {sum(test["time"] for test in known.values()):.0f} s together')
+    kept = WORK / f'seed_{parsed.seed}_{fingerprint(*parsed.modules)}.jsonl'
+    done = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    folders: Queue = Queue()
+    for k in range(parsed.jobs):
+        folders.put(workspace(f'copy_{k}'))
+
+    def one(mutation) -> dict:
+        folder = folders.get()
+        try:
+            row = judge(mutation, folder, known)
+        finally:
+            folders.put(folder)
+        with kept.open('a') as file:
+            file.write(json.dumps({'key': key(mutation), **row}) + '\n')
+        print(f"{row['outcome']:9} {row['file']}:{row['line']}  {row['removed']}  ->  "
+              f"{row['added']}", flush=True)
+        return row
+
+    def key(mutation) -> str:
+        return f'{mutation.module_path} {mutation.operator_name} {mutation.occurrence}'
+
+    judged = {row.pop('key'): row for row in done}
+    with ThreadPoolExecutor(parsed.jobs) as pool:
+        fresh = list(pool.map(one, [each for each in chosen if key(each) not in judged]))
+    wanted = {key(mutation) for mutation in chosen}
+    rows = [row for name, row in judged.items() if name in wanted] + fresh
+    text, part = table(rows, parsed.seed)
+    print(text)
+    if parsed.page:
+        head = PAGE.read_text().split('<!-- table -->')[0]
+        PAGE.write_text(f'{head}<!-- table -->\n\n{text}\n')
+    return 0 if part >= ENOUGH else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
