@@ -14,6 +14,7 @@ from estimator_pkg.observers import super_twisting
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.super_twisting import OBSERVER, Gains
+from estimator_pkg.observers.twisting import implicit_step, injections
 
 BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # of the test signal's acceleration, jerk, snap
 
@@ -72,6 +73,19 @@ def test_vectors(form, order, expected):
     for sample, value in zip((1, 2, 3, 10, 100, 1000), expected):
         tolerance = 1e-6 if sample <= 10 else 1e-3 * max(1.0, abs(value))
         assert v[sample] == pytest.approx(value, abs=tolerance), sample
+
+
+@pytest.mark.parametrize('error', [0.0, 1e-9, 0.3, 2.0])
+def test_what_is_injected_opposes_the_error_alike_on_both_sides(error):
+    """gain sqrt|e| and alpha, with the sign of e; the implicit step never leaves more than e."""
+    for sign in (1.0, -1.0):
+        assert injections(sign * error, 3.0, 5.0) == pytest.approx(
+            (sign * 3.0 * math.sqrt(error), sign * 5.0 * (error > 0.0)))
+        left, second = implicit_step(sign * error, 0.01, 3.0, 5.0)
+        assert 0.0 <= sign * left <= error and 0.0 <= sign * second <= 5.0
+        if error > 0.01:  # e = left + h (gain sqrt(left) + h alpha)
+            whole = sign * left + 0.01 * (3.0 * math.sqrt(sign * left) + 0.01 * 5.0)
+            assert whole == pytest.approx(error) and second == sign * 5.0
 
 
 TABLE = {  # (form, order): largest velocity error on 5..20 s at h = 0.1, 1, 5, 10, 20 ms
