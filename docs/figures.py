@@ -80,6 +80,7 @@ def names(results: list) -> dict:
         return next(iter(bag['estimates'][observer]['joints'].values()))['velocity']
 
     return {'r': results[-1] if results else None, 'runs': results, 'shared': shared,
+            'drawn': drawn,
             'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
             'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
             'rows': lambda paper: len(registry.find(registry.REPRODUCTIONS, paper).references())}
@@ -94,6 +95,17 @@ def shared(bench: dict, columns: str = 'slow sine trapezoid fast jitter drops') 
             '' if delay is None else f', {1e3 * delay:.2f} ms')
     return '\n'.join(f"| {name} | {' | '.join(each[column] for column in columns.split())} |"
                      for name, each in cells.items())
+
+
+def drawn(bench: dict) -> str:
+    """The Markdown rows of edge_adaptive over many draws, with the yardstick beside it."""
+    rows = {(row['observer'], row['signal']): row for row in bench['drawn']['rows']}
+    return '\n'.join(
+        f"| {signal} | {row['pooled']:.3g} | {row['median']:.3g} | {row['worst']:.3g} "
+        f"| {100.0 * row['coverage']:.1f} % "
+        f"| {rows['kalman acceleration', signal]['pooled']:.3g} | {row['worst_ratio']:.3f} "
+        f"| {row['worse']} of {row['draws']} |"
+        for (observer, signal), row in rows.items() if observer == 'edge_adaptive')
 
 
 def close(old: str, new: float, tolerance: float, units: float) -> bool:

@@ -18,7 +18,8 @@ def script():
 
 
 FIGURES = script()
-ENTRIES = [pytest.param(entry, marks=pytest.mark.slow if entry.get('slow') else (),
+LONG = (pytest.mark.slow, pytest.mark.timeout(7200))
+ENTRIES = [pytest.param(entry, marks=LONG if entry.get('slow') else (),
                         id=f"{entry['page']}-{number}")
            for number, entry in enumerate(FIGURES.entries())]
 

@@ -304,3 +304,24 @@ def test_group_delay_is_the_lag_in_a_ramp(variant):
         out = joint.run(at, wrapped(5.0 * t * t), fast=False)
         lag = t[-1] - out.velocity[-1] / 10.0
         assert joint.functions.group_delay(dt) == pytest.approx(lag, abs=2e-5)
+
+
+@pytest.mark.parametrize('variant', variants(), ids=label)
+def test_a_motion_and_its_mirror_image_have_estimates_that_are_mirrored(variant):
+    """Rest, a blow, a ramp, a reversal, a stop, an outlier and a hole, in 4096 counts."""
+    t = 1e-3 * np.arange(3000)
+    speed = np.interp(t, (0.0, 0.3, 0.301, 1.0, 1.2, 2.0, 2.001, 2.4, 2.401, 3.0),
+                      (0.0, 0.0, 9.0, 9.0, 40.0, -20.0, 0.0, 0.0, 0.7, 0.7))
+    quantum = 2.0 * np.pi / 4096
+    y = np.rint((np.cumsum(speed) * 1e-3 + 0.3 * quantum) / quantum) * quantum
+    y[1500] += 0.4
+    keep = np.delete(np.arange(3000), np.arange(2700, 2930))
+    at = stamps(3000)[keep]
+    name, gains = variant
+    for given in (0.0, quantum):
+        here, there = (make(name, {**gains, 'quantum': given}).run(
+            at, wrapped(sign * y[keep]), fast=False) for sign in (1.0, -1.0))
+        assert np.array_equal(here.status, there.status)
+        np.testing.assert_allclose(here.velocity, -there.velocity, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(here.velocity_stddev, there.velocity_stddev, rtol=1e-6,
+                                   atol=1e-6)
