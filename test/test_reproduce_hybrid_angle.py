@@ -221,3 +221,15 @@ def test_the_node_runs_the_algorithm_that_is_reproduced(name):
         state = functions.step(state, coefficients, design, angle, 0.0)
         velocities.append(functions.output(state, coefficients, design, angle, 0.0)[1])
     np.testing.assert_array_equal(velocities, algorithm_1(name, angles).velocity)
+
+
+@pytest.mark.parametrize('name', injections.NAMES)
+def test_a_potential_is_the_integral_of_its_injection(name):
+    """(7) of the paper, at a saturation that is not 1."""
+    limit, potential = 0.7, continuous.POTENTIALS[name]
+    errors = np.linspace(-2.9, 2.9, 59)
+    slope = [(potential(e + 1e-6, limit) - potential(e - 1e-6, limit)) / 2e-6 for e in errors]
+    assert slope == pytest.approx(
+        [injections.BUILT_IN[name](e, TURN, limit) for e in errors.tolist()], abs=1e-5)
+    assert potential(0.0, limit) == 0.0
+    assert potential(limit + 1e-12, limit) == pytest.approx(potential(limit - 1e-12, limit))
