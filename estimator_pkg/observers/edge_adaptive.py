@@ -398,8 +398,10 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         steps = state[4]    # what is known of the quantum
-        return again(measurement, design, begin_sensor(quantum_of(steps, design[2]), BLUR), steps,
-                     follow(state[5], measurement, design[0]))
+        quantum = quantum_of(steps, design[2])
+        return again(measurement, design,
+                     begin_sensor(quantum if quantum > 0.0 else UNIT, BLUR, quantum), steps,
+                     follow(state[5], measurement, design[0]), START)
 
     def why(state: tuple, design: tuple) -> str:
         given, found = design[2], quantum_of(state[4], 0.0)
