@@ -385,7 +385,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         fresh = init(measurement, design)
-        return (fresh[0], follow(state[1], measurement, design[1]), fresh[2], fresh[3], fresh[4])
+        return (fresh[0], follow(state[1], measurement, design[1]), *fresh[2:])
 
     return Functions(design, prepare, init, step, output, stddev, resume, core.limits,
                      core.group_delay, is_angle, restart=restart)
