@@ -19,8 +19,8 @@ from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.listing_gains import as_text, meanings
-from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.parameters import Parameter, declared, parse_assignments
+from estimator_pkg.streams.angle import AngleSettings
 
 SETTINGS = 'velocity_estimator.settings'
 TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text',
@@ -56,7 +56,7 @@ def catalogue() -> dict[str, list[Item]]:
             'joint', 'what is set per joint beside the gains, of whichever observer',
             parameters=tuple(declared(JointSettings).values()))],
         'nodes': [Item('joint_observer', 'estimates velocity live, for any number of joints',
-                       parameters=tuple(declared(NodeSettings).values())), *_further_settings()],
+                       parameters=tuple(declared(AngleSettings).values())), *_further_settings()],
         'models': _entries(registry.MODELS, 'parameters'),
         'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
         'reproductions': _entries(registry.REPRODUCTIONS, ''),

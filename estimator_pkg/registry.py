@@ -1,4 +1,4 @@
-"""Finding observers, their kinds, models, commands and simulators through entry points.
+"""Finding observers, their streams, models, commands and simulators through entry points.
 
 Anyone can add one from a package of their own; ours are found in the same way.
 """
@@ -18,7 +18,7 @@ MODELS = 'velocity_estimator.models'
 COMMANDS = 'velocity_estimator.commands'
 SIMULATORS = 'velocity_estimator.simulators'
 REPRODUCTIONS = 'velocity_estimator.reproductions'
-KINDS = 'velocity_estimator.kinds'
+STREAMS = 'velocity_estimator.streams'
 
 
 @lru_cache

@@ -37,13 +37,13 @@ class NodeProcess:
 
     Parameters
     ----------
-    module : run as ``python -m``.
+    module : run as ``python -m``; a first argument may follow it.
     arguments : its command line.
     """
 
     def __init__(self, module: str, *arguments: str) -> None:
         self._child = subprocess.Popen(
-            [sys.executable, '-m', module, *arguments], text=True, stdout=subprocess.PIPE,
+            [sys.executable, '-m', *module.split(), *arguments], text=True, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, env={**os.environ, 'PYTHONUNBUFFERED': '1'})
         self._lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -292,7 +292,7 @@ def commanded(probe: Probe, node: str, name: str, kind: type, *parameters: str
     """
     words = ros_args('input:=effort_command', *parameters,
                      remap=(f'joint_states:=/{name}', f'effort_command:=/{name}_command'))
-    with NodeProcess(f'estimator_pkg.nodes.{node}', *words) as process, \
+    with NodeProcess(f'estimator_pkg.nodes.executables {node}', *words) as process, \
             Observer(probe, f'/{node}', f'/{name}') as observer:
         observer.process = process
         efforts = probe.node.create_publisher(kind, f'/{name}_command', 10)

@@ -10,10 +10,10 @@ from bag_making import STORE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator_pkg.bags.block import from_messages
 from estimator_pkg.bags.definitions import define, store_for
 from estimator_pkg.bags.field import Field
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages.block import from_messages
 
 T = STORE.types
 ODOMETRY = 'nav_msgs/msg/Odometry'

@@ -19,10 +19,10 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg
 
 from estimator_pkg.bags import qos
-from estimator_pkg.bags.block import from_messages
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE
 
 HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'  # as Jazzy has it

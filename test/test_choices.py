@@ -18,9 +18,9 @@ import sim_pkg
 from estimator_pkg import params_file, registry, yaml_text
 from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.errors import UsageError
-from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.observers.adaptive_gains import Gains
 from estimator_pkg.parameters import build, declared, parse_assignments
+from estimator_pkg.streams.angle import AngleSettings
 
 ROOT = Path(__file__).parent.parent
 # https://yaml.org/type: bool, null, int, float, timestamp, merge and value of YAML 1.1
@@ -56,7 +56,7 @@ def declaring():
 
 def test_no_choice_of_any_parameter_is_a_boolean_a_null_or_a_number():
     classes = declaring()
-    assert {DrivenSettings, NodeSettings, Gains} <= set(classes.values())
+    assert {DrivenSettings, AngleSettings, Gains} <= set(classes.values())
     for group in (registry.SIMULATORS, registry.MODELS, registry.OBSERVERS):
         assert registry.names(group)
     wrong, seen = [], 0
@@ -97,11 +97,11 @@ def test_a_choice_that_comes_as_a_boolean_shows_the_quoting():
         build(Gains, {'gate': False})
     assert str(caught.value).endswith("write texts in quotes, gate: 'none'")
     with pytest.raises(UsageError) as caught:
-        build(NodeSettings, {'stamp_source': True})
+        build(AngleSettings, {'stamp_source': True})
     assert str(caught.value).endswith("write texts in quotes, stamp_source: 'header'")
     assert '\n' not in str(caught.value)
     with pytest.raises(UsageError, match="angle_joint: '3'"):
-        build(NodeSettings, {'angle_joint': 3})
+        build(AngleSettings, {'angle_joint': 3})
 
 
 @pytest.mark.parametrize('value, shown', [
@@ -109,7 +109,7 @@ def test_a_choice_that_comes_as_a_boolean_shows_the_quoting():
     (['x', True, 'z'], "['x', 'y', 'z']"), (True, "['y']")])
 def test_names_that_come_as_booleans_or_numbers_show_the_quoting(value, shown):
     with pytest.raises(UsageError) as caught:
-        build(NodeSettings, {'joints': value})
+        build(AngleSettings, {'joints': value})
     assert str(caught.value).endswith(f'joints: {shown}')
     assert '\n' not in str(caught.value)
 
@@ -133,7 +133,7 @@ def test_the_old_word_is_reported_with_the_new_one(capsys):
 
 def test_words_of_the_command_line_need_no_quotes():
     values = parse_assignments(['joints=[x, y, on]', 'angle_joint=off'])
-    made = build(NodeSettings, values)
+    made = build(AngleSettings, values)
     assert made.joints == ('x', 'y', 'on') and made.angle_joint == 'off'
     assert build(Gains, parse_assignments(['adapt=off', 'load=yes'])).adapt is False
     assert build(Gains, parse_assignments(['load=yes', 'gravity=On'])).load is True

@@ -26,8 +26,8 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import joint_state, multi_array
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
-from estimator_pkg.nodes.adaptive_settings import AdaptiveNodeSettings
 from estimator_pkg.parameters import build
+from estimator_pkg.streams.adaptive import AdaptiveSettings
 from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
 
 MS = 1_000_000
@@ -153,7 +153,7 @@ def test_joint_states_have_names_and_a_stamp():
 
 def test_an_array_needs_the_joints_by_name():
     with pytest.raises(UsageError, match="set 'joints'"):
-        AdaptiveNodeSettings(input=COMMAND, effort_command_type=ARRAY).check()
+        AdaptiveSettings(input=COMMAND, effort_command_type=ARRAY).find_observer()
 
 
 # Who takes them

@@ -259,7 +259,7 @@ def test_a_node_logs_names_as_names(tmp_path):
                       f'    {yaml_text.key("unknown" + EVIL)}: 3\n')
     probe = dds.Probe()
     try:
-        with dds.NodeProcess('estimator_pkg.nodes.joint_observer',
+        with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer',
                              *dds.ros_args(file=params)) as process:
             process.prints('unknown parameter')
             text = process.output

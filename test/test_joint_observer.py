@@ -16,7 +16,7 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import TRACKING
 
-MODULE = 'estimator_pkg.nodes.joint_observer'
+MODULE = 'estimator_pkg.nodes.executables joint_observer'
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
 TURN = 2.0 * math.pi

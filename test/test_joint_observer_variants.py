@@ -204,14 +204,15 @@ def test_the_class_in_an_executor_of_ones_own(probe):
     from rclpy.executors import SingleThreadedExecutor
     from sensor_msgs.msg import JointState
 
-    from estimator_pkg.nodes.joint_observer import JointObserver
+    from estimator_pkg.nodes.observer import ObserverNode
     from estimator_pkg.nodes.ros_parameters import ros_values
 
-    node = JointObserver('mine', namespace='/own', parameter_overrides=ros_values(
+    node = ObserverNode('angle', 'mine', namespace='/own', parameter_overrides=ros_values(
         {'observer': 'finite_difference', 'joints': ('a',), 'bandwidth_hz': 100}))
     made = []
-    encode = node._encode_stddev
-    node._encode_stddev = lambda *given: made.append(given) or encode(*given)
+    answering = node.stream._answering
+    encode = answering._encode_stddev
+    answering._encode_stddev = lambda *given: made.append(given) or encode(*given)
     executor = SingleThreadedExecutor()  # hands callbacks other arguments than EventsExecutor
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin)
@@ -238,9 +239,10 @@ def test_the_class_in_an_executor_of_ones_own(probe):
 
 
 def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
-    from estimator_pkg.nodes.joint_observer import JointObserver
+    from estimator_pkg.nodes.observer import ObserverNode
 
-    node = JointObserver('missed', namespace='/missed')  # in no executor: nothing is dispatched
+    # in no executor: nothing is dispatched
+    node = ObserverNode('angle', 'missed', namespace='/missed')
     try:
         with dds.Observer(probe, '/missed/missed', '/missed/joint_states') as live:
             live.connect()
@@ -302,8 +304,8 @@ WRONG_STARTS = [
 
 
 def test_a_wrong_start_is_one_line_and_exit_code_2():
-    children = [subprocess.Popen([sys.executable, '-m', MODULE, '--ros-args', *words], text=True,
-                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    children = [subprocess.Popen([sys.executable, '-m', *MODULE.split(), '--ros-args', *words],
+                                 text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
                 for words, _ in WRONG_STARTS]
     for child, (words, told) in zip(children, WRONG_STARTS):
         output, error = child.communicate(timeout=dds.PATIENCE)

@@ -9,7 +9,6 @@ import pytest
 from mechanism_runs import FAST, motion
 
 from estimator_pkg import cli, observers
-from estimator_pkg.bags.kinds.mechanical import settled
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.efforts import COMMAND, Inputs
@@ -276,13 +275,13 @@ def test_the_parameter_file_is_what_the_node_and_replay_take():
 
     from estimator_pkg import params_file
     from estimator_pkg.driver.mechanism import MechanismSettings
-    from estimator_pkg.nodes.mechanical_settings import MechanicalNodeSettings
     from estimator_pkg.parameters import declared
+    from estimator_pkg.streams.mechanical import MechanicalSettings, MechanicalStream
     path = Path(__file__).parent.parent / 'config/mechanical_observer.yaml'
-    settings, mechanisms = settled(params_file.load(str(path), 'mechanical_observer'))
-    assert settings.observer == 'geso' and list(mechanisms.joints) == ['mechanism']
+    stream = MechanicalStream.of(params_file.load(str(path), 'mechanical_observer'))
+    assert stream.observer.name == 'geso' and list(stream.bank.joints) == ['mechanism']
     text = path.read_text()
-    wanted = {*declared(MechanicalNodeSettings), *declared(MechanismSettings)} - {'wrap_period'}
+    wanted = {*declared(MechanicalSettings), *declared(MechanismSettings)} - {'wrap_period'}
     for name in ('geso', 'hgo', 'ehgo', 'smo'):
         wanted |= set(declared(observers.find(name).gains))
     for name in wanted:

@@ -12,7 +12,7 @@ from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 
-MODULE = 'estimator_pkg.nodes.mechanical_observer'
+MODULE = 'estimator_pkg.nodes.executables mechanical_observer'
 MS = 1_000_000
 PARAMETERS = """
 /**:

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator_pkg.bags.block import from_messages
 from estimator_pkg.messages import alike
+from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.messages.joint_state_block import decode_block, encode_block

@@ -20,9 +20,9 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.number import decoder
 from estimator_pkg.nodes.loss import Loss
-from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.observers.angle import AngleGains
 from estimator_pkg.parameters import build, declared
+from estimator_pkg.streams.angle import AngleSettings
 
 ROOT = Path(__file__).parent.parent
 YAML = ROOT / 'config/joint_observer.yaml'
@@ -68,7 +68,7 @@ def assert_taught(section, parameters):
 
 def test_yaml_teaches_the_keys_of_the_node_and_of_joints():
     sections = yaml_sections()
-    assert_taught(sections['input'], declared(NodeSettings))
+    assert_taught(sections['input'], declared(AngleSettings))
     assert_taught(sections['joints'], {**declared(JointSettings), **declared(AngleGains)})
 
 
@@ -88,9 +88,9 @@ def test_yaml_sections_are_those_of_known_observers():
 def test_what_the_yaml_sets_suits_every_observer(observer):
     values, overrides = params_file.split(params_file.load(YAML))
     assert overrides == {}
-    node = {name: value for name, value in values.items() if name in declared(NodeSettings)}
-    settings = build(NodeSettings, node)
-    settings.check()
+    node = {name: value for name, value in values.items() if name in declared(AngleSettings)}
+    settings = build(AngleSettings, node)
+    settings.find_observer()
     rest = {name: value for name, value in values.items() if name not in node}
     assert Configuration(observer, rest).for_joint('any') == Configuration(
         observer).for_joint('any')
@@ -98,7 +98,7 @@ def test_what_the_yaml_sets_suits_every_observer(observer):
 
 def test_no_name_is_declared_twice():
     for observer in angle_observers():
-        names = [*declared(NodeSettings), *declared(JointSettings), *declared(observer.gains)]
+        names = [*declared(AngleSettings), *declared(JointSettings), *declared(observer.gains)]
         assert len(names) == len(set(names)), observer.name
 
 
@@ -115,22 +115,22 @@ def test_no_name_is_declared_twice():
     ({'counts_per_revolution': -1}, 'outside')])
 def test_settings_that_cannot_work(values, told):
     with pytest.raises(UsageError, match=told.replace('(', r'\(')):
-        build(NodeSettings, values).check()
+        build(AngleSettings, values).find_observer()
 
 
 def test_counts_imply_the_quantum_unless_it_is_set():
-    counted = build(NodeSettings, {'input': 'angle', 'counts_per_revolution': 1000})
+    counted = build(AngleSettings, {'input': 'angle', 'counts_per_revolution': 1000})
     assert counted.implied({'quantum': 0.0, 'noise': 1.0}) == {
         'quantum': pytest.approx(2.0 * math.pi / 1000), 'noise': 1.0}
     assert counted.implied({'quantum': 0.5}) == {'quantum': 0.5}
-    stated = build(NodeSettings, {'counts_per_revolution': 1000})  # not used with joint_states
+    stated = build(AngleSettings, {'counts_per_revolution': 1000})  # not used with joint_states
     assert stated.implied({'quantum': 0.0}) == {'quantum': 0.0}
 
 
 def test_an_empty_list_means_every_joint():
-    assert build(NodeSettings, {'joints': ['']}).only == ()
-    assert build(NodeSettings, {'joints': []}).only == ()
-    assert build(NodeSettings, {'joints': ['a', 'b']}).only == ('a', 'b')
+    assert build(AngleSettings, {'joints': ['']}).only == ()
+    assert build(AngleSettings, {'joints': []}).only == ()
+    assert build(AngleSettings, {'joints': ['a', 'b']}).only == ('a', 'b')
 
 
 def test_raw_angles():

@@ -20,12 +20,13 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models import gripper
-from estimator_pkg.nodes.adaptive_observer import AdaptiveObserver
-from estimator_pkg.nodes.joint_observer import JointObserver
-from estimator_pkg.nodes.pmsm_observer import PmsmObserver
+from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
-from estimator_pkg.nodes.switched_observer import SwitchedObserver
 from estimator_pkg.observers.contract import LOST, TRACKING
+from estimator_pkg.streams.adaptive import AdaptiveStream
+from estimator_pkg.streams.angle import AngleSettings, AngleStream
+from estimator_pkg.streams.drive import DriveStream
+from estimator_pkg.streams.switched import SwitchedStream
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
@@ -46,7 +47,8 @@ class Own:
 
     def __init__(self, probe, kind, **values):
         self.probe = probe
-        self.node = kind(kind.__name__.lower(), parameter_overrides=ros_values(values))
+        self.node = ObserverNode(kind, kind.__name__.lower(),
+                                 parameter_overrides=ros_values(values))
         self.encode = Encoder().encode
         self._publishers = []
 
@@ -103,7 +105,7 @@ def own(probe):
 def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
     from sensor_msgs.msg import JointState
 
-    system = own(SwitchedObserver, model=f'{__name__}:RAISING')
+    system = own(SwitchedStream, model=f'{__name__}:RAISING')
     states = system.publisher(JointState, 'joint_states')
     events = system.publisher(JointState, 'switch_event')
 
@@ -112,7 +114,7 @@ def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
 
     system.take(states, sample(0), sample(1))
     events.publish(system.encode(BEGIN + 2 * MS, '', ('opne',)))
-    assert dds.until(lambda: system.node._look_around() or system.node.bank.system._waiting)
+    assert dds.until(lambda: system.node._look_around() or system.node.stream.bank.system._waiting)
     totals = system.take(states, sample(2), sample(3), sample(4))
     assert totals['messages_dropped.failed'] == 1 and totals['resets'] == 1
     assert totals['messages_received'] == totals['messages_used'] + 1 == 5
@@ -126,7 +128,7 @@ def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
 def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
     from sensor_msgs.msg import JointState
 
-    live = own(JointObserver, timeout=0.02, gap_max=0.02)
+    live = own(AngleStream, timeout=0.02, gap_max=0.02)
     states = live.publisher(JointState, 'joint_states')
     for k in range(2):
         live.take(states, live.encode(BEGIN + k * MS, '', 'abcdefg', [0.0] * 7))
@@ -142,7 +144,7 @@ def test_a_slow_stream_is_not_lost_between_two_samples(own):
     """0.5 Hz, and a timeout that wall time passes between any two: as long as four sample times."""
     from sensor_msgs.msg import JointState
 
-    live = own(JointObserver, timeout=0.02)
+    live = own(AngleStream, timeout=0.02)
     states = live.publisher(JointState, 'joint_states')
     for k in range(8):
         live.take(states, live.encode(BEGIN + 2000 * k * MS, '', ('slow',), (0.1 * k,)))
@@ -163,7 +165,7 @@ def test_a_slow_stream_is_not_lost_between_two_samples(own):
 def test_two_clocks_on_one_topic_are_told(own, capfd):
     from sensor_msgs.msg import JointState
 
-    live = own(JointObserver)
+    live = own(AngleStream)
     one, other = (live.publisher(JointState, 'joint_states') for _ in range(2))
     live.take(one, live.encode(BEGIN, '', ['a'], [0.0]))
     live.take(other, live.encode(BEGIN - 10 ** 12, '', ['a'], [0.0]))
@@ -175,8 +177,8 @@ def test_two_clocks_on_one_topic_are_told(own, capfd):
 def test_publishers_of_another_type_are_told(own, capfd):
     from std_msgs.msg import Float32, Float64MultiArray
 
-    live, commanded = own(JointObserver, input='angle'), own(AdaptiveObserver,
-                                                             input='effort_command')
+    live, commanded = own(AngleStream, input='angle'), own(AdaptiveStream,
+                                                           input='effort_command')
     context = Context()  # of its own: one process has one type on a topic
     rclpy.init(context=context, domain_id=dds.DOMAIN)
     stranger = rclpy.create_node('stranger', context=context)
@@ -200,7 +202,7 @@ def test_publishers_of_another_type_are_told(own, capfd):
 def test_a_drive_without_stamps_is_not_told_of_a_parameter_it_lacks(own, capfd):
     from std_msgs.msg import Float64MultiArray
 
-    motor = own(PmsmObserver, **MOTOR)
+    motor = own(DriveStream, **MOTOR)
     samples = motor.publisher(Float64MultiArray, 'drive_samples')
     good = drive_samples.encode(np.zeros(5, np.int64), np.zeros((5, 4)))
     motor.take(samples, good, good.replace(b'channel', b'columns'))
@@ -212,11 +214,12 @@ def test_a_drive_without_stamps_is_not_told_of_a_parameter_it_lacks(own, capfd):
     assert "1 malformed messages (a dimension is called 'columns'" in entry.message
 
 
-class Fragile(JointObserver):
-    """Its observer gives no numbers at a bandwidth of 123 Hz, and has a longer state at 124 Hz."""
+@dataclasses.dataclass(frozen=True)
+class FragileSettings(AngleSettings):
+    """Their observer gives no numbers at a bandwidth of 123 Hz, and a longer state at 124 Hz."""
 
-    def _find_observer(self):
-        found = super()._find_observer()
+    def find_observer(self):
+        found = super().find_observer()
 
         def prepare(design, dt):
             raise OverflowError('math range error')
@@ -228,6 +231,10 @@ class Fragile(JointObserver):
             return dataclasses.replace(functions, **other.get(gains.bandwidth_hz, {}))
 
         return dataclasses.replace(found, build=build)
+
+
+class Fragile(AngleStream):
+    SETTINGS = FragileSettings
 
 
 def test_gains_that_give_no_numbers_or_lose_the_state_are_refused(own):

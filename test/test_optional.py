@@ -52,11 +52,12 @@ def test_every_command_has_its_help(command):
     assert done.returncode == 0 and '--json' in done.stdout and not done.stderr
 
 
-@pytest.mark.parametrize('module', ['estimator_pkg.nodes.joint_observer',
-                                    'estimator_pkg.nodes.pmsm_observer',
-                                    'sim_pkg.nodes.encoder_sim', 'sim_pkg.nodes.cart_pendulum_sim'])
-def test_every_node_has_its_help_and_names_ros(module):
-    code = f'from {module} import main; sys.exit(main(sys.argv[1:]))'
+@pytest.mark.parametrize(('module', 'main'), [
+    ('estimator_pkg.nodes.executables', 'joint_observer'),
+    ('estimator_pkg.nodes.executables', 'pmsm_observer'),
+    ('sim_pkg.nodes.encoder_sim', 'main'), ('sim_pkg.nodes.cart_pendulum_sim', 'main')])
+def test_every_node_has_its_help_and_names_ros(module, main):
+    code = f'from {module} import {main} as main; sys.exit(main(sys.argv[1:]))'
     done = without(LIBRARIES, '--help', code=code)
     assert done.returncode == 0 and 'usage: ' in done.stdout
     done = without(LIBRARIES, code=code)

@@ -12,10 +12,11 @@ from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages.joint_state import Encoder
-from estimator_pkg.nodes.adaptive_observer import AdaptiveObserver
-from estimator_pkg.nodes.joint_observer import JointObserver
 from estimator_pkg.nodes.loss import Loss
+from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
+from estimator_pkg.streams.adaptive import AdaptiveStream
+from estimator_pkg.streams.angle import AngleStream
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
@@ -135,7 +136,8 @@ class Still:
     """A node in this process, fed without a topic; it looks around when it is told to."""
 
     def __init__(self, kind, **values):
-        self.node = kind(kind.__name__.lower(), parameter_overrides=ros_values(values))
+        self.node = ObserverNode(kind, kind.__name__.lower(),
+                                 parameter_overrides=ros_values(values))
         self.encode = Encoder().encode
         self.judged: list[str] = []
         judge = self.node.health._judge
@@ -152,9 +154,9 @@ class Still:
         return set(self.judged)
 
     def feed(self, names, k):
-        bank = self.node.bank
+        bank = self.node.stream.bank
         args = (BEGIN + k * MS, tuple(names), (0.01 * k,) * len(names))
-        if isinstance(self.node, AdaptiveObserver):
+        if isinstance(self.node.stream, AdaptiveStream):
             bank.take(*args, (0.1,) * len(names))
         else:
             bank.update(*args)
@@ -174,7 +176,7 @@ def still(probe):
 
 
 def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
-    live = still(JointObserver, timeout=0.02)
+    live = still(AngleStream, timeout=0.02)
     names = [f'joint_{k}' for k in range(512)]
     live.feed(names, 0)
     live.look()
@@ -190,7 +192,7 @@ def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
     assert live.look() == set()
 
 
-@pytest.mark.parametrize('kind', [JointObserver, AdaptiveObserver])
+@pytest.mark.parametrize('kind', [AngleStream, AdaptiveStream])
 def test_joints_expire_unless_they_are_named(still, kind, capfd):
     live = still(kind, joints_max=2, expiry=0.02, **{'joints.kept.wrap_period': 0.0})
     for k in range(3):
@@ -203,11 +205,11 @@ def test_joints_expire_unless_they_are_named(still, kind, capfd):
     time.sleep(0.05)
     live.node.health._last_report = 0.0
     live.look()
-    assert set(live.node.bank.joints) == {'kept'}
+    assert set(live.node.stream.bank.joints) == {'kept'}
     after = live.node.health._totals()
     assert after['joints_expired'] == 2 and after['received'] == 9
     assert after['used'] == before['used']
     said = capfd.readouterr().err
     assert 'no sample for 0.02 s, forgotten (expiry)' in said and "'joints_max'" in said
     live.feed(['old'], 9)
-    assert live.node.bank.joints['old'].used == 1
+    assert live.node.stream.bank.joints['old'].used == 1

@@ -11,13 +11,12 @@ import pytest
 
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.nodes.pmsm_settings import PmsmSettings
+from estimator_pkg.streams.drive import DriveStream
 from sim_pkg.pmsm.simulator import SIMULATOR, PmsmSimulatorParameters
 
-OBSERVER, SIMULATION = 'estimator_pkg.nodes.pmsm_observer', 'sim_pkg.nodes.pmsm_sim'
+OBSERVER, SIMULATION = 'estimator_pkg.nodes.executables pmsm_observer', 'sim_pkg.nodes.pmsm_sim'
 PARAMS = Path(__file__).resolve().parent.parent / 'config' / 'pmsm_observer.yaml'
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
@@ -214,12 +213,10 @@ def test_lost_repeated_and_late_batches_bad_rows_and_another_layout(probe):
     assert drive.estimates[-1].stamp_ns == stamps[-1]
     assert drive.estimates[-1].velocities[0] == pytest.approx(100.0 * np.pi, rel=0.02)
     # not compiled too, replay gives the same bytes: it asks the same stream
-    settings = PmsmSettings(sample_period=0.0)
-    again = settings.stream(Configuration(settings.find(), MOTOR))
-    again.joint.fast = False
-    answers = [again.batch(names[index][1]) for index in order]
-    assert [answer.estimate for answer in answers] == drive.raw_estimates
-    assert [answer.samples for answer in answers] == drive.raw_samples
+    again = DriveStream.of({**MOTOR, 'compile': False})
+    answers = [again.feed(0, names[index][1], 0)[0] for index in order]
+    assert [answer[0] for answer in answers] == drive.raw_estimates
+    assert [answer[3] for answer in answers] == drive.raw_samples
 
 
 def test_the_status_says_what_is_wrong_with_the_input(probe):

@@ -16,10 +16,10 @@ from estimator_pkg.driver.drive_joint import DriveJoint
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
 from estimator_pkg.models.motor import phases
-from estimator_pkg.nodes.pmsm_settings import PmsmSettings
 from estimator_pkg.observers.contract import INITIALISING, TRACKING
 from estimator_pkg.observers.pmsm_gains import Gains
 from estimator_pkg.parameters import build, declared
+from estimator_pkg.streams.drive import DriveSettings
 from sim_pkg.nodes.settings import RunSettings
 from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
 
@@ -219,7 +219,7 @@ def test_the_large_currents_of_a_start_are_soon_forgotten():
 # ---- what a user sets --------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('name', 'classes'), [
-    ('pmsm_observer', (PmsmSettings, Gains, JointSettings)),
+    ('pmsm_observer', (DriveSettings, Gains, JointSettings)),
     ('pmsm_sim', (RunSettings, PmsmSimulatorParameters))])
 def test_config_teaches_every_parameter_with_its_default(name, classes):
     path = ROOT / 'config' / f'{name}.yaml'
@@ -255,5 +255,5 @@ def test_the_servo_suits_node_and_simulator():
 
 
 def test_no_name_is_declared_twice():
-    names = [*declared(PmsmSettings), *declared(JointSettings), *declared(Gains)]
+    names = [*declared(DriveSettings), *declared(JointSettings), *declared(Gains)]
     assert len(names) == len(set(names))

@@ -15,18 +15,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator_pkg import cli, observers
-from estimator_pkg.bags.block import from_messages
-from estimator_pkg.bags.estimates import messages as encode_estimates
-from estimator_pkg.bags.estimation import Estimation
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.samples import JointStates
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.raw_angle import RawAngle
+from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.streams.angle import AngleSettings, AngleStream
+from estimator_pkg.streams.arrays import Estimation
 
 RECORDINGS = Path(__file__).parents[1] / 'bags'
 NAMES = [['a', 'b'], ['b', 'a'], ['c'], ['a'], ['a', 'a'], [], ['b', 'c', 'a']]
@@ -57,20 +56,21 @@ def by_hand(raws, setup, only=()):
 
 def in_blocks(raws, cuts, setup, only=(), fast=False):
     """The same from blocks that end at `cuts`."""
-    estimation = Estimation(setup, only, fast=fast)
-    encoders = Encoder(), Encoder()
-    found = [[b'', b''] for _ in raws]
+    stream = AngleStream(AngleSettings(joints=only or None), setup)
+    stream.estimation = Estimation(stream.bank, fast=fast)
+    stream.history = {}
+    found = [{} for _ in raws]
     edges = [0, *sorted(cut for cut in cuts if cut < len(raws)), len(raws)]
     for low, high in itertools.pairwise(edges):
         part = raws[low:high]
         block = from_messages([0] * len(part), range(len(part)), range(len(part)), part)
-        groups, malformed = JointStates().samples(block)
-        for group in estimation.update(groups, len(malformed)):
-            for kind in (0, 1):
-                for rows, out in encode_estimates(group, encoders[kind], stddev=kind == 1):
-                    for row, message in zip(rows.tolist(), out):
-                        found[low + row][kind] = message.tobytes()
-    return estimation, [tuple(pair) for pair in found]
+        for answers in stream.feed_block([0], block):
+            for row, message in zip(answers.rows.tolist(), answers.raw):
+                found[low + row][answers.output] = message.tobytes()
+    single = AngleStream(AngleSettings(joints=only or None), setup)
+    if not fast:    # message by message, as the node, every output
+        assert found == [single.feed(0, raw, 0)[0] for raw in raws]
+    return stream, [(answer[0], answer[1]) for answer in found]
 
 
 @st.composite
@@ -105,11 +105,11 @@ def streams(draw):
        only=st.sampled_from([(), ('a',), ('b', 'nobody')]))
 def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, only):
     bank, wanted = by_hand(raws, configuration(name), only)
-    estimation, found = in_blocks(raws, cuts, configuration(name), only)
+    stream, found = in_blocks(raws, cuts, configuration(name), only)
     assert found == wanted
-    assert list(estimation.bank.joints) == list(bank.joints)
-    assert (estimation.bank.empty, estimation.bank.mismatched) == (bank.empty, bank.mismatched)
-    for joint, other in zip(estimation.bank.joints.values(), bank.joints.values()):
+    assert list(stream.bank.joints) == list(bank.joints)
+    assert (stream.bank.empty, stream.bank.mismatched) == (bank.empty, bank.mismatched)
+    for joint, other in zip(stream.bank.joints.values(), bank.joints.values()):
         assert joint.counts == other.counts
 
 
@@ -249,8 +249,8 @@ def test_a_stray_stamp_is_no_gap(size):
     stamps = [START + i * 1_000_000 for i in range(50)]
     stamps[35] += 10**13
     raws = [Encoder().encode(stamp, '', ['a'], [0.01]) for stamp in stamps]
-    estimation, _ = in_blocks(raws, range(size, 50, size), configuration())
-    seconds = estimation.history['a'].seconds
+    stream, _ = in_blocks(raws, range(size, 50, size), configuration())
+    seconds = stream.history['a'].seconds()
     assert sum(seconds.values()) == pytest.approx(0.049)
     assert seconds.get('gap', 0.0) == pytest.approx(0.0, abs=1e-9)
 

@@ -13,7 +13,7 @@ from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 
-MODULE = 'estimator_pkg.nodes.joint_observer'
+MODULE = 'estimator_pkg.nodes.executables joint_observer'
 FAULTS = ['noise=0.0005', 'sampling_jitter=0.0004', 'dropped=0.02', 'repeated=0.02',
           'duplicated=0.02', 'outliers=0.002', 'outlier_size=3.13', 'gap_every=0.7',
           'gap_length=0.25', 'burst_every=0.9', 'eccentricity=0.002']

@@ -12,7 +12,7 @@ from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.models import gripper as model
 from sim_pkg.joints.gripper import SIMULATOR
 
-MODULE = 'estimator_pkg.nodes.switched_observer'
+MODULE = 'estimator_pkg.nodes.executables switched_observer'
 QUANTUM = 2.0 * math.pi / 65536
 MS = 10 ** 6
 

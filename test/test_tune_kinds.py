@@ -97,8 +97,8 @@ def test_the_adaptive_node_takes_the_file_unchanged(probe, tmp_path):
                        '--joint', 'joint')
     gain = found['tuned'][0]['gains']['bandwidth_hz']
     assert set(params_file.load(out, 'adaptive_observer')) == {'bandwidth_hz'}
-    with dds.NodeProcess('estimator_pkg.nodes.adaptive_observer', '--ros-args', '--params-file',
-                         str(out)) as process, \
+    with dds.NodeProcess('estimator_pkg.nodes.executables adaptive_observer', '--ros-args',
+                         '--params-file', str(out)) as process, \
             dds.Observer(probe, '/adaptive_observer', '/joint_states') as node:
         node.connect()
         assert node.get('bandwidth_hz') == pytest.approx(gain, rel=1e-5)

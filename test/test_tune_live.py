@@ -28,7 +28,7 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
              '--json', str(result), '--truth', '/ground_truth/joint_states']
     with dds.NodeProcess('sim_pkg.nodes.encoder_sim', '--ros-args', '-p', 'profile:=sine',
                          '-p', 'rate:=500.0'), \
-            dds.NodeProcess('estimator_pkg.nodes.joint_observer', '--ros-args',
+            dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', '--ros-args',
                             '-p', 'observer:=pll', '-p', 'bandwidth_hz:=7.0'):
         with dds.NodeProcess('estimator_pkg.cli', *words) as tuning:
             tuning.prints('gains: ')

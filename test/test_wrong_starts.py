@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +10,12 @@ import dds
 import pytest
 
 from estimator_pkg.errors import UserError
+from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
 
 ROOT = Path(__file__).parent.parent
+KIND_OF = {'joint': 'angle', 'mechanical': 'mechanical', 'adaptive': 'angle_and_input',
+           'switched': 'switched', 'pmsm': 'drive'}
 OWN = 'own_models:'
 MOTOR = {'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 EXECUTABLES = [('mechanical', 'input:=torque'), ('adaptive', 'order:=9'),
@@ -68,15 +70,15 @@ CASES = [(node, *case) for node, cases in WRONG.items() for case in cases]
                          ids=[f'{node}-{told}' for node, _, told in CASES])
 def test_a_wrong_start_is_one_line(node, values, told, probe):
     """The error of the node's class, which the executable prints (see the next test)."""
-    module = importlib.import_module(f'estimator_pkg.nodes.{node}_observer')
     with pytest.raises(UserError) as error:
-        getattr(module, f'{node.capitalize()}Observer')(parameter_overrides=ros_values(values))
+        ObserverNode(KIND_OF[node], parameter_overrides=ros_values(values))
     assert told in str(error.value) and '\n' not in str(error.value)
 
 
 def test_executables_print_it_and_end():
     children = [subprocess.Popen(
-        [sys.executable, '-m', f'estimator_pkg.nodes.{node}_observer', '--ros-args', '-p', given],
+        [sys.executable, '-m', 'estimator_pkg.nodes.executables', f'{node}_observer',
+         '--ros-args', '-p', given],
         text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         for node, given in EXECUTABLES]
     for child, (_, given) in zip(children, EXECUTABLES):
@@ -99,7 +101,7 @@ FILES = {  # what a parameter file says of joint_observer -> what the executable
 
 def ended(module, *arguments):
     """The line that a node printed when it ended with a usage error."""
-    done = subprocess.run([sys.executable, '-m', f'estimator_pkg.nodes.{module}', *arguments],
+    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.nodes.executables', module, *arguments],
                           text=True, capture_output=True, timeout=3.0 * dds.PATIENCE)
     assert done.returncode == 2 and done.stdout == '', done.stderr
     line, = done.stderr.splitlines()
@@ -120,7 +122,7 @@ def test_a_name_without_quotes_is_one_line_that_shows_them(text, told, tmp_path)
 def test_the_gate_of_the_last_release_is_read_where_it_is_a_text():
     line = ended('adaptive_observer', *dds.ros_args('gate:=off'))
     assert line.endswith("write texts in quotes, gate: 'none'")
-    with dds.NodeProcess('estimator_pkg.nodes.adaptive_observer',
+    with dds.NodeProcess('estimator_pkg.nodes.executables adaptive_observer',
                          *dds.ros_args("gate:='off'")) as process:
         process.prints("'off' is called 'none' now")
         process.prints('adaptive estimates every joint')

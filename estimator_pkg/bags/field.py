@@ -59,11 +59,12 @@ class Field:
     Attributes
     ----------
     is_integer : the field is a whole number, so it may be raw counts.
+    type, path : as said.
     """
 
     def __init__(self, store: Typestore, type_name: str, path: str) -> None:
         self._store = store
-        self._type = type_name
+        self.type = type_name
         self.path = path
         steps: list[tuple[str, int | None]] = []
         for step in path.split('.'):
@@ -76,7 +77,7 @@ class Field:
 
     def _check(self) -> str:
         """The base type at the end of the path."""
-        owner = self._type
+        owner = self.type
         for depth, (name, index) in enumerate(self._steps):
             known = {field: (kind, what) for field, kind, what in self._fields(owner)}
             if owner == QUATERNION and name == YAW and index is None:
@@ -130,7 +131,7 @@ class Field:
 
     def _layout(self, raw: bytes) -> _Layout:
         layout = _Layout(raw)
-        self._go(layout, self._type, 0)
+        self._go(layout, self.type, 0)
         return layout
 
     def _go(self, layout: _Layout, owner: str, depth: int) -> None:

@@ -25,8 +25,8 @@ from mcap.records import Channel, ChunkIndex, Schema
 from numpy.typing import NDArray
 
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.block import Block, rows
 from estimator_pkg.errors import UserError, first_line
+from estimator_pkg.messages.block import Block, rows
 
 MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')            # opcode, length of what follows

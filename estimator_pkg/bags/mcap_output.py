@@ -26,8 +26,8 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from estimator_pkg import __version__
-from estimator_pkg.bags.block import Block
 from estimator_pkg.bags.mcap_file import MAGIC, MESSAGE
+from estimator_pkg.messages.block import Block
 
 CHUNK_SIZE = 1 << 20   # bytes of messages per chunk, before compression
 LEVEL = 1              # of zstd

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimator_pkg.bags import qos
-from estimator_pkg.bags.block import Block
-from estimator_pkg.bags.estimates import Encoded
+from estimator_pkg.bags.feeding import Encoded
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.messages.block import Block
 from estimator_pkg.printable import show
 
 

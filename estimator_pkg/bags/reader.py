@@ -21,8 +21,8 @@ import yaml
 
 from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.block import Block, compact, from_messages, join
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages.block import Block, compact, from_messages, join
 from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 

@@ -12,19 +12,21 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import kinds, unpacking
-from estimator_pkg.bags.block import Block
-from estimator_pkg.bags.estimates import Encoded
-from estimator_pkg.bags.kinds.contract import GAP, Answers, Kind, Replay, Request, Setup
+from estimator_pkg.bags import unpacking
+from estimator_pkg.bags.feeding import Encoded, answers
 from estimator_pkg.bags.output import Output
 from estimator_pkg.bags.reader import Bag, open_bag
+from estimator_pkg.bags.wiring import Setup, parameters, settled, wanted
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
-from estimator_pkg.nodes.settings import NodeSettings
+from estimator_pkg.messages.block import Block
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.streams.contract import Answers, Request, Stream
+from estimator_pkg.streams.history import GAP
 
 NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
 
@@ -37,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
                              'the summary is printed')
     parser.add_argument('--observer', metavar='NAME',
                         help="which observer ('velocity_estimator list'); default: that of "
-                             f'--params, else {NodeSettings.observer}, or that of a drive where '
+                             f'--params, else {AngleSettings.observer}, or that of a drive where '
                              'the bag holds nothing else')
     parser.add_argument('--params', metavar='YAML', help='parameter file of the node')
     parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
@@ -67,23 +69,25 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"--name '{parsed.name}': a node is called with letters, digits and '_', "
                          "behind a namespace if need be, as in 'arm/observer'")
     with open_bag(parsed.bag, parsed.unpack_limit) as bag:
-        kind, setup = settled(bag, parsed)
-        replay = kind.start(setup)
-        node = f'/{(parsed.name or kind.node).strip("/")}'
+        setup = _setup(bag, parsed)
+        stream = setup.start()
+        node = f'/{(parsed.name or stream.NODE).strip("/")}'
         with interrupts.gently(), (BagWriter(parsed.out) if parsed.out is not None
                                    else nullcontext()) as writer:
             output, interrupted = None, False
             if writer is not None:
                 output = Output(bag, writer, parsed.copy, {
-                    f'{node}/{name}': type_ for name, type_ in replay.outputs.items()})
+                    f'{node}/{each.name}': each.type for each in stream.outputs})
+            else:
+                stream.wanted[:] = [False] * len(stream.outputs)
             with progress('replay', sum(topic.count for topic in setup.topics)) as advance:
-                for count, names, block, answers in fed(bag, setup, replay,
-                                                        output.copied if output else set()):
+                for count, names, block, made in fed(bag, setup, stream,
+                                                     output.copied if output else set()):
                     if output is not None:
-                        made = Encoded(block)
-                        for each in answers:
-                            made.add(output.own[each.output], each.rank, each.rows, each.raw)
-                        output.write_among(names, block, made)
+                        encoded = Encoded(block)
+                        for each in made:
+                            encoded.add(output.own[each.output], each.rank, each.rows, each.raw)
+                        output.write_among(names, block, encoded)
                     advance(count)
                     interrupted = bool(interrupts.came())
                     if interrupted:
@@ -91,33 +95,32 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             if interrupted:
                 bag.warn('interrupted: what follows in the bag was not replayed')
             else:
-                for warning in replay.end(str(bag.path)):
+                for warning in stream.end(str(bag.path)):
                     bag.warn(warning)
-        result = {'bag': str(parsed.bag), 'out': parsed.out,
-                  'observer': _observer(replay, setup),
+        result = {'bag': str(parsed.bag), 'out': parsed.out, 'observer': stream.observer.name,
                   'measurement': ' and '.join(topic.name for topic in setup.topics),
-                  **replay.summary(), 'written': output.topics if output else [],
+                  **stream.summary(), 'written': output.topics if output else [],
                   'interrupted': interrupted, 'warnings': bag.warnings,
                   'elapsed_s': time.perf_counter() - begun}
     _print(result)
     return result
 
 
-def settled(bag: Bag, parsed: argparse.Namespace) -> tuple[Kind, Setup]:
-    """Kind, parameters and topics that are asked for.
+def _setup(bag: Bag, parsed: argparse.Namespace) -> Setup:
+    """Stream, parameters and topics that are requested.
 
     Raises
     ------
     UserError, UsageError : something is not there, or a parameter is wrong.
     """
     assignments = parse_assignments(parsed.set)
-    kind = kinds.wanted(bag, parsed.observer, parsed.params, assignments, parsed.name)
-    values = kinds.parameters(kind, parsed.params, assignments, parsed.observer, parsed.name)
-    return kind, kind.prepare(bag, values, Request(parsed.measurement, parsed.angle,
-                                                   tuple(parsed.joint)))
+    stream = wanted(bag, parsed.observer, parsed.params, assignments, parsed.name)
+    values = parameters(stream, parsed.params, assignments, parsed.observer, parsed.name)
+    return settled(stream, bag, values, Request(parsed.measurement, parsed.angle,
+                                                tuple(parsed.joint)))
 
 
-def fed(bag: Bag, setup: Setup, replay: Replay, copied: set[str]
+def fed(bag: Bag, setup: Setup, stream: Stream, copied: set[str]
         ) -> Iterator[tuple[int, list[str], Block, list[Answers]]]:
     """(messages taken, topic names, block, answers) over the bag.
 
@@ -128,23 +131,16 @@ def fed(bag: Bag, setup: Setup, replay: Replay, copied: set[str]
     listened = {topic.name for topic in setup.topics}
     for names, block in bag.blocks(listened | copied):
         if copied <= listened:
-            yield len(block), names, block, replay.answers(names, block)
+            yield len(block), names, block, answers(stream, names, block)
             continue
         rows = np.flatnonzero(np.isin(block.topic, _numbers(names, listened)))
-        answers = [each._replace(rows=rows[each.rows])
-                   for each in replay.answers(names, block.take(rows))]
-        yield len(rows), names, block, answers
+        made = [each._replace(rows=rows[each.rows])
+                for each in answers(stream, names, block.take(rows))]
+        yield len(rows), names, block, made
 
 
 def _numbers(names: Sequence[str], wanted: set[str]) -> list[int]:
     return [number for number, name in enumerate(names) if name in wanted]
-
-
-def _observer(replay: Replay, setup: Setup) -> str:
-    """The observer's name; it is known from the joints once there are any."""
-    for system in replay.systems().values():
-        return system.joint.observer.name
-    return str(setup.values.get('observer', NodeSettings.observer))
 
 
 def _print(result: dict[str, Any]) -> None:

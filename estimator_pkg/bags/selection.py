@@ -5,12 +5,11 @@ from __future__ import annotations
 from estimator_pkg.bags.reader import CDR, Bag
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.nodes.settings import NodeSettings
-from estimator_pkg.parameters import declared
+from estimator_pkg.streams.angle import ANGLE_TYPES
 
 TRUTH = '/ground_truth/'
 USUAL = '/joint_states'
-NUMBERS = {f'std_msgs/msg/{kind}' for kind in declared(NodeSettings)['angle_type'].choices}
+NUMBERS = {f'std_msgs/msg/{kind}' for kind in ANGLE_TYPES}
 MADE = ('/estimate', '/estimate_stddev')  # what our nodes publish
 
 
@@ -33,9 +32,7 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
             raise UserError(f"topic '{named}' of {bag.path} is {found.type}, not {TYPE}: name the "
                             f"number in it with --angle {named}:FIELD")
         return bag.require(named, [TYPE]).name
-    states = [topic for topic in bag.topics.values() if topic.type == TYPE and topic.count]
-    names = [topic.name for topic in states
-             if TRUTH not in f'{topic.name}/' and not topic.name.endswith(MADE)]
+    names = measured_topics(bag)
     if len(names) == 1:
         return bag.require(names[0], [TYPE]).name
     if USUAL in names:
@@ -47,3 +44,10 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
                    if topic.type in NUMBERS and topic.count), 'TOPIC:FIELD')
     raise UserError(f'{bag.path} has no measured joint states: name a topic with --measurement, or '
                     f'a number with --angle {number}; it has {bag.listing()}')
+
+
+def measured_topics(bag: Bag, *, empty: bool = False) -> list[str]:
+    """Topics of JointStates that are neither truth nor estimate; `empty`: without messages, too."""
+    return [topic.name for topic in bag.topics.values()
+            if topic.type == TYPE and (topic.count or empty)
+            and TRUTH not in f'{topic.name}/' and not topic.name.endswith(MADE)]

@@ -11,8 +11,8 @@ import apsw
 from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-from estimator_pkg.bags.block import Block, from_messages
 from estimator_pkg.errors import UserError, first_line
+from estimator_pkg.messages.block import Block, from_messages
 
 MAGIC = b'SQLite format 3\0'
 ROWS = 4096  # messages per block

@@ -28,9 +28,9 @@ import yaml
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import qos as qos_profiles
-from estimator_pkg.bags.block import Block, from_messages
 from estimator_pkg.bags.definitions import define
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages.block import Block, from_messages
 from estimator_pkg.optional import Lazy
 
 if TYPE_CHECKING:

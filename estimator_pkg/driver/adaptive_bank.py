@@ -15,7 +15,7 @@ from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive_gains import structure
 from estimator_pkg.observers.adaptive_report import Origin, Report
-from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
+from estimator_pkg.observers.contract import VALID, Observer
 
 
 class AdaptiveConfiguration(Configuration):
@@ -131,7 +131,7 @@ class AdaptiveBank(Bank):
                 self.unknown.add(name)
             if joint.update(stamp_ns, position, given):
                 estimate = joint.estimate()
-                if estimate[3] == TRACKING or estimate[3] == COASTING:
+                if estimate[3] in VALID:
                     valid.append((name, joint, estimate))
         return valid
 
@@ -139,7 +139,7 @@ class AdaptiveBank(Bank):
         """One effort_command in."""
         for name, effort in zip(names, efforts):
             if name in self.joints or name in self._acting or self.named(name) or (
-                    not self.only and len(self._acting) < self._most):
+                    not self.only and len(self._acting) < self.most):
                 self._acting_on(name).command(0, stamp_ns, effort)
 
     def forget(self, name: str) -> None:

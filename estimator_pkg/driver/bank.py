@@ -8,7 +8,7 @@ from typing import Any
 
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.contract import COASTING, TRACKING
+from estimator_pkg.observers.contract import VALID
 
 
 class Received:
@@ -62,6 +62,7 @@ class Bank(Received):
 
     Attributes
     ----------
+    most : as said.
     refused, expired : samples of names beyond `most`, and joints that `forget` took.
     refused_name : the newest such name.
     """
@@ -69,7 +70,7 @@ class Bank(Received):
     def __init__(self, configuration: Configuration, only: Iterable[str] = (),
                  most: int | None = None) -> None:
         super().__init__()
-        self._most = math.inf if most is None else most
+        self.most = math.inf if most is None else most
         self.refused = self.expired = 0
         self.refused_name = ''
         self._recent: set[Sequence[str]] = set()  # names of messages since `touched`
@@ -113,7 +114,7 @@ class Bank(Received):
         joint = self.joints.get(name)
         if joint is None and (not self.only or name in self.only):
             named = self.named(name)
-            if self._unnamed >= self._most and not named:
+            if self._unnamed >= self.most and not named:
                 self.refused += 1
                 self.refused_name = name
                 return None
@@ -144,6 +145,6 @@ class Bank(Received):
             joint = self.joints.get(name) or self.joint(name)
             if joint is not None and joint.update(stamp_ns, position):
                 estimate = joint.estimate()
-                if estimate[3] == TRACKING or estimate[3] == COASTING:
+                if estimate[3] in VALID:
                     valid.append((name, joint, estimate))
         return valid

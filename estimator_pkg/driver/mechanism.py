@@ -17,7 +17,7 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.observers.contract import COASTING, STATUS_NAMES, TRACKING, Observer
+from estimator_pkg.observers.contract import STATUS_NAMES, VALID, Observer
 from estimator_pkg.observers.mechanical import MechanicalFunctions
 from estimator_pkg.parameters import parameter
 
@@ -152,7 +152,7 @@ class Mechanism(Joint):
         position: Any
         velocity: Any
         position, velocity, _, status = self.estimate()
-        if status not in (TRACKING, COASTING):
+        if status not in VALID:
             return []
         return [Estimate(name, q, v) for name, q, v in zip(self.names, position, velocity)]
 

@@ -15,7 +15,7 @@ from estimator_pkg.driver.bank import Received
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.track import STATE
-from estimator_pkg.observers.contract import COASTING, TRACKING, Observer
+from estimator_pkg.observers.contract import VALID, Observer
 
 # What becomes of an event
 WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY = (
@@ -192,7 +192,7 @@ class SwitchedBank(Received):
             measurement = (math.nan,) * len(measurement)  # counted as such: half a sample is none
         if not self.system.update(stamp_ns, measurement, given):
             return []
-        if self.system.estimate()[3] not in (TRACKING, COASTING):
+        if self.system.estimate()[3] not in VALID:
             return []
         functions: Any = self.system.functions
         return functions.outputs(self.system.state, measurement)

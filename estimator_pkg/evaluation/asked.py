@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from estimator_pkg import params_file
-from estimator_pkg.bags import kinds
+from estimator_pkg import params_file, streams
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.parameters import Parameter, declared, parse_assignments
@@ -52,15 +51,15 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
 
 
 def _known(observer: str) -> dict[str, Parameter]:
-    kind = kinds.of_observer(observer)
-    return {**kind.parameters(observer), **declared(kind.settings)}
+    stream = streams.of_observer(observer)
+    return {**stream.parameters(observer), **declared(stream.SETTINGS)}
 
 
 def _from_file(params: str | None, observer: str) -> dict[str, Any]:
     """What the file says for this observer."""
     if params is None:
         return {}
-    node = kinds.of_observer(observer).node
+    node = streams.of_observer(observer).NODE
     if not params_file.section_names(params) & {node, '*', '**'}:
         return {}
     values = params_file.of_this_node(params_file.load(params, node))

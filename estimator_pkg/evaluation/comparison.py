@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.kinds.contract import WHY_DROPPED
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
@@ -21,6 +20,7 @@ from estimator_pkg.evaluation.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.sources import Estimate, measured, sources
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.truth import SMOOTHED, Truth, check_common, truth
+from estimator_pkg.streams.contract import WHY_DROPPED
 
 Array = NDArray[np.float64]
 

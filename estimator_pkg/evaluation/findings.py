@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import registry
-from estimator_pkg.bags.kinds.contract import WHY_DROPPED
 from estimator_pkg.bags.series import Series
 from estimator_pkg.evaluation.comparison import Comparison, Row
 from estimator_pkg.evaluation.delay import GAP
@@ -21,6 +20,7 @@ from estimator_pkg.evaluation.metrics import wrapped
 from estimator_pkg.evaluation.quantum import quantum
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.parameters import declared
+from estimator_pkg.streams.contract import WHY_DROPPED
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series
-from estimator_pkg.driver.drive_stream import ELECTRICAL
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.options import SMOOTHER, TRUTH, Options
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.streams.drive import ELECTRICAL
 
 TRUE_SAMPLES = '/ground_truth/samples'
 BATCHES = '_samples'    # follows the name of the topic of estimates

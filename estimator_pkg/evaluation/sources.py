@@ -8,20 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags import kinds
-from estimator_pkg.bags.kinds.contract import Estimate, Kind, Recording, Request, Setup
+from estimator_pkg import streams
+from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag, UnreadableError
+from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.bags.wiring import Setup, settled
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import per_sample
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import ESTIMATE, Options
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.parameters import declared
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.streams.contract import Request, Stream, counts_of
 
 Array = NDArray[np.float64]
 
@@ -42,9 +44,9 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
         take their samples at different times.
     """
     _check_alike(options.observers)
-    asked = options.observers or ((Entry('', NodeSettings.observer),) if options.angle else ())
+    asked = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
     for entry in asked:
-        found = _kind(entry).measured(bag, _setup(entry, bag, options))
+        found = recordings.measured(bag, _setup(entry, bag, options))
         if found:
             return found
     if options.measurement is not None and not asked:
@@ -65,25 +67,25 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
 
 def _check_alike(observers: Sequence[Entry]) -> None:
     """One reference is for all: they must go by the same clock."""
-    clocks = {dict(entry.values).get(STAMP_SOURCE, NodeSettings.stamp_source)
-              for entry in observers if STAMP_SOURCE in declared(_kind(entry).settings)}
+    clocks = {dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source)
+              for entry in observers if STAMP_SOURCE in declared(_stream(entry).SETTINGS)}
     if len(clocks) > 1:
         raise UsageError(f"'{STAMP_SOURCE}' must be the same for all observers that are compared: "
                          'give it with --set')
 
 
-def _kind(entry: Entry) -> Kind:
-    return kinds.of_observer(entry.observer)
+def _stream(entry: Entry) -> type[Stream]:
+    return streams.of_observer(entry.observer)
 
 
 def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
     """Parameters and topics of an observer; raises UserError or UsageError."""
-    kind = _kind(entry)
+    stream = _stream(entry)
     values: dict[str, Any] = {'observer': entry.observer}
-    if kind.wraps:
+    if stream.WRAPS:
         values['wrap_period'] = options.wrap_period
-    return kind.prepare(bag, {**values, **dict(entry.values)},
-                        Request(options.measurement, options.angle))
+    return settled(stream, bag, {**values, **dict(entry.values)},
+                   Request(options.measurement, options.angle))
 
 
 def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Options
@@ -135,7 +137,7 @@ def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options
     ------
     UserError, UsageError : the bag lacks it, or a parameter is wrong.
     """
-    found = _kind(entry).recording(bag, _setup(entry, bag, options), measurement)
+    found = recordings.recording(bag, _setup(entry, bag, options), measurement)
     return found.per_sample() if per_sample.available(bag, options) else found
 
 
@@ -174,8 +176,4 @@ def _samples(estimates: Series, measurement: Series | None) -> dict[str, Any]:
         return {'received': count, 'used': count, 'dropped': {}}
     joint = COUNTER.joint()
     joint.run(measurement.stamps_ns, measurement.position)
-    return _counts(joint)
-
-
-def _counts(joint: Joint) -> dict[str, Any]:
-    return {'received': joint.received, 'used': joint.used, 'dropped': joint.dropped()}
+    return counts_of(joint)

@@ -18,8 +18,8 @@ from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import Reference
 from estimator_pkg.evaluation.smoother.smoother import Smoothed, smooth
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.nodes.settings import NodeSettings
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleSettings
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> 
     if set(joints) & set(true.series):
         return
     hint = ''
-    if list(joints) == [NodeSettings.angle_joint] and len(true.series) == 1:
+    if list(joints) == [AngleSettings.angle_joint] and len(true.series) == 1:
         hint = f' (--set angle_joint={next(iter(true.series))} gives the number that name)'
     raise UserError(f'{path}: {source} has the joints {listed(joints)}, {true.name} has '
                     f'{listed(true.series)}: none in common{hint}')

@@ -19,7 +19,7 @@ MANY_LAYOUTS = 16  # from so many in one block on, messages are taken one by one
 
 
 class Messages(Protocol):
-    """Messages in a buffer, as `estimator_pkg.bags.block.Block` has them."""
+    """Messages in a buffer, as `estimator_pkg.messages.block.Block` has them."""
 
     @property
     def data(self) -> NDArray[np.uint8]: ...  # noqa: D102  (described there)
@@ -115,3 +115,16 @@ def stamps(data: NDArray[np.uint8], at: int, order: str) -> NDArray[np.int64]:
     """Stamps [ns] whose seconds stand at byte `at`, shape (n,)."""
     seconds = numbers(data, at, 1, f'{order}i4')[:, 0].astype(np.int64)
     return seconds * 1_000_000_000 + numbers(data, at + 4, 1, f'{order}u4')[:, 0]
+
+
+def put(out: NDArray[np.uint8], at: int, values: NDArray) -> None:
+    """Write the numbers of each row of `values` into the bytes of that row, from byte `at` on."""
+    raw = values.view(np.uint8).reshape(len(out), -1)
+    out[:, at:at + raw.shape[1]] = raw
+
+
+def put_stamps(out: NDArray[np.uint8], at: int, stamps_ns: NDArray[np.int64]) -> None:
+    """Write stamps [ns] as seconds and nanoseconds, little-endian, from byte `at` on."""
+    seconds = stamps_ns // 1_000_000_000
+    put(out, at, seconds.astype('<i4'))
+    put(out, at + 4, (stamps_ns - seconds * 1_000_000_000).astype('<u4'))

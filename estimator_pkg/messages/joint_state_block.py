@@ -11,7 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.messages.alike import Messages, groups, numbers, stamps
+from estimator_pkg.messages.alike import (
+    Messages,
+    groups,
+    numbers,
+    put,
+    put_stamps,
+    stamps,
+)
 from estimator_pkg.messages.joint_state import Encoder, Layout
 
 
@@ -60,15 +67,8 @@ def encode_block(encoder: Encoder, stamps_ns: NDArray[np.int64], frame_id: str,
     template = encoder.encode(0, frame_id, names, [0.0] * len(names), [0.0] * len(names))
     out = np.empty((len(stamps_ns), len(template)), np.uint8)
     out[:] = np.frombuffer(template, np.uint8)
-    seconds = stamps_ns // 1_000_000_000
-    _put(out, 4, seconds.astype('<i4'))
-    _put(out, 8, (stamps_ns - seconds * 1_000_000_000).astype('<u4'))
+    put_stamps(out, 4, stamps_ns)
     for (at, count), array in zip(Layout(template).arrays, (positions, velocities)):
         if count:
-            _put(out, at, np.ascontiguousarray(array, '<f8'))
+            put(out, at, np.ascontiguousarray(array, '<f8'))
     return out
-
-
-def _put(out: NDArray[np.uint8], at: int, values: NDArray) -> None:
-    raw = values.view(np.uint8).reshape(len(out), -1)
-    out[:, at:at + raw.shape[1]] = raw

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -31,6 +32,12 @@ from rclpy.subscription import Subscription
 from estimator_pkg.errors import UsageError
 from estimator_pkg.nodes.loss import Loss
 from estimator_pkg.nodes.ros_parameters import in_words
+
+
+def get_message(name: str) -> Any:
+    """The message class of a type's name, as in 'sensor_msgs/msg/JointState'."""
+    package, _, kind = name.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), kind)
 
 
 def sensor_data() -> QoSProfile:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from time import monotonic
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -25,6 +25,7 @@ from estimator_pkg.nodes.diagnostics import (
 from estimator_pkg.nodes.endpoints import Endpoints, latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
+from estimator_pkg.streams.contract import Stream
 
 DIAGNOSTICS = 1.0       # [s] between two of /diagnostics
 UNHEARD_OF = 5.0        # [s] after which what never appeared is named
@@ -33,57 +34,20 @@ SAY_AGAIN_AFTER = 10.0  # [s] between two warnings of the same kind
 NAMED = 5               # joints that a warning names at most
 
 
-class WatchedBank(Protocol):
-    """What a node keeps its joints in.
-
-    Attributes
-    ----------
-    configuration : gains and settings of joints, as they are set now.
-    only : names of the joints to estimate; empty: every joint that appears.
-    mismatched, empty : messages whose arrays did not fit, and without a position.
-    """
-
-    configuration: Any
-    only: frozenset[str]
-    mismatched: int
-    empty: int
-
-    @property
-    def joints(self) -> Mapping[str, Joint]:
-        """The joints (or mechanisms) by name."""
-
-    refused: int
-    expired: int
-
-    def touched(self) -> Iterable[str]:
-        """The joints that may have had a sample since this was called last."""
-
-    def rehearse(self) -> None:
-        """Let what a first sample needs be made before it comes."""
-
-    def why_silent(self, name: str) -> str:
-        """Why there may be no usable sample of a joint, where that can be known; else ''."""
-
-
 class Health:
     """Watches the joints of a bank by the steady clock, which runs while a simulated one rests.
 
     Parameters
     ----------
     node : whose health it is.
+    stream : what estimates.
 
     Attributes
     ----------
-    input : the subscription that feeds the bank; set once it is made.
-    KEPT : what the bank keeps by name, in words.
-    MISMATCH : why messages are counted as mismatched, in words.
-    NO_STAMP : what helps where they have no stamps, in words.
-    WRONG : what else is no good, in words, by the name of its counter.
+    input : the subscription to the measurement; set once it is made.
+    WRONG : what is no good, in words, by the name of its counter.
     """
 
-    KEPT: ClassVar[str] = 'joint'
-    MISMATCH: ClassVar[str] = 'their names and positions differ in number'
-    NO_STAMP: ClassVar[str] = "start the node with 'stamp_source: publisher'"
     WRONG: ClassVar[Mapping[str, str]] = {
         'messages_dropped.empty': 'messages without positions',
         'messages_dropped.mismatched': 'messages whose arrays do not match',
@@ -102,13 +66,13 @@ class Health:
 
     input: Subscription
 
-    def __init__(self, node: Node, bank: WatchedBank, endpoints: Endpoints, ros: RosParameters
+    def __init__(self, node: Node, stream: Stream, endpoints: Endpoints, ros: RosParameters
                  ) -> None:
-        self._node, self._bank, self._endpoints, self._ros = node, bank, endpoints, ros
+        self._node, self._stream, self._endpoints, self._ros = node, stream, endpoints, ros
+        self._wrong = {**self.WRONG, **stream.WRONG}
         self._status = endpoints.publisher(DiagnosticArray, '~/status', latched())
         self._diagnostics = endpoints.publisher(DiagnosticArray, '/diagnostics')
-        self._decoded = self._malformed = self._failed = 0
-        self._complaint = ('', '')  # of the newest malformed message: its topic, and what is wrong
+        self._failed = 0
         self._step_time = self._longest_step = 0.0
         self._started = self._last_report = monotonic()
         self._named_unknown = self._named_unseen = False
@@ -126,21 +90,15 @@ class Health:
 
     def took(self, seconds: float) -> None:
         """A message was decoded, estimated and answered in so much time [s]."""
-        self._decoded += 1
         self._step_time += seconds
         if seconds > self._longest_step:
             self._longest_step = seconds
 
-    def malformed(self, topic: str, why: str) -> None:
-        """A message could not be decoded."""
-        self._malformed += 1
-        self._complaint = topic, why
-
     def failed(self, topic: str, why: str) -> None:
         """The observer raised an exception on a message; the joints start again."""
         self._failed += 1
-        self._say('failed', f'the observer failed on a message of {topic}, and all {self.KEPT}s '
-                            f'start again: {why}', severe=True)
+        self._say('failed', f'the observer failed on a message of {topic}, and all '
+                            f'{self._stream.KEPT}s start again: {why}', severe=True)
 
     def look(self) -> None:
         """Publish what has changed, and once a second the diagnostics."""
@@ -148,10 +106,10 @@ class Health:
         due = now - self._last_report >= DIAGNOSTICS
         if due:
             self._expire(now)
-        joints, said = self._bank.joints, self._said
+        joints, said = self._stream.bank.joints, self._said
         # A joint that is lost stays so until a sample comes: ten times a second the others are
         # judged alone, and once a second all.
-        touched = self._bank.touched()
+        touched = self._stream.bank.touched()
         names = set(joints) if due or len(joints) != len(said) else self._alive.union(touched)
         new = {name: self._judge(name, joints[name], now) for name in names}
         changed = {name: new[name] for name in (joints if len(new) == len(joints) else sorted(new))
@@ -176,15 +134,14 @@ class Health:
                 self._name_unseen()
 
     def _expire(self, now: float) -> None:
-        """Let the node forget joints that have had no sample for its `expiry`."""
-        node: Any = self._node
-        expiry = getattr(node.settings, 'expiry', 0.0)
-        bank: Any = self._bank
+        """Forget joints that have had no sample for its `expiry`."""
+        expiry = getattr(self._stream.settings, 'expiry', 0.0)
+        bank = self._stream.bank
         old = [name for name, (_, since, _) in self._used.items()
                if now - since > expiry and not bank.named(name)] if expiry > 0.0 else []
         if old:
             counts = self._counts_of(old)
-            if not node.expire(old):
+            if not self._stream.expire(old):
                 return
             for key, count in counts.items():
                 self._gone[key] = self._gone.get(key, 0) + count
@@ -193,36 +150,36 @@ class Health:
                     kept.pop(name, None)
             self._alive.difference_update(old)
             more = f' and {len(old) - NAMED} more' if len(old) > NAMED else ''
-            self._say('expired', f"{self.KEPT} {', '.join(map(repr, old[:NAMED]))}{more}: no "
-                                 f'sample for {expiry:g} s, forgotten (expiry)')
+            named = ', '.join(map(repr, old[:NAMED]))
+            self._say('expired', f'{self._stream.KEPT} {named}{more}: no sample for {expiry:g} s, '
+                                 'forgotten (expiry)')
 
     def _counts_of(self, names: Iterable[str]) -> dict[str, int]:
-        joints = {name: self._bank.joints[name] for name in names}
+        joints = {name: self._stream.bank.joints[name] for name in names}
         return {**counters(joints), 'resets': sum(each.reset_count for each in joints.values())}
 
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
         """(status, why) of a joint; without a usable sample for too long it is lost."""
+        if self._stream.always_awake(name):
+            return joint.estimate()[3], joint.why()
         used, received = joint.used, joint.received
         known, since, before = self._used.get(name, (-1, now, 0))
         if used != known:
             since, before = now, received
             self._used[name] = (used, now, received)
         if now - since > joint.silence:
-            reason = self._bank.why_silent(name)
+            reason = self._stream.why_silent(name)
             if not reason and received > before:
                 reason = dropped_for(joint.verdict)
             return LOST, (f'no usable sample for {joint.silence:.3g} s'
                           + (f'; {reason}' if reason else ''))
         return joint.estimate()[3], joint.why()
 
-    def _more(self, name: str) -> Mapping[str, Any]:
-        """What else a joint's status tells."""
-        return {}
-
     def _publish_status(self) -> None:
         self._status.publish(array(self._node, (
-            joint_status(name, joint, *self._said.get(name, (INITIALISING, '')), self._more(name))
-            for name, joint in self._bank.joints.items())))
+            joint_status(name, joint, *self._said.get(name, (INITIALISING, '')),
+                         self._stream.about(name))
+            for name, joint in self._stream.bank.joints.items())))
 
     def _report(self, now: float) -> None:
         passed, self._last_report = now - self._last_report, now
@@ -233,7 +190,7 @@ class Health:
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(array(self._node, (
             self._of_node(name, totals, new, passed),
-            *(joint_status(f'{name}: {joint}', self._bank.joints[joint], status, why)
+            *(joint_status(f'{name}: {joint}', self._stream.bank.joints[joint], status, why)
               for joint, (status, why) in self._said.items()))))
         self._step_time = self._longest_step = 0.0
 
@@ -246,27 +203,29 @@ class Health:
             'publishers': self.input.get_publisher_count(),
             'step_time_mean_us': 1e6 * self._step_time / decoded if decoded else 0.0,
             'step_time_max_us': 1e6 * self._longest_step}
-        wrong = [f'{new[key]} {text}' for key, text in self.WRONG.items() if new.get(key)]
+        wrong = [f'{new[key]} {text}' for key, text in self._wrong.items() if new.get(key)]
         if new['messages_dropped.malformed']:
             wrong.insert(0, f"{new['messages_dropped.malformed']} malformed messages "
-                            f'({self._complaint[1]})')
+                            f'({self._stream.complaint[1]})')
         if not new['messages_received']:
             wrong.insert(0, 'no input')
         return entry(WARN if wrong else OK, name, ', '.join(wrong) or 'ok', values)
 
     def _totals(self) -> _Totals:
-        bank = self._bank
+        stream, bank = self._stream, self._stream.bank
+        malformed, unused = sum(stream.malformed), stream.unused()
+        decoded = sum(count - bad for port, count, bad in zip(
+            stream.inputs, stream.received, stream.malformed) if port.answered) - self._failed
         samples = self._counts_of(bank.joints)
         for key, count in self._gone.items():
             samples[key] += count
         samples['received'] += bank.refused
         return _Totals({
-            'messages_received': self._decoded + self._malformed + self._failed,
-            'messages_used': self._decoded - bank.empty - bank.mismatched,
-            'messages_dropped.malformed': self._malformed,
+            'messages_received': decoded + malformed + self._failed,
+            'messages_used': decoded - sum(unused.values()),
+            'messages_dropped.malformed': malformed,
             'messages_dropped.failed': self._failed,
-            'messages_dropped.empty': bank.empty,
-            'messages_dropped.mismatched': bank.mismatched,
+            **{f'messages_dropped.{kind}': count for kind, count in unused.items()},
             **samples, 'dropped.refused': bank.refused,
             'joints': len(bank.joints), 'joints_expired': bank.expired,
             'lost_by_dds': sum(self._endpoints.lost.values()),
@@ -279,19 +238,19 @@ class Health:
         topic = self.input.topic_name
         if new['dropped.zero_stamp']:
             self._say('zero', f"{new['dropped.zero_stamp']} samples on {topic} carry no time stamp "
-                              f'and are dropped: {self.NO_STAMP}')
+                              f'and are dropped: {self._stream.NO_STAMP}')
         if new['events.clock_jump']:
             publishers = self.input.get_publisher_count()
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
             self._say('jump', 'the clock of the measurements jumped (a bag that loops, a restarted '
-                              f'simulation{several}): its {self.KEPT}s start again')
+                              f'simulation{several}): its {self._stream.KEPT}s start again')
         if new['messages_dropped.malformed']:
-            where, why = self._complaint
+            where, why = self._stream.complaint
             self._say('malformed', f'messages on {where} are malformed and dropped: {why}')
-        if new['messages_dropped.mismatched']:
-            self._say('mismatched', f'messages on {topic} are dropped: {self.MISMATCH}')
+        if new.get('messages_dropped.mismatched'):
+            self._say('mismatched', f'messages on {topic} are dropped: {self._stream.MISMATCH}')
         if new['dropped.refused']:
-            bank: Any = self._bank
+            bank: Any = self._stream.bank
             self._say('refused', f"{new['dropped.refused']} samples on {topic} are beyond "
                                  f"joints_max (the newest is '{bank.refused_name}'; "
                                  f'{len(bank.joints)} are kept): name those that you need in '
@@ -311,12 +270,13 @@ class Health:
             if status == self._said.get(name, (INITIALISING, ''))[0]:
                 continue
             if status == MISCONFIGURED:
-                self._node.get_logger().error(f"{self.KEPT} '{name}' is misconfigured: {why}")
+                self._node.get_logger().error(
+                    f"{self._stream.KEPT} '{name}' is misconfigured: {why}")
             if status == LOST and ';' in why:  # more than silence
                 lost.setdefault(why, []).append(f"'{name}'")
         for why, names in lost.items():
             more = f' and {len(names) - NAMED} more' if len(names) > NAMED else ''
-            self._say(why, f"{self.KEPT} {', '.join(names[:NAMED])}{more}: {why}")
+            self._say(why, f"{self._stream.KEPT} {', '.join(names[:NAMED])}{more}: {why}")
 
     def _say(self, kind: str, text: str, *, severe: bool = False) -> None:
         now = monotonic()
@@ -337,7 +297,7 @@ class Health:
     def _name_unheard(self) -> None:
         """No input at all, or publishers of another type: as often as that changes."""
         texts = self._endpoints.of_other_types()
-        if not self._decoded + self._malformed + self._failed:
+        if not sum(self._stream.received):
             texts.append(f'nothing has been received on {self.input.topic_name} yet; publishers '
                          f'connected: {self.input.get_publisher_count()}')
         for text in texts:
@@ -347,10 +307,11 @@ class Health:
 
     def _name_unseen(self) -> None:
         """Joints that were named and did not come with the others."""
-        seen = self._bank.joints
-        for joint in sorted({*self._ros.overrides, *self._bank.only} - set(seen)):
-            self._node.get_logger().warning(f"{self.KEPT} '{joint}' was named in the parameters "
-                                            f'and never seen: {suggestion(joint, seen)}')
+        seen = self._stream.bank.joints
+        for joint in sorted({*self._ros.overrides, *self._stream.bank.only} - set(seen)):
+            self._node.get_logger().warning(
+                f"{self._stream.KEPT} '{joint}' was named in the parameters and never seen: "
+                f'{suggestion(joint, seen)}')
 
 
 class _Totals(dict[str, int]):

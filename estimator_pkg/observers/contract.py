@@ -23,6 +23,7 @@ COASTING = 2        # published, but carried by prediction (gap, outlier, loss o
 LOST = 3            # no input (set by the node, never by an observer)
 NOT_OBSERVABLE = 4  # the signals do not determine the state
 MISCONFIGURED = 5   # the gains are unstable at the measured sample rate
+VALID = (TRACKING, COASTING)    # an estimate of such a status is published, no other
 STATUS_NAMES = ('initialising', 'tracking', 'coasting', 'lost', 'not observable', 'misconfigured')
 
 

@@ -80,8 +80,8 @@ def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str],
     with contextlib.ExitStack() as stack:
         children = []
         for name, module, words in (
-                ('joint_observer', 'estimator_pkg.nodes.joint_observer',
-                 ['--ros-args', '-p', f'quantum:={2.0 * math.pi / COUNTS}',
+                ('joint_observer', 'estimator_pkg.nodes.executables',
+                 ['joint_observer', '--ros-args', '-p', f'quantum:={2.0 * math.pi / COUNTS}',
                   '-p', f'observer:={parsed.observer}']),
                 ('record', 'estimator_pkg.cli',
                  ['record', MEASURED, TRUTH, ESTIMATE, STDDEV, '--out', str(bag)]),

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.drive_stream import ELECTRICAL
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.motor import POWER_INVARIANT, phases
+from estimator_pkg.streams.drive import ELECTRICAL
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic, ran_away
 from sim_pkg.joints.profiles import fixed

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags import kinds
-from estimator_pkg.bags.kinds.contract import Request
 from estimator_pkg.bags.reader import Bag, open_bag
+from estimator_pkg.bags.recording import measured
 from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.wiring import settled
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.bench.columns import Column
 from estimator_pkg.evaluation.identify.joint import identify
@@ -29,6 +29,8 @@ from estimator_pkg.evaluation.signals import Samples
 from estimator_pkg.evaluation.smoother.smoother import smooth
 from estimator_pkg.evaluation.truth import truth
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleStream
+from estimator_pkg.streams.contract import Request
 
 Array = NDArray[np.float64]
 
@@ -119,10 +121,9 @@ def _torque(series: Series, delay: float) -> Array:
 
 def _captured(path: Path) -> Column:
     """The yaw that motion capture saw."""
-    kind = kinds.named(kinds.USUAL)
     with open_bag(path) as bag:
-        setup = kind.prepare(bag, {}, Request(angle=f'{POSE}:{YAW}'))
-        (stamp, angle, *_), = kind.measured(bag, setup).values()
+        setup = settled(AngleStream, bag, {}, Request(angle=f'{POSE}:{YAW}'))
+        (stamp, angle, *_), = measured(bag, setup).values()
     smoothed = smooth(stamp, angle, TURN)
     firm = smoothed.firm
     at = match(stamp, smoothed.stamps[firm], smoothed.velocity[firm], smoothed.position[firm],

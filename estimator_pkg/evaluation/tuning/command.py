@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg import destination
-from estimator_pkg.bags import kinds, unpacking
+from estimator_pkg import destination, streams
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
@@ -22,8 +22,8 @@ from estimator_pkg.evaluation.tuning.records import Record, records
 from estimator_pkg.evaluation.tuning.seek import seek
 from estimator_pkg.evaluation.tuning.wishes import WRAP_PERIOD, Wishes, wishes
 from estimator_pkg.evaluation.workers import workers
-from estimator_pkg.nodes.settings import ANGLE, ANGLE_TYPES
 from estimator_pkg.printable import show
+from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES
 
 TRIALS = 40
 
@@ -145,7 +145,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
     """A bag of what the observer listens to, from the live graph, as a context."""
     named = parsed.measurement or (parsed.angle or '').partition(':')[0]
-    usual = kinds.of_observer(wished.entry.observer).usual
+    usual = streams.of_observer(wished.entry.observer).USUAL
     return live.recorded((named,) if named else usual,
                          parsed.truth or TRUTH, parsed.live)
 
@@ -205,7 +205,7 @@ def _held(parsed: argparse.Namespace, wished: Wishes, path: str) -> dict[str, An
             kind = bag.topics[parsed.angle.partition(':')[0]].type.rpartition('/')[2]
         if kind in ANGLE_TYPES:     # else it is a number that no node reads, but replay does
             held |= {'input': ANGLE, 'angle_type': kind}
-    wraps = kinds.of_observer(wished.entry.observer).wraps
+    wraps = streams.of_observer(wished.entry.observer).WRAPS
     if wraps and parsed.wrap_period != WRAP_PERIOD:
         held.setdefault('wrap_period', parsed.wrap_period)
     return held

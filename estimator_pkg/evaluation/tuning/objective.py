@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.kinds.contract import Estimate, Recording
+from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.delay import delay
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from estimator_pkg import params_file, yaml_text
-from estimator_pkg.bags import kinds
+from estimator_pkg import params_file, streams, yaml_text
 from estimator_pkg.evaluation.text import number, table
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.wishes import Wishes, single
@@ -48,14 +47,14 @@ def as_yaml(wishes: Wishes, held: Mapping[str, Any], tuned: Sequence[Mapping[str
     tuned : results of `seek.seek`; one without a joint holds for all of them.
     """
     observer = wishes.entry.observer
-    kind = kinds.of_observer(observer)
+    stream = streams.of_observer(observer)
     about = [f'Gains of {observer}, tuned from data (preference: {wishes.preference}).',
-             f'For the node {kind.node}: --ros-args --params-file THIS_FILE']
+             f'For the node {stream.NODE}: --ros-args --params-file THIS_FILE']
     for each in tuned:
         about += _origin(each, held_out)
     lines = [yaml_text.comment(line) for line in about]
     lines += ['/**:', '  ros__parameters:']
-    if 'observer' in declared(kind.settings):
+    if 'observer' in declared(stream.SETTINGS):
         lines.append(f'    observer: {scalar(observer)}')
     lines += [f'    {yaml_text.key(name)}: {scalar(value)}' for name, value in held.items()]
     for each in tuned:

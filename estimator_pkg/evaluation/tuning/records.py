@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.kinds.contract import Estimate, Recording
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.entries import Entry

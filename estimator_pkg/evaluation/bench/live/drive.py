@@ -27,7 +27,7 @@ from estimator_pkg.evaluation.bench.live.processes import cpu, process, result
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.nodes.domain import free_domain
 
-MODULE = 'estimator_pkg.nodes.pmsm_observer'
+MODULE = 'estimator_pkg.nodes.executables pmsm_observer'
 FEEDER = 'estimator_pkg.evaluation.bench.live.drive'
 ROWS = 200
 EMPTY = 50     # batches without a row that are sent first

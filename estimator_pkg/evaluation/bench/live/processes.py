@@ -15,7 +15,7 @@ import psutil
 from estimator_pkg.nodes.runtime import settle_environment
 
 JOINTS = 7      # in each message
-MODULE = 'estimator_pkg.nodes.{}'
+MODULE = 'estimator_pkg.nodes.executables {}'
 NULL = 'null_node'
 # The observer nodes that take joint states, with the parameters that they need for these joints.
 # `mechanical_observer` and `switched_observer` take one of the joints, the others all.
@@ -28,12 +28,12 @@ NODES: dict[str, tuple[str, ...]] = {
 
 @contextmanager
 def process(*words: str, domain: int, extra: tuple[str, ...] = (),
-            module: str = 'estimator_pkg.nodes.joint_observer') -> Iterator[subprocess.Popen]:
+            module: str = MODULE.format('joint_observer')) -> Iterator[subprocess.Popen]:
     """A role of `roles`, or 'node' for `module`, as a process that ends with the block."""
     settle_environment()
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain),
                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    program = (['-m', module] if words == ('node',)
+    program = (['-m', *module.split()] if words == ('node',)
                else ['-m', 'estimator_pkg.evaluation.bench.live.roles', *words])
     child = subprocess.Popen([sys.executable, *program, *extra], env=environment, text=True,
                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)

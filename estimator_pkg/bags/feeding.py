@@ -1,16 +1,52 @@
-"""Estimates as the messages that a live node would have published."""
+"""Messages of a bag through a stream: the answers, as a live node would have published them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.block import Block
-from estimator_pkg.bags.estimation import Estimated
-from estimator_pkg.messages.joint_state import Encoder
-from estimator_pkg.messages.joint_state_block import encode_block
+from estimator_pkg.errors import plainly
+from estimator_pkg.messages.block import Block
+from estimator_pkg.streams.contract import Answers, Stream
+
+APART = 8   # ranks of one answer's messages: fewer than so many outputs
+
+
+def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]:
+    """The answers to a block of messages of the topics that the stream is wired to.
+
+    Parameters
+    ----------
+    names : the bag's topics, as the block counts them.
+
+    Raises
+    ------
+    UserError : the observer failed, as a model or an observer of the user's own may.
+    """
+    port_of = {name: port for port, name in enumerate(stream.topics)}
+    ports = [port_of.get(name, -1) for name in names]
+    with plainly('the observer'):
+        found = stream.feed_block(ports, block)
+        return _one_by_one(stream, ports, block) if found is None else list(found)
+
+
+def _one_by_one(stream: Stream, ports: Sequence[int], block: Block) -> list[Answers]:
+    made: dict[tuple[int, int], tuple[list[int], list[int], list[bytes]]] = {}
+    of_message = [ports[topic] for topic in block.topic.tolist()]
+    times = block.publish_ns.tolist()
+    for row in range(len(block)):
+        raw = block.data[block.start[row]:block.end[row]].tobytes()
+        for number, answer in enumerate(stream.feed(of_message[row], raw, times[row])):
+            for output, message in answer.items():
+                rows, ranks, raws = made.setdefault((output, len(message)), ([], [], []))
+                rows.append(row)
+                ranks.append(APART * number + output + 1)
+                raws.append(message)
+    return [Answers(output, np.array(rows), np.array(ranks),
+                    np.frombuffer(b''.join(raws), np.uint8).reshape(len(rows), size))
+            for (output, size), (rows, ranks, raws) in made.items()]
 
 
 class Encoded:
@@ -63,33 +99,3 @@ class Encoded:
                      np.concatenate([block.data, *(raw.ravel() for raw in self._raws)]),
                      np.concatenate([block.start[copied], ends - sizes]),
                      np.concatenate([block.end[copied], ends])).take(order)
-
-
-def messages(estimated: Estimated, encoder: Encoder, *, stddev: bool
-             ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
-    """(rows, bytes) of the JointStates for one group, by which joints are valid.
-
-    Parameters
-    ----------
-    stddev : standard deviations instead of position and velocity.
-    """
-    samples = estimated.samples
-    first, second = ((estimated.position_stddev, estimated.velocity_stddev) if stddev else
-                     (estimated.position, estimated.velocity))
-    for mine, joints in _patterns(estimated.valid):
-        names = [name for name, shown in zip(samples.names, joints) if shown]
-        yield samples.rows[mine], encode_block(
-            encoder, samples.stamps_ns[mine], samples.frame_id, names,
-            first[mine][:, joints], second[mine][:, joints])
-
-
-def _patterns(valid: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_] | slice,
-                                                          NDArray[np.bool_]]]:
-    """(rows, joints) of every set of joints that are valid together."""
-    if valid.all():
-        if len(valid):
-            yield slice(None), np.ones(valid.shape[1], bool)
-        return
-    kinds, which = np.unique(valid, axis=0, return_inverse=True)
-    for index, joints in enumerate(kinds):
-        yield which.ravel() == index, joints

@@ -1,0 +1,159 @@
+"""A stream wired to a bag: which one, with which parameters, on which topics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from estimator_pkg import observers, params_file, registry, streams
+from estimator_pkg.bags.definitions import store_for
+from estimator_pkg.bags.reader import Bag, Topic
+from estimator_pkg.bags.selection import measured_topics, measurement_topic
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.optional import Lazy
+from estimator_pkg.parameters import declared
+from estimator_pkg.streams.contract import Request, Stream
+
+field = Lazy('estimator_pkg.bags.field')
+DATA = 'data'       # the number in the messages of std_msgs
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a replay starts from; plain data, so that it can go to another process.
+
+    kind : of the stream's observers. values : parameters of the node. topics : by port, those that
+    it listens to; None: nothing. path : of the number in the measurement's messages, for observers
+    of one number in messages of any type.
+    """
+
+    kind: str
+    values: Mapping[str, Any]
+    ports: tuple[Topic | None, ...]
+    path: str = ''
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """The topics that it listens to, the measurement first."""
+        return tuple(topic for topic in self.ports if topic is not None)
+
+    def having(self, values: Mapping[str, Any]) -> Setup:
+        """The same with these parameters over those it has."""
+        return replace(self, values={**self.values, **values})
+
+    def start(self) -> Stream:
+        """The stream; raises UserError or UsageError for wrong parameters."""
+        stream = streams.named(self.kind).of(self.values)
+        stream.topics = [topic.name if topic else '' for topic in self.ports]
+        stream.history = {}
+        measurement = self.ports[0]
+        stream.expected = measurement.count if measurement else 0
+        if self.path and measurement is not None:
+            store = store_for(measurement.type, measurement.definition)
+            stream.read_field(field.Field(store, measurement.type, self.path))
+        return stream
+
+
+def settled(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Request) -> Setup:
+    """Parameters and topics, as far as the bag says.
+
+    Raises
+    ------
+    UserError, UsageError : a topic is not there, or the request makes no sense for this family.
+    """
+    topic, _, path = (request.angle or '').partition(':')
+    if request.angle is not None:
+        if not topic or not path:
+            raise UsageError(f"--angle '{request.angle}' is not TOPIC:FIELD")
+        if request.measurement:
+            raise UsageError('give either --angle or --measurement')
+    values = stream.requested(dict(values), request, lambda name: _has(bag, name))
+    inputs = stream.of(values).inputs
+    named = topic or request.measurement
+    if request.measurement and len([port for port in inputs if port.answered]) > 1:
+        raise UsageError('--measurement is for one topic; the estimates answer '
+                         + ' and '.join(f'/{port.topic}' for port in inputs if port.answered))
+    first = inputs[0]
+    if first.type == JOINT_STATE:
+        measurement = bag.topics[measurement_topic(bag, named)]
+    elif first.any_number:
+        measurement, path = bag.require(named or f'/{first.topic}'), path or DATA
+    else:
+        measurement = bag.require(named or f'/{first.topic}', [first.type])
+    others = [bag.require(f'/{port.topic}', [port.type])
+              if not port.optional or f'/{port.topic}' in bag.topics else None
+              for port in inputs[1:]]
+    return Setup(stream.KIND, values, (measurement, *others), path)
+
+
+def _has(bag: Bag, name: str) -> bool:
+    found = bag.topics.get(name)
+    return found is not None and bool(found.count)
+
+
+def wanted(bag: Bag, observer: str | None, params: str | None, values: dict[str, Any],
+           node: str | None = None) -> type[Stream]:
+    """The stream that is meant: by observer or parameters, else by what the bag has.
+
+    Parameters
+    ----------
+    params, values : parameter file, and parameters that were set next to it.
+    node : name of the node whose section of the file is meant; None: the streams' own.
+    """
+    if observer:
+        return streams.of_observer(observer)
+    known = streams.every()
+    if params:
+        sections = params_file.section_names(params)
+        for stream in known:
+            with suppress(UsageError):  # reported where the file is used
+                named = params_file.load(params, node or stream.NODE).get('observer')
+                if isinstance(named, str):
+                    return streams.of_observer(named)
+        for stream in known:
+            if stream.NODE in sections:
+                return stream
+    if isinstance(values.get('observer'), str):
+        return streams.of_observer(values['observer'])
+    given = set(values)
+    if params:
+        with suppress(UsageError):
+            given |= set(params_file.of_this_node(params_file.load(params, node or known[0].NODE)))
+    usual = streams.named(streams.USUAL)
+    if given and not _knows(usual, given):
+        for stream in known:
+            if _knows(stream, given):
+                return stream
+    joints = bool(measured_topics(bag, empty=True))
+    return next((stream for stream in known
+                 if stream.recognises(lambda name: _has(bag, name), joints)), usual)
+
+
+def _knows(stream: type[Stream], given: set[str]) -> bool:
+    """True if all these parameters, as named in files and on command lines, are of this stream."""
+    known = {'observer', *declared(stream.SETTINGS)}
+    for name in registry.names(registry.OBSERVERS):
+        with suppress(UserError):   # one that cannot be imported is reported where it is used
+            if observers.find(name).kind == stream.KIND:
+                known |= set(stream.parameters(name))
+    return {params_file.parameter_of(name) for name in given} <= known
+
+
+def parameters(stream: type[Stream], params: str | None, assignments: dict[str, Any],
+               observer: str | None, node: str | None = None) -> dict[str, Any]:
+    """Parameters of the stream's node by name, from a file, from --set and from --observer.
+
+    Raises
+    ------
+    UserError, UsageError : the file cannot be read, or has no section for the node.
+    """
+    values = params_file.load(params, node or stream.NODE) if params else {}
+    values.update(assignments)
+    if observer:
+        values['observer'] = observer
+    if not isinstance(values.get('observer', ''), str):
+        raise UsageError(f"parameter 'observer' must be text, not {values['observer']!r}")
+    return params_file.of_this_node(values)

@@ -1,0 +1,56 @@
+"""trajectory_msgs/JointTrajectory with one point, as CDR bytes: what ~/acceleration carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.messages.alike import put, put_stamps
+from estimator_pkg.messages.cdr import Writer
+from estimator_pkg.messages.joint_state import EARLIEST, LATEST
+
+TYPE = 'trajectory_msgs/msg/JointTrajectory'
+
+
+def encode(stamp_ns: int, frame_id: str, names: Sequence[str], positions: Sequence[float],
+           velocities: Sequence[float], accelerations: Sequence[float]) -> bytes:
+    """CDR bytes of one point [SI]; a stamp that no message can carry becomes the nearest one."""
+    return _encode(stamp_ns, frame_id, names, positions, velocities, accelerations)[0]
+
+
+def _encode(stamp_ns: int, frame_id: str, names: Sequence[str], *arrays: Sequence[float]
+            ) -> tuple[bytes, list[int]]:
+    """The bytes, and where each array's numbers begin."""
+    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
+    writer = Writer()
+    writer.numbers('i', (sec,))
+    writer.numbers('I', (nanosec,))
+    writer.text(frame_id)
+    writer.texts(names)
+    writer.numbers('I', (1,))
+    starts = []
+    for values in (*arrays, ()):    # the last one: effort
+        writer.doubles(values)
+        starts.append(len(writer.raw) - 8 * len(values))
+    writer.numbers('i', (0,))       # time_from_start
+    writer.numbers('I', (0,))
+    return bytes(writer.raw), starts
+
+
+def encode_block(stamps_ns: NDArray[np.int64], frame_id: str, names: Sequence[str],
+                 *arrays: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Many of them with these names, shape (n, bytes of one message).
+
+    Parameters
+    ----------
+    stamps_ns : shape (n,). arrays : positions, velocities, accelerations, each of shape (n, names).
+    """
+    template, starts = _encode(0, frame_id, names, *(([0.0] * len(names),) * len(arrays)))
+    out = np.empty((len(stamps_ns), len(template)), np.uint8)
+    out[:] = np.frombuffer(template, np.uint8)
+    put_stamps(out, 4, np.clip(stamps_ns, EARLIEST, LATEST))
+    for start, array in zip(starts, arrays):
+        put(out, start, np.ascontiguousarray(array, '<f8'))
+    return out

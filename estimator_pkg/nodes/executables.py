@@ -1,0 +1,44 @@
+"""The executables of the observer nodes: one function each, which runs until it is interrupted.
+
+``python -m estimator_pkg.nodes.executables joint_observer --ros-args ...`` runs one without its
+script.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from estimator_pkg.nodes.runtime import run
+
+
+def of_stream(kind: str) -> Callable[..., int]:
+    """The function that runs the node of this kind of observers; it returns the exit code.
+
+    A family from outside the package names its executable so: ``my_observer =
+    of_stream('my_kind')``.
+    """
+    def make() -> Any:
+        # ROS takes a while to import, and an interrupt before that must end the process quietly
+        from estimator_pkg.nodes.observer import ObserverNode
+        return ObserverNode(kind)
+
+    def main(args: list[str] | None = None) -> int:
+        return run(make, args)
+
+    return main
+
+
+joint_observer = of_stream('angle')
+mechanical_observer = of_stream('mechanical')
+pmsm_observer = of_stream('drive')
+adaptive_observer = of_stream('angle_and_input')
+switched_observer = of_stream('switched')
+
+if __name__ == '__main__':
+    name = sys.argv.pop(1) if len(sys.argv) > 1 else ''
+    if not name.endswith('_observer') or name not in globals():
+        sys.exit(f"which node? '{name}' is none of them")
+    sys.argv[0] = name
+    sys.exit(globals()[name]())

@@ -1,0 +1,174 @@
+"""The node: a stream wired to ROS. Every observer node is this class with another stream."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from time import perf_counter
+from traceback import format_exception
+from typing import Any
+
+from estimator_pkg.nodes import runtime  # noqa: F401  sets what rclpy and numpy read  # isort: skip
+
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from std_srvs.srv import SetBool, Trigger
+
+from estimator_pkg import streams
+from estimator_pkg.errors import UsageError, where
+from estimator_pkg.nodes.endpoints import Endpoints, OnDemand, get_message, latched
+from estimator_pkg.nodes.health import Health
+from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
+from estimator_pkg.parameters import declared
+from estimator_pkg.printable import printable
+from estimator_pkg.streams.contract import NO_NUMBERS, Action, Stream
+
+LOOK_AROUND = 0.1   # [s]
+
+
+class ObserverNode(Node):
+    """A stream whose ports are wired to subscriptions and publishers.
+
+    It declares the parameters, publishes what the stream answers, serves ``~/reset`` and the
+    stream's other actions, and ten times a second looks who listens and how the joints are.
+
+    Parameters
+    ----------
+    stream : a class of streams, or the kind of its observers ('angle', 'drive', ...).
+    node_name, options : as of `rclpy.node.Node`; ``parameter_overrides`` sets parameters (see
+        `estimator_pkg.nodes.ros_parameters.ros_values`). The name is the stream's by default.
+
+    Raises
+    ------
+    UserError : a parameter is wrong, or a model or file that it names cannot be used.
+
+    Attributes
+    ----------
+    stream : what estimates.
+    health : status, diagnostics and warnings.
+    """
+
+    def __init__(self, stream: type[Stream] | str, node_name: str = '', **options: Any) -> None:
+        family = streams.named(stream) if isinstance(stream, str) else stream
+        try:
+            # Overrides may name joints that have not appeared, so they cannot all be declared.
+            super().__init__(node_name or family.NODE,
+                             **{'allow_undeclared_parameters': family.OVERRIDES, **options})
+        except ParameterException as error:  # of a parameter of rclpy's own, as use_sim_time
+            raise UsageError(in_words(error)) from error
+        observer = None
+        try:
+            self._ros = RosParameters(self)
+            settings: Any = self._ros.declare(family.SETTINGS)
+            observer = settings.find_observer()
+            self._per_joint = (*declared(observer.gains), *declared(family.PER_JOINT))
+            self._ros.declare(observer.gains)
+            self._ros.declare(family.PER_JOINT)
+            if family.OVERRIDES:
+                self._ros.allow_overrides(self._per_joint)
+            self.stream = family.start(settings, family.configure(
+                observer, settings, self._common(self._ros.values), self._ros.overrides))
+            self._open()
+        except BaseException as error:
+            self.destroy_node()
+            if isinstance(error, ArithmeticError) and observer is not None:
+                raise UsageError(f'{observer.name}: {NO_NUMBERS} ({error})') from error
+            raise
+
+    def _open(self) -> None:
+        """Wire the ports."""
+        stream, self._endpoints = self.stream, Endpoints(self)
+        self._wired: list[Any] = [
+            self._endpoints.on_demand(get_message(output.type), f'~/{output.name}')
+            if output.on_demand else self._endpoints.publisher(
+                get_message(output.type), f'~/{output.name}', latched() if output.latched else None)
+            for output in stream.outputs]
+        self.create_service(Trigger, '~/reset', self._reset)
+        for action in stream.actions():
+            self._serve(action)
+        self.health = Health(self, stream, self._endpoints, self._ros)
+        self._ros.watch(self._check, self._apply)
+        stream.go_live()
+        stream.wanted[:] = [not output.on_demand for output in stream.outputs]
+        self.create_timer(LOOK_AROUND, self._look_around,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # Last: from here on messages come, and wait in a queue that is not long.
+        subscriptions = [self._listen(port) for port in range(len(stream.inputs))]
+        self.health.input = subscriptions[0]
+        stream.topics = [each.topic_name for each in subscriptions]
+        self.get_logger().info(
+            f'{stream.observer.name} estimates {stream.describe()} of '
+            f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}')
+
+    # Messages
+
+    def _listen(self, number: int) -> Any:
+        port, feed, publishers = self.stream.inputs[number], self.stream.feed, self._wired
+
+        def came(raw: bytes, info: Mapping[str, Any]) -> None:
+            begun = perf_counter()
+            try:
+                answers = feed(number, raw, info['source_timestamp'])
+            except Exception as error:  # of a user's model, or of numbers that nobody foresaw
+                if not self.context.ok():
+                    raise
+                self._failed(self.stream.topics[number], error)
+                return
+            for answer in answers:
+                for output, message in answer.items():
+                    publishers[output].publish(message)
+            if port.answered:
+                self.health.took(perf_counter() - begun)
+
+        return self._endpoints.subscribe(get_message(port.type), port.topic, came)
+
+    def _failed(self, topic: str, error: Exception) -> None:
+        """An observer that fails must not take the others' estimates with it: start again."""
+        self.stream.reset()
+        self.health.failed(topic, where(error))
+        self.get_logger().debug(''.join(format_exception(error)))
+
+    def _look_around(self) -> None:
+        """Ten times a second, by the steady clock: who listens, and how the joints are."""
+        self._endpoints.look()
+        for number, publisher in enumerate(self._wired):
+            if isinstance(publisher, OnDemand):
+                self.stream.wanted[number] = publisher.wanted
+        for notice in self.stream.notices():
+            self.get_logger().warning(notice)
+        self.health.look()
+
+    # Parameters
+
+    def _common(self, values: Values) -> Values:
+        return {name: values[name] for name in self._per_joint}
+
+    def _configuration(self, values: Values, overrides: Mapping[str, Values]) -> Any:
+        stream = self.stream
+        return stream.configure(stream.observer, stream.settings, self._common(values), overrides)
+
+    def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
+        self.stream.check(self._configuration(values, overrides))
+
+    def _apply(self) -> None:
+        self.stream.apply(self._configuration(self._ros.values, self._ros.overrides))
+
+    # Services
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, self.stream.reset()
+        return response
+
+    def _serve(self, action: Action) -> None:
+        def serve(request: Any, response: Any) -> Any:
+            reply = action.call(action.flag and request.data)
+            response.success, response.message = reply.success, printable(reply.message)
+            if reply.parameters:
+                result = self.set_parameters_atomically(
+                    [RosParameter(name, value=value) for name, value in reply.parameters.items()])
+                if not result.successful:
+                    response.success, response.message = False, result.reason
+            return response
+
+        self.create_service(SetBool if action.flag else Trigger, f'~/{action.name}', serve)

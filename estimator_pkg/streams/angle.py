@@ -1,0 +1,392 @@
+"""Single angles: the node `joint_observer`. Joint states, or one number, to velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import observers
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.batch import Estimates
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.raw_angle import RawAngle
+from estimator_pkg.errors import UsageError, UserError, plainly
+from estimator_pkg.messages import trajectory
+from estimator_pkg.messages.block import Block
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.messages.joint_state_block import decode_block, encode_block
+from estimator_pkg.messages.number import decoder as number_decoder
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.parameters import parameter
+from estimator_pkg.streams.answer import ACCELERATION, Answering
+from estimator_pkg.streams.arrays import Estimated, Estimation, Samples, patterns
+from estimator_pkg.streams.contract import (
+    ESTIMATE,
+    PUBLISHER,
+    STDDEV,
+    Answer,
+    Answers,
+    Port,
+    Request,
+    Stream,
+    StreamSettings,
+    Values,
+)
+
+JOINT_STATES = 'joint_states'
+ANGLE = 'angle'
+ANGLE_TYPES = ('Float64', 'Float32', 'Int32', 'Int64', 'UInt16')  # of std_msgs
+NODE_OF = {'angle_and_input': 'adaptive_observer', 'drive': 'pmsm_observer',
+           'mechanical': 'mechanical_observer', 'switched': 'switched_observer'}  # by kind
+
+
+@dataclass(frozen=True)
+class AngleSettings(StreamSettings):
+    """Parameters of the node `joint_observer` apart from those of its observer."""
+
+    observer: str = parameter(
+        'hybrid_angle', unit='', structural=True,
+        description="which observer; 'velocity_estimator list' names them all")
+    joints: tuple[str, ...] | None = parameter(
+        None, unit='', kind=tuple, structural=True,
+        description='names of the joints to estimate; unset: every joint that appears')
+    joints_max: int = parameter(
+        512, unit='', range=(1, 1_000_000), structural=True,
+        description='joints that are kept at most; names that come beyond it get no estimate and '
+                    'are counted. Joints that are named in the parameters do not count')
+    expiry: float = parameter(
+        600.0, unit='s', range=(0.0, 1e9), structural=True,
+        description='without a sample for so long a joint is forgotten, unless the parameters name '
+                    'it; 0: never')
+    input: str = parameter(
+        JOINT_STATES, unit='', choices=(JOINT_STATES, ANGLE), structural=True,
+        description='which topic is read: joint_states (sensor_msgs/JointState) or angle '
+                    '(one number of std_msgs, see angle_type)')
+    angle_type: str = parameter(
+        'Float64', unit='', choices=ANGLE_TYPES, structural=True,
+        description='message type of the topic angle')
+    angle_joint: str = parameter(
+        'joint', unit='', structural=True,
+        description='name under which the joint of the topic angle is published')
+    counts_per_revolution: float = parameter(
+        0.0, unit='counts', range=(0.0, 1e12), structural=True,
+        description='counts of one turn on the topic angle; 0: it carries rad. It also gives the '
+                    'quantum where none is set')
+    angle_offset: float = parameter(
+        0.0, unit='rad', range=(-1e6, 1e6), structural=True,
+        description='added to the angle of the topic angle, after scale and sign')
+    angle_sign: int = parameter(
+        1, unit='', range=(-1, 1), structural=True,
+        description='-1 turns the sense of the topic angle round')
+    stamp_source: str = parameter(
+        'header', unit='', choices=('header', 'publisher'), structural=True,
+        description='time of a JointState: its header stamp, or the time at which its publisher '
+                    'sent it (for drivers that leave the stamp zero)')
+
+    def find_observer(self) -> Observer:
+        """The observer.
+
+        Raises
+        ------
+        UsageError : it needs more than an angle; a sign of 0, an integer angle without counts, an
+            unnamed joint.
+        """
+        if self.angle_sign == 0:
+            raise UsageError("parameter 'angle_sign' must be 1 or -1, not 0")
+        if self.input == ANGLE:
+            if 'Int' in self.angle_type and self.counts_per_revolution <= 0.0:
+                raise UsageError(f"angle_type '{self.angle_type}' carries counts: set "
+                                 "'counts_per_revolution'")
+            if not self.angle_joint:
+                raise UsageError("parameter 'angle_joint' must not be empty")
+            if self.only and self.angle_joint not in self.only:
+                raise UsageError(f"angle_joint '{self.angle_joint}' is not among 'joints'")
+        found = observers.find(self.observer)
+        if found.kind != AngleStream.KIND:
+            hint = f': run the node {NODE_OF[found.kind]}' if found.kind in NODE_OF else ''
+            raise UsageError(f"observer '{found.name}' does not work from an angle alone{hint}")
+        return found
+
+    @property
+    def only(self) -> tuple[str, ...]:
+        """The joints to estimate; empty: all. (An empty text is how YAML writes an empty list.)"""
+        return tuple(name for name in self.joints or () if name)
+
+    @property
+    def raw_angle(self) -> RawAngle:
+        """What turns a number of the topic angle into rad."""
+        return RawAngle(self.counts_per_revolution, self.angle_offset, self.angle_sign)
+
+    def implied(self, common: Values) -> dict[str, Any]:
+        """`common` observer parameters with what the counts imply: the quantum, if it is unset."""
+        values = dict(common)
+        if self.input == ANGLE and not values.get('quantum') and self.counts_per_revolution > 0.0:
+            values['quantum'] = self.raw_angle.quantum
+        return values
+
+
+class Sample(NamedTuple):
+    """One message of the measurement in SI units."""
+
+    stamp_ns: int
+    frame_id: str
+    names: Sequence[str]
+    positions: Sequence[float]
+
+
+class Source(Protocol):
+    """What turns the measurement's messages into samples."""
+
+    type: str
+
+    def sample(self, raw: bytes, publish_ns: int) -> Sample:
+        """One message; raises MalformedMessageError if it is none of the expected type."""
+
+    def samples(self, block: Block) -> tuple[list[Samples], list[int]] | None:
+        """A block of messages, and the rows that are none; None: only one by one."""
+
+
+class JointStates:
+    """Samples from JointStates.
+
+    Parameters
+    ----------
+    by_publisher : time is when a message was published, not its header stamp.
+    """
+
+    type = JOINT_STATE
+
+    def __init__(self, by_publisher: bool = False) -> None:
+        self._by_publisher = by_publisher
+        self._layout = Decoder().layout
+
+    def sample(self, raw: bytes, publish_ns: int) -> Sample:
+        """See `Source`."""
+        layout = self._layout(raw)
+        return Sample(publish_ns if self._by_publisher else layout.stamp_ns(raw), layout.frame_id,
+                      layout.names, layout.numbers(raw, 0))
+
+    def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
+        """See `Source`."""
+        groups, malformed = decode_block(block)
+        return [Samples(group.rows, group.frame_id, group.names,
+                        block.publish_ns[group.rows] if self._by_publisher else group.stamps_ns,
+                        group.arrays[0]) for group in groups], malformed
+
+
+class Numbers:
+    """Samples of one joint from the numbers of std_msgs, stamped when they were published."""
+
+    def __init__(self, kind: str, joint: str, angle: RawAngle) -> None:
+        self.type = f'std_msgs/msg/{kind}'
+        self._number: Callable[[bytes], float] = number_decoder(kind)
+        self._angle = angle.angle
+        self._names = (joint,)
+
+    def sample(self, raw: bytes, publish_ns: int) -> Sample:
+        """See `Source`."""
+        return Sample(publish_ns, '', self._names, (self._angle(self._number(raw)),))
+
+    def samples(self, block: Block) -> None:
+        """See `Source`."""
+
+
+class Field(Protocol):
+    """A number within messages of any type, see `estimator_pkg.bags.field`."""
+
+    is_integer: bool
+    path: str
+    type: str
+
+    def decode_block(self, block: Block) -> tuple[list[Any], list[int]]:
+        """Groups with `rows`, `frame_id`, `stamps_ns` and `values`, and the malformed rows."""
+
+
+class FieldSamples:
+    """Samples of one joint from a number in messages of any type; only in blocks.
+
+    Parameters
+    ----------
+    field : the number. joint : name of the joint. angle : how the number becomes an angle.
+    """
+
+    def __init__(self, field: Field, joint: str, angle: RawAngle) -> None:
+        self.type = field.type
+        self._field, self._names, self._angle = field, (joint,), angle.angle
+
+    def sample(self, raw: bytes, publish_ns: int) -> Sample:
+        """See `Source`."""
+        raise NotImplementedError
+
+    def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
+        """See `Source`; without a header, time is when a message was published."""
+        groups, malformed = self._field.decode_block(block)
+        found = []
+        for group in groups:
+            stamps = group.stamps_ns
+            if stamps is None:
+                stamps = block.publish_ns[group.rows]
+            positions = (np.zeros((len(group.rows), 0)) if group.values is None
+                         else self._angle(group.values)[:, None])
+            found.append(Samples(group.rows, group.frame_id, self._names, stamps, positions))
+        return found, malformed
+
+
+class AngleStream(Stream):
+    """See `Stream`."""
+
+    KIND = 'angle'
+    NODE = 'joint_observer'
+    SETTINGS = AngleSettings
+    SEPARATE = True
+    IN_ARRAYS = True
+    bank: Bank
+    settings: AngleSettings
+
+    def __init__(self, settings: AngleSettings, configuration: Configuration) -> None:
+        observer = configuration.observer
+        accelerates = any(observer.gives_acceleration(configuration.for_joint(joint)[0])
+                          for joint in ('', *configuration.overrides))
+        self.source: Source = (
+            Numbers(settings.angle_type, settings.angle_joint, settings.raw_angle)
+            if settings.input == ANGLE else JointStates(settings.stamp_source == PUBLISHER))
+        super().__init__(
+            settings, observer, Bank(configuration, settings.only),
+            [Port(settings.input, self.source.type, any_number=settings.input == ANGLE)],
+            [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else [])])
+        self.estimation = Estimation(self.bank)
+        self._answering = Answering(self.wanted, 2 if accelerates else None)
+        self._encoders = Encoder(), Encoder()
+
+    @classmethod
+    def configure(cls, observer: Observer, settings: AngleSettings | None, common: Values,
+                  overrides: Mapping[str, Values]) -> Configuration:
+        """See `Stream`."""
+        return Configuration(observer, settings.implied(common) if settings else common, overrides)
+
+    @classmethod
+    def start(cls, settings: AngleSettings, configuration: Configuration) -> AngleStream:
+        """See `Stream`."""
+        stream = cls(settings, configuration)
+        stream.try_gains(configuration)
+        return stream
+
+    # Messages
+
+    def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+        """See `Stream`."""
+        sample = self.source.sample(raw, publish_ns)
+        valid = self.bank.update(sample.stamp_ns, sample.names, sample.positions)
+        self.answered += bool(valid)
+        return (self._answering.joints(sample.stamp_ns, sample.frame_id, valid),)
+
+    def feed_block(self, ports: Sequence[int], block: Block) -> Iterable[Answers] | None:
+        """See `Stream`."""
+        found = self.source.samples(block)
+        if found is None:
+            return None
+        groups, malformed = found
+        self.received[0] += len(block)
+        self.malformed[0] += len(malformed)
+        return self._answers(self.estimation.update(groups, self.history, self.expected))
+
+    def _answers(self, estimated: list[Estimated]) -> Iterator[Answers]:
+        for group in estimated:
+            self.answered += int(np.count_nonzero(group.valid.any(axis=1)))
+            pairs = ((group.position, group.velocity),
+                     (group.position_stddev, group.velocity_stddev))
+            for output, encoder in enumerate(self._encoders):
+                if self.wanted[output]:
+                    for rows, names, joints in _shown(group, group.valid):
+                        yield Answers(output, group.samples.rows[rows], output + 1, encode_block(
+                            encoder, group.samples.stamps_ns[rows], group.samples.frame_id, names,
+                            *(array[rows][:, joints] for array in pairs[output])))
+            if len(self.outputs) > 2 and self.wanted[2]:
+                for rows, names, joints in _shown(group, group.valid
+                                                  & np.isfinite(group.acceleration)):
+                    yield Answers(2, group.samples.rows[rows], 3, trajectory.encode_block(
+                        group.samples.stamps_ns[rows], group.samples.frame_id, names,
+                        *(array[rows][:, joints] for array in (
+                            group.position, group.velocity, group.acceleration))))
+
+    def read_field(self, field: Field) -> None:
+        """See `Stream`."""
+        if field.is_integer and self.settings.counts_per_revolution <= 0.0:
+            raise UsageError(f"'{field.path}' of {self.topics[0]} is a whole number, so it carries "
+                             "counts: set 'counts_per_revolution'")
+        self.source = FieldSamples(field, self.settings.angle_joint, self.settings.raw_angle)
+
+    # Words
+
+    def why(self) -> str:
+        """See `Stream`."""
+        received, topic = self.received[0], self.topics[0]
+        for count, why in ((self.bank.empty, 'has a position there'),
+                           (self.bank.mismatched, 'has as many positions as names')):
+            if count == received:
+                return f'no message of {topic} {why}'
+        return super().why() or 'too few samples: all were needed to begin'
+
+    def finish(self, path: str) -> list[str]:
+        """See `Stream`: the joints that the user named must be there."""
+        seen, topic = self.estimation.seen | set(self.bank.joints), self.topics[0]
+        if not seen:
+            raise UserError(f"topic '{topic}' of {path} names no joint" if self.received[0] else
+                            f"no message of '{topic}' of {path} can be read from the file")
+        there = ', '.join(sorted(seen))
+        missing = [name for name in self.settings.only if name not in seen]
+        if missing and self.settings.input != ANGLE:
+            raise UserError(f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has "
+                            f'{there}')
+        return self._unanswered() + [
+            f"parameters are given for a joint '{name}' that never came; {topic} has {there}"
+            for name in self.bank.configuration.overrides if name not in seen]
+
+    # Bags
+
+    @classmethod
+    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+                  ) -> dict[str, Any]:
+        """See `Stream`."""
+        if request.angle:
+            values['input'] = ANGLE
+            values['angle_type'] = 'Float64'  # whatever it is, the bag says
+        if request.joints:
+            values['joints'] = list(request.joints)
+            if values.get('input') == ANGLE:
+                if len(request.joints) > 1:
+                    raise UsageError('an angle belongs to one joint: give --joint once')
+                values['angle_joint'] = request.joints[0]
+        return values
+
+    def run(self, name: str, stamps_ns: NDArray[np.int64], positions: NDArray[np.float64],
+            fast: bool | None = None) -> tuple[Joint, Estimates] | None:
+        """All samples of one joint at once; None for one that is not to be estimated.
+
+        Parameters
+        ----------
+        stamps_ns, positions : shape (n,) [ns, rad or m]. fast : compile or not; None: where it
+            pays.
+
+        Raises
+        ------
+        UserError : the observer failed, as one of the user's own may.
+        """
+        with plainly(f"observer '{self.observer.name}'"):
+            joint = self.bank.joint(name)
+            if joint is None:
+                return None
+            return joint, joint.run(stamps_ns, positions, fast=fast)
+
+
+def _shown(group: Estimated, shown: NDArray[np.bool_]
+           ) -> Iterator[tuple[NDArray[np.bool_] | slice, list[str], NDArray[np.bool_]]]:
+    """(rows, names, columns) of every set of joints that are shown together."""
+    for rows, joints in patterns(shown):
+        yield rows, [name for name, there in zip(group.samples.names, joints) if there], joints

@@ -1,0 +1,151 @@
+"""Single angles in arrays: many messages at once through guard and observer.
+
+The numbers are the same as message by message, because the driver's functions are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.batch import COMPILE_FROM
+from estimator_pkg.driver.compiled import available
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.observers.contract import VALID
+from estimator_pkg.streams.history import History
+
+
+class Samples(NamedTuple):
+    """Messages that name the same joints.
+
+    rows : shape (n,), which messages of the block these are, ascending.
+    frame_id, names : of all of them.
+    stamps_ns : shape (n,), int64.
+    positions : shape (n, joints) [rad or m]; as many columns as the messages have numbers.
+    """
+
+    rows: NDArray[np.int64]
+    frame_id: str
+    names: tuple[str, ...]
+    stamps_ns: NDArray[np.int64]
+    positions: NDArray[np.float64]
+
+
+class Estimated(NamedTuple):
+    """What became of `Samples`: arrays of shape (n, joints).
+
+    valid : the estimate may be published.
+    position, velocity, acceleration, position_stddev, velocity_stddev : SI.
+    """
+
+    samples: Samples
+    valid: NDArray[np.bool_]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    position_stddev: NDArray[np.float64]
+    velocity_stddev: NDArray[np.float64]
+
+
+class Estimation:
+    """Estimates joints from blocks of samples.
+
+    Parameters
+    ----------
+    bank : the joints.
+    fast : compile or not; None: where it pays.
+
+    Attributes
+    ----------
+    seen : every name that came, selected or not.
+    """
+
+    def __init__(self, bank: Bank, *, fast: bool | None = None) -> None:
+        self.bank = bank
+        self.seen: set[str] = set()
+        self._fast = fast
+
+    def update(self, groups: list[Samples], history: dict[str, History] | None, expected: int = 0
+               ) -> list[Estimated]:
+        """One block of messages in; the estimates of every group, in the same order.
+
+        A group whose messages have another number of positions than of names gives no estimates.
+
+        Parameters
+        ----------
+        history : takes the time by status of each joint.
+        expected : how many messages will come in all; decides whether compiling pays.
+        """
+        width_of_first = len(groups[0].names) if groups else 0
+        if self._fast is None:  # for the whole bag or not at all: speed must not depend on blocks
+            self._fast = available() and expected * max(width_of_first, 1) >= COMPILE_FROM
+        results = []
+        parts: dict[str, list[tuple[int, int]]] = {}
+        for index, group in enumerate(groups):
+            count, width = group.positions.shape
+            self.seen.update(group.names)
+            if width != len(group.names) or not width:
+                if width:
+                    self.bank.mismatched += count
+                else:
+                    self.bank.empty += count
+                group = group._replace(names=(), positions=np.zeros((count, 0)))
+            names = group.names
+            results.append(_room(group))
+            for column, name in enumerate(names):
+                parts.setdefault(name, []).append((index, column))
+        for name, places in parts.items():
+            joint = self.bank.joint(name)
+            if joint is not None:
+                self._run(name, joint, places, results, history)
+        return results
+
+    def _run(self, name: str, joint: Joint, places: list[tuple[int, int]],
+             results: list[Estimated], history: dict[str, History] | None) -> None:
+        """Take one joint through the block, its samples in the order of the messages."""
+        sources = [results[index].samples for index, _ in places]
+        stamps = np.concatenate([source.stamps_ns for source in sources])
+        positions = np.concatenate([source.positions[:, column]
+                                    for source, (_, column) in zip(sources, places)])
+        order = None
+        if len(places) > 1:
+            order = np.argsort(np.concatenate([source.rows for source in sources]), kind='stable')
+            stamps, positions = stamps[order], positions[order]
+        out = joint.run(stamps, positions, fast=self._fast)
+        if history is not None:
+            history.setdefault(name, History()).add(stamps, out.status, out.verdict)
+        columns: tuple[NDArray[Any], ...] = (
+            (out.verdict < DUPLICATE) & np.isin(out.status, VALID), out.position, out.velocity,
+            out.acceleration, out.position_stddev, out.velocity_stddev)
+        if order is not None:
+            back = np.empty_like(order)
+            back[order] = np.arange(len(order))
+            columns = tuple(values[back] for values in columns)
+        start = 0
+        for index, column in places:
+            end = start + len(results[index].samples.rows)
+            for target, values in zip(results[index][1:], columns):
+                target[:, column] = values[start:end]
+            start = end
+
+
+def _room(group: Samples) -> Estimated:
+    shape = group.positions.shape
+    return Estimated(group, np.zeros(shape, bool), *(np.full(shape, np.nan) for _ in range(5)))
+
+
+def patterns(shown: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_] | slice,
+                                                         NDArray[np.bool_]]]:
+    """(rows, joints) of every set of joints that are shown together."""
+    if shown.all():
+        if len(shown):
+            yield slice(None), np.ones(shown.shape[1], bool)
+        return
+    kinds, which = np.unique(shown, axis=0, return_inverse=True)
+    for index, joints in enumerate(kinds):
+        yield which.ravel() == index, joints

@@ -1,0 +1,513 @@
+"""What a node is: messages in, messages out. No ROS, no bags.
+
+A `Stream` takes the bytes of messages on its input ports and returns the bytes of messages on its
+output ports. A node wires the ports to subscriptions and publishers, a replay wires them to the
+topics of a bag; so both give the same bytes. A new family of observers is one file here and one in
+`observers`, each found through its entry point.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import params_file
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.messages import joint_state
+from estimator_pkg.messages.block import Block
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.parameters import Parameter, build, declared
+from estimator_pkg.streams.history import History
+
+TYPICAL_DT = 1e-3   # [s]
+NO_NUMBERS = 'numbers become too large or too small for these gains'
+PUBLISHER = 'publisher'     # of the parameter stamp_source
+WHY_DROPPED = {
+    'duplicate': 'stamps that repeat: the driver publishes faster than it stamps',
+    'late': 'stamps older than the one before: messages overtake each other',
+    'zero_stamp': "no stamp: use 'stamp_source: publisher'",
+    'non_finite': 'NaN or infinite positions',
+    'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
+    'repeated': 'readings that are published again: the sensor is slower than its driver'}
+
+Values = Mapping[str, Any]
+Answer = dict[int, bytes]   # CDR bytes by number of the output
+
+
+class Port(NamedTuple):
+    """An input.
+
+    topic : relative name. type : as in 'sensor_msgs/msg/JointState'. answered : estimates answer
+    its messages. optional : the stream works without it. any_number : a bag's topic may have any
+    type with a number.
+    """
+
+    topic: str
+    type: str
+    answered: bool = True
+    optional: bool = False
+    any_number: bool = False
+
+
+class Output(NamedTuple):
+    """An output below the node's name.
+
+    on_demand : made only while somebody subscribes. latched : late subscribers get the last one.
+    """
+
+    name: str
+    type: str
+    on_demand: bool = False
+    latched: bool = False
+
+
+ESTIMATE = Output('estimate', joint_state.TYPE)
+STDDEV = Output('estimate_stddev', joint_state.TYPE, on_demand=True)
+
+
+class Answers(NamedTuple):
+    """Messages on one output that answer messages of a block.
+
+    output : number of the output. rows : shape (n,), the messages of the block that they answer,
+    ascending. rank : their order among the answers to one message, shape (n,) or one for all;
+    answers // 8 are equal in messages that belong together. raw : shape (n, bytes).
+    """
+
+    output: int
+    rows: NDArray[np.int64]
+    rank: NDArray[np.int64] | int
+    raw: NDArray[np.uint8]
+
+
+class Reply(NamedTuple):
+    """What an action answers; `parameters` are to be set, and may be refused."""
+
+    success: bool
+    message: str
+    parameters: Mapping[str, Any] = {}
+
+
+class Action(NamedTuple):
+    """A service below the node's name: std_srvs/SetBool if it takes a flag, else Trigger."""
+
+    name: str
+    flag: bool
+    call: Callable[[bool], Reply]
+
+
+class Request(NamedTuple):
+    """What a user says of a bag's topics, apart from parameters; empty: as usual.
+
+    measurement : topic. angle : ``TOPIC:FIELD``. joints : names.
+    """
+
+    measurement: str | None = None
+    angle: str | None = None
+    joints: tuple[str, ...] = ()
+
+
+class Joints(Protocol):
+    """What a stream keeps its joints in.
+
+    Attributes
+    ----------
+    configuration : gains and settings of joints, as they are set now.
+    only : names of the joints to estimate; empty: every joint that appears.
+    mismatched, empty : messages whose arrays did not fit, and without a position.
+    refused, expired : samples of names beyond the most that are kept; joints that were forgotten.
+    """
+
+    configuration: Any
+    only: frozenset[str]
+    mismatched: int
+    empty: int
+    refused: int
+    expired: int
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """The joints (or mechanisms) by name."""
+
+    def touched(self) -> Iterable[str]:
+        """The joints that may have had a sample since this was called last."""
+
+    def rehearse(self) -> None:
+        """Let what a first sample needs be made before it comes."""
+
+    def why_silent(self, name: str) -> str:
+        """Why a joint may have no usable sample, where that can be known; else ''."""
+
+
+class StreamSettings:
+    """Base of the dataclasses that declare the parameters of a node as a whole."""
+
+    observer: str
+
+    def find_observer(self) -> Observer:
+        """The observer; raises UsageError if the settings do not go together."""
+        raise NotImplementedError
+
+
+class Stream(ABC):
+    """From the messages of one family's inputs to the messages that answer them.
+
+    Parameters
+    ----------
+    settings : an instance of `SETTINGS`.
+    observer : of kind `KIND`.
+    bank : the joints.
+    inputs, outputs : the ports; the first input is the measurement, the first two outputs are
+        `ESTIMATE` and `STDDEV`.
+
+    Attributes
+    ----------
+    KIND : kind of the family's observers. NODE : name of its node.
+    SETTINGS, PER_JOINT : declare the parameters of the node and of each joint.
+    OVERRIDES : joints have parameters of their own.
+    WRAPS : joints take `wrap_period`.
+    SEPARATE : each joint may be estimated without the others.
+    IN_ARRAYS : `run` takes all samples of a joint at once.
+    USUAL : topics of a bag that the family may read.
+    KEPT, MISMATCH, NO_STAMP, WRONG : words for people: what a joint is called, why messages are
+        mismatched, what helps where they have no stamps, and what other counters mean.
+    wanted : whether each output is to be made.
+    received, malformed : messages by port. answered : messages answered with an estimate.
+    complaint : (topic, what was wrong) of the newest malformed message.
+    topics : names of the topics by port, as wired; '' where none is.
+    history : time by status of each joint, if it is to be kept; else None.
+    expected : how many messages of the measurement will come; 0: unknown.
+    """
+
+    KIND: ClassVar[str]
+    NODE: ClassVar[str]
+    SETTINGS: ClassVar[type[StreamSettings]]
+    PER_JOINT: ClassVar[type[JointSettings]] = JointSettings
+    OVERRIDES: ClassVar[bool] = True
+    WRAPS: ClassVar[bool] = True
+    SEPARATE: ClassVar[bool] = False
+    IN_ARRAYS: ClassVar[bool] = False
+    USUAL: ClassVar[tuple[str, ...]] = ('/joint_states',)
+    KEPT: ClassVar[str] = 'joint'
+    MISMATCH: ClassVar[str] = 'their names and positions differ in number'
+    NO_STAMP: ClassVar[str] = "start the node with 'stamp_source: publisher'"
+    WRONG: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, settings: Any, observer: Observer, bank: Any, inputs: Sequence[Port],
+                 outputs: Sequence[Output] = (ESTIMATE, STDDEV)) -> None:
+        self.settings, self.observer, self.bank = settings, observer, bank
+        self.inputs, self.outputs = tuple(inputs), tuple(outputs)
+        self.wanted = [True] * len(self.outputs)
+        self.received, self.malformed = [0] * len(self.inputs), [0] * len(self.inputs)
+        self.answered = 0
+        self.complaint = ('', '')
+        self.topics = [f'/{port.topic}' for port in self.inputs]
+        self.history: dict[str, History] | None = None
+        self.expected = 0
+
+    # Making one
+
+    @classmethod
+    def parameters(cls, observer: str | Observer) -> dict[str, Parameter]:
+        """What can be set apart from `SETTINGS`, by name: gains first; raises UsageError."""
+        return cls.configure(_found(observer), None, {}, {}).parameters()
+
+    @classmethod
+    def configure(cls, observer: Observer, settings: Any, common: Values,
+                  overrides: Mapping[str, Values]) -> Configuration:
+        """Gains and settings per joint; raises UsageError for a wrong one."""
+        return Configuration(observer, common, overrides)
+
+    @classmethod
+    @abstractmethod
+    def start(cls, settings: Any, configuration: Any) -> Stream:
+        """A stream; raises UserError if something is wrong that no range can say."""
+
+    @classmethod
+    def of(cls, values: Values) -> Stream:
+        """A stream with these parameters by name.
+
+        Raises
+        ------
+        UserError, UsageError : an unknown name, a wrong value, a model that cannot be used.
+        """
+        common, overrides = params_file.split(values)
+        of_node = {name: common.pop(name) for name in declared(cls.SETTINGS) if name in common}
+        settings = build(cls.SETTINGS, of_node)
+        observer = settings.find_observer()
+        common.pop('observer', None)    # of a node that has but one
+        known = cls.parameters(observer)
+        for name in common:
+            if name not in known:
+                raise UsageError(f"unknown parameter '{name}': "
+                                 f'{suggestion(name, {**known, **declared(cls.SETTINGS)})}')
+        if overrides and not cls.OVERRIDES:
+            raise UsageError(f"'joints.<joint>.<parameter>': {cls.NODE} has one set of parameters")
+        return cls.start(settings, cls.configure(observer, settings, common, overrides))
+
+    # Messages
+
+    def feed(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+        """The answers to one message.
+
+        Parameters
+        ----------
+        port : number of the input. raw : CDR bytes. publish_ns : when it was published [ns].
+        """
+        self.received[port] += 1
+        try:
+            answers = self.take(port, raw, publish_ns)
+        except MalformedMessageError as error:
+            self.malformed[port] += 1
+            self.complaint = self.topics[port], str(error)
+            return ()
+        if self.history is not None:
+            self._note(self.history)
+        return answers
+
+    @abstractmethod
+    def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+        """As `feed`; raises MalformedMessageError if the bytes are no message of the port."""
+
+    def feed_block(self, ports: Sequence[int], block: Block) -> Iterable[Answers] | None:
+        """As `feed` for a block of messages in arrays; None where the family has no such way.
+
+        Parameters
+        ----------
+        ports : by number of the block's topic.
+        """
+        return None
+
+    def read_field(self, field: Any) -> None:
+        """Take the measurement from a number in messages of any type.
+
+        Parameters
+        ----------
+        field : see `estimator_pkg.streams.angle.Field`.
+
+        Raises
+        ------
+        UsageError : the family needs more than a number, or the number cannot be used.
+        """
+        raise UsageError(f'--angle is for observers of single angles; {self.NODE} needs more')
+
+    def _note(self, history: dict[str, History]) -> None:
+        for name, joint in self.bank.joints.items():
+            if name not in history:
+                history[name] = History()
+            history[name].note(joint)
+
+    # Parameters
+
+    def check(self, configuration: Any) -> None:
+        """Refuse gains that do not work at the rates measured so far and from where joints are.
+
+        Raises
+        ------
+        UsageError : which gain, of which joint, and why.
+        """
+        try:
+            self.try_gains(configuration)
+            for name, joint in self.bank.joints.items():
+                functions = self._build(configuration, name)
+                if configuration.for_joint(name)[0] != joint.gains:
+                    self._check_change(name, joint, functions)
+        except (ArithmeticError, ValueError) as error:
+            raise UsageError(f'{NO_NUMBERS} ({error})') from error
+
+    def try_gains(self, configuration: Any) -> None:
+        """Raise UsageError for gains that do not work, of joints that have not appeared, too."""
+        for name in ('', *configuration.overrides):
+            self._build(configuration, name)
+
+    def _build(self, configuration: Any, joint: str) -> Any:
+        """The observer's functions for this joint ('': for one without override)."""
+        gains, settings = configuration.for_joint(joint)
+        functions = self.observer.build(gains, Circle(settings.wrap_period, settings.unwrap))
+        functions.prepare(functions.design(), TYPICAL_DT)  # raises, where there are no numbers
+        return functions
+
+    def _check_change(self, name: str, joint: Joint, functions: Any) -> None:
+        why = functions.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
+        if not why and not joint.goes_on_with(functions):
+            why = 'the state cannot be kept with this: set it before the node starts'
+        if why:
+            raise UsageError(f'{self._called(name)}: {why}')
+
+    def _called(self, name: str) -> str:
+        """A joint in words; '' stands for what is common to all."""
+        return f"{self.KEPT} '{name}'" if name else self.observer.name
+
+    def apply(self, configuration: Any) -> None:
+        """Use these gains and settings from the next sample on; every joint keeps its state."""
+        self.bank.configuration = configuration
+        for name, joint in self.bank.joints.items():
+            gains, settings = configuration.for_joint(name)
+            if settings != joint.settings:
+                joint.set_settings(settings)
+            if gains != joint.gains:
+                joint.set_gains(gains)
+                self._gains_changed(name)
+
+    def _gains_changed(self, name: str) -> None:
+        """A joint has other gains from the next sample on."""
+
+    # Live alone
+
+    def go_live(self) -> None:
+        """Bound what is kept, and make what a first sample needs before it comes."""
+        most = getattr(self.settings, 'joints_max', None)
+        if most is not None:
+            self.bank.most = most
+        with suppress(Exception):   # of a user's model: reported when a message meets it
+            self.bank.rehearse()
+
+    def expire(self, names: Sequence[str]) -> bool:
+        """Forget these joints, which have had no sample for `expiry`; whether that was possible."""
+        for name in names:
+            self.bank.forget(name)
+        return True
+
+    # Actions
+
+    def reset(self) -> str:
+        """Let every joint start again; what did, in words."""
+        for joint in self.bank.joints.values():
+            joint.reset()
+        return f'{len(self.bank.joints)} {self.KEPT}s start again'
+
+    def actions(self) -> Sequence[Action]:
+        """Services apart from ~/reset."""
+        return ()
+
+    # Words and counters
+
+    def notices(self) -> list[str]:
+        """What a person should be told once, since the last call."""
+        return []
+
+    def describe(self) -> str:
+        """What is estimated, in words."""
+        return ', '.join(sorted(self.bank.only)) or f'every {self.KEPT}'
+
+    def about(self, name: str) -> Mapping[str, Any]:
+        """What the status of a joint says apart from what every joint's does."""
+        return {}
+
+    def always_awake(self, name: str) -> bool:
+        """True while silence of a joint has a reason that its own status names."""
+        return False
+
+    def why_silent(self, name: str) -> str:
+        """Why a joint may have no usable sample, where that can be known; else ''."""
+        return self.bank.why_silent(name)
+
+    def unused(self) -> dict[str, int]:
+        """Messages of the measurement that were not used, by kind, apart from malformed ones."""
+        return {'empty': self.bank.empty, 'mismatched': self.bank.mismatched}
+
+    def messages(self) -> dict[str, Any]:
+        """How many messages were 'received', 'used', 'dropped' by kind, and answered."""
+        answered = [number for number, port in enumerate(self.inputs) if port.answered]
+        received = sum(self.received[number] for number in answered)
+        malformed = sum(self.malformed[number] for number in answered)
+        unused = {**self.unused(), 'malformed': malformed}
+        counts = {'received': received, 'used': received - sum(unused.values()),
+                  'dropped': {kind: count for kind, count in unused.items() if count},
+                  'estimates': self.answered}
+        if len(answered) < len(self.inputs):
+            counts['inputs_malformed'] = sum(self.malformed) - malformed
+        return counts
+
+    def names_of(self, name: str) -> tuple[str, ...]:
+        """Names of a joint's (or mechanism's) joints in the estimates."""
+        return (name,)
+
+    def why(self) -> str:
+        """What a person should know where there are no estimates."""
+        said = (self._why_of(name, joint) for name, joint in self.bank.joints.items())
+        return '; '.join(dict.fromkeys(filter(None, said)))
+
+    def _why_of(self, name: str, joint: Joint) -> str:
+        for kind, count in joint.dropped().items():
+            if count == joint.received:
+                return (f'every sample of {", ".join(self.names_of(name))} was dropped: '
+                        f'{WHY_DROPPED[kind]}')
+        return joint.why()
+
+    def summary(self) -> dict[str, Any]:
+        """What happened to every message and every sample."""
+        return {'messages': self.messages(),
+                'joints': {name: self._summary_of(name, joint)
+                           for name, joint in self.bank.joints.items()}}
+
+    def _summary_of(self, name: str, joint: Joint) -> dict[str, Any]:
+        history = (self.history or {}).get(name)
+        return {**counts_of(joint), 'events': joint.events(),
+                'status_s': dict(history.seconds()) if history else {},
+                'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else None,
+                'why': joint.why()}
+
+    def end(self, path: str) -> list[str]:
+        """As `finish`; raises UserError also where no message of one topic can be read."""
+        for topic, count, malformed in zip(self.topics, self.received, self.malformed):
+            if count and count == malformed:
+                raise UserError(f"no message of '{topic}' of {path} can be read: all {count} are "
+                                f'malformed: {self.complaint[1]}')
+        return self.finish(path)
+
+    def finish(self, path: str) -> list[str]:
+        """Once at the end of a bag: warnings.
+
+        Raises
+        ------
+        UserError : what was requested never came in the bag `path`.
+        """
+        return self._unanswered()
+
+    def _unanswered(self) -> list[str]:
+        if self.answered:
+            return []
+        why = self.why()
+        return [f'no estimate was given{f": {why}" if why else ""}']
+
+    # Bags
+
+    @classmethod
+    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+                  ) -> dict[str, Any]:
+        """Parameters with what a user requested of a bag.
+
+        Parameters
+        ----------
+        has : whether a topic of the bag holds messages.
+
+        Raises
+        ------
+        UsageError : the request makes no sense for this family.
+        """
+        return values
+
+    @classmethod
+    def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
+        """True if a bag can be for nothing else; `joints`: it holds measured joint states."""
+        return False
+
+
+def _found(observer: str | Observer) -> Observer:
+    from estimator_pkg import observers
+
+    return observers.find(observer) if isinstance(observer, str) else observer
+
+
+def counts_of(joint: Joint) -> dict[str, Any]:
+    """A joint's samples: received, used, dropped by kind."""
+    return {'received': joint.received, 'used': joint.used, 'dropped': joint.dropped()}

@@ -1,0 +1,318 @@
+"""Drives without an encoder: the node `pmsm_observer`. Currents and voltages to speed and flux."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimator_pkg import observers
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.drive import DriveEstimates
+from estimator_pkg.driver.drive_joint import DriveJoint
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases, Vector
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages import drive_samples, vector3
+from estimator_pkg.observers.contract import VALID, Observer
+from estimator_pkg.parameters import parameter
+from estimator_pkg.streams.answer import Answering
+from estimator_pkg.streams.contract import (
+    ESTIMATE,
+    STDDEV,
+    Answer,
+    Output,
+    Port,
+    Request,
+    Stream,
+    StreamSettings,
+)
+from estimator_pkg.streams.history import History
+
+DRIVE_SAMPLES, CURRENT_VOLTAGE = 'drive_samples', 'current_voltage'
+ALPHA_BETA, ABC = 'alpha_beta', 'abc'
+ELECTRICAL = '_electrical'  # follows the joint's name
+FLUX = Output('flux_linkage', vector3.TYPE, on_demand=True)
+SAMPLES = Output('estimate_samples', drive_samples.TYPE)
+PORTS = {DRIVE_SAMPLES: (Port('drive_samples', drive_samples.TYPE),),
+         CURRENT_VOLTAGE: (Port('current', vector3.TYPE), Port('voltage', vector3.TYPE))}
+
+
+@dataclass(frozen=True)
+class DriveSettings(StreamSettings):
+    """Parameters of the node `pmsm_observer` apart from those of its observer."""
+
+    observer: str = parameter(
+        'pmsm', unit='', structural=True, description='which observer of a drive')
+    joint: str = parameter(
+        'motor', unit='', structural=True,
+        description='name of the joint: mechanical speed and relative position are published under '
+                    'it, electrical ones under this and _electrical')
+    input: str = parameter(
+        DRIVE_SAMPLES, unit='', choices=(DRIVE_SAMPLES, CURRENT_VOLTAGE), structural=True,
+        description='what is read: batches (drive_samples, std_msgs/Float64MultiArray), or the '
+                    'topics current and voltage (geometry_msgs/Vector3Stamped) paired by stamp')
+    sample_period: float = parameter(
+        0.0, unit='s', range=(0.0, 0.1), structural=True,
+        description='time between two rows of a batch; stamps that do not fit are refused. 0: as '
+                    'the stamps say')
+    frame: str = parameter(
+        ALPHA_BETA, unit='', choices=(ALPHA_BETA, ABC), structural=True,
+        description='current and voltage: x alpha and y beta; or x, y, z the phases a, b, c of a '
+                    'star without neutral')
+    pair_tolerance: float = parameter(
+        2e-5, unit='s', range=(0.0, 1.0), structural=True,
+        description='stamps of current and voltage that belong together differ by at most this')
+    sum_tolerance: float = parameter(
+        0.1, unit='', range=(0.0, 10.0), structural=True,
+        description='phase currents may sum to this part of the largest one of late; beyond it '
+                    'they are not used')
+    compile: bool = parameter(
+        True, unit='', structural=True,
+        description='drive_samples: compile the observer at start where the extra fast is '
+                    'installed (takes seconds once; then a tenth of the time per sample)')
+
+    def find_observer(self) -> Observer:
+        """The observer; raises UsageError if it is not a drive observer, or without a joint."""
+        if not self.joint:
+            raise UsageError("parameter 'joint' must not be empty")
+        found = observers.find(self.observer)
+        if found.kind != DriveStream.KIND:
+            raise UsageError(f"observer '{found.name}' does not work from currents and voltages")
+        return found
+
+
+class Motor:
+    """The one joint of a drive, as streams keep joints."""
+
+    only: frozenset[str] = frozenset()
+    mismatched = refused = expired = 0
+
+    def __init__(self, name: str, joint: DriveJoint, configuration: Configuration) -> None:
+        self.joints: Mapping[str, Joint] = {name: joint}
+        self._joint = joint
+        self.configuration = configuration
+        self.empty = 0      # batches without a row
+
+    def touched(self) -> tuple[str, ...]:
+        """The joint."""
+        return tuple(self.joints)
+
+    def rehearse(self) -> None:
+        """Let what a first sample needs be made before it comes."""
+        self._joint.warm_up()
+        if not self._joint.fast:
+            self._joint.rehearse()
+
+    def why_silent(self, name: str) -> str:
+        """Unknown here."""
+        return ''
+
+
+class DriveStream(Stream):
+    """See `Stream`.
+
+    Attributes
+    ----------
+    joint : the motor. names : of its mechanical and its electrical joint.
+    """
+
+    KIND = 'drive'
+    NODE = 'pmsm_observer'
+    SETTINGS = DriveSettings
+    OVERRIDES = False
+    WRAPS = False
+    USUAL: ClassVar[tuple[str, ...]] = ('/drive_samples', '/current', '/voltage')
+    NO_STAMP = 'every sample needs its own'
+    WRONG: ClassVar[Mapping[str, str]] = {
+        'messages_dropped.unpaired': 'currents or voltages without their partner',
+        'messages_dropped.unbalanced': 'currents whose phases do not sum to zero'}
+    settings: DriveSettings
+    bank: Motor
+
+    def __init__(self, settings: DriveSettings, configuration: Configuration) -> None:
+        batches = settings.input == DRIVE_SAMPLES
+        gains, of_joint = configuration.for_joint(settings.joint)
+        self.joint = DriveJoint(configuration.observer, gains, of_joint,
+                                sample_period=settings.sample_period,
+                                fast=settings.compile and batches)
+        self.phases = Phases(settings.sum_tolerance) if settings.frame == ABC and not batches \
+            else None
+        self.pairs = Pairs(round(settings.pair_tolerance * 1e9))
+        self.names = (settings.joint, settings.joint + ELECTRICAL)
+        super().__init__(settings, configuration.observer,
+                         Motor(settings.joint, self.joint, configuration), PORTS[settings.input],
+                         [ESTIMATE, STDDEV, FLUX, *([SAMPLES] if batches else [])])
+        self._encoded = Answering(self.wanted)
+
+    @classmethod
+    def start(cls, settings: DriveSettings, configuration: Configuration) -> DriveStream:
+        """See `Stream`; the observer is compiled before samples wait for it."""
+        stream = cls(settings, configuration)
+        stream.try_gains(configuration)
+        stream.joint.warm_up()
+        return stream
+
+    # Messages
+
+    def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+        """See `Stream`."""
+        if self.settings.input == DRIVE_SAMPLES:
+            return (self._batch(raw),)
+        return self._vector((CURRENT, VOLTAGE)[port], raw)
+
+    def _batch(self, raw: bytes) -> Answer:
+        """The answer to a batch of samples; the newest estimate first: a controller may wait."""
+        batch = drive_samples.decode(raw)
+        stamps, samples = batch
+        if not len(stamps):
+            self.bank.empty += 1
+            return self._answer(0, '', False)
+        out = self.joint.take(stamps, samples)
+        rows = out.rows[:, :4]
+        rows[np.isnan(rows[:, 3]), 3] = 0.0
+        used = self._used(stamps, out)
+        answer = self._answer(self.joint.stamp_ns if used else int(stamps[-1]), '', used)
+        if self.wanted[3]:
+            answer[3] = drive_samples.encode(stamps, rows)
+        return answer
+
+    def _vector(self, kind: int, raw: bytes) -> list[Answer]:
+        """The answers that a current [A] or a voltage [V] completes."""
+        message = vector3.decode(raw)
+        vector: Vector | None = message.x, message.y
+        if self.phases is not None:
+            turn = self.phases.current if kind == CURRENT else self.phases.voltage
+            vector = turn(message.x, message.y, message.z)
+        if vector is None:
+            return []
+        answers = []
+        for pair in self.pairs.put(kind, message.stamp_ns, vector):
+            stamps = np.array([pair.stamp_ns])
+            out = self.joint.take(stamps, np.array([pair.sample]))
+            answers.append(self._answer(pair.stamp_ns, message.frame_id,
+                                        self._used(stamps, out)))
+        return answers
+
+    def _used(self, stamps: Any, out: DriveEstimates) -> bool:
+        """True if any sample was used; counts the time by status."""
+        if self.history is not None:
+            self.history.setdefault(self.names[0], History()).add(stamps, out.status, out.verdict)
+        return bool((out.verdict < DUPLICATE).any())
+
+    def _answer(self, stamp_ns: int, frame_id: str, used: bool) -> Answer:
+        """The messages for the newest estimate; without a joint where it is not valid."""
+        joint = self.joint
+        position, velocity, _, status = joint.estimate()
+        names: tuple[str, ...] = ()
+        estimates: list[tuple[float, float]] = []
+        if used and status in VALID:
+            names = self.names
+            estimates = [(position, velocity), joint.electrical()[:2]]
+            self.answered += 1
+        answer = self._encoded(stamp_ns, frame_id, names, estimates, lambda: [
+            joint.stddev(), joint.electrical_stddev()[:2]] if names else [])
+        if self.wanted[2]:
+            linkage = deviation = math.nan
+            if used and not joint.misfit:
+                linkage, deviation = joint.electrical()[2], joint.electrical_stddev()[2]
+            answer[2] = vector3.encode(stamp_ns, frame_id, linkage, deviation)
+        return answer
+
+    def _note(self, history: dict[str, History]) -> None:
+        """See `_used`: a message holds many samples."""
+
+    def _gains_changed(self, name: str) -> None:
+        self.joint.warm_up()
+
+    # Words
+
+    def reset(self) -> str:
+        """See `Stream`."""
+        super().reset()
+        return f'{self.names[0]} starts again'
+
+    def describe(self) -> str:
+        """See `Stream`."""
+        return f"'{self.names[0]}'{' (compiled)' if self.joint.fast else ''}"
+
+    def names_of(self, name: str) -> tuple[str, ...]:
+        """See `Stream`."""
+        return self.names
+
+    def always_awake(self, name: str) -> bool:
+        """See `Stream`: stamps that do not fit the sample period are why no sample is used."""
+        return bool(self.joint.misfit)
+
+    def unused(self) -> dict[str, int]:
+        """See `Stream`."""
+        return {'empty': self.bank.empty, 'unpaired': self.pairs.unpaired,
+                'unbalanced': self.phases.unbalanced if self.phases is not None else 0}
+
+    def why_silent(self, name: str = '') -> str:
+        """See `Stream`."""
+        pairs, received, malformed = self.pairs, sum(self.received), sum(self.malformed)
+        if malformed and malformed == received:
+            return f'every message is malformed: {self.complaint[1]}'
+        unbalanced = self._why_unbalanced()
+        if unbalanced:
+            return unbalanced
+        if pairs.apart_ns is not None:
+            return (f'currents and voltages do not pair: their stamps are {pairs.apart_ns * 1e-9:g}'
+                    ' s apart at best (pair_tolerance)')
+        if received and not pairs.paired and not self.joint.received and not malformed:
+            return 'only one of currents and voltages comes'
+        return ''
+
+    def _why_unbalanced(self) -> str:
+        """That most currents are no three phases without a neutral; '' where they are."""
+        phases = self.phases
+        if phases is None or phases.unbalanced <= self.pairs.paired:
+            return ''
+        return (f'the phase currents do not sum to zero (up to {100.0 * phases.worst:.0f} % of the '
+                'largest): a neutral, or not three phases?')
+
+    def why(self) -> str:
+        """See `Stream`."""
+        return super().why() or self.why_silent()
+
+    def _summary_of(self, name: str, joint: Joint) -> dict[str, Any]:
+        found = super()._summary_of(name, joint)
+        found['why'] = (self._why_unbalanced() or found['why']
+                        or ('' if found['used'] else self.why_silent()))
+        return found
+
+    def finish(self, path: str) -> list[str]:
+        """See `Stream`."""
+        if not sum(self.received):
+            raise UserError(f'{path} has no messages on {" and ".join(self.topics)}')
+        return []
+
+    # Bags
+
+    @classmethod
+    def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
+        """See `Stream`."""
+        return not joints and any(all(has(f'/{port.topic}') for port in ports)
+                                  for ports in PORTS.values())
+
+    @classmethod
+    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+                  ) -> dict[str, Any]:
+        """See `Stream`."""
+        if request.angle:
+            raise UsageError('--angle is not for drives')
+        if request.joints:
+            if len(request.joints) > 1:
+                raise UsageError('a drive has one joint: give --joint once')
+            values['joint'] = request.joints[0]
+        if 'input' not in values and not request.measurement:
+            batches, *_ = PORTS[DRIVE_SAMPLES]
+            if not has(f'/{batches.topic}') and all(
+                    has(f'/{port.topic}') for port in PORTS[CURRENT_VOLTAGE]):
+                values['input'] = CURRENT_VOLTAGE
+        return values

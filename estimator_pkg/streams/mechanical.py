@@ -1,0 +1,147 @@
+"""Mechanisms with a model: the node `mechanical_observer`. Positions and inputs to velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg import observers
+from estimator_pkg.driver.mechanism import (
+    MechanismBank,
+    MechanismConfiguration,
+    MechanismSettings,
+    check_names,
+)
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages import diagnostics
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.mechanical_gains import in_words
+from estimator_pkg.parameters import parameter
+from estimator_pkg.streams.contract import Answer, Output, Request, Values
+from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
+
+GAINS = Output('gains', diagnostics.TYPE, latched=True)
+
+
+@dataclass(frozen=True)
+class MechanicalSettings(EffortSettings):
+    """Parameters of the node `mechanical_observer` apart from those of its observer."""
+
+    observer: str = parameter(
+        'geso', unit='', structural=True, description='geso, hgo, ehgo or smo')
+    mechanisms: tuple[str, ...] = parameter(
+        ('mechanism',), unit='', structural=True,
+        description='a name for each mechanism; joints.<mechanism>.<parameter> sets a parameter of '
+                    'one of them')
+
+    def find_observer(self) -> Observer:
+        """The observer; raises UsageError if it does not use a mechanism model."""
+        found = observers.find(self.observer)
+        if found.kind != MechanicalStream.KIND:
+            raise UsageError(f"observer '{found.name}' does not use a mechanism model: take geso, "
+                             'hgo, ehgo or smo')
+        return found
+
+
+class MechanicalStream(DrivenStream):
+    """See `Stream`; ``bank.joints`` are mechanisms."""
+
+    KIND = 'mechanical'
+    NODE = 'mechanical_observer'
+    SETTINGS = MechanicalSettings
+    PER_JOINT = MechanismSettings
+    WRAPS = False   # a model says which of its positions are angles
+    KEPT = 'mechanism'
+    bank: MechanismBank
+    settings: MechanicalSettings
+
+    def __init__(self, settings: MechanicalSettings, configuration: MechanismConfiguration
+                 ) -> None:
+        bank = MechanismBank(configuration, settings.mechanisms, settings.input)
+        super().__init__(settings, configuration.observer, bank, bank.orders, outputs=[GAINS])
+        self._meaning: dict[str, dict[str, str]] = {}   # of the gains, by mechanism
+        self._unexplained = set(bank.joints)
+        self._due = False   # ~/gains has something new to say
+
+    @classmethod
+    def configure(cls, observer: Observer, settings: Any, common: Values,
+                  overrides: Mapping[str, Values]) -> MechanismConfiguration:
+        """See `Stream`."""
+        return MechanismConfiguration(observer, common, overrides)
+
+    @classmethod
+    def start(cls, settings: MechanicalSettings, configuration: MechanismConfiguration
+              ) -> MechanicalStream:
+        """See `Stream`."""
+        return cls(settings, configuration)
+
+    def try_gains(self, configuration: MechanismConfiguration) -> None:
+        """See `Stream`: all mechanisms are known, and what is common need not suit any of them."""
+        check_names(configuration, self.settings.mechanisms)
+
+    def answer(self, sample: Sample) -> Answer:
+        """See `DrivenStream`."""
+        valid = self.bank.update(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
+        self.answered += bool(valid)
+        names = [each.name for each in valid]
+        answer = self._encoded(sample.stamp_ns, sample.frame_id, names,
+                               [(each.position, each.velocity) for each in valid],
+                               lambda: self.bank.stddevs(names))
+        self._explain()
+        if self._due:
+            self._due = False
+            answer[2] = diagnostics.encode(sample.stamp_ns, [
+                diagnostics.Status(True, name, self.observer.name, words)
+                for name, words in self._meaning.items()])
+        return answer
+
+    def _explain(self) -> None:
+        """Put into words what gains mean at the measured rate, where that is not done yet."""
+        if not self._unexplained:
+            return
+        new = [name for name in self._unexplained if self.bank.joints[name].mean_dt > 0.0]
+        for name in new:
+            mechanism = self.bank.joints[name]
+            self._meaning[name] = in_words(mechanism.functions.describe(mechanism.mean_dt))
+        self._unexplained.difference_update(new)
+        self._due = self._due or bool(new)
+
+    def _gains_changed(self, name: str) -> None:
+        self._unexplained.add(name)
+
+    def describe(self) -> str:
+        """See `Stream`."""
+        return ', '.join(joint for mechanism in self.bank.joints.values()
+                         for joint in mechanism.names)
+
+    def about(self, name: str) -> Mapping[str, Any]:
+        """See `Stream`: stamps that lacked a joint, and what the gains mean, too."""
+        self._explain()
+        return {**super().about(name), 'incomplete': self.bank.joints[name].incomplete,
+                **self._meaning.get(name, {})}
+
+    def names_of(self, name: str) -> tuple[str, ...]:
+        """See `Stream`."""
+        return self.bank.joints[name].names
+
+    def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
+        return {**super()._summary_of(name, joint), 'incomplete': joint.incomplete}
+
+    def finish(self, path: str) -> list[str]:
+        """See `Stream`: a mechanism that never became complete is a mistake in the names."""
+        for mechanism in self.bank.joints.values():
+            if mechanism.received == 0:
+                raise UserError(f"topic '{self.topics[0]}' of {path} never has all joints of "
+                                f"mechanism '{mechanism.name}' ({', '.join(mechanism.names)}): "
+                                "name them with the parameter 'joints'")
+        return self._unanswered()
+
+    @classmethod
+    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+                  ) -> dict[str, Any]:
+        """See `Stream`."""
+        if request.angle or request.joints:
+            raise UsageError('--angle and --joint are for observers of single angles: name the '
+                             "joints of a mechanism with --set 'joints=[...]'")
+        return values

@@ -1,0 +1,153 @@
+"""Systems that known events switch: the node `switched_observer`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import DrivenSettings
+from estimator_pkg.driver.switched_joint import REFUSED, SwitchedBank, SwitchedJoint
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.models.switched import SwitchedModel, load
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.switched import OBSERVER
+from estimator_pkg.parameters import parameter
+from estimator_pkg.streams.answer import ACCELERATION
+from estimator_pkg.streams.contract import Answer, Output, Port, Request
+from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
+
+EVENTS = Port('switch_event', JOINT_STATE, answered=False, optional=True)
+DISCRETE = Output('discrete_state', JOINT_STATE)
+
+
+@dataclass(frozen=True)
+class SwitchedSettings(EffortSettings):
+    """Parameters of the node `switched_observer` apart from those of its observer."""
+
+    joints: tuple[str, ...] | None = parameter(
+        None, unit='', kind=tuple, structural=True,
+        description="names of the joints in the topic, in the order of the model's outputs; unset: "
+                    "the model's own names")
+
+    def find_observer(self) -> Observer:
+        """The observer."""
+        return OBSERVER
+
+    def names(self, model: SwitchedModel) -> tuple[str, ...]:
+        """The joints; raises UsageError if they are not as many as the model's outputs."""
+        names = tuple(name for name in self.joints or () if name) or model.joints
+        if len(names) != len(model.joints) or len(set(names)) < len(names):
+            raise UsageError(f"parameter 'joints' must name the model's {len(model.joints)} "
+                             f'output{"" if len(model.joints) == 1 else "s"}, each once, not '
+                             f'{", ".join(names)}')
+        return names
+
+
+class SwitchedStream(DrivenStream):
+    """See `Stream`; ``bank.system`` is the joints of the system as one."""
+
+    KIND = 'switched'
+    NODE = 'switched_observer'
+    SETTINGS = SwitchedSettings
+    PER_JOINT = DrivenSettings
+    OVERRIDES = False
+    USUAL: ClassVar[tuple[str, ...]] = ('/joint_states', '/switch_event', '/effort_command')
+    bank: SwitchedBank
+    settings: SwitchedSettings
+
+    def __init__(self, settings: SwitchedSettings, configuration: Configuration) -> None:
+        gains, of_joint = configuration.for_joint('')
+        self._model = load(gains.model)
+        bank = SwitchedBank(SwitchedJoint(OBSERVER, gains, of_joint), settings.names(self._model),
+                            settings.input)
+        accelerates = any(k > 1 for k in self._model.indices)
+        super().__init__(settings, OBSERVER, bank, bank.orders, events=[EVENTS],
+                         outputs=[DISCRETE, *([ACCELERATION] if accelerates else [])])
+        self._decode_event, self._encode_discrete = Decoder().decode, Encoder().encode
+        self.refused_event = ''     # the newest event that was not used, and why
+
+    @classmethod
+    def start(cls, settings: SwitchedSettings, configuration: Configuration) -> SwitchedStream:
+        """See `Stream`."""
+        stream = cls(settings, configuration)
+        stream.try_gains(configuration)
+        return stream
+
+    def answer(self, sample: Sample) -> Answer:
+        """See `DrivenStream`."""
+        pairs = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
+        answer = self._encoded(sample.stamp_ns, sample.frame_id, self.bank.names if pairs else (),
+                               pairs, lambda: self.bank.deviations() if pairs else [])
+        if pairs:
+            self.answered += 1
+            if self.wanted[2]:
+                answer[2] = self._encode_discrete(
+                    sample.stamp_ns, sample.frame_id, self._model.names,
+                    self.bank.system.discrete()[0])
+        return answer
+
+    def event(self, raw: bytes) -> None:
+        """See `DrivenStream`."""
+        event = self._decode_event(raw)
+        mode = event.names[0] if event.names else ''
+        fate = self.bank.system.event(event.stamp_ns, mode, event.positions)
+        if fate in REFUSED:
+            self.refused_event = f"the event '{mode}' is not used: {fate.replace('_', ' ')}"
+
+    # Words
+
+    def reset(self) -> str:
+        """See `Stream`."""
+        super().reset()
+        return 'the system starts again'
+
+    def describe(self) -> str:
+        """See `Stream`."""
+        return ', '.join(self.bank.names)
+
+    def notices(self) -> list[str]:
+        """See `Stream`."""
+        refused, self.refused_event = self.refused_event, ''
+        return [refused] if refused else []
+
+    def names_of(self, name: str) -> tuple[str, ...]:
+        """See `Stream`."""
+        return self.bank.names
+
+    def summary(self) -> dict[str, Any]:
+        """See `Stream`."""
+        return {**super().summary(), 'switch_events': dict(self.bank.system.event_counts)}
+
+    def why(self) -> str:
+        """See `Stream`."""
+        if self.bank.mismatched and not self.bank.system.received:
+            return (f'no message of {self.topics[0]} has the joints {", ".join(self.bank.names)} '
+                    'with the effort that the model needs')
+        return super().why()
+
+    def finish(self, path: str) -> list[str]:
+        """See `Stream`."""
+        if self.bank.system.received == 0:
+            raise UserError(f'{path}: {self.why() or "no sample came"}')
+        warnings = self._unanswered()
+        for kind, count in self.bank.system.event_counts.items():
+            if kind in REFUSED:
+                warnings.append(f'{count} switching events were not used: {kind.replace("_", " ")}')
+        if not self.topics[1]:
+            warnings.append(f'{path} has no topic /{EVENTS.topic}: nothing ever switches')
+        return warnings
+
+    # Bags
+
+    @classmethod
+    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+                  ) -> dict[str, Any]:
+        """See `Stream`."""
+        if request.angle or request.joints:
+            raise UsageError('--angle and --joint are for observers of single angles: name the '
+                             "joints of a switched system with --set 'joints=[...]'")
+        return values
