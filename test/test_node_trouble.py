@@ -152,7 +152,7 @@ def test_a_slow_stream_is_not_lost_between_two_samples(own):
         live.node.health.look()
         assert live.node.health._said['slow'][0] != LOST
         assert k < 5 or live.node.health._said['slow'][0] == TRACKING
-    joint = live.node.bank.joints['slow']
+    joint = live.node.stream.bank.joints['slow']
     assert joint.silence == pytest.approx(8.0) and joint.events() == {}
     for k in range(200):    # and a fast one is
         live.take(states, live.encode(BEGIN + (20_000 + k) * MS, '', ('fast',), (0.1,)))

@@ -176,16 +176,17 @@ def still(probe):
 
 
 def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
-    live = still(AngleStream, timeout=0.02)
+    live = still(AngleStream, timeout=0.02, gap_max=0.02)
     names = [f'joint_{k}' for k in range(512)]
-    live.feed(names, 0)
+    for k in range(2):
+        live.feed(names, k)
     live.look()
     time.sleep(0.03)
     live.look()                                # all are lost
     live.node.health._last_report += 1e6       # no report is due
-    live.feed(['joint_7'], 1)
+    live.feed(['joint_7'], 2)
     assert live.look() == {'joint_7'}
-    live.feed(['joint_7', 'joint_9'], 2)
+    live.feed(['joint_7', 'joint_9'], 3)
     assert live.look() == {'joint_7', 'joint_9'}
     time.sleep(0.03)
     assert live.look() == {'joint_7', 'joint_9'}   # they get lost

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 # small files that every room may use
-SHARED = {'errors', 'parameters', 'registry', 'optional', 'printable', 'yaml_text'}
+SHARED = {'params_file', 'errors', 'parameters', 'registry', 'optional', 'printable', 'yaml_text'}
 ROS = {'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'std_srvs',
        'geometry_msgs', 'trajectory_msgs', 'diagnostic_msgs', 'launch', 'launch_ros'}
 # room: (rooms, packages) that its files may import, wherever in a file
@@ -19,7 +19,8 @@ MAY_KNOW = {
     'models': ({'observers'}, {'numpy'}),
     'messages': (set(), {'numpy'}),
     'driver': ({'observers', 'models', 'messages'}, {'numpy', 'yaml', 'numba'}),
-    'nodes': ({'driver', 'observers', 'models', 'messages'}, ROS)}
+    'streams': ({'driver', 'observers', 'models', 'messages'}, {'numpy'}),
+    'nodes': ({'streams', 'driver', 'observers', 'messages'}, ROS)}
 
 
 def imported(path):

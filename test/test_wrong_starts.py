@@ -101,8 +101,8 @@ FILES = {  # what a parameter file says of joint_observer -> what the executable
 
 def ended(module, *arguments):
     """The line that a node printed when it ended with a usage error."""
-    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.nodes.executables', module, *arguments],
-                          text=True, capture_output=True, timeout=3.0 * dds.PATIENCE)
+    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.nodes.executables', module,
+                           *arguments], text=True, capture_output=True, timeout=3.0 * dds.PATIENCE)
     assert done.returncode == 2 and done.stdout == '', done.stderr
     line, = done.stderr.splitlines()
     return line

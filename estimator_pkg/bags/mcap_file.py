@@ -227,7 +227,7 @@ class McapFile:
                 return np.frombuffer(unpacking.unpack_partly(packed, compression, size),
                                      np.uint8), True
             data = unpacking.unpack(packed, compression, size)
-        except unpacking.DAMAGED as error:
+        except unpacking.damaged() as error:
             raise damaged(first_line(error)) from error
         if checksum and zlib.crc32(data) != checksum:
             raise damaged('wrong checksum')

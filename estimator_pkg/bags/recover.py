@@ -16,13 +16,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from rosbags.typesys import get_types_from_msg
-
 from estimator_pkg import interrupts
 from estimator_pkg.bags import qos, sqlite_file, unpacking
 from estimator_pkg.bags.reader import CDR, Topic, natural, open_bag
 from estimator_pkg.bags.writer import BagWriter, in_use
 from estimator_pkg.errors import UserError, first_line
+from estimator_pkg.optional import Lazy
+
+typesys = Lazy('rosbags.typesys')
 
 FILES = ('.mcap', '.db3', '.zstd')
 BESIDE = ('', '-journal', '-wal')       # files of one database
@@ -164,7 +165,7 @@ def _sound(about: dict[str, Any]) -> bool:
     """True if other tools can read this message definition."""
     if about.get('encoding') == 'ros2msg':
         try:
-            get_types_from_msg(about['encoded_message_definition'], about['topic_type'])
+            typesys.get_types_from_msg(about['encoded_message_definition'], about['topic_type'])
         except Exception:   # whatever damage does to the parser
             return False
     return about.get('encoding') in ('ros2msg', 'ros2idl')

@@ -6,17 +6,21 @@ import argparse
 import math
 from pathlib import Path
 
-import lz4.frame
-import zstandard
-
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.optional import Lazy
+
+lz4_frame = Lazy('lz4.frame')
+zstandard = Lazy('zstandard')
 
 MIB = 1 << 20
 LIMIT = 256 * MIB   # bytes that one chunk or one message may unpack to
 RATIO = 100         # a file may unpack to so many times its own size, or to LIMIT if that is more
 PIECE = 4 * MIB     # bytes unpacked at a time into a file
 
-DAMAGED = (zstandard.ZstdError, RuntimeError, ValueError, MemoryError)  # of damaged data
+
+def damaged() -> tuple[type[Exception], ...]:
+    """Return what damaged data raises when it is unpacked."""
+    return zstandard.ZstdError, RuntimeError, ValueError, MemoryError
 
 
 class TooLargeError(UserError):
@@ -74,7 +78,7 @@ def unpack(packed: bytes, compression: str, size: int) -> bytes:
             raise ValueError('wrong size')
         data = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
     elif compression == 'lz4':
-        data = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
+        data = lz4_frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
     elif compression:
         raise ValueError(f"unknown compression '{compression}'")
     else:
@@ -90,7 +94,7 @@ def unpack_partly(packed: bytes, compression: str, size: int) -> bytes:
         with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
             return reader.read(size)
     if compression == 'lz4':
-        return lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
+        return lz4_frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
     return packed[:size] if not compression else b''
 
 
