@@ -100,7 +100,8 @@ def encoder_sim(*arguments, **parameters):
     words = [word for name, value in parameters.items()
              for word in ('-p', f'{name}:={_yaml(value)}')]
     process = subprocess.Popen(
-        [sys.executable, '-m', 'sim_pkg.nodes.encoder_sim', '--ros-args', *arguments, *words],
+        [sys.executable, '-m', 'sim_pkg.nodes.executables', 'encoder_sim', '--ros-args',
+         *arguments, *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
     try:
         yield process

@@ -107,7 +107,7 @@ def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):
     plant = ['control:=observer', 'wait_for_subscribers:=2', 'duration:=9.0']
     there = '__ns:=/loop'
     with dds.NodeProcess(MODULE, *dds.ros_args(*observer, remap=[there])), \
-            dds.NodeProcess('sim_pkg.nodes.cart_pendulum_sim', *dds.ros_args(
+            dds.NodeProcess('sim_pkg.nodes.executables cart_pendulum_sim', *dds.ros_args(
                 *plant, remap=[there, 'estimate:=mechanical_observer/estimate'])) as simulator:
         probe.until(lambda: not simulator.alive)
         assert simulator.ends() == 0

@@ -55,7 +55,8 @@ def test_every_command_has_its_help(command):
 @pytest.mark.parametrize(('module', 'main'), [
     ('estimator_pkg.nodes.executables', 'joint_observer'),
     ('estimator_pkg.nodes.executables', 'pmsm_observer'),
-    ('sim_pkg.nodes.encoder_sim', 'main'), ('sim_pkg.nodes.cart_pendulum_sim', 'main')])
+    ('sim_pkg.nodes.executables', 'encoder_sim'),
+    ('sim_pkg.nodes.executables', 'cart_pendulum_sim')])
 def test_every_node_has_its_help_and_names_ros(module, main):
     code = f'from {module} import {main} as main; sys.exit(main(sys.argv[1:]))'
     done = without(LIBRARIES, '--help', code=code)

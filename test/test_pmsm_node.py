@@ -16,7 +16,8 @@ from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.streams.drive import DriveStream
 from sim_pkg.pmsm.simulator import SIMULATOR, PmsmSimulatorParameters
 
-OBSERVER, SIMULATION = 'estimator_pkg.nodes.executables pmsm_observer', 'sim_pkg.nodes.pmsm_sim'
+OBSERVER = 'estimator_pkg.nodes.executables pmsm_observer'
+SIMULATION = 'sim_pkg.nodes.executables pmsm_sim'
 PARAMS = Path(__file__).resolve().parent.parent / 'config' / 'pmsm_observer.yaml'
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}

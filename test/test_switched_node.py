@@ -32,7 +32,8 @@ def test_a_gripper_live(probe):
     with dds.NodeProcess(MODULE, '--ros-args', '-r', '__ns:=/gripper', '-r', '__node:=switched',
                          '-p', f'quantum:={QUANTUM}') as node:
         probe.until(lambda: all(each.get_publisher_count() for each in subscriptions))
-        with dds.NodeProcess('sim_pkg.nodes.gripper_sim', '--ros-args', '-r', '__ns:=/gripper',
+        with dds.NodeProcess('sim_pkg.nodes.executables gripper_sim', '--ros-args', '-r',
+                             '__ns:=/gripper',
                              '-p', 'duration:=3.2', '-p', 'wait_for_subscribers:=1') as sim:
             probe.until(lambda: not sim.alive)
         probe.spin(0.3)

@@ -6,14 +6,13 @@ Import this module before rclpy and numpy: it settles the environment that they 
 from __future__ import annotations
 
 import gc
-import importlib
 import os
 import re
 import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.optional import missing
@@ -167,28 +166,6 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
             executor.shutdown()
         if node is not None:
             node.destroy_node()
-
-
-def executable(module: str, name: str) -> tuple[Callable[..., int], Callable[[str], Any]]:
-    """What the module of an executable consists of: (main, module's __getattr__).
-
-    The node's class is imported when it is asked for: ROS takes a while, and an interrupt before
-    that ends the process quietly.
-
-    Parameters
-    ----------
-    module, name : where the node's class is.
-    """
-    def find(attribute: str) -> Any:
-        if attribute != name:
-            raise AttributeError(f'no attribute {attribute!r} here; the class is {name}')
-        return getattr(importlib.import_module(module), name)
-
-    def main(args: list[str] | None = None) -> int:
-        """Run the node until it is interrupted; returns the exit code."""
-        return run(lambda: find(name)(), args)
-
-    return main, find
 
 
 def _usage(program: str, word: str) -> int:

@@ -85,7 +85,7 @@ def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str],
                   '-p', f'observer:={parsed.observer}']),
                 ('record', 'estimator_pkg.cli',
                  ['record', MEASURED, TRUTH, ESTIMATE, STDDEV, '--out', str(bag)]),
-                ('encoder_sim', 'sim_pkg.nodes.encoder_sim', ros)):
+                ('encoder_sim', 'sim_pkg.nodes.executables', ['encoder_sim', *ros])):
             child = Child(name, module, words, environment)
             stack.callback(child.end)
             children.append(child)

@@ -7,10 +7,7 @@ upright, as by hand, until the first of them comes.
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
-
-from sim_pkg.nodes.executable import process
 
 if TYPE_CHECKING:
     from sim_pkg.nodes.simulator_node import SimulatorNode
@@ -38,9 +35,3 @@ def make_node(**options: Any) -> SimulatorNode:
 
     node.create_subscription(JointState, 'estimate', came, SENSOR_DATA)
     return node
-
-
-main = process(make_node)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,8 +1,14 @@
-"""What the executables `*_sim` share: a process with one simulator node."""
+"""The executables of the simulators: one function each, which runs until the simulation ends.
+
+``python -m sim_pkg.nodes.executables encoder_sim --ros-args ...`` runs one without its script. To
+run a simulator in an executor of your own, give its SIMULATOR (as in `sim_pkg.joints.encoder`) to a
+`sim_pkg.nodes.simulator_node.SimulatorNode`.
+"""
 
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -12,7 +18,7 @@ if TYPE_CHECKING:
     from sim_pkg.nodes.simulator_node import SimulatorNode
 
 
-def executable(name: str, module: str) -> Callable[..., int]:
+def of_simulator(name: str, module: str) -> Callable[..., int]:
     """The main function of the node `name`, which plays the SIMULATOR of `module`.
 
     Both ROS and the simulator are imported when it is called: they take a while, and an interrupt
@@ -44,3 +50,24 @@ def process(make_node: Callable[[], SimulatorNode]) -> Callable[..., int]:
         return code
 
     return main
+
+
+def _balanced() -> SimulatorNode:
+    from sim_pkg.nodes.balance import make_node
+    return make_node()
+
+
+encoder_sim = of_simulator('encoder_sim', 'sim_pkg.joints.encoder')
+dc_motor_sim = of_simulator('dc_motor_sim', 'sim_pkg.joints.dc_motor')
+gripper_sim = of_simulator('gripper_sim', 'sim_pkg.joints.gripper')
+pendulum_sim = of_simulator('pendulum_sim', 'sim_pkg.mechanisms.pendulum')
+robotic_leg_sim = of_simulator('robotic_leg_sim', 'sim_pkg.mechanisms.robotic_leg')
+pmsm_sim = of_simulator('pmsm_sim', 'sim_pkg.pmsm.simulator')
+cart_pendulum_sim = process(_balanced)
+
+if __name__ == '__main__':
+    name = sys.argv.pop(1) if len(sys.argv) > 1 else ''
+    if not name.endswith('_sim') or name not in globals():
+        sys.exit(f"which simulator? '{name}' is none of them")
+    sys.argv[0] = name
+    sys.exit(globals()[name]())
