@@ -241,10 +241,10 @@ def test_it_waits_for_who_listens_to_the_truth_too_and_says_so(listener, capfd, 
 
 
 @pytest.mark.parametrize(('parameters', 'said'), [
-    ({'noise': -1.0}, "encoder_sim.py: parameter 'noise' = -1 is outside [0, 10]"),
-    ({'profile': 'sines'}, "encoder_sim.py: parameter 'profile': 'sines' is not one of constant"),
-    ({'rate': 'fast'}, "encoder_sim.py: parameter 'rate' must be a number, not 'fast'"),
-    ({'joints': ['a', 'b'], 'convention': 'raw_counts'}, "encoder_sim.py: convention 'raw_counts'"),
+    ({'noise': -1.0}, "encoder_sim: parameter 'noise' = -1 is outside [0, 10]"),
+    ({'profile': 'sines'}, "encoder_sim: parameter 'profile': 'sines' is not one of constant"),
+    ({'rate': 'fast'}, "encoder_sim: parameter 'rate' must be a number, not 'fast'"),
+    ({'joints': ['a', 'b'], 'convention': 'raw_counts'}, "encoder_sim: convention 'raw_counts'"),
 ])
 def test_wrong_value_is_one_line_and_exit_code_2(graph, parameters, said):
     with encoder_sim(**parameters) as process:

@@ -26,7 +26,8 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
     out, result = tmp_path / 'gains.yaml', tmp_path / 'result.json'
     words = ['tune', '--live', '4', '--observer', 'pll', '--out', str(out), '--trials', '8',
              '--json', str(result), '--truth', '/ground_truth/joint_states']
-    with dds.NodeProcess('sim_pkg.nodes.executables encoder_sim', '--ros-args', '-p', 'profile:=sine',
+    with dds.NodeProcess('sim_pkg.nodes.executables encoder_sim', '--ros-args',
+                         '-p', 'profile:=sine',
                          '-p', 'rate:=500.0'), \
             dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', '--ros-args',
                             '-p', 'observer:=pll', '-p', 'bandwidth_hz:=7.0'):
