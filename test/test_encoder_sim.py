@@ -299,7 +299,7 @@ FAILING = """
 import sys
 from dataclasses import replace
 from estimator_pkg.errors import UserError
-from sim_pkg.nodes.executable import process
+from sim_pkg.nodes.executables import process
 
 def make_node():
     import rclpy
