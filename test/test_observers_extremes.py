@@ -98,7 +98,8 @@ def test_kalman_beyond_nyquist_has_its_deviation_from_the_first_samples_on(model
         errors.append(velocities)
     found = np.sqrt(np.mean(np.square(errors), axis=0))
     assert np.all(found[1:] < 1.1 * np.array(said[1:]))
-    np.testing.assert_allclose(said[4:], found[4:], rtol=0.12)
+    assert np.all(said[4:] > 0.9 * found[4:])
+    np.testing.assert_allclose(said[5:], found[5:], rtol=0.12)  # before, a start may add to it
     assert math.isfinite(joint.functions.group_delay(0.01))
 
 
@@ -155,4 +156,4 @@ def test_paper_form_beyond_its_limit_has_a_finite_deviation():
         joint.update(10 ** 9 + i * 10 ** 6, 0.0)
     assert joint.update(10 ** 9 + 102 * 10 ** 6, 0.0)  # 3 ms, 2.3 ms are the limit
     assert joint.events() == {'gap': 1}
-    assert joint.stddev() == (0.0, 0.0)
+    assert all(0.0 < sigma < math.inf for sigma in joint.stddev())
