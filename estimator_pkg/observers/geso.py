@@ -131,7 +131,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
                                          algebra.product_t)
     scaled_t, scale, nought = algebra.scaled_t, algebra.scale, algebra.nought
     towards, minus, times = algebra.towards, algebra.minus, algebra.times
-    transposed = algebra.transposed
+    transposed, finite = algebra.transposed, algebra.finite
     flow = make_flow(n, diagonal=diagonal, damped=damped, disturbed=disturbed)
     inertia, factors, force = mechanics.inertia, mechanics.factors, mechanics.force
     admits = mechanics.admits
@@ -204,12 +204,13 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             return core, False
         return (e, p, d, apply(factors(values, now)[0], p)), True
 
-    def rejoin(core: tuple, design: tuple, at: tuple) -> tuple:
+    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
+        """The momenta go on: without forces they are constant, whatever the positions."""
         values = design[0]
         if not admits(values, at):
             return core
-        momentum = turned(factors(values, at)[1], apply(inertia(values, at), core[3]))
-        return (core[0], momentum, core[2], core[3])
+        velocity = apply(factors(values, at)[0], core[1])
+        return (core[0], core[1], core[2], velocity) if finite(velocity) else core
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
         return (mechanical_gains.error_matrix(mechanics, tuned, at, disturbed),
@@ -227,7 +228,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         return mechanical_gains.describe(mechanics, tuned, point, dt, disturbed=disturbed)
 
     core = MechanicalCore(
-        design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin,
+        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry,
         linear=linear, limits=limits, slowest=mechanical_gains.slowest_pole(matrices[0]),
         lag=0.0 if disturbed else float(np.max(np.diag(tuned.L) / np.diag(K))))
     return around(core, gains, mechanics, circle, describe)

@@ -57,7 +57,8 @@ class MechanicalCore:
     advance : (core, coefficients, design, before, moved, measurement, given) -> (core, good). One
         sample further: `before` is the sample before, `moved` the wrapped way since. Not `good`
         where the model cannot be used.
-    rejoin : (core, design, at) -> core. On from the velocities v, at the positions `at`.
+    carry : (core, design, at) -> core. The velocities v at the positions `at`, where the inputs or
+        readings since are missing.
     linear : (at) -> (A, V): the error system about a configuration, (e, x, d)' = A (e, x, d), and
         velocities = V x. For standard deviations, status and limits.
     slowest : slowest pole at the operating point [1/s], positive.
@@ -71,7 +72,7 @@ class MechanicalCore:
     prepare: Callable[[tuple, float], tuple]
     begin: Callable[[], tuple]
     advance: Callable[..., tuple]
-    rejoin: Callable[..., tuple]
+    carry: Callable[..., tuple]
     linear: Callable[[Array, Array], tuple[Array, Array]]
     limits: Callable[[float], str | None]
     slowest: float
@@ -115,8 +116,7 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
     towards, nought = algebra.towards, algebra.nought
     given_finite = mechanical_algebra(max(1, mechanics.inputs)).finite
     needs_input = mechanics.inputs > 0
-    prepare_core, advance, rejoin, begin_core = (core.prepare, core.advance, core.rejoin,
-                                                 core.begin)
+    prepare_core, advance, carry, begin_core = (core.prepare, core.advance, core.carry, core.begin)
     unknown, seen = (math.nan,) * n, core.seen
     stddev = make_stddev(core, mechanics, per_joint('noise', gains.noise, n),
                          per_joint('quantum', gains.quantum, n), measured=gains.noise is None,
@@ -141,13 +141,11 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: tuple,
              given: tuple) -> tuple:
         inner, before, conventions, power, lock = state
-        status, clear, astray, trouble = lock
+        status, clear, astray, _ = lock
         dt = coefficients[1]
         moved = between(measurement, before, design[1])
         conventions = follow_all(conventions, measurement, design[1])
         found = 0
-        if trouble == 1 or trouble == 2:
-            inner = rejoin(inner, design[0], before)
         if needs_input and not given_finite(given):
             found = 2
         else:
@@ -170,8 +168,9 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
             power = squares(power, weight, inner[seen])
             return (inner, measurement, conventions, power, (status, clear, astray, 0))
         astray += dt
-        if found != 3:  # carried by the last velocity, from the measurement
-            inner = (nought(measurement), inner[1], inner[2], inner[3])
+        if found != 3:
+            inner = carry((nought(measurement), inner[1], inner[2], inner[3]), design[0],
+                          measurement)
         if found == 3:
             clear = 0.0
             if astray > design[5]:
@@ -192,7 +191,7 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: tuple) -> tuple:
         inner, before, conventions, power, lock = state
-        inner = rejoin((nought(measurement), inner[1], inner[2], inner[3]), design[0], measurement)
+        inner = carry((nought(measurement), inner[1], inner[2], inner[3]), design[0], measurement)
         status = COASTING if lock[0] == TRACKING else lock[0]
         return (inner, measurement, follow_all(conventions, measurement, design[1]), power,
                 (status, 0.0, 0.0, 0))

@@ -200,14 +200,14 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
                 e = minus(e, moved)
         return (e, x, d, x), good
 
-    def rejoin(core: tuple, design: tuple, at: tuple) -> tuple:
-        return (core[0], core[3], core[2], core[3])
+    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
+        return core
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
         return linear_matrix(mechanics, L, K, E, at), np.eye(n)
 
     return MechanicalCore(
-        design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin, linear=linear,
+        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry, linear=linear,
         limits=(mechanical_gains.euler_limit(matrices) if paper
                 else mechanical_gains.exact_limit(matrices, n)),
         slowest=mechanical_gains.slowest_pole(matrices[0]),

@@ -138,8 +138,8 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
                 e = minus(e, moved)
         return (e, x, seen, x), True
 
-    def rejoin(core: tuple, design: tuple, at: tuple) -> tuple:
-        return (core[0], core[3], core[2], core[3])
+    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
+        return core
 
     inject_one = twisting if twists else uniform
     settle_one = implicit_twisting if twists else implicit_uniform
@@ -165,7 +165,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
                 'chattering': (dt * acceleration_limit).tolist()}
 
     core = MechanicalCore(
-        design=design, prepare=prepare, begin=begin, advance=advance, rejoin=rejoin, linear=linear,
+        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry, linear=linear,
         limits=mechanical_gains.never, slowest=4.0 * float(np.min(acceleration_limit)), lag=0.0,
         noise=noise, seen=2)
     return around(core, gains, mechanics, circle, describe)
