@@ -16,6 +16,7 @@ import argparse
 import difflib
 import hashlib
 import json
+import math
 import os
 import random
 import re
@@ -52,8 +53,8 @@ MODULES = ('adaptive_observer', 'adaptive_parameters', 'convention', 'drive_samp
            'guard', 'hybrid_angle', 'hybrid_robust', 'injections', 'joint_state_bytes', 'kalman',
            'low_speed', 'mechanical_driver', 'messages_blocks', 'observers_contract',
            'observers_extremes', 'parameters', 'per_sample', 'pll', 'pmsm_driver',
-           'pmsm_node_parts', 'replay', 'reproduce_hybrid_angle', 'stddev', 'super_twisting',
-           'switched_observer')
+           'pmsm_node_parts', 'repeats', 'replay', 'reproduce_hybrid_angle', 'sigma_starts',
+           'stddev', 'super_twisting', 'switched_observer')
 LONGEST = 15.0    # s of CPU: a test that takes longer, under coverage, is cut off and left out
 BUDGET = 40.0     # s of CPU: the tests of one mutant together
 ENOUGH = 0.9      # of the mutants that are not equivalent must die
@@ -268,8 +269,11 @@ def main() -> int:
     parser.add_argument('--jobs', type=int, default=2, help='judged at the same time')
     parser.add_argument('--modules', nargs='+', default=MODULES, metavar='NAME',
                         help='test modules that judge, without test_')
+    parser.add_argument('--minutes', type=float, default=math.inf,
+                        help='judge no further mutant after so long; the next run goes on')
     parser.add_argument('--page', action='store_true', help=f'write the table into {PAGE.name}')
     parsed = parser.parse_args()
+    end = time.monotonic() + 60.0 * parsed.minutes
     chosen = sample(parsed.count, parsed.seed)
     known = tests(parsed.modules, parsed.jobs)
     print(f'{len(known)} tests, {sum(test["time"] for test in known.values()):.0f} s together')
@@ -279,7 +283,9 @@ def main() -> int:
     for k in range(parsed.jobs):
         folders.put(workspace(f'copy_{k}'))
 
-    def one(mutation) -> dict:
+    def one(mutation) -> dict | None:
+        if time.monotonic() > end:
+            return None
         folder = folders.get()
         try:
             row = judge(mutation, folder, known)
@@ -298,7 +304,9 @@ def main() -> int:
     with ThreadPoolExecutor(parsed.jobs) as pool:
         fresh = list(pool.map(one, [each for each in chosen if key(each) not in judged]))
     wanted = {key(mutation) for mutation in chosen}
-    rows = [row for name, row in judged.items() if name in wanted] + fresh
+    rows = [row for name, row in judged.items() if name in wanted] + [row for row in fresh if row]
+    if len(rows) < len(chosen):
+        print(f'{len(rows)} of {len(chosen)} judged')
     text, part = table(rows, parsed.seed)
     print(text)
     if parsed.page:
