@@ -119,7 +119,8 @@ def through_a_missing_effort(observer):
     """
     positions, truth = motion('cart_pendulum', FAST, (1.37, -0.1), (6.0, 0.35), 1e-3, 1655)
     gains = {'mu': [29.0, 10.0]} if observer == 'smo' else {'bandwidth_hz': 8.0}
-    mechanisms = bank(observer=observer, model='cart_pendulum', model_parameters=list(FAST), **gains)
+    mechanisms = bank(observer=observer, model='cart_pendulum', model_parameters=list(FAST),
+                      **gains)
     mechanism, velocities = mechanisms.joints['m'], []
     for k, position in enumerate(positions):
         effort = math.nan if 1500 <= k < 1650 else 0.0
