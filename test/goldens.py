@@ -557,6 +557,11 @@ def compare(old: dict[str, dict], new: dict[str, dict], parsed: argparse.Namespa
 
     total = 0
     old, new = ({**table, 'exact': unfolded(table['exact'])} for table in (old, new))
+    failed = [key for key in sorted(new['exact'].keys() - old['exact'].keys()) if asked(key)
+              and (key.startswith('failed/') or key.endswith('/refused'))] * parsed.numeric
+    for key in failed:      # its figures are not there to be compared
+        print(f"{key}: {new['exact'][key]}")
+    total += len(failed)
     for part in ('exact', 'numeric')[parsed.numeric:]:
         keys = sorted(filter(asked, old[part].keys() | new[part].keys()))
         lines: list[tuple[float, str, str]] = []
