@@ -35,6 +35,7 @@ ENOUGH = 8.0        # changed readings after which a start has shown its noise
 SHORT = 32.0        # samples over which they are averaged until the start is over
 BEGUN = 0.75        # sample times by which motion may have begun after the last reading at rest
 BAND = 10.0         # (3.2)^2: times the power of the innovations, off by more is no rest
+LARGEST_GAIN = 20.0  # of innovations over readings, in noise power: a third difference's
 SLOW = 0.125        # a joint at rest does not leave the noise in this part of the rest's time
 UNBOUNDED = 1e200   # a noise gain beyond it: no gap, but a sample time too long for the core
 GAP = 0.2           # [s] a gap is at least so long
@@ -165,14 +166,17 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     """The contract's functions for an angle-only observer made of `core`.
 
     State: core's state; convention; reading: (size of its last change [rad], time since it [s],
-    smallest change seen [rad], recent power of the innovation [rad^2]); (power of the innovation
-    [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
+    smallest change seen [rad], recent power of the innovation [rad^2]); noise: (power of the
+    innovation [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
     it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start);
-    start of motion: (angle of the rest before [rad], time at rest [s], time since the last reading
-    at rest [s] (0: no start), nepers by which the core's errors decayed since then, angle travelled
-    [rad], speed that was kept across a gap [rad/s]).
+    start: (clock [s], anchor: angle of the rest before [rad], nepers by which the core's errors
+    decayed since then, angle travelled [rad], speed that was kept across a gap [rad/s]).
 
-    The start's share of the standard deviation is derived in docs/coverage.md.
+    A start is the time after a shaft at rest began to move, or after a gap. The core still carries
+    the old speed, so it errs by more than noise explains until its errors have decayed. `unsettled`
+    is what this adds to the standard deviation; docs/coverage.md derives it. The clock is the time
+    since the motion began while a start is in force, 0 in motion, and below 0 while the readings
+    stay within the noise of one angle: minus the time at rest until the last change.
 
     A core that was astray for too long starts again. So does one whose lock returned at another
     speed: every speed + n 2 pi/dt fits the samples as well, and a shaft does not change by half of
@@ -200,37 +204,40 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     def init(measurement: float, design: tuple) -> tuple:
         return (init_core(measurement, design[0]), begin(measurement), (0.0, 0.0, 0.0, design[5]),
                 (design[5], 1.0), (INITIALISING, 0.0, 0.0, 0.0),
-                (measurement, RESTED, 0.0, 0.0, 0.0, 0.0))
+                (-RESTED, measurement, 0.0, 0.0, 0.0))
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
-        inner, convention, reading, (power, count), lock, start = state
+        inner, convention, (change, since, smallest, recent), (power, count), lock, start = state
+        before, clock = recent, start[0]
         inner, innovation = correct(inner, coefficients[0], measurement)
         square = innovation * innovation
         size = abs(innovation)
         outside = design[7]
-        before = recent = reading[3]
         if size <= outside:
             recent += (square - recent) / RECENT
-        if measurement == convention[0]:
-            since = reading[1] + coefficients[1]
-            reading = (reading[0], since, reading[2], recent)
-            start = stayed(start, measurement, since, coefficients, inner)
+        moved = measurement - convention[0]
+        if moved == 0.0:
+            reading = (change, since + coefficients[1], smallest, recent)
+            if clock > 0.0:
+                start = repeated(start, reading, coefficients, inner, measurement)
         else:
-            moved = wrap(measurement - convention[0], design[1])
+            if not -half <= moved < half:
+                moved = wrap(moved, period)
+            if clock > 0.0:
+                start = moving(start, moved, before, coefficients, inner)
+            elif clock < 0.0 or since >= RESTED or moved * moved <= BAND * before:
+                start = resting(start, measurement, moved, since, before, coefficients, inner)
             change = abs(moved)
-            smallest = reading[2]
             if 0.0 < change < smallest or smallest == 0.0:
                 smallest = change
             reading = (change, 0.0, smallest, recent)
-            convention = follow(convention, measurement, design[1])
-            if start[1] > 0.0 or start[2] > 0.0 or change * change <= BAND * before:
-                start = went(start, measurement, moved, before, coefficients, inner)
+            convention = follow(convention, measurement, period)
         if lock[0] == TRACKING and size <= outside:
-            if start[2] > 0.0:
-                if state[5][2] == 0.0:
+            if start[0] > 0.0:
+                if clock <= 0.0:
                     count = ENOUGH
-                if start[3] < LEARNT:
+                if start[2] < LEARNT:
                     return (inner, convention, reading, (power, count), lock, start)
                 if reading[1] > 0.0:
                     count = max(ENOUGH, 0.75 * count)  # coarse: the readings show no noise
@@ -256,62 +263,68 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 lock = (INITIALISING, 0.0, 0.0, 0.0)
         return (inner, convention, reading, (power, count), lock, start)
 
-    def stayed(start: tuple, measurement: float, since: float, coefficients: tuple,
-               inner: tuple) -> tuple:
-        """The start of motion after a reading that repeats, unchanged for `since` [s]."""
-        anchor, rested, time, decay, travelled, speed = start
-        dt = coefficients[1]
-        if time == 0.0:
-            return (anchor if rested > 0.0 else measurement, rested + dt, 0.0, 0.0, 0.0, 0.0)
-        if since >= RESTED and decay >= LEARNT:
-            return (measurement, since, 0.0, 0.0, 0.0, 0.0)
-        return aged(start, measurement, 0.0, coefficients, inner)
-
-    def went(start: tuple, measurement: float, moved: float, power: float, coefficients: tuple,
-             inner: tuple) -> tuple:
-        """The start of motion after a reading that `moved` [rad] from the last one.
+    def resting(start: tuple, measurement: float, moved: float, since: float, power: float,
+                coefficients: tuple, inner: tuple) -> tuple:
+        """The start after a reading that `moved` [rad], `since` [s] unchanged; none is in force.
 
         power : recent one of the innovations [rad^2]; BAND times it is the noise of a rest.
         """
-        anchor, rested, time, decay, travelled, speed = start
-        band = BAND * power
-        if time > 0.0:
-            travelled += moved
-            if speed == 0.0 and travelled * travelled <= band:  # back where it was ...
-                pushed = SLOW * RESTED * estimate(inner)[1]
-                if decay < 1.0 or pushed * pushed <= band:      # ... and slow: it rests still
-                    return (anchor, RESTED, 0.0, 0.0, 0.0, 0.0)
-            return aged(start, measurement, moved, coefficients, inner)
-        off = wrap(measurement - anchor, period)
-        square = off * off
-        if rested >= RESTED:
-            # of noise alone the innovations have more power than the readings
-            if square * noise_gains(inner, coefficients[0])[2] > band:
-                return (anchor, rested, coefficients[1], 0.0, off, 0.0)
-        elif square > band:
-            return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return (anchor + off / RECENT, rested + coefficients[1], 0.0, 0.0, 0.0, 0.0)
+        clock, anchor, _, _, _ = start
+        off = moved
+        if clock < 0.0:
+            off = measurement - anchor
+            if not -half <= off < half:
+                off = wrap(off, period)
+        else:
+            anchor = measurement - moved
+        rested = since - clock
+        square, band = off * off, BAND * power
+        if rested < RESTED:
+            if square > band:
+                return (0.0, measurement, 0.0, 0.0, 0.0)
+        # of noise alone the innovations have more power than the readings
+        elif (LARGEST_GAIN * square > band
+              and square * noise_gains(inner, coefficients[0])[2] > band):
+            return (coefficients[1], anchor, 0.0, off, 0.0)
+        return (-rested - coefficients[1], anchor + off / RECENT, 0.0, 0.0, 0.0)
 
-    def aged(start: tuple, measurement: float, moved: float, coefficients: tuple, inner: tuple
-             ) -> tuple:
-        """A start of motion one sample further; over when it is old and its errors decayed."""
-        anchor, rested, time, decay, travelled, speed = start
-        time += coefficients[1]
+    def repeated(start: tuple, reading: tuple, coefficients: tuple, inner: tuple,
+                 measurement: float) -> tuple:
+        """A start in force after a reading that repeats; over where the shaft stands again."""
+        if reading[1] >= RESTED and start[2] >= LEARNT:
+            return (0.0, measurement, 0.0, 0.0, 0.0)
+        return aged(start, 0.0, coefficients, inner)
+
+    def moving(start: tuple, moved: float, power: float, coefficients: tuple, inner: tuple
+               ) -> tuple:
+        """A start in force after a reading that `moved` [rad]; over where the shaft only swayed."""
+        _, anchor, decay, travelled, kept = start
+        travelled += moved
+        band = BAND * power
+        if kept == 0.0 and travelled * travelled <= band:   # back where it was ...
+            pushed = SLOW * RESTED * estimate(inner)[1]
+            if decay < 1.0 or pushed * pushed <= band:      # ... and slow: it rests still
+                return (-RESTED, anchor, 0.0, 0.0, 0.0)
+        return aged(start, moved, coefficients, inner)
+
+    def aged(start: tuple, moved: float, coefficients: tuple, inner: tuple) -> tuple:
+        """A start in force one sample further; over when it is old and its errors decayed."""
+        clock, anchor, decay, travelled, kept = start
+        clock += coefficients[1]
         decay += pace(inner, coefficients[0], coefficients[1]) * coefficients[1]
-        if time >= START and decay >= DECAYED:
-            return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return (anchor, rested, time, decay, travelled + moved, speed)
+        if clock >= START and decay >= DECAYED:
+            return (0.0, anchor, 0.0, 0.0, 0.0)
+        return (clock, anchor, decay, travelled + moved, kept)
 
     def unsettled(state: tuple, dt: float) -> float:
         """Standard deviation of the speed that a start adds [rad/s]: equations (1) and (2) of
         docs/coverage.md.
         """
-        anchor, rested, time, decay, travelled, speed = state[5]
-        time -= BEGUN * dt
-        mean = travelled / time
+        clock, _, decay, travelled, kept = state[5]
+        mean = travelled / (clock - BEGUN * dt)
         scale = 2.0 * abs(mean)
-        if speed > scale:
-            scale = speed
+        if kept > scale:
+            scale = kept
         left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
         bend = bent * abs(estimate(state[0])[1] - mean)
         if decay > 1.0:
@@ -354,7 +367,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 least = reading[2] * reading[2] / MEMORY
                 if reading[2] == 0.0:
                     least = variance_floor(COARSEST * (1.0 + abs(state[1][0])))
-                elif state[5][2] > 0.0 and state[3][1] < 2.0 * ENOUGH:
+                elif state[5][0] > 0.0 and state[3][1] < 2.0 * ENOUGH:
                     least = variance_floor(reading[2] if reading[2] > RESIDUE else reading[0])
                 elif reading[1] <= STILL * coefficients[1]:
                     least = variance_floor(FINEST * (reading[2] + abs(state[1][0])))
@@ -362,7 +375,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                     variance = least
         of_position *= variance
         of_velocity *= variance
-        if state[5][2] > 0.0:
+        if state[5][0] > 0.0:
             of_position += reading[3]
             of_velocity += unsettled(state, coefficients[1]) ** 2
         sigma = math.sqrt(of_velocity)
@@ -379,7 +392,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             lock = (lock[0], 0.0, lock[2], lock[3])
         moved = wrap(measurement - convention[0], design[1])
         if noise_gains(inner, coefficients[0])[1] < UNBOUNDED:
-            start = (measurement, 0.0, coefficients[1], 0.0, 0.0, abs(speed) + abs(moved) / GAP)
+            start = (coefficients[1], measurement, 0.0, 0.0, abs(speed) + abs(moved) / GAP)
         return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
                 (0.0, 0.0, reading[2], reading[3]), power, lock, start)
 
