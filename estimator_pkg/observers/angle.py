@@ -35,7 +35,7 @@ ENOUGH = 8.0        # changed readings after which a start has shown its noise
 SHORT = 32.0        # samples over which they are averaged until the start is over
 BEGUN = 0.75        # sample times by which motion may have begun after the last reading at rest
 BAND = 10.0         # (3.2)^2: times the power of the innovations, off by more is no rest
-LARGEST_GAIN = 20.0  # of innovations over readings, in noise power: a third difference's
+LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
 SLOW = 0.125        # a joint at rest does not leave the noise in this part of the rest's time
 UNBOUNDED = 1e200   # a noise gain beyond it: no gap, but a sample time too long for the core
 GAP = 0.2           # [s] a gap is at least so long
@@ -216,16 +216,16 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         outside = design[7]
         if size <= outside:
             recent += (square - recent) / RECENT
-        moved = measurement - convention[0]
-        if moved == 0.0:
+        if measurement == convention[0]:
             reading = (change, since + coefficients[1], smallest, recent)
             if clock > 0.0:
-                start = repeated(start, reading, coefficients, inner, measurement)
+                start = started(start, 0.0, since, before, coefficients, inner)
         else:
+            moved = measurement - convention[0]
             if not -half <= moved < half:
                 moved = wrap(moved, period)
             if clock > 0.0:
-                start = moving(start, moved, before, coefficients, inner)
+                start = started(start, moved, 0.0, before, coefficients, inner)
             elif clock < 0.0 or since >= RESTED or moved * moved <= BAND * before:
                 start = resting(start, measurement, moved, since, before, coefficients, inner)
             change = abs(moved)
@@ -270,15 +270,12 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         power : recent one of the innovations [rad^2]; BAND times it is the noise of a rest.
         """
         clock, anchor, _, _, _ = start
-        off = moved
-        if clock < 0.0:
-            off = measurement - anchor
-            if not -half <= off < half:
-                off = wrap(off, period)
-        else:
+        if clock == 0.0:
             anchor = measurement - moved
-        rested = since - clock
-        square, band = off * off, BAND * power
+        off = measurement - anchor
+        if not -half <= off < half:
+            off = wrap(off, period)
+        square, band, rested = off * off, BAND * power, since - clock
         if rested < RESTED:
             if square > band:
                 return (0.0, measurement, 0.0, 0.0, 0.0)
@@ -288,33 +285,27 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             return (coefficients[1], anchor, 0.0, off, 0.0)
         return (-rested - coefficients[1], anchor + off / RECENT, 0.0, 0.0, 0.0)
 
-    def repeated(start: tuple, reading: tuple, coefficients: tuple, inner: tuple,
-                 measurement: float) -> tuple:
-        """A start in force after a reading that repeats; over where the shaft stands again."""
-        if reading[1] >= RESTED and start[2] >= LEARNT:
-            return (0.0, measurement, 0.0, 0.0, 0.0)
-        return aged(start, 0.0, coefficients, inner)
-
-    def moving(start: tuple, moved: float, power: float, coefficients: tuple, inner: tuple
-               ) -> tuple:
-        """A start in force after a reading that `moved` [rad]; over where the shaft only swayed."""
-        _, anchor, decay, travelled, kept = start
-        travelled += moved
-        band = BAND * power
-        if kept == 0.0 and travelled * travelled <= band:   # back where it was ...
-            pushed = SLOW * RESTED * estimate(inner)[1]
-            if decay < 1.0 or pushed * pushed <= band:      # ... and slow: it rests still
-                return (-RESTED, anchor, 0.0, 0.0, 0.0)
-        return aged(start, moved, coefficients, inner)
-
-    def aged(start: tuple, moved: float, coefficients: tuple, inner: tuple) -> tuple:
-        """A start in force one sample further; over when it is old and its errors decayed."""
+    def started(start: tuple, moved: float, since: float, power: float, coefficients: tuple,
+                inner: tuple) -> tuple:
+        """As `resting`, while a start is in force. It is over when it is old and its errors have
+        decayed, when the shaft rests again, and when it only swayed.
+        """
         clock, anchor, decay, travelled, kept = start
-        clock += coefficients[1]
-        decay += pace(inner, coefficients[0], coefficients[1]) * coefficients[1]
+        if moved != 0.0:
+            travelled += moved
+            square, band = travelled * travelled, BAND * power
+            if kept == 0.0 and square <= band:                  # back where it was ...
+                pushed = SLOW * RESTED * estimate(inner)[1]
+                if decay < 1.0 or pushed * pushed <= band:      # ... and slow: it rests still
+                    return (-RESTED, anchor, 0.0, 0.0, 0.0)
+        elif since >= RESTED and decay >= LEARNT:
+            return (0.0, anchor, 0.0, 0.0, 0.0)
+        dt = coefficients[1]
+        clock += dt
+        decay += pace(inner, coefficients[0], dt) * dt
         if clock >= START and decay >= DECAYED:
             return (0.0, anchor, 0.0, 0.0, 0.0)
-        return (clock, anchor, decay, travelled + moved, kept)
+        return (clock, anchor, decay, travelled, kept)
 
     def unsettled(state: tuple, dt: float) -> float:
         """Standard deviation of the speed that a start adds [rad/s]: equations (1) and (2) of

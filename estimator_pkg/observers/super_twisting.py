@@ -37,8 +37,10 @@ from estimator_pkg.parameters import parameter
 
 EXPLICIT = ('taylor', 'explicit')
 PACE = 0.55         # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
-LARGE = 16.0        # times the mean square: the innovations of a start
 REFRESH = 8.0       # samples between two looks at what noise makes of the gains
+NEWEST = 0.15       # weight of the mean square of the newest REFRESH samples: 50 samples in all
+CALM = 16.0         # times less than the mean square: a transient is over, ...
+HALVED = 0.5        # ... and is forgotten by this factor every REFRESH samples
 
 
 @dataclass(frozen=True)
@@ -112,15 +114,27 @@ def prepare(design: tuple, dt: float) -> tuple:
 
 
 def init(measurement: float, design: tuple) -> tuple:
-    """(position, velocity, acceleration, jerk, mean square innovation, samples since the noise
-    gains were looked at (0: only one sample has come), noise gains).
+    """(position, velocity, acceleration, jerk, sum of the squared innovations since the noise gains
+    were looked at, samples since then (0: only one sample has come), noise gains, mean square
+    innovation).
     """
-    return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0))
+    return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0)
 
 
 def at_rest(measurement: float) -> tuple:
     """The state of a shaft that is known to rest at this angle [rad]."""
-    return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0))
+    return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
+
+
+def averaged(power: float, total: float) -> float:
+    """The mean square innovation, after REFRESH samples whose squares make this `total`.
+
+    What noise makes of the gains follows from it, so a transient must not stay in it for long.
+    """
+    mean = total / REFRESH
+    if CALM * mean < power:
+        return HALVED * power
+    return power + NEWEST * (mean - power)
 
 
 def correction(form: str, order: int) -> Callable[..., tuple]:
@@ -131,16 +145,19 @@ def correction(form: str, order: int) -> Callable[..., tuple]:
         """The second sample gives the speed, whatever it is below half a turn a sample."""
         dt, design = coefficients[0], coefficients[1]
         change = wrap(measurement - state[0], design[11])
-        return (measurement, change / dt, 0.0, 0.0, 0.0, 1.0, noise_gains(0.0, coefficients)), 0.0
+        return (measurement, change / dt, 0.0, 0.0, 0.0, 1.0, noise_gains(0.0, coefficients),
+                0.0), 0.0
 
     def moved(state: tuple, k: tuple, innovation: float, coefficients: tuple) -> tuple:
         """The predicted state plus the correction; the position is kept on the circle."""
-        power = state[4] + 0.02 * (innovation * innovation - state[4])
-        tick, noise = state[5] + 1.0, state[6]
+        total, tick, noise, power = state[4:]
+        total += innovation * innovation
+        tick += 1.0
         if tick > REFRESH:
-            tick, noise = 1.0, noise_gains(power, coefficients)
+            power = averaged(power, total)
+            total, tick, noise = 0.0, 1.0, noise_gains(power, coefficients)
         return (wrap(state[0] + k[0], coefficients[1][11]), state[1] + k[1], state[2] + k[2],
-                state[3] + k[3], power, tick, noise), innovation
+                state[3] + k[3], total, tick, noise, power), innovation
 
     if form == 'matching':
         return _matching(order, begin)
@@ -155,7 +172,7 @@ def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
     matched, root, noise_gains = MATCHED[order], 1.0 / (order + 1.0), NOISE_GAINS[order]
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        x, v, a, j, power, tick, noise = state
+        x, v, a, j, total, tick, noise, power = state
         if tick == 0.0:
             return begin(state, coefficients, measurement)
         dt, design, rate, rate_2, rate_3, pace = coefficients
@@ -175,10 +192,11 @@ def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
             j += k3 * innovation * rate_3
         if not -period <= x + x < period:
             x = wrap(x, period)
-        power += 0.02 * (innovation * innovation - power)
+        total += innovation * innovation
         if tick >= REFRESH:
-            return (x, v, a, j, power, 1.0, noise_gains(power, coefficients)), innovation
-        return (x, v, a, j, power, tick + 1.0, noise), innovation
+            power = averaged(power, total)
+            return (x, v, a, j, 0.0, 1.0, noise_gains(power, coefficients), power), innovation
+        return (x, v, a, j, total, tick + 1.0, noise, power), innovation
 
     return correct
 
@@ -193,7 +211,7 @@ def _explicit(ahead: Callable[..., tuple], back: Callable[..., tuple],
         x, v, a, j = ahead(state, dt)
         innovation = wrap(measurement - x, design[11])
         k = back(power_terms(innovation, design, dt), dt)
-        return moved((x, v, a, j, state[4], state[5], state[6]), k, innovation, coefficients)
+        return moved((x, v, a, j, *state[4:]), k, innovation, coefficients)
 
     return correct
 
@@ -212,7 +230,7 @@ def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Calla
         innovation = wrap(measurement - x, design[11])
         root = design[1]  # sqrt(L)
         left, push = implicit_step(innovation, dt, design[2] * root, design[3] * root * root)
-        return moved((x, state[1], 0.0, 0.0, state[4], state[5], state[6]),
+        return moved((x, state[1], 0.0, 0.0, *state[4:]),
                      (innovation - left, dt * push, 0.0, 0.0), innovation, coefficients)
 
     return correct
@@ -230,7 +248,7 @@ def estimate_acceleration(state: tuple) -> tuple[float, float, float]:
 
 def resume(state: tuple, measurement: float) -> tuple:
     """After a gap the speed is kept, higher derivatives are not."""
-    return (measurement, state[1], 0.0, 0.0, state[4], state[5], state[6])
+    return (measurement, state[1], 0.0, 0.0, *state[4:])
 
 
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
@@ -243,7 +261,7 @@ def make_pace(order: int) -> Callable[[tuple, tuple, float], float]:
     root = 0.5 / (order + 1.0)
 
     def pace(state: tuple, coefficients: tuple, dt: float) -> float:
-        power = LARGE * state[4]
+        power = state[4] if state[4] > state[7] else state[7]  # that of a transient, from its begin
         if power < SMALLEST:
             power = SMALLEST
         return PACE * coefficients[1][1] / power ** root
