@@ -20,6 +20,7 @@ from sim_pkg.joints.profiles import ProfileParameters, make_profile
 REST = 0.5      # [s] the shaft stands before it moves
 AROUND = 0.2    # [s] after the first changed reading: the start
 LENGTH = 1.2    # [s] of motion
+PHASES = 30     # of a start against the sampling
 
 # Every profile of the simulator; what is at once has no ramp.
 MOTIONS = {
@@ -117,6 +118,23 @@ def measure(name, gains, case):
                  int(changed[far[-1]]) if len(far) else 0, steady,
                  int(np.count_nonzero(out.velocity_stddev == 0.0)
                      + np.count_nonzero(out.position_stddev == 0.0)), where)
+
+
+def readings_of_error(name, gains, known):
+    """Changed readings until the rms error, over phases of the start, stays within twice the steady
+    sigma, at 40 rad/s^2 and 4096 counts, 1 kHz. Earlier sigma must not be there.
+    """
+    errors, steady = [], []
+    for seed in range(1, PHASES + 1):
+        case = Case('steps 40 rad/s^2', known=known, seed=seed)
+        at, read, velocity, _ = stream(case)
+        own = {**gains, 'quantum': case.quantum} if known else gains
+        out = make(name, own, wrap_period=case.period).run(at, read, fast=False)
+        changed = np.flatnonzero(np.diff(read) != 0.0) + 1
+        steady.append(np.median(out.velocity_stddev[changed[0] + 500:changed[0] + 650]))
+        errors.append((out.velocity - velocity)[changed[:150]])
+    wide = np.flatnonzero(np.sqrt(np.mean(np.square(errors), 0)) > 2.0 * np.median(steady))
+    return int(wide[-1]) + 1 if len(wide) else 0
 
 
 def cases(quick=False):

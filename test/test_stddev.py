@@ -151,14 +151,31 @@ accelerations over w. Five times
 \sigma_2 = 2 \lambda \left\lvert v - \frac{c}{t} \right\rvert \frac{1}{\max(1, x)} \tag{2}
 ```
 
-cover it, with λ = 0.2 for order 3, 0.36 for order 2, 0.4 for the low-pass and 0.7 for the paper's form.
+cover it, with λ = 0.2 for order 3, 0.36 for order 2, 0.4 for the low-pass and 0.75 for the paper's form.
 The motion may have begun anywhere in the last sample time before the first changed reading, so t starts
 there at a quarter of a sample time. The published variance is that of the noise, plus the squares of (1)
 and (2), until x = 10 and t = 0.25 s.
 
 The pace w follows from the noise gain: a loop with all poles at w lets through a velocity variance
-proportional to w³ Δt. For `super_twisting` it is that of its error dynamics, (L/|e|)^(1/(n+1)).
+proportional to w³ Δt. For `super_twisting` it is that of its error dynamics, (L/|e|)^(1/(n+1)),
+where |e| is the mean of the innovations or the newest few, if these are larger.
 Innovations before x = 6 are those of the transient and do not enter the noise.
+
+**How soon it is calm.** At 40 rad/s², 4096 counts and 1 kHz the standard deviation is below twice its steady
+value within 20 changed readings: `hybrid_angle` (orders 2 and 3), `pll`, `finite_difference` and `kalman` with
+constant velocity. Three take longer, and so does their own error. Their rms error over 30 phases of the
+start, in steady standard deviations:
+
+| observer | at reading 20 | largest after it (the end of the ramp) | above 2 until reading | sigma above 2 until reading |
+|---|---|---|---|---|
+| `kalman`, quantum found | 2.1 | 11.4 | 74 | 81 |
+| `kalman`, quantum given | 1.6 | 9.7 | 71 | 70 |
+| `super_twisting`, both | 1.4 | 3.6 | 58 | 48 |
+| `hybrid_angle`, form: paper, both | 7.8 | 8.1 | 55 | 73 |
+
+No reading shows the end of the ramp before it comes. With a standard deviation of 2 before it, the error of
+`kalman` would be 5.7 of them (quantum found) and 4.8 (quantum given). `super_twisting` does not need its
+width between readings 20 and 46: the bound (1) falls more slowly than the error of its smallest transients.
 
 Limitations: a start is not covered before its first reading outside the noise. A change of speed without
 a rest before it is not a start. `python test/sigma_starts.py` prints the largest |error|/σ of every

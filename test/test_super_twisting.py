@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from observer_cases import make as joint_of
+from observer_cases import stamps, wrapped
 
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
@@ -207,3 +208,18 @@ def test_the_deviation_of_the_implicit_form_is_its_scatter(bound):
             errors.append(joint.estimate()[1] - 5.0)
             told.append(joint.stddev()[1])
     assert np.std(errors) == pytest.approx(np.mean(told), rel=0.12)
+
+
+@pytest.mark.parametrize('outlier', [0.0, 1.0, 3.0])
+def test_interval_covers_after_a_large_transient(outlier):
+    """From 150 ms after single readings that are off by this much [rad], every 500 ms."""
+    count, quantum = 12_000, 2.0 * math.pi / 4096.0
+    time = np.arange(count) * 1e-3
+    read = np.sin(math.pi * time) + np.random.default_rng(1).normal(0.0, quantum, count)
+    read[1000::500] += outlier
+    out = joint_of('super_twisting').run(stamps(count), wrapped(np.rint(read / quantum) * quantum),
+                                         fast=False)
+    number = np.arange(count)
+    later = (number > 1000) & ((number - 1000) % 500 > 150)
+    error = np.abs(out.velocity - math.pi * np.cos(math.pi * time))[later]
+    assert 0.92 <= np.mean(error < 1.96 * out.velocity_stddev[later]) <= 0.97

@@ -235,10 +235,10 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             convention = follow(convention, measurement, period)
         if lock[0] == TRACKING and size <= outside:
             if start[0] > 0.0:
-                if clock <= 0.0:
-                    count = ENOUGH
                 if start[2] < LEARNT:
                     return (inner, convention, reading, (power, count), lock, start)
+                if state[5][2] < LEARNT:
+                    count = ENOUGH
                 if reading[1] > 0.0:
                     count = max(ENOUGH, 0.75 * count)  # coarse: the readings show no noise
                 elif count < SHORT:
@@ -358,7 +358,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 least = reading[2] * reading[2] / MEMORY
                 if reading[2] == 0.0:
                     least = variance_floor(COARSEST * (1.0 + abs(state[1][0])))
-                elif state[5][0] > 0.0 and state[3][1] < 2.0 * ENOUGH:
+                elif state[5][0] > 0.0 and (state[5][2] < LEARNT or state[3][1] < 2.0 * ENOUGH):
                     least = variance_floor(reading[2] if reading[2] > RESIDUE else reading[0])
                 elif reading[1] <= STILL * coefficients[1]:
                     least = variance_floor(FINEST * (reading[2] + abs(state[1][0])))

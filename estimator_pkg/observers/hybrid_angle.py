@@ -17,7 +17,7 @@ from estimator_pkg.observers.hybrid_design import Design, paper_limit
 from estimator_pkg.observers.hybrid_design import settle as settle_design
 from estimator_pkg.parameters import parameter
 
-LAG_PAPER = 0.7  # see `AngleCore.lag`: of the paper's poles, 1 and 5
+LAG_PAPER = 0.75  # see `AngleCore.lag`: of the paper's poles, 1 and 5
 SETTLING = 3.0  # time constants of the slowest pole until a start counts as settled
 
 
