@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions
 from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.observers.late_stamps import begin_clock, make_retake
 from estimator_pkg.parameters import parameter
 
 MEMORY = 400.0      # samples over which the innovation's power is averaged
@@ -170,7 +171,8 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     innovation [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
     it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start);
     start: (clock [s], anchor: angle of the rest before [rad], nepers by which the core's errors
-    decayed since then, angle travelled [rad], speed that was kept across a gap [rad/s]).
+    decayed since then, angle travelled [rad], speed that was kept across a gap [rad/s]); stamps (see
+    `late_stamps`).
 
     A start is the time after a shaft at rest began to move, or after a gap. The core still carries
     the old speed, so it errs by more than noise explains until its errors have decayed. `unsettled`
@@ -202,15 +204,23 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         return (prepare_core(design[0], dt), dt)
 
     def init(measurement: float, design: tuple) -> tuple:
-        return (init_core(measurement, design[0]), begin(measurement), (0.0, 0.0, 0.0, design[5]),
-                (design[5], 1.0), (INITIALISING, 0.0, 0.0, 0.0),
-                (-RESTED, measurement, 0.0, 0.0, 0.0))
+        inner = init_core(measurement, design[0])
+        return (inner, begin(measurement), (0.0, 0.0, 0.0, design[5]), (design[5], 1.0),
+                (INITIALISING, 0.0, 0.0, 0.0), (-RESTED, measurement, 0.0, 0.0, 0.0),
+                begin_clock(inner))
+
+    retake = make_retake(prepare, correct)
 
     def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
              given: float) -> tuple:
-        inner, convention, (change, since, smallest, recent), (power, count), lock, start = state
+        (inner, convention, (change, since, smallest, recent), (power, count), lock, start,
+         stamps) = state
         before, clock = recent, start[0]
         inner, innovation = correct(inner, coefficients[0], measurement)
+        if coefficients[1] != stamps[0] or stamps[1] != 0.0:
+            inner, innovation, coefficients, stamps = retake(
+                stamps, recent if lock[0] != INITIALISING else math.inf, state[0], design,
+                measurement, inner, innovation, coefficients)
         square = innovation * innovation
         size = abs(innovation)
         outside = design[7]
@@ -236,7 +246,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         if lock[0] == TRACKING and size <= outside:
             if start[0] > 0.0:
                 if start[2] < LEARNT:
-                    return (inner, convention, reading, (power, count), lock, start)
+                    return (inner, convention, reading, (power, count), lock, start, stamps)
                 if state[5][2] < LEARNT:
                     count = ENOUGH
                 if reading[1] > 0.0:
@@ -246,7 +256,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             elif count < MEMORY:
                 count += 1.0
             return (inner, convention, reading, (power + (square - power) / count, count), lock,
-                    start)
+                    start, stamps)
         if lock[0] == INITIALISING:
             if size <= outside:
                 power += (square - power) / FRESH
@@ -261,7 +271,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             if lost:
                 inner = init_core(measurement, design[0])
                 lock = (INITIALISING, 0.0, 0.0, 0.0)
-        return (inner, convention, reading, (power, count), lock, start)
+        return (inner, convention, reading, (power, count), lock, start, stamps)
 
     def resting(start: tuple, measurement: float, moved: float, since: float, power: float,
                 coefficients: tuple, inner: tuple) -> tuple:
@@ -347,6 +357,8 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 state[4][0])
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
+        if state[6][1] != 0.0:
+            coefficients = prepare(design, state[6][1])
         of_position, of_velocity, of_innovation = noise_gains(state[0], coefficients[0])
         reading = state[2]
         variance = design[4]
@@ -375,7 +387,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         return math.sqrt(of_position), sigma
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        inner, convention, reading, power, lock, start = state
+        inner, convention, reading, power, lock, start, stamps = state
         speed = estimate(inner)[1]
         if lock[0] == TRACKING:
             lock = (COASTING, 0.0, 0.0, speed)
@@ -385,7 +397,8 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         if noise_gains(inner, coefficients[0])[1] < UNBOUNDED:
             start = (coefficients[1], measurement, 0.0, 0.0, abs(speed) + abs(moved) / GAP)
         return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
-                (0.0, 0.0, reading[2], reading[3]), power, lock, start)
+                (0.0, 0.0, reading[2], reading[3]), power, lock, start,
+                (stamps[0], 0.0, 0.0, stamps[3]))
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         fresh = init(measurement, design)

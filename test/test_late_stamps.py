@@ -1,0 +1,115 @@
+"""A stamp that comes late is no motion: every angle observer finds it by its innovations."""
+
+import math
+
+import numpy as np
+import pytest
+from observer_cases import angle_observers, make, stamps
+
+QUANTUM, RATE, WAY, FREQUENCY = 3.8e-4, 667.0, 4.0, 2.0 * math.pi * 0.8
+EVERY = 500
+FORMS = {
+    'hybrid_angle': [{'order': 2}, {'form': 'paper', 'bandwidth_hz': 20.0},
+                     {'injection': 'sin'}, {'injection': 'tan', 'order': 2}, {'injection': 'sat'}],
+    'kalman': [{'model': 'constant_velocity'}, {'bandwidth_hz': 45.0},
+               {'model': 'constant_velocity', 'bandwidth_hz': 45.0}],
+    'pll': [{'damping': 0.7}],
+    'super_twisting': [{'order': 1}, {'order': 3}, {'order': 1, 'form': 'implicit'},
+                       {'form': 'taylor'}, {'form': 'explicit'}],
+}
+CASES = [(name, gains) for name in angle_observers() for gains in ({}, *FORMS.get(name, ()))]
+
+
+def label(case):
+    return '-'.join((case[0], *(str(value) for value in case[1].values())))
+
+
+def delayed(t, delay, burst):
+    """Times at which samples of `t` [s] are stamped: one in EVERY comes `delay` [s] late.
+
+    burst : those behind it come 0.1 ms apart until the true times have caught up; else only the
+        next does, and the one after it is stamped truly.
+    """
+    late = t.copy()
+    for k in range(EVERY // 2, len(t) - 20, EVERY):
+        late[k] += delay
+        for j in range(k + 1, k + 20 if burst else k + 2):
+            late[j] = max(late[j], late[j - 1] + 1e-4) if burst else late[j - 1] + 1e-4
+    return late
+
+
+def speed(t):
+    return WAY * FREQUENCY * np.cos(FREQUENCY * t)
+
+
+def run(case, t, late, quantum=None, fast=False):
+    name, gains = case
+    reading = np.floor(WAY * np.sin(FREQUENCY * t) / QUANTUM) * QUANTUM
+    reading = (reading + math.pi) % (2.0 * math.pi) - math.pi
+    gains = gains if quantum is None else {**gains, 'quantum': quantum}
+    at = stamps(1)[0] + np.rint(late * 1e9).astype(np.int64)
+    return make(name, gains).run(at, reading, fast=fast)
+
+
+def errors(out, t, late):
+    """Largest error of the velocity [rad/s] after a second: against the speed at the true time of
+    the reading, and against that at its stamp.
+    """
+    used = (t > 1.0) & (out.verdict < 5)
+    return [float(np.max(np.abs(out.velocity - speed(at))[used])) for at in (t, late)]
+
+
+@pytest.mark.parametrize('known', [True, False], ids=['quantum', 'no quantum'])
+@pytest.mark.parametrize('case', CASES, ids=label)
+def test_a_late_stamp_is_no_motion(case, known):
+    t = np.arange(int(8.0 * RATE)) / RATE
+    quantum = QUANTUM if known else None
+    usual = max(errors(run(case, t, t, quantum), t, t))
+    found = {}
+    for delay in (1e-3, 2e-3, 4e-3):
+        for burst in (True, False):
+            late = delayed(t, delay, burst)
+            found[delay, burst] = errors(run(case, t, late, quantum), t, late)
+    worst = max(max(pair) for pair in found.values())
+    assert worst <= 10.0, found
+    if case[1].get('form') != 'paper':  # which starts its position anew after the long sample time
+        assert worst <= usual + 1.0, found     # the speed changes by 0.4 in 4 ms
+
+
+@pytest.mark.parametrize('case', [case for case in CASES if not case[1]], ids=label)
+def test_true_sample_times_are_believed(case):
+    """Samples drawn at random are no late stamps, and a joint may stop while some are lost."""
+    t = np.arange(int(8.0 * RATE)) / RATE
+    random = np.random.default_rng(3)
+    uneven = (t + random.uniform(0.0, 0.8 / RATE, len(t)))[random.random(len(t)) > 0.05]
+    usual = errors(run(case, t, t), t, t)[0]
+    assert errors(run(case, uneven, uneven), uneven, uneven)[0] <= 1.5 * usual + 0.2
+    at = np.delete(np.arange(2000), slice(1000, 1004)) / 1000.0
+    angle = 8.0 * np.minimum(at, 1.0001)
+    reading = np.floor(angle / QUANTUM) * QUANTUM
+    out = make(*case, wrap_period=0.0).run(stamps(1)[0] + np.rint(at * 1e9).astype(np.int64),
+                                           reading, fast=False)
+    assert np.max(np.abs(out.velocity[1100:])) < 0.01
+    rest = np.abs(out.position - reading)[1001:]
+    assert np.max(rest) < 8.0 * 0.02
+
+
+@pytest.mark.parametrize('case', [case for case in CASES if not case[1]], ids=label)
+def test_compiled_code_finds_the_same(case):
+    t = np.arange(int(2.0 * RATE)) / RATE
+    late = delayed(t, 4e-3, True)
+    plain, fast = (run(case, t, late, fast=fast) for fast in (False, True))
+    np.testing.assert_array_equal(plain.velocity, fast.velocity)
+    np.testing.assert_array_equal(plain.velocity_stddev, fast.velocity_stddev)
+
+
+if __name__ == '__main__':
+    time = np.arange(int(8.0 * RATE)) / RATE
+    for case in CASES:
+        for quantum in (QUANTUM, None):
+            row = [max(errors(run(case, time, time, quantum), time, time))]
+            for delay in (1e-3, 2e-3, 4e-3):
+                for burst in (True, False):
+                    late = delayed(time, delay, burst)
+                    row.append(max(errors(run(case, time, late, quantum), time, late)))
+            print(f'{label(case):40}', quantum, *(f'{value:7.2f}' for value in row), flush=True)
