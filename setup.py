@@ -42,6 +42,7 @@ setup(
               'sim_pkg.reproduce', 'sim_pkg.reproduce.adaptive', 'sim_pkg.reproduce.hybrid_angle',
               'sim_pkg.reproduce.hybrid_discrete', 'sim_pkg.reproduce.mechanical',
               'sim_pkg.reproduce.pmsm', 'sim_pkg.demo'],
+    package_data={'estimator_pkg': ['py.typed'], 'sim_pkg': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

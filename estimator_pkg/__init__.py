@@ -1,5 +1,7 @@
 """Live velocity estimation for ROS 2: observers, their nodes, bags and evaluation.
 
+The library is `VelocityEstimator`: one joint, no ROS (docs/library.md).
+
 The rooms, and what each may know:
 
 ``observers``   the mathematics of each observer. No ROS, no files, no plotting.
@@ -12,4 +14,26 @@ The rooms, and what each may know:
 ``cli``         the command line, which finds its commands through entry points.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from estimator_pkg.errors import UsageError
+    from estimator_pkg.estimator import Estimate, EstimateArrays, VelocityEstimator
+
+__all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
+
 __version__ = '0.1.0'
+
+
+def __getattr__(name: str) -> Any:
+    """Import the library when one of its names is used: `import estimator_pkg` loads no numpy."""
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from estimator_pkg import estimator
+    return getattr(estimator, name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

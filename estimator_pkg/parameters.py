@@ -58,6 +58,8 @@ class Parameter:
         ------
         UsageError : wrong type, not finite, out of range, or not among the choices.
         """
+        if getattr(value, 'ndim', None) == 0:
+            value = value.item()  # NumPy's numbers
         if value is None:
             if self.default is None:
                 return None

@@ -10,18 +10,17 @@ import pytest
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):  # old and new
     os.environ.setdefault(name, str(Path(__file__).parent / 'discovery.xml'))
 
-OVER_DDS = {'test_demo', 'test_encoder_sim', 'test_tune_live'}  # without the probe
-
 
 def pytest_collection_modifyitems(items):
-    """Tests over DDS are tried once more when they fail, and the summary says so.
+    """Mark the tests that use DDS: those with the probe, and those of modules that import `dds`.
 
-    Best-effort traffic may lose messages on a machine with other work to do; a fault of ours fails
-    twice.
+    They are run once more when they fail, and the summary says so: best-effort traffic may lose
+    messages on a busy machine, and a fault of ours fails twice.
     """
     for item in items:
-        if ('probe' in item.fixturenames or hasattr(item.module, 'dds')
-                or item.module.__name__ in OVER_DDS):
+        if 'probe' in item.fixturenames or hasattr(item.module, 'dds'):
+            item.add_marker(pytest.mark.dds)
+        if item.get_closest_marker('dds'):
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 

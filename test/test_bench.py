@@ -245,6 +245,7 @@ def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.dds
 def test_a_node_starts_and_answers_over_dds():
     """As the benchmark does it; the numbers are not judged here."""
     pytest.importorskip('rclpy')

@@ -21,6 +21,8 @@ from sim_pkg.demo.listener import Snapshot
 from sim_pkg.demo.processes import ended_on_any_signal
 from sim_pkg.demo.table import Display
 
+pytestmark = pytest.mark.dds
+
 
 def start(tmp_path, *words):
     environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',

@@ -31,6 +31,7 @@ from sim_pkg.nodes import simulator_node
 from sim_pkg.nodes.deadline import Deadlines
 from sim_pkg.nodes.simulator_node import SimulatorNode
 
+pytestmark = pytest.mark.dds
 CONFIG = Path(__file__).parent.parent / 'config/encoder_sim.yaml'
 PATIENCE = 30.0  # for what takes far less [s]
 RELIABLE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=5000,

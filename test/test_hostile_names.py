@@ -251,6 +251,7 @@ def test_a_stream_lets_line_ends_and_tabs_through_alone():
     assert plain.buffer.getvalue() == b'\\xe4'
 
 
+@pytest.mark.dds
 def test_a_node_logs_names_as_names(tmp_path):
     import dds
     params = tmp_path / 'p.yaml'

@@ -89,6 +89,7 @@ def test_the_page_says_what_to_do(page):
     assert 'about 4096 per turn' in said
 
 
+@pytest.mark.page
 def test_in_a_browser_without_network(page):
     driver = browser.start()
     try:

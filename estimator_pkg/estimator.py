@@ -1,0 +1,269 @@
+"""The library: one joint's velocity estimator, without ROS.
+
+>>> from estimator_pkg import VelocityEstimator
+>>> estimator = VelocityEstimator('hybrid_angle', bandwidth_hz=20.0, quantum=0.001534)
+>>> estimator.update(1_000_000_000, 0.0).status
+'initialising'
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimator_pkg import observers
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.guard import DUPLICATE, MISCONFIGURED, VERDICTS
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES
+from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+
+__all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
+
+VALID = ('tracking', 'coasting')  # statuses with which a node publishes a velocity
+NAN = math.nan
+
+
+class Estimate(NamedTuple):
+    """The newest estimate of one joint.
+
+    Attributes
+    ----------
+    stamp_ns : the time that the estimate is valid for [ns]: the stamp of its sample.
+    position : [rad or m], in the convention of the measurement.
+    velocity : [rad/s or m/s].
+    acceleration : [rad/s^2 or m/s^2]; NaN where the observer does not estimate it.
+    position_stddev, velocity_stddev : one standard deviation of position and velocity.
+    status : initialising, tracking, coasting, not observable or misconfigured.
+    used : whether the last sample reached the observer. If not, this is the estimate before it.
+    dropped : why the guard dropped the last sample (duplicate, late, ...), or ''.
+    """
+
+    stamp_ns: int
+    position: float
+    velocity: float
+    acceleration: float
+    position_stddev: float
+    velocity_stddev: float
+    status: str
+    used: bool
+    dropped: str
+
+    @property
+    def valid(self) -> bool:
+        """Whether the velocity can be used: the status is tracking or coasting."""
+        return self.status in VALID
+
+
+class EstimateArrays(NamedTuple):
+    """The estimates of n samples: the fields of `Estimate` as arrays of shape (n,).
+
+    Row i is what `VelocityEstimator.update` returns for sample i.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    position_stddev: NDArray[np.float64]
+    velocity_stddev: NDArray[np.float64]
+    status: NDArray[np.str_]
+    used: NDArray[np.bool_]
+    dropped: NDArray[np.str_]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where the velocity can be used: the status is tracking or coasting."""
+        return np.isin(self.status, VALID)
+
+
+NO_ESTIMATE = Estimate(0, NAN, NAN, NAN, NAN, NAN, STATUS_NAMES[INITIALISING], False, '')
+REASONS = np.array([''] * DUPLICATE + list(VERDICTS[DUPLICATE:]))  # by verdict
+
+
+class VelocityEstimator:
+    """Estimates the velocity of one joint from stamped samples of its position.
+
+    Parameters
+    ----------
+    observer : name of an observer that needs the angle alone.
+    parameters : gains of the observer and settings of the joint (wrap_period, unwrap, gap_max,
+        ...), by name. `velocity_estimator list NAME` lists them.
+
+    Raises
+    ------
+    UsageError : an unknown name (the nearest one is suggested), a value out of range, gains that
+        contradict each other, or an observer that needs more than an angle.
+    """
+
+    def __init__(self, observer: str = 'hybrid_angle', /, **parameters: Any) -> None:
+        self._observer = observers.find(str(observer))
+        if self._observer.kind != 'angle':
+            raise UsageError(f"observer '{observer}' needs more inputs than an angle: use its node "
+                             f"or one of {', '.join(observers.of_kind('angle'))}")
+        self._configuration = Configuration(self._observer, parameters)
+        self._joint = self._make(self._configuration)
+        self._last = NO_ESTIMATE
+
+    def update(self, stamp_ns: int, angle: float) -> Estimate:
+        """Take one sample and return the newest estimate.
+
+        If the guard drops the sample, the estimate is the one before it, with `used` False and
+        the reason in `dropped`. A sample dropped as 'misconfigured' gives NaN: the gains are
+        unstable at the sample rate (see `why`).
+
+        Parameters
+        ----------
+        stamp_ns : time of the measurement [ns], an integer.
+        angle : measured position [rad or m].
+
+        Raises
+        ------
+        UsageError : a stamp that is not an integer, or an angle that is not a number.
+        """
+        try:
+            stamp_ns, angle = operator.index(stamp_ns), float(angle)
+        except (TypeError, ValueError) as error:
+            raise UsageError('update needs an integer stamp [ns] and a number [rad or m], not '
+                             f'{stamp_ns!r} and {angle!r}: int(1e9 * seconds) makes a stamp'
+                             ) from error
+        joint = self._joint
+        if joint.update(stamp_ns, angle):
+            position, velocity, acceleration, status = joint.estimate()
+            self._last = Estimate(stamp_ns, position, velocity, acceleration, *joint.stddev(),
+                                  STATUS_NAMES[status], True, '')
+            return self._last
+        why = VERDICTS[joint.verdict]
+        if joint.verdict == MISCONFIGURED:
+            self._last = Estimate(stamp_ns, NAN, NAN, NAN, NAN, NAN, why, False, why)
+        else:
+            self._last = self._last._replace(used=False, dropped=why)
+        return self._last
+
+    def run(self, stamps_ns: ArrayLike, angles: ArrayLike, *, fast: bool | None = None
+            ) -> EstimateArrays:
+        """Take many samples and return all estimates, the same as those of `update`.
+
+        Parameters
+        ----------
+        stamps_ns : shape (n,), integer times [ns], in the order in which the samples came.
+        angles : shape (n,), measured positions [rad or m].
+        fast : compile with Numba, if it is installed; None: where it saves time.
+
+        Raises
+        ------
+        UsageError : arrays of other shapes or types.
+        """
+        stamps = _array(stamps_ns, np.int64, 'iu', 'stamps_ns must be integers [ns]')
+        positions = _array(angles, np.float64, 'iuf', 'angles must be numbers [rad or m]')
+        if stamps.ndim != 1 or stamps.shape != positions.shape:
+            raise UsageError('run needs two arrays of one shape (n,), not '
+                             f'{stamps.shape} and {positions.shape}')
+        found = self._joint.run(stamps, positions, fast=fast)
+        verdict = found.verdict
+        answered = (verdict < DUPLICATE) | (verdict == MISCONFIGURED)
+        status = np.where(verdict == MISCONFIGURED, STATUS_MISCONFIGURED, found.status)
+        # row 0 is the last estimate before these samples; a dropped sample repeats the row before
+        row = np.maximum.accumulate(np.where(answered, np.arange(1, len(stamps) + 1), 0))
+        columns = (stamps, *found[:5], np.array(STATUS_NAMES)[status])
+        rows: Any = [np.concatenate((np.array([before]), column))[row]
+                     for before, column in zip(self._last, columns)]
+        out = EstimateArrays._make([*rows, verdict < DUPLICATE, REASONS[verdict]])
+        if len(row):
+            self._last = Estimate(*(column[-1].item() for column in out))
+        return out
+
+    def reset(self) -> None:
+        """Start again as if no sample had come. The counters continue."""
+        self._joint.reset()
+        self._last = NO_ESTIMATE
+
+    def set(self, **parameters: Any) -> None:
+        """Change parameters from the next sample on. The estimate continues.
+
+        Raises
+        ------
+        UsageError : as when the estimator is made; a structural parameter; or gains that are
+            unstable at the measured sample rate. Nothing is changed then.
+        """
+        configuration = Configuration(self._observer, {**self._configuration.common, **parameters})
+        for name, parameter in configuration.parameters().items():
+            if name in parameters and parameter.structural:
+                raise UsageError(f"parameter '{name}' is structural: make a new VelocityEstimator")
+        joint, other = self._joint, self._make(configuration)
+        why = other.functions.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
+        if not why and not joint.goes_on_with(other.functions):
+            why = 'the state cannot be kept with these gains: make a new VelocityEstimator'
+        if why:
+            raise UsageError(why)
+        self._configuration = configuration
+        joint.set_settings(other.settings)
+        joint.set_gains(other.gains)
+
+    @property
+    def observer(self) -> str:
+        """The observer's name."""
+        return self._observer.name
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The values of all parameters by name."""
+        return {**asdict(self._joint.gains), **asdict(self._joint.settings)}
+
+    @property
+    def estimate(self) -> Estimate:
+        """What `update` returned last; NaN and 'initialising' before the first sample."""
+        return self._last
+
+    @property
+    def received(self) -> int:
+        """Number of samples received: used and dropped ones."""
+        return self._joint.received
+
+    @property
+    def used(self) -> int:
+        """Number of samples that reached the observer."""
+        return self._joint.used
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Number of dropped samples by reason; reasons that did not occur are left out."""
+        return self._joint.dropped()
+
+    @property
+    def why(self) -> str:
+        """Why the status is what it is, in words; '' where there is nothing to say."""
+        return self._joint.why()
+
+    def __repr__(self) -> str:
+        values = ''.join(f', {name}={value!r}'
+                         for name, value in self._configuration.common.items())
+        return f'VelocityEstimator({self.observer!r}{values})'
+
+    def _make(self, configuration: Configuration) -> Joint:
+        """A joint of these gains that has taken no sample."""
+        try:
+            joint = Joint(self._observer, *configuration.for_joint(''))
+            joint.rehearse()
+        except (ArithmeticError, ValueError) as error:
+            raise UsageError(f'these gains give no estimates ({error})') from error
+        return joint
+
+
+def _array(values: ArrayLike, dtype: type, kinds: str, what: str) -> NDArray[Any]:
+    """`values` as an array of this dtype; raises UsageError where a value would change."""
+    try:
+        array = np.asarray(values)
+        if array.size and array.dtype.kind not in kinds:
+            raise TypeError(f'not {array.dtype}')
+        if array.dtype.kind == 'u' and array.size and array.max() > np.iinfo(np.int64).max:
+            raise OverflowError('beyond 64 bits')
+        return array.astype(dtype)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(f'{what} ({error})') from error
