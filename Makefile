@@ -1,5 +1,6 @@
 # make demo     watch a live ROS 2 node estimate velocity beside the truth (installs everything first)
 # make test     run every test, the multi-process ones over real DDS included
+# make test-fast  the tests without DDS and without a browser
 # make test-slow  the tests that take minutes
 # make figures  write the numbers that commands give into README and docs (docs/figures.yaml)
 # make mutants  500 small changes of the code, and which of them no test notices (an hour)
@@ -14,7 +15,7 @@ STAMP := $(VENV)/.installed
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find estimator_pkg sim_pkg resource launch config -type f -not -name '*.pyc')
 
-.PHONY: demo test test-slow figures mutants install check clean
+.PHONY: demo test test-fast test-slow figures mutants install check clean
 
 demo: install
 	@$(BIN)/velocity_estimator demo
@@ -32,8 +33,14 @@ $(STAMP): $(SOURCES)
 	@touch $@
 
 # Tests run on the installed package, not on the checkout beside it.
+# What needs no DDS runs side by side; nodes have the machine to themselves.
+ASIDE := -n 2 --dist loadfile
 test: install check
-	$(BIN)/pytest
+	$(BIN)/pytest -m "not dds and not slow" $(ASIDE)
+	$(BIN)/pytest -m "dds and not slow"
+
+test-fast: install
+	$(BIN)/pytest -m "not dds and not slow and not page" $(ASIDE)
 
 test-slow: install
 	$(BIN)/pytest -m slow

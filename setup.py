@@ -20,6 +20,7 @@ EXTRAS = {
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
     'peers': ['pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
     'test': ['pytest>=8,<10', 'pytest-timeout>=2.3,<3', 'pytest-rerunfailures>=14,<17',
+             'pytest-xdist>=3.5,<4',
              'hypothesis>=6.100,<7', 'scipy>=1.11,<2',
              'filterpy>=1.4,<3', 'psutil>=5.9,<8', 'selenium>=4.20,<5', 'ruff>=0.6,<1',
              'mypy>=1.10,<3',

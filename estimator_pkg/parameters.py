@@ -157,11 +157,11 @@ def parameter(default: Any, *, unit: str, description: str,
     ``kind`` is needed only where the default is None (a value that follows from others).
     """
     low, high = range or (None, None)
-    declared = dict(kind=kind or (float if default is None else type(default)), default=default,
-                    unit=unit, description=description, minimum=low, maximum=high,
-                    choices=choices, equation=equation, structural=structural,
-                    advanced=advanced, search=search, among=among,
-                    formerly=formerly or {})
+    declared = {'kind': kind or (float if default is None else type(default)), 'default': default,
+                    'unit': unit, 'description': description, 'minimum': low, 'maximum': high,
+                    'choices': choices, 'equation': equation, 'structural': structural,
+                    'advanced': advanced, 'search': search, 'among': among,
+                    'formerly': formerly or {}}
     return dataclasses.field(default=default, metadata={'parameter': declared})
 
 

@@ -17,8 +17,8 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.parameters import build
 
-PAPER = dict(law='gradient', observer_poles=(-10.0, -12.0), model_poles=(-1.5, -2.5),
-             gamma=(1000.0,), settle=0.0, gate='none', knock=0.0)  # example 4.2
+PAPER = {'law': 'gradient', 'observer_poles': (-10.0, -12.0), 'model_poles': (-1.5, -2.5),
+             'gamma': (1000.0,), 'settle': 0.0, 'gate': 'none', 'knock': 0.0}  # example 4.2
 VECTORS = {  # form -> sample -> y, xhat1, theta
     'paper': {
         10: (-1.660405042e-03, -7.476752657e-04, 4.192042135e-07, 6.502364219e-09,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class RawAngle(NamedTuple):
@@ -30,6 +30,6 @@ class RawAngle(NamedTuple):
         """The smallest step that counts can show [rad]; 0: not known."""
         return abs(self.scale) if self.counts_per_revolution > 0.0 else 0.0
 
-    def angle(self, value):
+    def angle(self, value: Any) -> Any:
         """The angle [rad] of a raw number, or of an array of them (any shape)."""
         return value * self.scale + self.offset

@@ -1,6 +1,6 @@
 """The pictures of docs/observers/edge_adaptive.md.
 
-    python -m estimator_pkg.evaluation.edge_adaptive_figures docs/figures
+python -m estimator_pkg.evaluation.edge_adaptive_figures docs/figures
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +103,7 @@ def _cut(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDAr
     return windows[start]
 
 
-def numbers(data: NDArray[np.uint8], at: int, count: int, kind: str) -> NDArray:
+def numbers(data: NDArray[np.uint8], at: int, count: int, kind: str) -> NDArray[Any]:
     """`count` numbers of numpy type `kind` that stand at byte `at`, shape (n, count)."""
     if not count:
         return np.zeros((len(data), 0), kind)
@@ -114,10 +114,12 @@ def numbers(data: NDArray[np.uint8], at: int, count: int, kind: str) -> NDArray:
 def stamps(data: NDArray[np.uint8], at: int, order: str) -> NDArray[np.int64]:
     """Stamps [ns] whose seconds stand at byte `at`, shape (n,)."""
     seconds = numbers(data, at, 1, f'{order}i4')[:, 0].astype(np.int64)
-    return seconds * 1_000_000_000 + numbers(data, at + 4, 1, f'{order}u4')[:, 0]
+    found: NDArray[np.int64] = (seconds * 1_000_000_000
+                                + numbers(data, at + 4, 1, f'{order}u4')[:, 0])
+    return found
 
 
-def put(out: NDArray[np.uint8], at: int, values: NDArray) -> None:
+def put(out: NDArray[np.uint8], at: int, values: NDArray[Any]) -> None:
     """Write the numbers of each row of `values` into the bytes of that row, from byte `at` on."""
     raw = values.view(np.uint8).reshape(len(out), -1)
     out[:, at:at + raw.shape[1]] = raw

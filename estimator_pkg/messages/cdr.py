@@ -6,6 +6,8 @@ Alignment is relative to the byte after the four-byte encapsulation header.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from typing import Any
 
 
 class MalformedMessageError(ValueError):
@@ -35,7 +37,7 @@ class Reader:
             self.padding.append((self.at, self.at + gap))
             self.at += gap
 
-    def numbers(self, code: str, count: int) -> tuple:
+    def numbers(self, code: str, count: int) -> tuple[Any, ...]:
         """`count` numbers of struct code `code`, aligned; none: no alignment either."""
         if count == 0:
             return ()
@@ -48,7 +50,7 @@ class Reader:
         self.at = end
         return values
 
-    def number(self, code: str):
+    def number(self, code: str) -> Any:
         """One number of struct code `code`."""
         return self.numbers(code, 1)[0]
 
@@ -83,7 +85,7 @@ class Writer:
     def __init__(self) -> None:
         self.raw = bytearray(b'\x00\x01\x00\x00')
 
-    def numbers(self, code: str, values) -> None:
+    def numbers(self, code: str, values: Sequence[float]) -> None:
         """Numbers of struct code `code`, aligned."""
         if len(values) == 0:
             return
@@ -96,13 +98,13 @@ class Writer:
         self.numbers('I', (len(encoded),))
         self.raw += encoded
 
-    def texts(self, values) -> None:
+    def texts(self, values: Sequence[str]) -> None:
         """A sequence of strings."""
         self.numbers('I', (len(values),))
         for value in values:
             self.text(value)
 
-    def doubles(self, values) -> None:
+    def doubles(self, values: Sequence[float]) -> None:
         """A sequence of doubles."""
         self.numbers('I', (len(values),))
         self.numbers('d', values)

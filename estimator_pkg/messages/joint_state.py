@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from estimator_pkg.messages.cdr import Reader, Writer
 
@@ -71,7 +71,8 @@ class Layout:
     def stamp_ns(self, raw: bytes) -> int:
         """Header stamp [ns]."""
         sec, nanosec = self._stamp.unpack_from(raw, 4)
-        return sec * 1_000_000_000 + nanosec
+        stamp: int = sec * 1_000_000_000 + nanosec
+        return stamp
 
     def numbers(self, raw: bytes, which: int) -> tuple[float, ...]:
         """Positions (0), velocities (1) or efforts (2)."""
@@ -118,7 +119,7 @@ class Encoder:
     """Encodes JointStates; remembers the bytes before the arrays while the names stay the same."""
 
     def __init__(self) -> None:
-        self._key: tuple | None = None
+        self._key: tuple[Any, ...] | None = None
         self._prefix = b''
         self._body = _WithCounts('<III', (0, 0, 0))
 
@@ -138,7 +139,7 @@ class Encoder:
         return (_STAMP.pack(0, 1, 0, 0, sec, nanosec) + self._prefix
                 + self._body.pack(*positions, *velocities, *efforts))
 
-    def _learn(self, key: tuple) -> None:
+    def _learn(self, key: tuple[Any, ...]) -> None:
         frame_id, names, *counts = key
         writer = Writer()
         writer.numbers('I', (0, 0))

@@ -22,6 +22,7 @@ def decoder(name: str) -> Callable[[bytes], float]:
     def decode(raw: bytes) -> float:
         if len(raw) < size or raw[0] != 0 or raw[1] > 1:
             raise MalformedMessageError(f'not a std_msgs/{name}')
-        return (little if raw[1] else big).unpack_from(raw, 4)[0]
+        value: float = (little if raw[1] else big).unpack_from(raw, 4)[0]
+        return value
 
     return decode

@@ -64,7 +64,7 @@ class Loss:
         self._expected.clear()
 
     def _began(self, sequence: int, sent_ns: int) -> None:
-        """The second message of a new publisher: by their spacing, when did it send its first?"""
+        """Take the second message of a new publisher: the spacing shows when it sent its first."""
         assert self._first is not None
         number, first_ns = self._first
         self._first = None

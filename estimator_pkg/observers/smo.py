@@ -26,6 +26,7 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.describing import describing
 from estimator_pkg.observers.mechanical import MechanicalCore, MechanicalFunctions, around
 from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.observers.mechanical_noise import NoiseGains
 from estimator_pkg.observers.mechanical_parameters import (
     LINEAR,
     PAPER,
@@ -47,7 +48,7 @@ from estimator_pkg.observers.smo_injections import (
     twisting,
     uniform,
 )
-from estimator_pkg.observers.smo_noise import NoiseGains, scatter
+from estimator_pkg.observers.smo_noise import scatter
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]

@@ -94,9 +94,9 @@ class Motor:
         """Friction stops what would turn round against it, or all but rests."""
         friction = self._p.coulomb
         slow = abs(w) <= SUBSTEP * friction / self._p.inertia
-        if friction > 0.0 and (slow or before * w < 0.0):
-            if abs(self._torque(q, 0.0, u)) <= friction:
-                return 0.0
+        if (friction > 0.0 and (slow or before * w < 0.0)
+                and abs(self._torque(q, 0.0, u)) <= friction):
+            return 0.0
         return w
 
     def event(self, first: float, last: float) -> None:

@@ -1,6 +1,6 @@
 """What `pmsm_observer` costs and how late its estimates are, on batches of 200 samples.
 
-    python -m estimator_pkg.evaluation.bench.live.drive
+python -m estimator_pkg.evaluation.bench.live.drive
 """
 
 from __future__ import annotations

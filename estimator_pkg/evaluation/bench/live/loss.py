@@ -1,6 +1,6 @@
 """What the live node loses of a fast stream, and whether it knows.
 
-    python -m estimator_pkg.evaluation.bench.live.loss
+python -m estimator_pkg.evaluation.bench.live.loss
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Roles that stand around a node while it is measured: each as a process of its own.
 
-    python -m estimator_pkg.evaluation.bench.live.roles publish RATE SECONDS JOINTS [SUBSCRIBERS]
-    python -m estimator_pkg.evaluation.bench.live.roles feed RATE
-    python -m estimator_pkg.evaluation.bench.live.roles listen TOPIC
-    python -m estimator_pkg.evaluation.bench.live.roles time TOPIC
-    python -m estimator_pkg.evaluation.bench.live.roles diagnose
-    python -m estimator_pkg.evaluation.bench.live.roles null
+python -m estimator_pkg.evaluation.bench.live.roles publish RATE SECONDS JOINTS [SUBSCRIBERS]
+python -m estimator_pkg.evaluation.bench.live.roles feed RATE
+python -m estimator_pkg.evaluation.bench.live.roles listen TOPIC
+python -m estimator_pkg.evaluation.bench.live.roles time TOPIC
+python -m estimator_pkg.evaluation.bench.live.roles diagnose
+python -m estimator_pkg.evaluation.bench.live.roles null
 """
 
 from __future__ import annotations
