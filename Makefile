@@ -36,8 +36,8 @@ $(STAMP): $(SOURCES)
 # What needs no DDS runs side by side; nodes have the machine to themselves.
 ASIDE := -n 2 --dist loadfile
 test: install check
-	$(BIN)/pytest -m "not dds and not slow" $(ASIDE)
-	$(BIN)/pytest -m "dds and not slow"
+	$(BIN)/pytest -m "not dds and not slow" $(ASIDE); aside=$$?; \
+	$(BIN)/pytest -m "dds and not slow" && exit $$aside
 
 test-fast: install
 	$(BIN)/pytest -m "not dds and not slow and not page" $(ASIDE)
