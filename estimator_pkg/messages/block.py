@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ class Block:
     def __len__(self) -> int:
         return len(self.topic)
 
-    def take(self, rows: NDArray | slice) -> Block:
+    def take(self, rows: NDArray[Any] | slice) -> Block:
         """Some of the messages, on the same buffer."""
         return Block(self.topic[rows], self.log_ns[rows], self.publish_ns[rows], self.data,
                      self.start[rows], self.end[rows])

@@ -115,7 +115,7 @@ class AngleSettings(StreamSettings):
 
     @property
     def only(self) -> tuple[str, ...]:
-        """The joints to estimate; empty: all. (An empty text is how YAML writes an empty list.)"""
+        """The joints to estimate; empty: all. An empty text is how YAML writes an empty list."""
         return tuple(name for name in self.joints or () if name)
 
     @property
