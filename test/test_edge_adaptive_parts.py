@@ -120,7 +120,7 @@ def test_opening_keeps_the_covariance_positive_and_explains_the_deviation():
 
 
 def sensed(angles, dts=None, quantum=0.01):
-    sensor = edge_sensor.begin_sensor(quantum, 0.03, quantum)
+    sensor = edge_sensor.begin_sensor(quantum, 0.03)
     steps = edge_sensor.FIRST_STEPS
     for i in range(1, len(angles)):
         step = angles[i] - angles[i - 1]

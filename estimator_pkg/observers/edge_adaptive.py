@@ -137,7 +137,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         quantum = design[2] if design[2] > 0.0 else UNIT
         floor = quantum * quantum / 12.0
         return ((measurement, 0.0, 0.0, 0.0), (floor, 0.0, 0.0, 0.0, 0.0, 0.0), begin_band(0.0),
-                begin_sensor(quantum, BLUR, design[2]), FIRST_STEPS, begin(measurement),
+                begin_sensor(quantum, BLUR), FIRST_STEPS, begin(measurement),
                 (INITIALISING, 1.0, 0.0), STEADY, START)
 
     def again(measurement: float, design: tuple, sensor: tuple, steps: tuple, convention: tuple,
@@ -230,7 +230,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         doubted_so_far = doubt[1] > 0.0
         if doubted_so_far:
             doubt = later(doubt, dt)
-            jump = steps[4]
+            jump = steps[6]
             if jump * (change + 0.5 * jump) > 0.0:   # it lasts: all before was residue, no steps
                 steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, design[2])
                 quantum = quantum_of(steps, design[2])
@@ -240,9 +240,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 doubt = doubted(quantum, dt, period, 0.0)
             elif jump != 0.0:                        # a glitch
                 change += jump
-                steps = steps[:4] + (0.0,)
+                steps = steps[:6] + (0.0,)
         first = False
-        if change != 0.0 and tells_quantum(steps, change, sensor[6], quantum):
+        if change != 0.0 and tells_quantum(steps, change, sensor[6], sensor[7], quantum):
             first = convention[1] == convention[2]
             size = abs(measurement) + abs(convention[0])
             least = ROUNDING * size if first and design[2] == 0.0 else RESIDUE * quantum
@@ -257,6 +257,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                     if first:   # what was relative to UNIT
                         sensor = (sensor[:1] + (scale * sensor[1],) + sensor[2:9]
                                   + (0.0, sensor[10]))
+                    if scale > 1.0 or first:   # as sure in quanta as it was
                         p = (scale * p[0], scale * p[1], scale * p[2], scale * p[3], scale * p[4],
                              scale * p[5])
         stepped, rested = sensor[4], sensor[7]
@@ -328,7 +329,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             if not believed:
                 if quantum != design[2] and abs(change) > JUMP * (was[2] - was[1]):
                     # what moved before was residue, or this is a glitch: the next reading tells
-                    steps = steps[:4] + (change,)
+                    steps = steps[:6] + (change,)
                     doubt = doubted(quantum, dt, period, 0.0)
                 return ((measurement - off, v, a, idle), p, band, sensor, steps, convention,
                         (COASTING if status != INITIALISING else status, 0.0, astray),
@@ -352,7 +353,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     def bound(sensor: tuple) -> float:
         """The largest speed [rad/s] that a reading unchanged for so long allows."""
-        return (sensor[6] + 2.0 * SIGMAS * math.sqrt(sensor[1])) / sensor[7]
+        step = sensor[6] if sensor[6] > sensor[0] else sensor[0]
+        return (step + 2.0 * SIGMAS * math.sqrt(sensor[1])) / sensor[7]
 
     def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
                given: float) -> tuple:
@@ -387,12 +389,11 @@ def build(gains: Gains, circle: Circle) -> Functions:
         motion, p, band, sensor, steps, convention, lock, sway, doubt = state
         quantum = sensor[0]
         status = COASTING if lock[0] == TRACKING else lock[0]
-        known = convention[2] > convention[1] or design[2] > 0.0
         return ((measurement, motion[1], 0.0, 0.0),
                 (quantum * quantum / 12.0, 0.0, 0.0, p[3], 0.0, p[5]),
                 (band[0], 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, band[7]),
-                (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, quantum if known else 0.0, 0.0,
-                 math.inf, 0.0, 0.0), steps[:4] + (0.0,),
+                (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0),
+                steps[:6] + (0.0,),
                 follow(convention, measurement, design[0]), (status, 0.0, lock[2]), STEADY,
                 (motion[1] * motion[1], SETTLES, doubt[2]))
 
@@ -400,7 +401,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         steps = state[4]    # what is known of the quantum
         quantum = quantum_of(steps, design[2])
         return again(measurement, design,
-                     begin_sensor(quantum if quantum > 0.0 else UNIT, BLUR, quantum), steps,
+                     begin_sensor(quantum if quantum > 0.0 else UNIT, BLUR), steps,
                      follow(state[5], measurement, design[0]), START)
 
     def why(state: tuple, design: tuple) -> str:

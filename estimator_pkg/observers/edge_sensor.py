@@ -18,9 +18,10 @@ RESIDUE = 1e-3    # of the quantum: a change by less is rounding residue, and no
 FINEST = 1e-10    # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
 JUMP = 1e3        # times the range of all readings before: those before were residue
 SEEN = 2.0        # a smaller step than the given quantum is believed when it came twice
-MANY = 8.0        # steps that show the quantum, before it is thought to be larger than given
+SHOWN = 8.0       # readings that show the quantum, before it is thought to be larger than before
+RETURNS = 3.0     # the first of them, which a stray reading makes by itself: there, back, and on
+SEARCH = 96.0     # readings among which these are looked for, after a new smallest step
 FINER = 0.75      # the quantum is too large if steps below this part of it are seen
-COARSER = 1.5     # and too small if none below this many were
 
 CLOSE = 0.9       # a step above this part of the quantum is one, but for its last digits,
 DIGITS = 0.01     # which are below this part
@@ -29,24 +30,23 @@ AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
 
 # (quantum in use [rad]; noise: variance of the edges, beside the quantum's own [rad^2]; scatter:
 # mean square of third differences over 20 [rad^2]; residual, step [rad] and dt [s] of the sample
-# before, dt 0: none; size of the last change of the reading [rad], at least the quantum, and time
-# since it [s]; change of the residual one sample before [rad], inf: none; square of the third
-# differences that last [rad^2], negative where they alternate; mean dt [s])
+# before, dt 0: none; size of the last change of the reading [rad], 0: none, and time since it
+# [s]; change of the residual one sample before [rad], inf: none; square of the third differences
+# that last [rad^2], negative where they alternate; mean dt [s])
 Sensor = tuple[float, float, float, float, float, float, float, float, float, float, float]
-# (smallest step seen [rad]; smallest step of the steps [rad]; how many showed the quantum; steps of
-# either kind that were finer than the given quantum; the last step [rad], where it was more than
-# `JUMP` times the range of all readings before, else 0)
-Steps = tuple[float, float, float, float, float]
+# (smallest step of the reading, or of its steps, seen [rad]; candidate for the quantum, of which
+# all steps since it came up are multiples [rad]; how many of them could have shown a finer one;
+# the smallest of these but the first `RETURNS` [rad]; readings for which the search goes on;
+# steps that were finer than the given quantum; the last step [rad], where it was more than `JUMP`
+# times the range of all readings before, else 0)
+Steps = tuple[float, float, float, float, float, float, float]
 
-FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, 0.0, 0.0)
+FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, math.inf, SEARCH, 0.0, 0.0)
 
 
-def begin_sensor(quantum: float, blur: float, given: float) -> Sensor:
-    """Before anything was seen; `given`: the quantum in use [rad], or 0 where that is not known.
-
-    `blur`: see `follow_sensor`.
-    """
-    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, 0.0, 0.0, given, 0.0,
+def begin_sensor(quantum: float, blur: float) -> Sensor:
+    """Before anything was seen. `blur`: see `follow_sensor`."""
+    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
             math.inf, 0.0, 0.0)
 
 
@@ -60,65 +60,84 @@ def follow_steps(steps: Steps, step: float, last: float, since: float, size: flo
                  quantum: float) -> Steps:
     """After a reading that moved by `step` [rad], where the last that moved did so by +-`last`.
 
+    A finer step than any before is believed at once, and starts a search: when all steps have been
+    multiples of a candidate, `SHOWN` of them could have shown a finer one, and one repeated it, it
+    is the quantum, and what was finer was a stray reading.
+
     Parameters
     ----------
+    last : 0: none has moved yet.
     since : time between that and the last reading before this one [s]. A step that comes after
         unchanged readings shows the quantum, for a shaft that skipped a count would not rest.
     size : of the two readings [rad]: of their last digits nothing is learnt.
     quantum : as given [rad]; 0: not known.
     """
-    smallest, finest, several, finer, _ = steps
-    found = abs(step)
-    grain = max(ROUNDING * size, RESIDUE * min(smallest, finest, found))
-    if grain < found < smallest:
-        smallest = found
-    if since > 0.0 and several < MANY:
-        several += 1.0
+    smallest, candidate, shown, least, left, finer, _ = steps
+    moved = found = abs(step)
+    grain = max(ROUNDING * size, RESIDUE * min(smallest, moved))
+    shows = since > 0.0
     if last > 0.0:
-        bend = abs(found - last)
+        bend = abs(moved - last)
         if bend > grain:
-            if several < MANY:
-                several += 1.0
-            if bend < finest:
-                finest = bend
+            shows = True
             if bend < found:
                 found = bend
-    if grain < found < FINER * quantum and finer < SEEN:
+    if found <= grain:
+        return (*steps[:6], 0.0)
+    if found < FINER * quantum and finer < SEEN:
         finer += 1.0
-    return (smallest, finest, several, finer, 0.0)
+    if found < CLOSE * smallest:
+        left = SEARCH
+    if found < smallest:
+        smallest = found
+    beside = moved % candidate
+    if found < CLOSE * candidate or DIGITS * candidate < beside < (1.0 - DIGITS) * candidate:
+        candidate, shown, least, left = found, float(shows), math.inf, left - 1.0
+    elif shows and shown < SHOWN:
+        shown, left = shown + 1.0, left - 1.0
+        if shown > RETURNS and found < least:
+            least = found
+        if shown == SHOWN and CLOSE * least > candidate:   # a stray reading alone showed it
+            candidate, shown, least, left = least, 1.0, math.inf, SEARCH
+        elif shown == SHOWN:
+            smallest, left = candidate, 0.0
+            if candidate >= FINER * quantum:
+                finer = 0.0
+    return (smallest, candidate, shown, least, left if left > 0.0 else 0.0, finer, 0.0)
 
 
-def tells_quantum(steps: Steps, step: float, last: float, quantum: float) -> bool:
+def tells_quantum(steps: Steps, step: float, last: float, since: float, quantum: float) -> bool:
     """False if a reading that moved by `step` [rad] cannot change what is known of the quantum.
 
-    Most cannot: enough steps were seen, and neither this one nor its difference from the `last` is
-    smaller than the quantum in use.
+    Most cannot: nothing is searched for, and neither this one nor its difference from the `last` is
+    smaller than the quantum in use. See `follow_steps`.
     """
-    if steps[2] < MANY:
-        return True
     step = abs(step)
-    least = CLOSE * quantum
-    return step < least or DIGITS * quantum < abs(step - last) < least
+    if step < CLOSE * quantum:
+        return True
+    bend = abs(step - last)
+    if steps[4] > 0.0:
+        return since > 0.0 or bend > ROUNDING * step
+    return DIGITS * quantum < bend < CLOSE * quantum
 
 
 def quantum_of(steps: Steps, given: float) -> float:
     """The quantum to reckon with [rad]; 0: none is known yet."""
-    smallest, finest = steps[0], steps[1]
-    seen = smallest if smallest < finest else finest
+    seen = steps[0]
     if given > 0.0:
-        finer = steps[3] >= SEEN and seen < given
-        coarser = steps[2] >= MANY and steps[3] == 0.0 and seen > COARSER * given
-        return seen if finer or coarser else given
+        return given if agreement(steps, given) == AGREES else seen
     return seen if seen < math.inf else 0.0
 
 
 def agreement(steps: Steps, given: float) -> int:
     """`AGREES`, `TOO_LARGE` or `TOO_SMALL`: the given quantum [rad] beside the steps seen."""
+    seen, _, shown, _, _, finer, _ = steps
     if given <= 0.0:
         return AGREES
-    if steps[3] >= SEEN:
+    confirmed = shown >= SHOWN
+    if seen < given and (finer >= SEEN or (confirmed and seen < CLOSE * given)):
         return TOO_LARGE
-    if steps[2] >= MANY and steps[3] == 0.0 and min(steps[0], steps[1]) > COARSER * given:
+    if confirmed and CLOSE * seen > given:
         return TOO_SMALL
     return AGREES
 
@@ -162,10 +181,7 @@ def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, memory
     if step == 0.0:
         return (quantum, noise, scatter, residual, step, dt, change, since + dt, bend,
                 lasting, pace)
-    change = abs(step)
-    return (quantum, noise, scatter, residual, step, dt,
-            change if change > quantum else quantum, 0.0, bend, lasting,
-            pace)
+    return quantum, noise, scatter, residual, step, dt, abs(step), 0.0, bend, lasting, pace
 
 
 def vibration(sensor: Sensor) -> float:
