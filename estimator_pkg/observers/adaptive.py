@@ -28,6 +28,7 @@ docs/papers/adaptive.md.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,8 +61,55 @@ FRESH = 10.0       # so many times faster they are averaged in the beginning
 SURPRISE = 25.0    # a square counts at most so many times the usual one
 
 
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is. Companion matrices by their column."""
+
+    a_k: tuple          # of A_c - K C
+    fastest: float      # bound of its poles [1/s]
+    a_c: tuple          # of A_c
+    k: tuple            # K, the injection
+    fixed: tuple        # theta, as far as it is known
+    start: tuple        # theta, as far as it is free
+    low: tuple          # bounds of the free ones
+    high: tuple
+    gamma: tuple        # Gamma of the free ones: its diagonal where there is nothing else
+    floor: tuple        # what the information matrix must exceed to open the gate
+    w: tuple            # `gramian` of A_c - K C
+    settle: float       # until the filters have forgotten their start [s]
+    average: float      # time over which the innovation's power is averaged [s]
+    memory: float       # of least squares [s]
+    keep: float         # memory of the information matrix [s]
+    pace: float         # geometric mean of the poles [1/s]
+    slowest: float      # slowest pole [1/s]
+    knock: float        # squares of e that are a knock, in usual squares
+    moving_above: float  # speed below which dry friction may hold the joint [rad/s]
+    adapt: float        # 1.0: theta may change
+    is_given: float     # 1.0: the user gave theta
+    period: float       # of the circle [rad]; 0: none
+    unwrap: float
+    noise: float        # variance of the reading's noise [rad^2]; 0: to be estimated
+    finest: float       # its least, of the encoder's quantum [rad^2]
+    p_start: tuple      # P of least squares
+
+
+class Coefficients(NamedTuple):
+    """What the sample time h implies."""
+
+    f: tuple            # exp((A_c - K C) h)
+    g0: tuple           # first row of its integral, for what is held ...
+    g1: tuple           # ... and for what rises
+    h: float            # [s]
+    weight: float       # of the newest sample in averages
+    slow_weight: float  # of the newest look
+    keep: float         # what the information matrix keeps over a sample
+    forget: float       # what least squares keeps over a sample
+    low_pass: float     # weight of the newest sample in the low-passed innovation
+
+
 def build(gains: Gains, circle: Circle) -> Functions:
     """The functions of the observer at these gains.
+
+    Inside, `design` is a `Design` and `coefficients` are `Coefficients`.
 
     State: (psi_y, psi_u, psi_1, psi_s): first rows of the filtered regressor for y, u, 1 and
     sin y; z: in the sampled form what is left of the start in x, in the paper form x itself;
@@ -118,38 +166,39 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return as_rows(gains.signal_to_noise * gains.excitation_memory
                        * noise[np.ix_(made.free, made.free)])
 
-    def design() -> tuple:
-        floor = variance_floor(gains.quantum)
-        noise = gains.noise * gains.noise + floor if gains.noise is not None else 0.0
+    def design() -> Design:
+        finest = variance_floor(gains.quantum)
+        noise = gains.noise * gains.noise + finest if gains.noise is not None else 0.0
         is_diagonal = bool(np.all(made.gamma == np.diag(np.diag(made.gamma))))
-        return (made.observer, float(made.fastest), made.model, made.injection, made.fixed,
-                made.start, (made.low, made.high),
-                tuple(float(x) for x in np.diag(made.gamma)) if is_diagonal
-                else as_rows(made.gamma),
-                floor_of_gate(), noise_of,
-                (float(settle), float(average), float(gains.memory),
-                 float(gains.excitation_memory), float(pace), float(made.slowest),
-                 float(gains.knock * gains.knock), float(gains.moving_above)),
-                (float(gains.adapt), float(gains.theta is not None)),
-                (float(circle.period), float(circle.unwrap)), (noise, floor),
-                as_rows(np.diag(made.variance)) if not is_gradient else ((0.0,),))
+        return Design(
+            a_k=made.observer, fastest=float(made.fastest), a_c=made.model, k=made.injection,
+            fixed=made.fixed, start=made.start, low=made.low, high=made.high,
+            gamma=tuple(float(x) for x in np.diag(made.gamma)) if is_diagonal
+            else as_rows(made.gamma),
+            floor=floor_of_gate(), w=noise_of, settle=float(settle), average=float(average),
+            memory=float(gains.memory), keep=float(gains.excitation_memory), pace=float(pace),
+            slowest=float(made.slowest), knock=float(gains.knock * gains.knock),
+            moving_above=float(gains.moving_above), adapt=float(gains.adapt),
+            is_given=float(gains.theta is not None), period=float(circle.period),
+            unwrap=float(circle.unwrap), noise=noise, finest=finest,
+            p_start=as_rows(np.diag(made.variance)) if not is_gradient else ((0.0,),))
 
-    def prepare(design: tuple, dt: float) -> tuple:
-        f, g0, g1 = series(design[0], design[1], dt)
-        average, memory, keep = design[10][1], design[10][2], design[10][3]
-        return (rows(f, design[0]), g0, g1, dt, -math.expm1(-dt / average),
-                -math.expm1(-LOOK * dt / average), math.exp(-dt / keep),
-                kept(dt, memory), -math.expm1(-dt * design[10][5]))
+    def prepare(design: Any, dt: float) -> Coefficients:
+        f, g0, g1 = series(design.a_k, design.fastest, dt)
+        return Coefficients(rows(f, design.a_k), g0, g1, dt, -math.expm1(-dt / design.average),
+                            -math.expm1(-LOOK * dt / design.average), math.exp(-dt / design.keep),
+                            kept(dt, design.memory), -math.expm1(-dt * design.slowest))
 
-    def init(measurement: float, design: tuple) -> tuple:
-        theta = design[5]
+    def init(measurement: float, design: Any) -> tuple:
+        theta = design.start
         inner, z = started(zeros, theta, design, measurement, 0.0)
         if is_paper:
             z = paper_start(theta, design, measurement, 0.0)
-        return (inner, z, theta, empty, design[14], begin(measurement), begin_scatter(measurement),
+        return (inner, z, theta, empty, design.p_start, begin(measurement),
+                begin_scatter(measurement),
                 (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (INIT, 0, 0), nothing)
 
-    def pause(held: float, usual: float, e: float, psi_y: tuple, adapted: float, design: tuple,
+    def pause(held: float, usual: float, e: float, psi_y: tuple, adapted: float, design: Any,
               weight: float) -> tuple[float, float]:
         """(for how long nothing is learnt [s], usual square of the innovation).
 
@@ -157,32 +206,34 @@ def build(gains: Gains, circle: Circle) -> Functions:
         hold until the filters have forgotten it.
         """
         square = e * e
-        if needs_motion and -design[10][7] < -design[0][n - 1] * psi_y[n - 2] < design[10][7]:
-            held = SETTLED / design[10][5]
+        if needs_motion and (-design.moving_above < -design.a_k[n - 1] * psi_y[n - 2]
+                             < design.moving_above):
+            held = SETTLED / design.slowest
         elif is_watched:
-            if adapted > design[10][1]:
-                if square > design[10][6] * usual:
-                    held = SETTLED / design[10][5]
+            if adapted > design.average:
+                if square > design.knock * usual:
+                    held = SETTLED / design.slowest
                 if square > SURPRISE * usual:
                     square = SURPRISE * usual
             usual += (square - usual) * weight
         return held, usual
 
-    def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
+    def step(state: tuple, coefficients: Any, design: Any, measurement: float,
              given: float) -> tuple:
         ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
          (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
          (phase, trusted, tick), evidence) = state
         f, g0, g1, h, weight, slow_weight, keep, forget, low_pass = coefficients
-        period = design[12][0]
-        change = measurement - convention[0]
+        last_measurement, lowest, highest, wraps, turns = convention
+        period = design.period
+        change = measurement - last_measurement
         if period > 0.0 and not -0.5 * period <= change < 0.5 * period:
             change = wrap(change, period)
         if is_paper:
             e = y - z[0]
             of_y, of_u, load, gravity = parts(theta, design)
-            slope = add(times(design[2], z), y, of_y)
-            slope = add(add(slope, given, of_u), e, design[3])
+            slope = add(times(design.a_c, z), y, of_y)
+            slope = add(add(slope, given, of_u), e, design.k)
             if has_load:
                 slope = add(slope, load, last)
             if has_gravity:
@@ -201,19 +252,19 @@ def build(gains: Gains, circle: Circle) -> Functions:
         if not is_paper:
             z = apply(f, z)
             psi = pick(psi_y, psi_u, psi_1, psi_s)
-            e = (y - z[0] - dot(psi_y, design[3])
-                 - explained(psi_y, psi_u, psi_1, psi_s, design[4]) - dot_m(psi, theta))
+            e = (y - z[0] - dot(psi_y, design.k)
+                 - explained(psi_y, psi_u, psi_1, psi_s, design.fixed) - dot_m(psi, theta))
         if not -LARGEST < e < LARGEST:
             return init(measurement, design)  # numbers ran away: only a new start helps
         age += h
         tick += 1
-        if phase == INIT and age >= design[10][0]:
+        if phase == INIT and age >= design.settle:
             phase = judged(information, scatter, design, h)
         if phase != INIT:
             information = rank_one(information, keep, h, psi)
             slow_e += (e - slow_e) * low_pass
-            slow_bend += (y + dot(psi_y, design[0]) - slow_bend) * low_pass
-            if phase == ADAPTING and design[11][0] > 0.0:
+            slow_bend += (y + dot(psi_y, design.a_k) - slow_bend) * low_pass
+            if phase == ADAPTING and design.adapt > 0.0:
                 if is_watched or needs_motion:
                     held, usual = pause(held, usual, e, psi_y, adapted, design, weight)
                 if held > 0.0:
@@ -227,7 +278,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                         of_y, of_u, load, gravity = all_parts(add_m(theta, -1.0, was), none_known)
                         z = add(z, 1.0, moved_by(before, of_y, of_u, load, gravity, design))
             recent = weight
-            if age < design[10][0] + 2.0 * design[10][1]:  # while theta is on its way
+            if age < design.settle + 2.0 * design.average:  # while theta is on its way
                 recent = FRESH * weight if FRESH * weight < 1.0 else 1.0
             power += (e * e - power) * recent
             slow_power += (slow_e * slow_e - slow_power) * recent
@@ -235,15 +286,15 @@ def build(gains: Gains, circle: Circle) -> Functions:
             tick = 0
             if phase != INIT:
                 phase = judged(information, scatter, design, h)
-                speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)[2]
+                x1, x2, speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)
                 speed_power += (speed * speed - speed_power) * slow_weight
                 most = (DOUBT * expected(scatter, theta, design, h)
                         * low_pass / (2.0 - low_pass))
-                close = CLOSE * speed_power / (design[10][4] * design[10][4])
+                close = CLOSE * speed_power / (design.pace * design.pace)
                 if slow_power > 4.0 * most and slow_power > 4.0 * close:
                     trusted = 0
                 elif (slow_power <= most or slow_power <= close) and (
-                        age > design[10][0] + design[10][1]):
+                        age > design.settle + design.average):
                     trusted = 1
         return ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p,
                 follow(convention, measurement, period),
@@ -251,64 +302,72 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
                 (phase, trusted, tick), evidence)
 
-    def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
+    def output(state: tuple, coefficients: Any, design: Any, measurement: float,
                given: float) -> tuple:
-        x1, x2, speed = states(state[0], state[1], state[2], design)
+        (inner, z, theta, information, p, convention, scatter,
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+         (phase, trusted, tick), evidence) = state
+        x1, x2, speed = states(inner, z, theta, design)
         if is_full:
-            speed += parts(state[2], design)[1][0] * given
-        phase, trusted, tick = state[8]
+            of_y, of_u, load, gravity = parts(theta, design)
+            speed += of_u[0] * given  # b1 u
         if phase == INIT:
             status = COASTING if trusted > 0 else INITIALISING
-        elif phase == GATED and state[7][4] == 0.0 and design[11][1] == 0.0:
+        elif phase == GATED and adapted == 0.0 and design.is_given == 0.0:
             status = NOT_OBSERVABLE
         else:
             status = TRACKING if trusted > 0 else INITIALISING
-        return present(state[5], x1, design[12][0], design[12][1]), speed, math.nan, status
+        return present(convention, x1, design.period, design.unwrap), speed, math.nan, status
 
-    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
+    def stddev(state: tuple, coefficients: Any, design: Any) -> tuple[float, float]:
         """Of white noise through the filters, and of what the model lacks: a slow innovation e
         goes with an error of the velocity of (a1 - o1) e, o1 and a1 being the first entries of
         A_c - K C and A.
         """
-        h, low_pass = coefficients[3], coefficients[8]
-        of_y = parts(state[2], design)[0]
-        injected = add(design[3], 1.0, of_y)
-        first = design[2][0] + of_y[0] - design[0][0]
-        to_speed = add(times(design[0], injected), first, injected)
-        of_position = h * dot(injected, apply(design[9], injected))
-        of_speed = h * dot(to_speed, apply(design[9], to_speed))
-        power = variance(state[6], design)
-        seen = (state[7][2] - state[7][9]) / (1.0 + of_position)  # it may show more than is known
-        if seen > power:
-            power = seen
-        slow = state[7][9] - power * (1.0 + of_position) * low_pass / (2.0 - low_pass)
+        (inner, z, theta, information, p, convention, scatter,
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+         flags, evidence) = state
+        f, g0, g1, h, weight, slow_weight, keep, forget, low_pass = coefficients
+        of_y, of_u, load, gravity = parts(theta, design)
+        injected = add(design.k, 1.0, of_y)  # K + L
+        first = design.a_c[0] + of_y[0] - design.a_k[0]
+        to_speed = add(times(design.a_k, injected), first, injected)
+        of_position = h * dot(injected, apply(design.w, injected))
+        of_speed = h * dot(to_speed, apply(design.w, to_speed))
+        noise = variance(scatter, design)
+        seen = (power - slow_power) / (1.0 + of_position)  # it may show more than is known
+        if seen > noise:
+            noise = seen
+        slow = slow_power - noise * (1.0 + of_position) * low_pass / (2.0 - low_pass)
         if slow < 0.0:
             slow = 0.0
-        return (math.sqrt(of_position * power + slow),
-                math.sqrt(of_speed * power + first * first * slow))
+        return (math.sqrt(of_position * noise + slow),
+                math.sqrt(of_speed * noise + first * first * slow))
 
-    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        fresh, theta = resume(state, coefficients, design, measurement), state[2]
-        y = fresh[7][0]
+    def restart(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
+        (inner, z, theta, information, p, convention, scatter, signals, flags,
+         evidence) = resume(state, coefficients, design, measurement)
+        y = signals[0]
         inner, z = started(zeros, theta, design, y, 0.0)
         if is_paper:
             z = paper_start(theta, design, y, 0.0)
-        return (inner, z, theta, fresh[3], fresh[4], fresh[5], fresh[6], fresh[7], (INIT, 0, 0),
-                fresh[9])
+        return (inner, z, theta, information, p, convention, scatter, signals, (INIT, 0, 0),
+                evidence)
 
-    def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        (inner, z, theta, information, p, convention, scatter,
-         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power), flags,
-         evidence) = state
-        y += wrap(measurement - convention[0], design[12][0])
-        speed = states(inner, z, theta, design)[2]
-        inner, z = started(inner[1], theta, design, y, speed)
+    def resume(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
+        ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+         (phase, trusted, tick), evidence) = state
+        last_measurement, lowest, highest, wraps, turns = convention
+        y += wrap(measurement - last_measurement, design.period)
+        x1, x2, speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)
+        inner, z = started(psi_u, theta, design, y, speed)
         if is_paper:
             z = paper_start(theta, design, y, speed)
-        return (inner, z, theta, information, p, follow(convention, measurement, design[12][0]),
+        return (inner, z, theta, information, p, follow(convention, measurement, design.period),
                 resume_scatter(scatter, measurement),
                 (y, 0.0, power, speed_power, adapted, held, usual, 0.0, 0.0, slow_power),
-                (INIT, flags[1], 0), evidence)
+                (INIT, trusted, 0), evidence)
 
     def limits(dt: float) -> str | None:
         if is_paper and made.fastest * dt >= 2.0:

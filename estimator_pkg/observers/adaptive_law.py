@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,46 +58,50 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
     rank_one, exceeds, parts = free.rank_one, free.exceeds, motion.parts
     update = make_update(len(made.free))
 
-    def moved(theta: tuple, p: tuple, psi: tuple, e: float, design: tuple, h: float,
+    def moved(theta: tuple, p: tuple, psi: tuple, e: float, design: Any, h: float,
               forget: float) -> tuple:
         if is_gradient:
             if is_diagonal:
-                direction = times_m(design[7], psi)
+                direction = times_m(design.gamma, psi)
             else:
-                direction = apply_m(design[7], psi)
+                direction = apply_m(design.gamma, psi)
             size = h * e if is_paper else h * e / (1.0 + h * dot_m(psi, direction))
             theta = add_m(theta, size, direction)
             if bounded:
-                theta = clip_m(theta, design[6][0], design[6][1])
+                theta = clip_m(theta, design.low, design.high)
         else:
-            theta, p, spread = update(theta, p, psi, e, forget, design[14])
+            theta, p, spread = update(theta, p, psi, e, forget, design.p_start)
         return theta, p
 
-    def variance(scatter: tuple, design: tuple) -> float:
-        if design[13][0] > 0.0:
-            return design[13][0]
-        return scatter[0] if scatter[0] > design[13][1] else design[13][1]
+    def variance(scatter: tuple, design: Any) -> float:
+        if design.noise > 0.0:
+            return design.noise
+        seen, count, last, rate, bend, before, earlier = scatter
+        return seen if seen > design.finest else design.finest
 
-    def expected(scatter: tuple, theta: tuple, design: tuple, h: float) -> float:
-        injected = add(design[3], 1.0, parts(theta, design)[0])
-        return variance(scatter, design) * (1.0 + h * dot(injected, apply(design[9], injected)))
+    def expected(scatter: tuple, theta: tuple, design: Any, h: float) -> float:
+        of_y, of_u, load, gravity = parts(theta, design)
+        injected = add(design.k, 1.0, of_y)  # K + L
+        return variance(scatter, design) * (1.0 + h * dot(injected, apply(design.w, injected)))
 
-    def judged(information: tuple, scatter: tuple, design: tuple, h: float) -> int:
-        if design[11][0] == 0.0:
+    def judged(information: tuple, scatter: tuple, design: Any, h: float) -> int:
+        if design.adapt == 0.0:
             return FROZEN
         if is_gated:
             if is_noise_gate:
-                open_now = exceeds(information, REGULAR, h * variance(scatter, design), design[8])
+                noise = h * variance(scatter, design)
+                open_now = exceeds(information, REGULAR, noise, design.floor)
             else:
-                open_now = exceeds(information, 1.0, 1.0, design[8])
+                open_now = exceeds(information, 1.0, 1.0, design.floor)
             if not open_now:
                 return GATED
         return ADAPTING
 
     def gathered(evidence: tuple, psi: tuple, target: float, slow: tuple) -> tuple:
         matrix, vector, sums = evidence
+        count, of_e, of_bend = sums
         slow_e, slow_bend = slow
         return (rank_one(matrix, 1.0, 1.0, psi), add_m(vector, target, psi),
-                (sums[0] + 1.0, sums[1] + slow_e * slow_e, sums[2] + slow_bend * slow_bend))
+                (count + 1.0, of_e + slow_e * slow_e, of_bend + slow_bend * slow_bend))
 
     return Law(moved, judged, variance, expected, gathered)

@@ -49,24 +49,24 @@ def motion(gains: Gains, made: Structure) -> Motion:
     unit, last = (1.0, *zeros[1:]), (*zeros[1:], 1.0)
     next_unit = (0.0, 1.0, *zeros[2:]) if second else zeros
 
-    def parts(theta: tuple, design: tuple) -> tuple:
+    def parts(theta: tuple, design: Any) -> tuple:
         """Least squares itself goes on unbounded: held at a bound it would diverge, as P would
         count what theta has not done.
         """
         if clipped:
-            theta = clip(theta, design[6][0], design[6][1])
-        return all_parts(theta, design[4])
+            theta = clip(theta, design.low, design.high)
+        return all_parts(theta, design.fixed)
 
-    def states(inner: tuple, z: tuple, theta: tuple, design: tuple) -> tuple[float, float, float]:
+    def states(inner: tuple, z: tuple, theta: tuple, design: Any) -> tuple[float, float, float]:
         of_y, of_u, load, gravity = parts(theta, design)
-        first = design[2][0] + of_y[0]
+        first = design.a_c[0] + of_y[0]  # of A_c + L C
         if is_paper:
             x1 = z[0]
             x2 = z[1] if second else 0.0
             return x1, x2, x2 + first * x1
         y, u, one, sine = inner
-        a = design[0]
-        injected = add(design[3], 1.0, of_y)
+        a = design.a_k
+        injected = add(design.k, 1.0, of_y)  # K + L
         x1 = z[0] + dot(y, injected) + dot(u, of_u)
         x2 = 0.0
         if second:
@@ -82,29 +82,31 @@ def motion(gains: Gains, made: Structure) -> Motion:
                 x2 += gravity * (after(sine, a)[n - 1] - a[0] * sine[n - 1])
         return x1, x2, x2 + first * x1
 
-    def started(u: tuple, theta: tuple, design: tuple, y: float, speed: float) -> tuple:
-        rest = add(zeros, -1.0 / design[0][n - 1], last)
+    def started(u: tuple, theta: tuple, design: Any, y: float, speed: float) -> tuple:
+        rest = add(zeros, -1.0 / design.a_k[n - 1], last)
         inner = (add(zeros, y, rest), u, rest, add(zeros, math.sin(y), rest))
-        first = design[2][0] + parts(theta, design)[0][0]
+        of_y, of_u, load, gravity = parts(theta, design)
+        first = design.a_c[0] + of_y[0]
         x1, x2, w = states(inner, zeros, theta, design)
         z = add(zeros, y - x1, unit)
         return inner, add(z, speed - first * y - x2, next_unit) if second else z
 
-    def paper_start(theta: tuple, design: tuple, y: float, speed: float) -> tuple:
+    def paper_start(theta: tuple, design: Any, y: float, speed: float) -> tuple:
         x = add(zeros, y, unit)
         if second:
-            first = design[2][0] + parts(theta, design)[0][0]
+            of_y, of_u, load, gravity = parts(theta, design)
+            first = design.a_c[0] + of_y[0]
             x = add(x, speed - first * y, next_unit)
         return x
 
     def moved_by(inner: tuple, of_y: tuple, of_u: tuple, load: float, gravity: float,
-                 design: tuple) -> tuple:
+                 design: Any) -> tuple:
         y, u, one, sine = inner
-        shift = add(apply(rows(y, design[0]), of_y), 1.0, apply(rows(u, design[0]), of_u))
+        shift = add(apply(rows(y, design.a_k), of_y), 1.0, apply(rows(u, design.a_k), of_u))
         if has_load:
-            shift = add(shift, load, apply(rows(one, design[0]), last))
+            shift = add(shift, load, apply(rows(one, design.a_k), last))
         if has_gravity:
-            shift = add(shift, gravity, apply(rows(sine, design[0]), last))
+            shift = add(shift, gravity, apply(rows(sine, design.a_k), last))
         return shift
 
     return Motion(parts, states, started, paper_start, moved_by)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,9 +100,11 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
     """
     made = structure(gains)
     theta = list(made.fixed)
-    for place, value, low, high in zip(made.free, state[2], made.low, made.high):
+    (inner, z, free_theta, information, p, convention, scatter,
+     (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+     (phase, observer_trusts, tick), gathered) = state
+    for place, value, low, high in zip(made.free, free_theta, made.low, made.high):
         theta[place] = min(max(value, low), high)
-    adapted = state[7][4]
     given = adapted == 0.0 and gains.theta is not None
     verdict = None if given or evidence is None else _verdict(gains, made, theta, state, dt,
                                                               evidence)
@@ -110,7 +112,7 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
     sigma = np.sqrt(np.diag(covariance))
     ratios = physical(made.names, made.model)
     free = _free(made, theta, sigma, ratios, verdict)
-    why_not = _doubt(gains, state, adapted, given, verdict, free)
+    why_not = _doubt(gains, observer_trusts, adapted, given, verdict, free)
     if given and origin is not None and not origin.trusted:
         why_not = 'they were not trusted when they were saved'
     # one bad parameter says nothing of another, a model that does not fit does
@@ -126,8 +128,7 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
                                      known[place]))
     if ratios and gains.torque_constant is not None:
         parameters += _masses(gains.torque_constant, theta, covariance, made, known)
-    phase = state[8][0]
-    reason = HELD if phase == ADAPTING and state[7][5] > 0.0 else REASONS[phase]
+    reason = HELD if phase == ADAPTING and held > 0.0 else REASONS[phase]
     return Report(PHASES[phase], f'{reason}; not trusted: {why_not}' if why_not else reason,
                   tuple(parameters), made.names, tuple(theta), not why_not, adapted,
                   excitation(gains, state, dt), why_not,
@@ -137,27 +138,30 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
 def excitation(gains: Gains, state: tuple, dt: float) -> float:
     """The number that opens the gate; see `Report`."""
     design = _made(gains)[1]
-    information, floor = np.array(state[3]), np.array(design[8])
+    inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
+    matrix, floor = np.array(information), np.array(design.floor)
     scale, threshold = 1.0, gains.excitation
     if gains.gate != 'gamma':
         scale, threshold = dt * _noise(state, design), gains.signal_to_noise
     try:
-        most = float(np.max(np.linalg.eigvals(np.linalg.solve(information, scale * floor)).real))
+        most = float(np.max(np.linalg.eigvals(np.linalg.solve(matrix, scale * floor)).real))
     except np.linalg.LinAlgError:
         return 0.0
     return threshold / most if most > 0.0 else 0.0
 
 
 @lru_cache(maxsize=32)
-def _made(gains: Gains) -> tuple[Functions, tuple]:
+def _made(gains: Gains) -> tuple[Functions, Any]:
     """The observer's functions and design; a report is made ten times a second."""
     functions = build(gains, Circle(0.0))
     return functions, functions.design()
 
 
-def _noise(state: tuple, design: tuple) -> float:
+def _noise(state: tuple, design: Any) -> float:
     """Variance of the reading's noise [rad^2]."""
-    return float(design[13][0] or max(state[6][0], design[13][1]))
+    inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
+    seen, *_ = scatter
+    return float(design.noise or max(seen, design.finest))
 
 
 def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float,
@@ -165,11 +169,11 @@ def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt
     """The evidence, with what noise in the filtered angle and the sampling do to the parameters."""
     functions, design = _made(gains)
     n = gains.order
-    weights, noise = np.array(design[9]), _noise(state, design)
-    injected = np.array(design[3]) + theta[:n]
+    weights, noise = np.array(design.w), _noise(state, design)
+    injected = np.array(design.k) + theta[:n]
     bias = np.zeros(len(made.names))
-    newest = functions.prepare(design, dt)[2]  # part of the newest reading in the regressor
-    bias[:n] = noise * (newest - dt * weights @ injected)
+    f, g0, g1, *_ = functions.prepare(design, dt)  # g1: part of the newest reading in the regressor
+    bias[:n] = noise * (np.array(g1) - dt * weights @ injected)
     low_pass = -math.expm1(-dt * made.slowest)
     slow = (noise * (1.0 + dt * float(injected @ weights @ injected))
             * low_pass / (2.0 - low_pass))
@@ -237,11 +241,11 @@ def _fits(verdict: Verdict) -> bool:
     return verdict.noise_only or verdict.explained >= EXPLAINED
 
 
-def _doubt(gains: Gains, state: tuple, adapted: float, given: bool, verdict: Verdict | None,
+def _doubt(gains: Gains, observer_trusts: int, adapted: float, given: bool, verdict: Verdict | None,
            free: list[_Free]) -> str:
     """Why the parameters are not trusted; '': they are."""
     if given:
-        return '' if state[8][1] else 'the innovation is larger than noise explains'
+        return '' if observer_trusts else 'the innovation is larger than noise explains'
     if adapted == 0.0:
         return 'nothing was learnt'
     if verdict is None:

@@ -33,10 +33,7 @@ from estimator_pkg.observers.pmsm_identifier import credible, empty_registers, s
 from estimator_pkg.observers.pmsm_noise import deviations, prepare_noise
 from estimator_pkg.observers.pmsm_scheme import advance, turned_emf
 from estimator_pkg.observers.pmsm_state import (
-    CORE,
     DAMPING,
-    OUT,
-    WATCH,
     Coefficients,
     Design,
     State,
@@ -144,10 +141,11 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, before, y = core
         integral, rho, span, ticks = clock
+        level, mean_h, rate, slip, power, idle, calm, last = watch
         velocity, slope, travel = out
-        (scheme, noise, watching, window, low_pass, pace, k_eta, gamma, standing,
+        clear_time, clear_angle = clear
+        (dt, scheme, noise, watching, emf_of_noise, window, low_pass, pace, k_eta, gamma, standing,
          dead_time) = coefficients
-        dt = scheme[0]
         i_alpha, i_beta, u_alpha, u_beta = measurement
         current, voltage = complex(i_alpha, i_beta), complex(u_alpha, u_beta)
         if scale != 1.0:
@@ -161,40 +159,36 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             voltage -= dead_time * phase_signs(before + current)
         if standing != 0.0:
             voltage *= complex(1.0, -standing * velocity)
-        last = watch[7]
         if not robust and not (abs(x) < BEYOND and abs(h) < BEYOND):
             return init(measurement, design)  # as printed nothing holds xi_hat: only a start helps
         searching = robust and last & SEARCHING != 0
         if searching:  # xi is frozen, the frame is led at the speed at which the back-EMF turns
-            rate = watch[2]
-            if not -SPEED_CLIP < rate < SPEED_CLIP:
-                rate = 0.0
+            turning = rate if -SPEED_CLIP < rate < SPEED_CLIP else 0.0
             i, h, z, held, frame = advance(i, h, z, 0.0, before, current, voltage, scheme, 0.0, 0.0,
-                                           rate)
-        else:
+                                           turning)
+        else:  # the flow (16)
             i, h, z, x, frame = advance(i, h, z, x, before, current, voltage, scheme, k_eta, gamma,
                                         0.0)
             travel += frame * dt
-        innovation = z.conjugate() * current - i
+        innovation = z.conjugate() * current - i  # i_tilde
         new_y = emf(h, z)
         area, turned = turned_emf(y, new_y, dt)
         integral += area
-        rho += pace
+        rho += pace  # Lambda dt
         event = 0
-        if rho + 0.5 * pace >= span:
+        if rho + 0.5 * pace >= span:  # the jump of (16), where the clock has run full
             z *= 1.0 / abs(z)
             if searching:
                 ticks = 0
                 if identifies:
                     registers = shift(registers, new_y, abs(h), integral)
             else:
-                least = least_emf(watch[4], current, watching[5], design.emf_min, design.drop)
+                least = least_emf(power, current, emf_of_noise, design.emf_min, design.drop)
                 flowed = x
                 i, h, z, x, registers, ticks, event = tick(i, h, z, x, integral, ticks, registers,
                                                            least, design)
                 if robust and x != flowed:  # the averages of before say nothing of what is now
-                    watch = (watch[0], complex(0.0, -watch[0]), watch[2], 0.0, watch[4], watch[5],
-                             watch[6], watch[7])
+                    watch = (level, complex(0.0, -level), rate, 0.0, power, idle, calm, last)
                 travel += wrap(rotor_angle(z, x) - travel, TURN)
             integral = complex(0.0, 0.0)
             rho = 0.0
@@ -207,80 +201,90 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 clear = (design.dead, 0.0)
                 velocity = 0.0
             else:
-                if clear[0] < 0.0:
+                if clear_time < 0.0:
                     turned = velocity * dt  # as it went on before a gap; 0 after a standstill
                 travel += turned
-                clear = (clear[0] + dt, clear[1] + turned if clear[0] >= 0.0 else 0.0)
-                if clear[0] >= window:
-                    i, h, z, x, watch = lock_on((i, h, z, x), watch, clear[1], design)
+                clear_angle = clear_angle + turned if clear_time >= 0.0 else 0.0
+                clear_time += dt
+                clear = (clear_time, clear_angle)
+                if clear_time >= window:
+                    i, h, z, x, watch = lock_on((i, h, z, x), watch, clear_angle, design)
                     velocity = abs(h) * x
                     travel += wrap(rotor_angle(z, x) - travel, TURN)
                     clear = (design.dead, 0.0)
                     event = RESET
             speed = abs(h) * x
         else:
-            speed = abs(h) * x
-            if low_pass[2] != 0.0:
+            speed = abs(h) * x  # omega_hat
+            f11, f12, f21, f22 = low_pass
+            if f21 != 0.0:
                 # the speed of the frame, not |h| x: its integral is the angle, so that noise of the
                 # current lies beyond the low-pass
-                off = velocity - frame
-                velocity = frame + low_pass[0] * off + low_pass[1] * slope
-                slope = low_pass[2] * off + low_pass[3] * slope
+                lag = velocity - frame
+                velocity = frame + f11 * lag + f12 * slope
+                slope = f21 * lag + f22 * slope
             else:
                 velocity = speed
         watch = look(watch, event, h, speed, turned / dt, innovation, current, voltage, x, watching)
         return ((i, h, z, x, current, new_y), (integral, rho, span, ticks), registers, watch,
                 (velocity, slope, travel), clear, voltages)
 
-    def status(watch: tuple, design: Any) -> int:
-        if watch[7] & BLIND:
+    def status_of(reasons: int, calm: float, design: Any) -> int:
+        if reasons & BLIND:
             return NOT_OBSERVABLE
-        if watch[7] or watch[6] < design.hold:
+        if reasons or calm < design.hold:
             return INITIALISING
         return TRACKING
 
     def reasons_of(state: Any) -> int:
-        return state[WATCH][7]
+        core, clock, registers, watch, out, clear, voltages = state
+        level, mean_h, rate, slip, power, idle, calm, reasons = watch
+        return reasons
 
     def output(state: Any, coefficients: Any, design: Any, measurement: Sample,
                given: float) -> tuple:
-        said = status(state[WATCH], design)
-        if said == NOT_OBSERVABLE:
-            return math.nan, math.nan, math.nan, said
-        core, out = state[CORE], state[OUT]
-        travel = out[2] + wrap(rotor_angle(core[2], core[3]) - out[2], TURN)
+        core, clock, registers, watch, out, clear, voltages = state
+        i, h, z, x, current, y = core
+        level, mean_h, rate, slip, power, idle, calm, reasons = watch
+        velocity, slope, travel = out
+        status = status_of(reasons, calm, design)
+        if status == NOT_OBSERVABLE:
+            return math.nan, math.nan, math.nan, status
+        travel += wrap(rotor_angle(z, x) - travel, TURN)
         position = wrap(travel / design.pole_pairs, design.period)
-        return position, out[0] / design.pole_pairs, math.nan, said
+        return position, velocity / design.pole_pairs, math.nan, status
 
     def row(state: Any, coefficients: Any, design: Any
             ) -> tuple[float, float, float, float, int, int]:
         core, clock, registers, watch, out, clear, voltages = state
-        i, h, z, x, before, y = core
-        reasons = watch[7]
+        i, h, z, x, current, y = core
+        level, mean_h, rate, slip, power, idle, calm, reasons = watch
+        velocity, slope, travel = out
         flux = flux_linkage(x, design.flux_low, design.flux_high)
         if reasons & BLIND:
             return math.nan, math.nan, flux, 0.0, NOT_OBSERVABLE, reasons
-        if reasons or watch[6] < design.hold:
-            return rotor_angle(z, x), out[0], flux, 0.0, INITIALISING, reasons
-        return rotor_angle(z, x), out[0], flux, 1.0, TRACKING, reasons
+        if reasons or calm < design.hold:
+            return rotor_angle(z, x), velocity, flux, 0.0, INITIALISING, reasons
+        return rotor_angle(z, x), velocity, flux, 1.0, TRACKING, reasons
 
     def electrical(state: Any, coefficients: Any, design: Any
                    ) -> tuple[float, float, float, float]:
-        angle, speed, flux, valid, said, reasons = row(state, coefficients, design)
+        angle, speed, flux, valid, status, reasons = row(state, coefficients, design)
         return angle, speed, flux, valid
 
     def electrical_stddev(state: Any, coefficients: Any, design: Any
                           ) -> tuple[float, float, float]:
-        watch = state[WATCH]
-        x = state[CORE][3]
+        core, clock, registers, watch, out, clear, voltages = state
+        i, h, z, x, current, y = core
+        level, mean_h, rate, slip, power, idle, calm, reasons = watch
         noise = prepare_noise(design.inductance, design.k_p, design.k_i, coefficients.scheme,
-                              watch[0] * x)
-        variance = design.noise_power if design.noise_power > 0.0 else watch[4] / noise[1]
+                              level * x)
+        of_h, of_innovation, of_integral = noise
+        variance = design.noise_power if design.noise_power > 0.0 else power / of_innovation
         of_angle, of_speed, of_xi = deviations(
-            variance, watch[0], x, design.k_eta, design.gamma, design.resistance,
-            design.inductance, design.epsilon, design.natural, DAMPING, coefficients.scheme[0],
-            noise)
-        if status(watch, design) == NOT_OBSERVABLE:
+            variance, level, x, design.k_eta, design.gamma, design.resistance,
+            design.inductance, design.epsilon, design.natural, DAMPING, coefficients.dt, noise)
+        if reasons & BLIND:
             # nothing is known of the angle; the speed is evenly spread within its bound
             of_angle = math.pi / math.sqrt(3.0)
             of_speed = speed_bound(state, coefficients, design) * design.pole_pairs / math.sqrt(3.0)
@@ -292,28 +296,31 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return of_angle / design.pole_pairs, of_speed / design.pole_pairs
 
     def speed_bound(state: Any, coefficients: Any, design: Any) -> float:
-        core, watch = state[CORE], state[WATCH]
-        if watch[7] & BLIND != LOW_EMF:
+        core, clock, registers, watch, out, clear, voltages = state
+        i, h, z, x, current, y = core
+        level, mean_h, rate, slip, power, idle, calm, reasons = watch
+        if reasons & BLIND != LOW_EMF:
             return math.inf
-        least = LEAVES * least_emf(watch[4], core[4], coefficients.watching[5], design.emf_min,
+        least = LEAVES * least_emf(power, current, coefficients.emf_of_noise, design.emf_min,
                                    design.drop)
-        if watch[0] > least:
-            least = watch[0]
-        flux = flux_linkage(core[3], design.flux_low, design.flux_high)
+        if level > least:
+            least = level
+        flux = flux_linkage(x, design.flux_low, design.flux_high)
         return least / (flux * design.pole_pairs)
 
     def coast(state: Any, coefficients: Any, design: Any, measurement: Sample,
               gap: float) -> State:
         """After `gap` [s] without samples: flux and speed are kept, the rotor is found again."""
         core, clock, registers, watch, out, clear, voltages = state
-        current, voltage = take(measurement)
-        turned = out[0] * gap
-        z, zero = core[2], complex(0.0, 0.0)
+        i, h, z, x, before, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        return ((z.conjugate() * current, core[1], z, core[3], current, zero),
+        velocity, slope, travel = out
+        current, voltage = take(measurement)
+        zero = complex(0.0, 0.0)
+        return ((z.conjugate() * current, h, z, x, current, zero),
                 (zero, 0.0, 1.0, 0), registers,
                 (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
-                (out[0], 0.0, out[2] + turned), (design.dead, 0.0), voltages)
+                (velocity, 0.0, travel + velocity * gap), (design.dead, 0.0), voltages)
 
     def resume(state: Any, coefficients: Any, design: Any, measurement: Sample) -> State:
         return coast(state, coefficients, design, measurement, 0.0)

@@ -18,7 +18,7 @@ from estimator_pkg.observers.pmsm_gains import (
 )
 from estimator_pkg.observers.pmsm_noise import low_pass_weight, prepare_noise
 from estimator_pkg.observers.pmsm_scheme import exponential, prepare_scheme
-from estimator_pkg.observers.pmsm_watch import prepare_watch
+from estimator_pkg.observers.pmsm_watch import emf_of_noise, prepare_watch
 from estimator_pkg.observers.tracking import natural_frequency
 
 FAST = 1e-3         # s, averages of the back-EMF
@@ -72,17 +72,21 @@ class Design(NamedTuple):
 class Coefficients(NamedTuple):
     """What the sample time implies.
 
+    dt : the sample time [s].
     scheme, noise : of `pmsm_scheme` and `pmsm_noise`, the latter at rest.
     watching : limits of `pmsm_watch.look`.
+    emf_of_noise : back-EMF that the innovation's standard deviation calls for [V/A].
     window : how long the turning is watched before locking on [s].
     low_pass : transition of (speed output - speed, its slope) over one sample, row by row.
     pace : clock periods per sample.
     k_eta, gamma, standing, dead_time : of the design: one unpacking gives a step all it needs.
     """
 
+    dt: float
     scheme: tuple
     noise: tuple
     watching: tuple
+    emf_of_noise: float
     window: float
     low_pass: tuple
     pace: float
@@ -124,10 +128,12 @@ def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coeffici
     slow = max(SLOW, 5.0 * fast)
     weights = (low_pass_weight(1.0 / fast, dt), low_pass_weight(1.0 / slow, dt),
                low_pass_weight(1.0 / NOISE_MEMORY, dt))
-    watching = prepare_watch(weights, noise, slow, dt, design.noise_power * noise[1],
+    of_h, of_innovation, of_integral = noise
+    watching = prepare_watch(weights, noise, slow, dt, design.noise_power * of_innovation,
                              design.emf_min, design.drop, design.xi_low, design.xi_high,
                              when_blind)
     natural = design.natural
     low_pass = exponential(0.0, 1.0, -natural * natural, -2.0 * DAMPING * natural, dt)
-    return Coefficients(scheme, noise, watching, slow, low_pass, design.clock_rate * dt,
-                        design.k_eta, design.gamma, design.standing, design.dead_time)
+    return Coefficients(dt, scheme, noise, watching, emf_of_noise(noise), slow, low_pass,
+                        design.clock_rate * dt, design.k_eta, design.gamma, design.standing,
+                        design.dead_time)

@@ -71,6 +71,17 @@ def least_emf(power: float, current: complex, of_noise: float, emf_min: float, d
     return drop if drop > least else least
 
 
+def emf_of_noise(noise: tuple[float, float, float]) -> float:
+    """The back-EMF that the innovation's standard deviation calls for [V/A].
+
+    Parameters
+    ----------
+    noise : from `prepare_noise`.
+    """
+    of_h, of_innovation, of_integral = noise
+    return LEAST_EMF * math.sqrt(of_h / of_innovation)
+
+
 def prepare_watch(weights: tuple[float, float, float], noise: tuple, window: float, dt: float,
                   known_power: float, emf_min: float, drop: float, xi_low: float, xi_high: float,
                   when_blind: int) -> tuple:
@@ -84,9 +95,8 @@ def prepare_watch(weights: tuple[float, float, float], noise: tuple, window: flo
     known_power : the innovation's variance where the noise is given, else 0.
     when_blind : a reason to add where the rotor cannot be seen, or xi_hat has run away.
     """
-    return (*weights, dt, known_power, LEAST_EMF * math.sqrt(noise[0] / noise[1]), emf_min, drop,
-            xi_low, xi_high, HALF_TURN * math.pi / dt, LEAST_DISAGREEMENT * emf_min,
-            SIGMAS / window, when_blind)
+    return (*weights, dt, known_power, emf_of_noise(noise), emf_min, drop, xi_low, xi_high,
+            HALF_TURN * math.pi / dt, LEAST_DISAGREEMENT * emf_min, SIGMAS / window, when_blind)
 
 
 def look(watch: Watch, event: int, h: complex, speed: float, turning: float, innovation: complex,

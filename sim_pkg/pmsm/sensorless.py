@@ -27,7 +27,7 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
                  poles: float, wanted: float) -> tuple:
         state: Any
         state, design, coefficients, mode, angle, omega, rise, pull, enough = held
-        dt = coefficients.scheme[0]
+        dt = coefficients.dt
         sample = (current.real, current.imag, voltage.real, voltage.imag)
         state = step(state, coefficients, design, sample, 0.0)
         position, velocity, spare, status = output(state, coefficients, design, sample, 0.0)
