@@ -69,21 +69,25 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
     def batch(track: tuple, design: tuple, limits: tuple, stamps: NDArray[np.int64],
               samples: NDArray[np.float64], rows: NDArray[np.float64], status: NDArray[np.int8],
               reasons: NDArray[np.int16], verdict: NDArray[np.int8]) -> tuple:
+        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
+         earlier, repeats) = track
         for k in range(len(stamps)):
             sample = samples[k]
             measurement = (sample[0], sample[1], sample[2], sample[3])
-            before = track
+            old_ns, old_coefficients, old_state = last_ns, coefficients, state
             track, said = advance(track, design, limits, stamps[k], measurement, 0.0)
             verdict[k] = said
+            (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
+             earlier, repeats) = track
             if said == AFTER_GAP:
-                gap = stamps[k] - before[0]
+                gap = stamps[k] - old_ns
                 if gap <= LONGEST_COAST:  # on by what was turned in it
-                    track = (track[0], track[1], track[2], track[3], track[4], track[5],
-                             coast(before[6], before[5], design, measurement, gap * 1e-9), track[7],
-                             track[8], track[9], track[10], track[11])
+                    state = coast(old_state, old_coefficients, design, measurement, gap * 1e-9)
+                    track = (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running,
+                             kept, reading, earlier, repeats)
             if said < DUPLICATE:
                 row = rows[k]
-                row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(track[6], track[5],
+                row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(state, coefficients,
                                                                                design)
         return track
 

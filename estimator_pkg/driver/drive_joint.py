@@ -20,7 +20,7 @@ from estimator_pkg.driver.guard import (
     VERDICTS,
 )
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.driver.track import COEFFICIENTS
+from estimator_pkg.driver.track import replaced
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, Observer
 from estimator_pkg.observers.pmsm_watch import BLIND, describe
@@ -110,7 +110,7 @@ class DriveJoint(Joint):
         if not self._fits(stamps):
             return self._dropped(count, MISCONFIGURED)
         fresh: Any = slice(None)
-        last = self._track[0]
+        last = self.last_ns
         old = (stamps <= last) & (stamps > 0)
         if self.running and old.any() and last - int(stamps.max()) <= self._limits.reorder_ns:
             if old.all():
@@ -119,7 +119,7 @@ class DriveJoint(Joint):
                 self._late_batches += 1
                 if self._late_batches < LATE_IN_A_ROW:
                     return self._dropped(count, LATE)
-                self._track = (*self._track[:2], LATE_IN_A_ROW - 1, *self._track[3:])
+                self._track = replaced(self._track, late=LATE_IN_A_ROW - 1)
             else:
                 fresh = np.flatnonzero(~old)
         self._late_batches = 0
@@ -177,15 +177,15 @@ class DriveJoint(Joint):
 
     def electrical(self) -> tuple[float, float, float, float]:
         """(angle [rad], speed [rad/s], flux linkage [Wb], 1.0 where it counts), electrical."""
-        return self._motor.electrical(self.state, self._track[COEFFICIENTS], self._design)
+        return self._motor.electrical(self.state, self.coefficients, self._design)
 
     def electrical_stddev(self) -> tuple[float, float, float]:
         """One standard deviation of electrical angle, electrical speed and flux linkage."""
-        return self._motor.electrical_stddev(self.state, self._track[COEFFICIENTS], self._design)
+        return self._motor.electrical_stddev(self.state, self.coefficients, self._design)
 
     def speed_bound(self) -> float:
         """Mechanical speed [rad/s] that is not exceeded while the rotor is not observable; inf."""
-        return self._motor.speed_bound(self.state, self._track[COEFFICIENTS], self._design)
+        return self._motor.speed_bound(self.state, self.coefficients, self._design)
 
     def why(self) -> str:
         """What the status means, in words."""

@@ -22,10 +22,13 @@ from estimator_pkg.driver.guard import (
     GuardSettings,
     limits,
 )
-from estimator_pkg.driver.track import MEAN_DT, REPEATS, RUNNING, STATE, make_track
+from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import parameter
+
+_is_running, _mean_dt, _state, _coefficients, _repeats, _last_ns = map(
+    field_of, ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'last_ns'))
 
 SHARED = ('functions', '_blank', '_advance', '_read', '_deviation', '_batch', '_design',
           'longest_dt')  # what follows from the gains and how angles wrap
@@ -124,7 +127,7 @@ class Joint:
         """
         self._structure(gains)
         # a dt of 0 ns never comes again, so the coefficients are made anew at the next sample
-        self._track = self._track[:3] + (0,) + self._track[4:]
+        self._track = replaced(self._track, dt_ns=0)
 
     def set_settings(self, settings: JointSettings) -> None:
         """Other guard settings from the next sample on; the state is kept."""
@@ -161,7 +164,7 @@ class Joint:
 
     def estimate(self) -> tuple[float, float, float, int]:
         """(position, velocity, acceleration or nan, status) at the last used sample."""
-        if not self._track[RUNNING]:
+        if not _is_running(self._track):
             return math.nan, math.nan, math.nan, INITIALISING
         return self._read(self._track, self._design, self._limits, self._measurement, self._given)
 
@@ -198,17 +201,27 @@ class Joint:
     @property
     def running(self) -> bool:
         """Whether a sample has come since the start or the last reset."""
-        return self._track[RUNNING]
+        return _is_running(self._track)
 
     @property
     def state(self) -> Any:
         """The observer's."""
-        return self._track[STATE]
+        return _state(self._track)
+
+    @property
+    def coefficients(self) -> Any:
+        """The observer's, at the last sample time."""
+        return _coefficients(self._track)
+
+    @property
+    def last_ns(self) -> int:
+        """The last stamp that the guard took [ns]."""
+        return _last_ns(self._track)
 
     @property
     def mean_dt(self) -> float:
         """Mean sample time [s]; 0 before the second sample."""
-        return self._track[MEAN_DT]
+        return _mean_dt(self._track)
 
     @property
     def silence(self) -> float:
@@ -251,10 +264,10 @@ class Joint:
 
     def _repeating(self) -> str:
         """That readings are repeated, and how often; '' where they are not."""
-        repeats = self._track[REPEATS]
-        if not repeats[0]:
+        times, *_ = _repeats(self._track)
+        if not times:
             return ''
-        return (f'the stream repeats its readings (up to {repeats[0]} times each): the repeated '
+        return (f'the stream repeats its readings (up to {times} times each): the repeated '
                 'ones are dropped')
 
     def _count_new_starts(self) -> int:

@@ -14,7 +14,7 @@ from typing import Any
 from estimator_pkg.driver.bank import Received
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.driver.track import STATE
+from estimator_pkg.driver.track import replaced
 from estimator_pkg.observers.contract import VALID, Observer
 
 # What becomes of an event
@@ -96,7 +96,7 @@ class SwitchedJoint(Joint):
         stamp_ns, event = self._waiting.pop(0)
         jump = self.functions.jump
         if jump is not None and self.running:
-            self._track = (*self._track[:STATE], jump(self.state, event), *self._track[STATE + 1:])
+            self._track = replaced(self._track, state=jump(self.state, event))
 
     def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
         """(Z, its standard deviations, converged)."""

@@ -1,18 +1,15 @@
 """One joint's way through guard and observer, as pure functions: the heart of the driver.
 
 The live node calls these as ordinary Python, replay and benchmarks may compile them.
-A track is a tuple; `blank` makes an empty one, `advance` takes one sample in, `read` looks at it.
-Its entries: the last stamp [ns]; the one before it, after a gap or a first sample time that may
-have been one [ns]; late stamps in a row; the last sample time [ns]; the mean one [s]; the
-observer's coefficients; its state; whether a sample has come; the state before the last gap, to go
-on from where that stamp turns out to be a stray one; the newest reading; the one before it; what is
-known of repeated readings (see `repeats`).
+A track is a plain tuple with the fields of `Track` (making a NamedTuple at each sample would cost
+half a microsecond); `blank` makes an empty one, `advance` takes one sample in, `read` looks at it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 from estimator_pkg.driver.guard import (
@@ -36,8 +33,34 @@ from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import Functions
 
-MEAN_DT, COEFFICIENTS, STATE, RUNNING, REPEATS = 4, 5, 6, 7, 11  # places in a track
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
+
+
+class Track(NamedTuple):
+    """The fields of a track, in their order."""
+
+    last_ns: int            # the last stamp
+    before_ns: int          # the one before it, after a gap or a first sample time that may be one
+    late: int               # late stamps in a row
+    dt_ns: int              # the last sample time
+    mean_dt: float          # the mean sample time [s]
+    coefficients: tuple     # of the observer
+    state: tuple            # of the observer
+    running: bool           # a sample has come
+    kept: tuple             # the state before the last gap, should that stamp prove a stray one
+    reading: Any            # the newest reading
+    earlier: Any            # the reading before it
+    repeats: Repeats        # what is known of repeated readings
+
+
+def field_of(name: str) -> Callable[[tuple], Any]:
+    """A function that reads this field of a track."""
+    return itemgetter(Track._fields.index(name))
+
+
+def replaced(track: tuple, **fields: Any) -> tuple:
+    """The track with other values of these fields."""
+    return tuple(Track(*track)._replace(**fields))
 
 
 class TrackFunctions(NamedTuple):
@@ -187,12 +210,17 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
     def read(track: tuple, design: tuple, limits: tuple, measurement: Any,
              given: Any) -> tuple:
         """(position, velocity, acceleration or nan, status) of the newest estimate."""
-        if track[4] > limits[3]:
+        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
+         earlier, repeats) = track
+        gap_ns, reorder_ns, timeout_ns, longest_dt = limits
+        if mean_dt > longest_dt:
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
-        return output(track[6], track[5], design, measurement, given)
+        return output(state, coefficients, design, measurement, given)
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """One standard deviation of position and velocity."""
-        return stddev(track[6], track[5], design)
+        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
+         earlier, repeats) = track
+        return stddev(state, coefficients, design)
 
     return TrackFunctions(blank, advance, read, deviation)

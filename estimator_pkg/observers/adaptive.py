@@ -93,7 +93,7 @@ class Design(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """What the sample time h implies."""
+    """What the sample time h implies; and of the design, so that one unpacking gives a step all."""
 
     f: tuple            # exp((A_c - K C) h)
     g0: tuple           # first row of its integral, for what is held ...
@@ -104,6 +104,12 @@ class Coefficients(NamedTuple):
     keep: float         # what the information matrix keeps over a sample
     forget: float       # what least squares keeps over a sample
     low_pass: float     # weight of the newest sample in the low-passed innovation
+    a_k: tuple          # from here on: of the design
+    k: tuple
+    fixed: tuple
+    period: float
+    settle: float
+    young: float        # age [s] until which theta is on its way
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -153,7 +159,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     empty = as_rows(np.zeros((m, m)))
     nothing = (empty, (0.0,) * m, (0.0, 0.0, 0.0))
 
-    settle = SETTLED / made.slowest if gains.settle is None else gains.settle
+    settling = SETTLED / made.slowest if gains.settle is None else gains.settle
     average = max(SHORTEST, SETTLED / made.slowest)
     pace = (-made.observer[-1]) ** (1.0 / n)  # geometric mean of the poles [1/s]
     noise_of = gramian(made.observer)
@@ -175,7 +181,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             fixed=made.fixed, start=made.start, low=made.low, high=made.high,
             gamma=tuple(float(x) for x in np.diag(made.gamma)) if is_diagonal
             else as_rows(made.gamma),
-            floor=floor_of_gate(), w=noise_of, settle=float(settle), average=float(average),
+            floor=floor_of_gate(), w=noise_of, settle=float(settling), average=float(average),
             memory=float(gains.memory), keep=float(gains.excitation_memory), pace=float(pace),
             slowest=float(made.slowest), knock=float(gains.knock * gains.knock),
             moving_above=float(gains.moving_above), adapt=float(gains.adapt),
@@ -187,7 +193,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
         f, g0, g1 = series(design.a_k, design.fastest, dt)
         return Coefficients(rows(f, design.a_k), g0, g1, dt, -math.expm1(-dt / design.average),
                             -math.expm1(-LOOK * dt / design.average), math.exp(-dt / design.keep),
-                            kept(dt, design.memory), -math.expm1(-dt * design.slowest))
+                            kept(dt, design.memory), -math.expm1(-dt * design.slowest),
+                            design.a_k, design.k, design.fixed, design.period, design.settle,
+                            design.settle + 2.0 * design.average)
 
     def init(measurement: float, design: Any) -> tuple:
         theta = design.start
@@ -223,9 +231,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
         ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
          (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
          (phase, trusted, tick), evidence) = state
-        f, g0, g1, h, weight, slow_weight, keep, forget, low_pass = coefficients
+        (f, g0, g1, h, weight, slow_weight, keep, forget, low_pass, a_k, k, fixed, period, settle,
+         young) = coefficients
         last_measurement, lowest, highest, wraps, turns = convention
-        period = design.period
         change = measurement - last_measurement
         if period > 0.0 and not -0.5 * period <= change < 0.5 * period:
             change = wrap(change, period)
@@ -233,7 +241,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             e = y - z[0]
             of_y, of_u, load, gravity = parts(theta, design)
             slope = add(times(design.a_c, z), y, of_y)
-            slope = add(add(slope, given, of_u), e, design.k)
+            slope = add(add(slope, given, of_u), e, k)
             if has_load:
                 slope = add(slope, load, last)
             if has_gravity:
@@ -252,18 +260,18 @@ def build(gains: Gains, circle: Circle) -> Functions:
         if not is_paper:
             z = apply(f, z)
             psi = pick(psi_y, psi_u, psi_1, psi_s)
-            e = (y - z[0] - dot(psi_y, design.k)
-                 - explained(psi_y, psi_u, psi_1, psi_s, design.fixed) - dot_m(psi, theta))
+            e = (y - z[0] - dot(psi_y, k) - explained(psi_y, psi_u, psi_1, psi_s, fixed)
+                 - dot_m(psi, theta))
         if not -LARGEST < e < LARGEST:
             return init(measurement, design)  # numbers ran away: only a new start helps
         age += h
         tick += 1
-        if phase == INIT and age >= design.settle:
+        if phase == INIT and age >= settle:
             phase = judged(information, scatter, design, h)
         if phase != INIT:
             information = rank_one(information, keep, h, psi)
             slow_e += (e - slow_e) * low_pass
-            slow_bend += (y + dot(psi_y, design.a_k) - slow_bend) * low_pass
+            slow_bend += (y + dot(psi_y, a_k) - slow_bend) * low_pass
             if phase == ADAPTING and design.adapt > 0.0:
                 if is_watched or needs_motion:
                     held, usual = pause(held, usual, e, psi_y, adapted, design, weight)
@@ -278,7 +286,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                         of_y, of_u, load, gravity = all_parts(add_m(theta, -1.0, was), none_known)
                         z = add(z, 1.0, moved_by(before, of_y, of_u, load, gravity, design))
             recent = weight
-            if age < design.settle + 2.0 * design.average:  # while theta is on its way
+            if age < young:  # while theta is on its way
                 recent = FRESH * weight if FRESH * weight < 1.0 else 1.0
             power += (e * e - power) * recent
             slow_power += (slow_e * slow_e - slow_power) * recent
@@ -302,18 +310,21 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
                 (phase, trusted, tick), evidence)
 
+    def adapted_for(signals: tuple) -> float:
+        y, age, power, speed_power, adapted, *others = signals
+        return adapted
+
     def output(state: tuple, coefficients: Any, design: Any, measurement: float,
                given: float) -> tuple:
-        (inner, z, theta, information, p, convention, scatter,
-         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
-         (phase, trusted, tick), evidence) = state
+        (inner, z, theta, information, p, convention, scatter, signals, (phase, trusted, tick),
+         evidence) = state
         x1, x2, speed = states(inner, z, theta, design)
         if is_full:
             of_y, of_u, load, gravity = parts(theta, design)
             speed += of_u[0] * given  # b1 u
         if phase == INIT:
             status = COASTING if trusted > 0 else INITIALISING
-        elif phase == GATED and adapted == 0.0 and design.is_given == 0.0:
+        elif phase == GATED and design.is_given == 0.0 and adapted_for(signals) == 0.0:
             status = NOT_OBSERVABLE
         else:
             status = TRACKING if trusted > 0 else INITIALISING
@@ -327,11 +338,12 @@ def build(gains: Gains, circle: Circle) -> Functions:
         (inner, z, theta, information, p, convention, scatter,
          (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
          flags, evidence) = state
-        f, g0, g1, h, weight, slow_weight, keep, forget, low_pass = coefficients
+        (f, g0, g1, h, weight, slow_weight, keep, forget, low_pass, a_k, k, fixed, period, settle,
+         young) = coefficients
         of_y, of_u, load, gravity = parts(theta, design)
-        injected = add(design.k, 1.0, of_y)  # K + L
-        first = design.a_c[0] + of_y[0] - design.a_k[0]
-        to_speed = add(times(design.a_k, injected), first, injected)
+        injected = add(k, 1.0, of_y)  # K + L
+        first = design.a_c[0] + of_y[0] - a_k[0]
+        to_speed = add(times(a_k, injected), first, injected)
         of_position = h * dot(injected, apply(design.w, injected))
         of_speed = h * dot(to_speed, apply(design.w, to_speed))
         noise = variance(scatter, design)

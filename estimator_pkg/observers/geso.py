@@ -153,8 +153,8 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
                 measurement: tuple, given: tuple) -> tuple:
         e, p, d, v = core
-        values, gain_l, gain_g, weight, gain_d = design
-        dt = coefficients[0]
+        values, L, Gamma, P0, E = design
+        dt, inverse_dt = coefficients
         if not at_measurement:
             at = towards(before, 1.0, e)
         elif linear_hold:
@@ -165,9 +165,9 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             return core, False
         calm, psi = factors(values, at)
         if simple:
-            b = scaled_t(gain_g, calm)
+            b = scaled_t(Gamma, calm)  # Gamma calM^T
         else:
-            b = product(product_t(gain_g, calm), weight)
+            b = product(product_t(Gamma, calm), P0)
         if paper:
             f, friction = force(values, at, v, given), damping_of(values, at)
         else:
@@ -175,28 +175,28 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             f, friction = resistance(values, at, v, given, mass, dt)
         f = turned(psi, f)
         if damped:
-            w = product(transposed(psi), product(friction, calm))
+            w = product(transposed(psi), product(friction, calm))  # Psi^T D calM
         else:
             w = calm
         good = True
-        if paper:
+        if paper:  # forward Euler of (11)
             rate = apply(calm, p)
             pushed = apply(b, e)
             if diagonal:
-                rate = minus(rate, times(gain_l, e))
+                rate = minus(rate, times(L, e))
             else:
-                rate = minus(rate, apply(gain_l, e))
+                rate = minus(rate, apply(L, e))
             f = minus(f, pushed)
             if damped:
                 f = minus(f, apply(w, p))
             if disturbed:
                 f = towards(f, 1.0, turned(psi, d))
-                d = towards(d, -dt, apply(gain_d, e))
+                d = towards(d, -dt, apply(E, e))
             e = minus(towards(e, dt, rate), moved)
             p = towards(p, dt, f)
         else:
-            rate = scale(coefficients[1], moved) if linear_hold else nought(moved)
-            e, p, d, good = flow(e, p, d, calm, psi, b, gain_l, w, gain_d, f, rate, dt)
+            rate = scale(inverse_dt, moved) if linear_hold else nought(moved)
+            e, p, d, good = flow(e, p, d, calm, psi, b, L, w, E, f, rate, dt)
             if not linear_hold:
                 e = minus(e, moved)
         now = measurement if at_measurement else towards(measurement, 1.0, e)
@@ -206,11 +206,12 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
 
     def carry(core: tuple, design: tuple, at: tuple) -> tuple:
         """The momenta go on: without forces they are constant, whatever the positions."""
-        values = design[0]
+        e, p, d, v = core
+        values, L, Gamma, P0, E = design
         if not admits(values, at):
             return core
-        velocity = apply(factors(values, at)[0], core[1])
-        return (core[0], core[1], core[2], velocity) if finite(velocity) else core
+        velocity = apply(factors(values, at)[0], p)
+        return (e, p, d, velocity) if finite(velocity) else core
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
         return (mechanical_gains.error_matrix(mechanics, tuned, at, disturbed),

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,24 @@ LOST_AFTER = 0.5    # s, in doubt for so long and the observer starts again
 COAST = 0.2         # s, without input or outside the domain for so long: not observable
 MEMORY = 400.0      # samples over which the innovation's power is averaged
 SETTLED = 4.0       # time constants of the slowest pole until a start has settled
+
+
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is."""
+
+    core: tuple         # of the core
+    periods: tuple      # of each position [rad]; 0: none
+    unwrap: tuple       # 1.0 or 0.0, of each
+    outside: tuple      # innovations [rad or m] beyond which lock is doubted
+    settle: float       # time without trouble until the estimate counts [s]
+    lost_after: float   # time astray until the observer starts again [s]
+
+
+class Coefficients(NamedTuple):
+    """What the sample time implies."""
+
+    core: tuple
+    dt: float           # [s]
 
 
 @dataclass(frozen=True)
@@ -123,57 +141,61 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
                          euler=gains.form == PAPER,
                          linear_hold=gains.form == EXACT and gains.hold == LINEAR)
     linear_hold = gains.form == EXACT and gains.hold == LINEAR
-    settle = SETTLED / core.slowest if core.slowest > 0.0 else math.inf
+    settling = SETTLED / core.slowest if core.slowest > 0.0 else math.inf
 
-    def design() -> tuple:
+    def design() -> Design:
         periods = tuple(float(each.period) for each in circles)
         outside = tuple(OUTSIDE * period if period > 0.0 else math.inf for period in periods)
-        return (core.design(), periods, tuple(float(each.unwrap) for each in circles), outside,
-                float(settle), max(LOST_AFTER, min(float(settle), 10.0 * LOST_AFTER)))
+        return Design(
+            core=core.design(), periods=periods,
+            unwrap=tuple(float(each.unwrap) for each in circles), outside=outside,
+            settle=float(settling),
+            lost_after=max(LOST_AFTER, min(float(settling), 10.0 * LOST_AFTER)))
 
-    def prepare(design: tuple, dt: float) -> tuple:
-        return (prepare_core(design[0], dt), dt)
+    def prepare(design: Any, dt: float) -> Coefficients:
+        return Coefficients(prepare_core(design.core, dt), dt)
 
-    def init(measurement: tuple, design: tuple) -> tuple:
+    def init(measurement: tuple, design: Any) -> tuple:
         return (begin_core(), measurement, begin_all(measurement), nought(measurement),
                 (INITIALISING, 0.0, 0.0, 0))
 
-    def step(state: tuple, coefficients: tuple, design: tuple, measurement: tuple,
+    def step(state: tuple, coefficients: Any, design: Any, measurement: tuple,
              given: tuple) -> tuple:
-        inner, before, conventions, power, lock = state
-        status, clear, astray, _ = lock
-        dt = coefficients[1]
-        moved = between(measurement, before, design[1])
-        conventions = follow_all(conventions, measurement, design[1])
+        inner, before, conventions, power, (status, clear, astray, trouble) = state
+        core_coefficients, dt = coefficients
+        core_design, periods, unwrap, outside, settle, lost_after = design
+        moved = between(measurement, before, periods)
+        conventions = follow_all(conventions, measurement, periods)
         found = 0
         if needs_input and not given_finite(given):
             found = 2
         else:
-            after, good = advance(inner, coefficients[0], design[0], before, moved, measurement,
-                                  given)
+            after, good = advance(inner, core_coefficients, core_design, before, moved,
+                                  measurement, given)
+            e, x, d, v = after
             if not good:
                 found = 1
-            elif not finite(after[0]) or not finite(after[3]):
+            elif not finite(e) or not finite(v):
                 return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 4))
             else:
                 inner = after
-                if beyond(after[0], design[3]):
+                if beyond(e, outside):
                     found = 3
         if found == 0:
             clear += dt
-            if clear >= design[4]:
+            if clear >= settle:
                 status = TRACKING
                 astray = 0.0
             weight = dt / clear if clear < MEMORY * dt else 1.0 / MEMORY
             power = squares(power, weight, inner[seen])
             return (inner, measurement, conventions, power, (status, clear, astray, 0))
         astray += dt
-        if found != 3:
-            inner = carry((nought(measurement), inner[1], inner[2], inner[3]), design[0],
-                          measurement)
+        if found != 3:  # carried, from the measurement
+            e, x, d, v = inner
+            inner = carry((nought(measurement), x, d, v), core_design, measurement)
         if found == 3:
             clear = 0.0
-            if astray > design[5]:
+            if astray > lost_after:
                 return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 3))
             status = COASTING if status == TRACKING or status == COASTING else INITIALISING
         elif astray > COAST:
@@ -183,25 +205,28 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
             status = COASTING
         return (inner, measurement, conventions, power, (status, clear, astray, found))
 
-    def output(state: tuple, coefficients: tuple, design: tuple, measurement: tuple,
+    def output(state: tuple, coefficients: Any, design: Any, measurement: tuple,
                given: tuple) -> tuple:
-        inner = state[0]
-        position = present_all(state[2], towards(measurement, 1.0, inner[0]), design[1], design[2])
-        return position, inner[3], unknown, state[4][0]
+        (e, x, d, v), before, conventions, power, (status, clear, astray, trouble) = state
+        position = present_all(conventions, towards(measurement, 1.0, e), design.periods,
+                               design.unwrap)
+        return position, v, unknown, status
 
-    def resume(state: tuple, coefficients: tuple, design: tuple, measurement: tuple) -> tuple:
-        inner, before, conventions, power, lock = state
-        inner = carry((nought(measurement), inner[1], inner[2], inner[3]), design[0], measurement)
-        status = COASTING if lock[0] == TRACKING else lock[0]
-        return (inner, measurement, follow_all(conventions, measurement, design[1]), power,
+    def resume(state: tuple, coefficients: Any, design: Any, measurement: tuple) -> tuple:
+        (e, x, d, v), before, conventions, power, (status, clear, astray, trouble) = state
+        inner = carry((nought(measurement), x, d, v), design.core, measurement)
+        if status == TRACKING:
+            status = COASTING
+        return (inner, measurement, follow_all(conventions, measurement, design.periods), power,
                 (status, 0.0, 0.0, 0))
 
-    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: tuple) -> tuple:
-        return (begin_core(), measurement, follow_all(state[2], measurement, design[1]), state[3],
-                (INITIALISING, 0.0, 0.0, 0))
+    def restart(state: tuple, coefficients: Any, design: Any, measurement: tuple) -> tuple:
+        inner, before, conventions, power, lock = state
+        return (begin_core(), measurement, follow_all(conventions, measurement, design.periods),
+                power, (INITIALISING, 0.0, 0.0, 0))
 
-    def why(state: tuple, design: tuple) -> str:
-        status, clear, astray, trouble = state[4]
+    def why(state: tuple, design: Any) -> str:
+        inner, before, conventions, power, (status, clear, astray, trouble) = state
         if trouble == 1:
             complaint = mechanics.complaint()
             return (f"outside the domain of model '{mechanics.name}': the velocity is held"
@@ -216,8 +241,8 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
             return (f"model '{mechanics.name}' gives no numbers at these positions"
                     + (f': {complaint}' if complaint else ''))
         if status == INITIALISING:
-            return (f'settling: {clear:.2g} s of {design[4]:.3g} s, four times the slowest time '
-                    'constant')
+            return (f'settling: {clear:.2g} s of {design.settle:.3g} s, four times the slowest '
+                    'time constant')
         return ''
 
     return MechanicalFunctions(

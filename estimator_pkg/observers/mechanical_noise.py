@@ -103,7 +103,8 @@ def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, 
         covariance = settled(transition, column @ column.T)
         for kind, rows in enumerate((inward, velocity, offset)):
             gains[kind, :, joint] = np.einsum('ij,jk,ik->i', rows, covariance, rows)
-    return NoiseGains(gains[0], gains[1], gains[2], nothing, nothing, nothing)
+    of_position, of_velocity, of_innovation = gains
+    return NoiseGains(of_position, of_velocity, of_innovation, nothing, nothing, nothing)
 
 
 def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
@@ -148,12 +149,13 @@ def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
         found = NoiseGains(*(np.maximum(each, 0.0) for each in found))
         return found, np.array(np.linalg.pinv(found.innovation), float)
 
-    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple:
-        power = [max(each, 1e-300) for each in state[3]]
+    def stddev(state: tuple, coefficients: Any, design: Any) -> tuple:
+        inner, measurement, conventions, squares, lock = state
+        power = [max(each, 1e-300) for each in squares]
         sizes = () if core.noise is None else tuple(
             round(0.5 * math.log(each) / GRID) for each in power)
-        kept = gains(tuple(round(at / each) for at, each in zip(state[1], reach)), sizes,
-                     round(math.log(coefficients[1]) / GRID))
+        kept = gains(tuple(round(at / each) for at, each in zip(measurement, reach)), sizes,
+                     round(math.log(coefficients.dt) / GRID))
         if kept is None:
             return (math.inf,) * n, (math.inf,) * n
         found, back = kept

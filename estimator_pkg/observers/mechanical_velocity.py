@@ -177,25 +177,25 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
                 measurement: tuple, given: tuple) -> tuple:
         e, x, d, v = core
-        values, gain_l, gain_k, gain_d, one = design
-        dt = coefficients[0]
+        values, L, K, E, one = design
+        dt, inverse_dt = coefficients
         at = place(before, moved, e)
         if not admits(values, at):
             return core, False
         good = True
         if paper:
             f = acceleration(values, at, x, given)
-            rate = minus(x, times(gain_l, e)) if diagonal else minus(x, apply(gain_l, e))
-            f = minus(f, apply(gain_k, e))
+            rate = minus(x, times(L, e)) if diagonal else minus(x, apply(L, e))
+            f = minus(f, apply(K, e))
             if extended:
                 f = towards(f, 1.0, d)
-                d = towards(d, -dt, apply(gain_d, e))
+                d = towards(d, -dt, apply(E, e))
             e = minus(towards(e, dt, rate), moved)
             x = towards(x, dt, f)
         else:
             f, w = drift(values, at, x, given, dt)
-            rate = scale(coefficients[1], moved) if linear_hold else nought(moved)
-            e, x, d, good = flow(e, x, d, one, one, gain_k, gain_l, w, gain_d, f, rate, dt)
+            rate = scale(inverse_dt, moved) if linear_hold else nought(moved)
+            e, x, d, good = flow(e, x, d, one, one, K, L, w, E, f, rate, dt)
             if not linear_hold:
                 e = minus(e, moved)
         return (e, x, d, x), good

@@ -117,7 +117,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
                 measurement: tuple, given: tuple) -> tuple:
         e, x, _, _ = core
         values, gain_1, gain_2, m1, m2 = design
-        dt = coefficients[0]
+        dt, inverse_dt = coefficients
         at = place(before, moved, e)
         if not admits(values, at):
             return core, False
