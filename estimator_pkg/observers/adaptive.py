@@ -311,7 +311,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 (phase, trusted, tick), evidence)
 
     def adapted_for(signals: tuple) -> float:
-        y, age, power, speed_power, adapted, *others = signals
+        (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend,
+         slow_power) = signals
         return adapted
 
     def output(state: tuple, coefficients: Any, design: Any, measurement: float,

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from estimator_pkg.observers.unrolled import written_out
 
 ENOUGH = 1e-18  # the series ends when its terms are smaller than this part of the first
 
@@ -91,6 +93,5 @@ def companion(order: int) -> Companion:
         '    return f, ' + vector(['h', *('0.0' for _ in index[1:])]) + ', '
         + vector(['0.0'] * order),
     ]
-    names: dict[str, Any] = {}
-    exec(compile('\n'.join(lines), f'<companion of order {order}>', 'exec'), names)
+    names = written_out(lines, f'companion of order {order}')
     return Companion(*(names[name] for name in Companion._fields))

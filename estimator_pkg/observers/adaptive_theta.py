@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from estimator_pkg.observers.unrolled import written_out
 
 
 class Theta(NamedTuple):
@@ -35,13 +37,12 @@ def unrolled_theta(order: int, load: bool, gravity: bool, free: tuple[int, ...])
     def vector(entries: list[str]) -> str:
         return '(' + ''.join(f'{entry}, ' for entry in entries) + ')'
 
-    text = '\n'.join([
+    lines = [
         f'def pick(y, u, one, sine): return {vector([signals[i] for i in free])}',
         'def explained(y, u, one, sine, fixed): return '
         + (' + '.join(f'fixed[{i}] * {signals[i]}' for i in known) or '0.0'),
         f'def parts(x, fixed): return ({vector(values[:order])}, '
         f'{vector(values[order:2 * order])}, {values[2 * order] if load else "0.0"}, '
-        f'{values[-1] if gravity else "0.0"})'])
-    names: dict[str, Any] = {}
-    exec(compile(text, '<parameters>', 'exec'), names)
+        f'{values[-1] if gravity else "0.0"})']
+    names = written_out(lines, 'parameters')
     return Theta(names['pick'], names['explained'], names['parts'])

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.observers.unrolled import written_out
 
 LARGEST = 1e9  # beyond it [rad or m] a number is no reading, but garbage
 
@@ -101,9 +102,8 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
         'def solve(m, x):', *_elimination(n),
         f'def divided(a, b): return transposed(({columns}))',
         f'def blend(a, w, b): return ({blended})']
-    names: dict[str, Any] = {'wrap': wrap, 'begin': begin, 'follow': follow, 'present': present,
-                             'LARGEST': LARGEST, 'nan': math.nan}
-    exec(compile('\n'.join(lines), f'<mechanisms of {n}>', 'exec'), names)
+    names = written_out(lines, f'mechanisms of {n}', wrap=wrap, begin=begin, follow=follow,
+                        present=present, LARGEST=LARGEST, nan=math.nan)
     return MechanicalAlgebra(*(names[name] for name in (
         'apply', 'turned', 'product_t', 'product', 'transposed', 'scaled_t', 'times', 'scale',
         'nought', 'minus', 'towards', 'between', 'solve', 'divided', 'blend', 'finite',

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
 
 from estimator_pkg.observers.mechanical_algebra import total
+from estimator_pkg.observers.unrolled import written_out
 
 LARGEST_PART = 3.0     # of dt (|L| + sqrt(trace K)): beyond it a step is made in parts
 MOST_PARTS = 1000.0    # beyond so many the gains have nothing to do with the rate: refused
@@ -78,9 +78,7 @@ def make_flow(n: int, *, diagonal: bool, damped: bool, disturbed: bool) -> Calla
         lines += [f'        {state}{i} += {sum_}{i}' for i in rows]
     out = [_unpack(name, n) for name in ('e', 'p')] + [_unpack('d', n) if disturbed else 'd']
     lines.append(f'    return ({", ".join(out)}, True)')
-    names: dict[str, Any] = {}
-    exec(compile('\n'.join(lines), f'<flow of {n}>', 'exec'), names)
-    return names['flow']
+    return written_out(lines, f'flow of {n}')['flow']
 
 
 def _unpack(name: str, n: int) -> str:

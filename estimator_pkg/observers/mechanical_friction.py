@@ -9,10 +9,10 @@ viscous one of the same size, F(v)/v, which the steps take exactly or implicitly
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.mechanical_algebra import column
+from estimator_pkg.observers.unrolled import written_out
 
 MOST = 30.0  # rates of decay per sample: beyond it a joint rests whatever they are
 
@@ -80,10 +80,8 @@ def make_resistance(mechanics: Mechanics) -> Callable[..., tuple]:
                f'mass[{i}][{i}], dt)' for i in range(n)),
              *(['    d = damping(values, q)'] if damped else []),
              f'    return {column("f{i}", n)}, ({matrix})']
-    names: dict[str, Any] = {'force': force, 'damping': damping, 'stopping': stopping,
-                             'may_stop': may_stop}
-    exec(compile('\n'.join(lines), f'<resistance of {mechanics.name}>', 'exec'), names)
-    return names['resistance']
+    return written_out(lines, f'resistance of {mechanics.name}', force=force, damping=damping,
+                       stopping=stopping, may_stop=may_stop)['resistance']
 
 
 def is_resisted(mechanics: Mechanics) -> bool:

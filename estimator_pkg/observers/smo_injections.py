@@ -12,6 +12,7 @@ from typing import Any
 
 from estimator_pkg.observers.mechanical_algebra import column
 from estimator_pkg.observers.twisting import implicit_step, injections
+from estimator_pkg.observers.unrolled import written_out
 
 NEWTON = 60  # steps at most; from above they fall monotonically
 
@@ -66,22 +67,20 @@ def implicit_uniform(free: float, h: float, first: float, second: float, m1: flo
 
 def make_inject(n: int, one: Any) -> Any:
     """inject(e, first, second, m1, m2) -> two vectors, of one channel's injections `one`."""
-    body = '\n'.join(['def inject(e, first, second, m1, m2):']
-                     + [f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
-                        for i in range(n)]
-                     + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
-    names: dict[str, Any] = {one.__name__: one}
-    exec(compile(body, f'<injections of {n}, {one.__name__}>', 'exec'), names)
-    return names['inject']
+    body = (['def inject(e, first, second, m1, m2):']
+            + [f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
+               for i in range(n)]
+            + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
+    title = f'injections of {n}, {one.__name__}'
+    return written_out(body, title, **{one.__name__: one})['inject']
 
 
 def make_settle(n: int, one: Any) -> Any:
     """settle(free, h, first, second, m1, m2) -> (e, second injections): `one` for each channel."""
-    body = '\n'.join(['def settle(free, h, first, second, m1, m2):']
-                     + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], '
-                        'm1, m2)'
-                        for i in range(n)]
-                     + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
-    names: dict[str, Any] = {one.__name__: one}
-    exec(compile(body, f'<implicit steps of {n}, {one.__name__}>', 'exec'), names)
-    return names['settle']
+    body = (['def settle(free, h, first, second, m1, m2):']
+            + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], '
+               'm1, m2)'
+               for i in range(n)]
+            + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
+    title = f'implicit steps of {n}, {one.__name__}'
+    return written_out(body, title, **{one.__name__: one})['settle']

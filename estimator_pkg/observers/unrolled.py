@@ -12,6 +12,22 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 
+def written_out(lines: list[str], title: str, **known: Any) -> dict[str, Any]:
+    """Return the functions that these lines of text define, by name.
+
+    The only place that makes functions from text. A loop over a tuple is no substitute: Numba
+    cannot build a tuple in one, and plain Python spends more on the loop than on the numbers.
+
+    Parameters
+    ----------
+    title : what a traceback shows in place of a file's name.
+    known : functions that the text calls, by the names that it uses.
+    """
+    names: dict[str, Any] = dict(known)
+    exec(compile('\n'.join(lines), f'<{title}>', 'exec'), names)
+    return names
+
+
 class Algebra(NamedTuple):
     """Functions for vectors of one size n and for n x n matrices."""
 
@@ -72,6 +88,5 @@ def algebra(size: int) -> Algebra:
                 lines.append(
                     f'    l{i}{j} = (m[{i}][{j}] - a * floor[{i}][{j}]{taken}) / l{j}{j}')
     lines.append('    return True')
-    names: dict[str, Any] = {}
-    exec(compile('\n'.join(lines), f'<unrolled for {size}>', 'exec'), names)
+    names = written_out(lines, f'unrolled for {size}')
     return Algebra(*(names[name] for name in Algebra._fields))
