@@ -92,7 +92,7 @@ def follow_steps(steps: Steps, step: float, last: float, since: float, size: flo
         smallest = found
     beside = moved % candidate
     if found < CLOSE * candidate or DIGITS * candidate < beside < (1.0 - DIGITS) * candidate:
-        candidate, shown, least, left = found, float(shows), math.inf, left - 1.0
+        candidate, shown, least, left = found, 1.0 if shows else 0.0, math.inf, left - 1.0
     elif shows and shown < SHOWN:
         shown, left = shown + 1.0, left - 1.0
         if shown > RETURNS and found < least:
