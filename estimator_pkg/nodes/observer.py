@@ -21,7 +21,7 @@ from estimator_pkg.nodes.endpoints import Endpoints, OnDemand, get_message, latc
 from estimator_pkg.nodes.health import Health
 from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
 from estimator_pkg.parameters import declared
-from estimator_pkg.printable import printable
+from estimator_pkg.printable import PrintableLogger, printable
 from estimator_pkg.streams.contract import NO_NUMBERS, Action, Stream
 
 LOOK_AROUND = 0.1   # [s]
@@ -75,6 +75,10 @@ class ObserverNode(Node):
             if isinstance(error, ArithmeticError) and observer is not None:
                 raise UsageError(f'{observer.name}: {NO_NUMBERS} ({error})') from error
             raise
+
+    def get_logger(self) -> Any:
+        """The node's logger, whose texts are printable whatever names are in them."""
+        return PrintableLogger(super().get_logger())
 
     def _open(self) -> None:
         """Wire the ports."""
