@@ -59,7 +59,7 @@ def test_identify_writes_names_as_names(name, tmp_path):
     found = SimpleNamespace(names=('inertia',), deviations=[0.1], values=np.array([1.0]),
                             explained_elsewhere=0.9)
     out = tmp_path / 'x.yaml'
-    identify._write(out, name, (name, 'b'), ('inertia=1.0',), found, f'/tmp/{name}')
+    identify._write(out, name, (name, 'b'), ('inertia=1.0',), found, f'bags/{name}')
     assert holds_only(out.read_text(), ['/**'])['/**']['ros__parameters'] == {
         'model': name, 'joints': [name, 'b'], 'input_delay': 0.0,
         'model_parameters': ['inertia=1.0']}
