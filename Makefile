@@ -2,7 +2,8 @@
 # make test     run every test, the multi-process ones over real DDS included
 # make test-fast  the tests without DDS and without a browser
 # make test-slow  the tests that take minutes
-# make figures  write the numbers that commands give into README and docs (docs/figures.yaml)
+# make figures  write the numbers that commands give into README and docs (docs/tools/figures.yaml)
+# make bench    speed and accuracy next to named peers, in one run (BENCH="speed --part drive": a part)
 # make mutants  500 small changes of the code, and which of them no test notices (an hour)
 # make install  only make .venv with the package, ROS 2 Jazzy and all extras
 # make check    ruff and mypy alone
@@ -15,7 +16,7 @@ STAMP := $(VENV)/.installed
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find estimator_pkg sim_pkg resource launch config -type f -not -name '*.pyc')
 
-.PHONY: demo test test-fast test-slow figures mutants install check clean
+.PHONY: demo test test-fast test-slow bench figures mutants install check clean
 
 demo: install
 	@$(BIN)/velocity_estimator demo
@@ -46,7 +47,11 @@ test-slow: install
 	$(BIN)/pytest -m slow
 
 figures: install
-	$(BIN)/python docs/figures.py
+	$(BIN)/python -m docs.tools.figures
+
+BENCH ?=
+bench: install
+	$(BIN)/python -m benchmarks $(BENCH)
 
 MUTANTS ?= --count 500 --seed 1 --page
 mutants: install

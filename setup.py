@@ -6,7 +6,7 @@ the messages and numpy alone; `make install` installs everything with ``.[all]``
 
 from glob import glob
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 NAME = 'velocity_estimator'
 
@@ -32,17 +32,7 @@ EXTRAS['mutants'] = ['cosmic-ray>=8.3,<9', 'coverage>=7.5,<8']  # of make mutant
 setup(
     name=NAME,
     version='0.1.0',
-    packages=['estimator_pkg', 'estimator_pkg.observers', 'estimator_pkg.models',
-              'estimator_pkg.driver', 'estimator_pkg.messages', 'estimator_pkg.nodes',
-              'estimator_pkg.bags', 'estimator_pkg.streams',
-              'estimator_pkg.evaluation', 'estimator_pkg.evaluation.bench',
-              'estimator_pkg.evaluation.bench.live',
-              'estimator_pkg.evaluation.identify', 'estimator_pkg.evaluation.report',
-              'estimator_pkg.evaluation.smoother', 'estimator_pkg.evaluation.tuning',
-              'sim_pkg', 'sim_pkg.joints', 'sim_pkg.mechanisms', 'sim_pkg.pmsm', 'sim_pkg.nodes',
-              'sim_pkg.reproduce', 'sim_pkg.reproduce.adaptive', 'sim_pkg.reproduce.hybrid_angle',
-              'sim_pkg.reproduce.hybrid_discrete', 'sim_pkg.reproduce.mechanical',
-              'sim_pkg.reproduce.pmsm', 'sim_pkg.demo'],
+    packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
     package_data={'estimator_pkg': ['py.typed'], 'sim_pkg': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -78,19 +68,19 @@ setup(
             'pmsm_sim = sim_pkg.nodes.executables:pmsm_sim',
         ],
         'velocity_estimator.observers': [
-            'hybrid_angle = estimator_pkg.observers.hybrid_angle:OBSERVER',
-            'pmsm = estimator_pkg.observers.pmsm:OBSERVER',
-            'finite_difference = estimator_pkg.observers.finite_difference:OBSERVER',
-            'pll = estimator_pkg.observers.pll:OBSERVER',
-            'kalman = estimator_pkg.observers.kalman:OBSERVER',
-            'super_twisting = estimator_pkg.observers.super_twisting:OBSERVER',
-            'geso = estimator_pkg.observers.geso:OBSERVER',
-            'hgo = estimator_pkg.observers.hgo:OBSERVER',
-            'ehgo = estimator_pkg.observers.ehgo:OBSERVER',
-            'smo = estimator_pkg.observers.smo:OBSERVER',
-            'adaptive = estimator_pkg.observers.adaptive:OBSERVER',
-            'switched = estimator_pkg.observers.switched:OBSERVER',
-            'edge_adaptive = estimator_pkg.observers.edge_adaptive:OBSERVER',
+            'hybrid_angle = estimator_pkg.observers.angle.hybrid.observer:OBSERVER',
+            'pmsm = estimator_pkg.observers.pmsm.observer:OBSERVER',
+            'finite_difference = estimator_pkg.observers.angle.finite_difference:OBSERVER',
+            'pll = estimator_pkg.observers.angle.pll:OBSERVER',
+            'kalman = estimator_pkg.observers.angle.kalman:OBSERVER',
+            'super_twisting = estimator_pkg.observers.angle.super_twisting.observer:OBSERVER',
+            'geso = estimator_pkg.observers.mechanism.geso:OBSERVER',
+            'hgo = estimator_pkg.observers.mechanism.hgo:OBSERVER',
+            'ehgo = estimator_pkg.observers.mechanism.ehgo:OBSERVER',
+            'smo = estimator_pkg.observers.mechanism.smo:OBSERVER',
+            'adaptive = estimator_pkg.observers.adaptive.observer:OBSERVER',
+            'switched = estimator_pkg.observers.switched.observer:OBSERVER',
+            'edge_adaptive = estimator_pkg.observers.angle.edge.observer:OBSERVER',
         ],
         'velocity_estimator.streams': [
             'angle = estimator_pkg.streams.angle:AngleStream',
@@ -121,11 +111,10 @@ setup(
             'record = estimator_pkg.bags.record:COMMAND',
             'play = estimator_pkg.bags.play:COMMAND',
             'replay = estimator_pkg.bags.replay:COMMAND',
-            'evaluate = estimator_pkg.evaluation.evaluate:COMMAND',
+            'evaluate = estimator_pkg.evaluation.compare.command:COMMAND',
             'identify = estimator_pkg.evaluation.identify.command:COMMAND',
             'tune = estimator_pkg.evaluation.tuning.command:COMMAND',
             'reproduce = sim_pkg.reproduce.command:COMMAND',
-            'bench = estimator_pkg.evaluation.bench.command:COMMAND',
         ],
         'velocity_estimator.simulators': [
             'encoder = sim_pkg.joints.encoder:SIMULATOR',

@@ -56,20 +56,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     prog = ' '.join(['velocity_estimator', *words[:1]])
+    return guarded(lambda: _find_and_run(words, prog), prog)
+
+
+def guarded(task: Callable[[], int], prog: str) -> int:
+    """Run a task whose output stays printable; returns its exit code, that of an error included.
+
+    Parameters
+    ----------
+    task : returns an exit code.
+    prog : name that begins the line of an error.
+    """
     with contextlib.ExitStack() as stack:
         for stream, redirect in ((sys.stdout, contextlib.redirect_stdout),
                                  (sys.stderr, contextlib.redirect_stderr)):
             if stream is not None and not isinstance(stream, PrintableStream):
                 stack.enter_context(redirect(PrintableStream(stream)))
         stack.enter_context(interrupts.handled())
-        return _ended(words, prog)
+        return _ended(task, prog)
 
 
-def _ended(words: list[str], prog: str) -> int:
+def _ended(task: Callable[[], int], prog: str) -> int:
     """Run one command to its end, however it ends; returns the exit code."""
     try:
         try:
-            return _run(words, prog)
+            return task()
         finally:  # here, where a reader that went away or a full disk is one line
             if sys.stdout is not None:
                 sys.stdout.flush()
@@ -95,7 +106,7 @@ def _ended(words: list[str], prog: str) -> int:
         return 1
 
 
-def _run(words: list[str], prog: str) -> int:
+def _find_and_run(words: list[str], prog: str) -> int:
     if not words or words[0] in ('-h', '--help'):
         print(_overview())
         return 0 if words else 2
@@ -107,12 +118,16 @@ def _run(words: list[str], prog: str) -> int:
         show(f"velocity_estimator: unknown command '{name}': "
              f'{suggestion(name, registry.names(registry.COMMANDS))}', file=sys.stderr)
         return 2
-    command: Command = registry.find(registry.COMMANDS, name)
+    return run(registry.find(registry.COMMANDS, name), words[1:], prog)
+
+
+def run(command: Command, words: Sequence[str], prog: str) -> int:
+    """Parse the arguments of a command and run it; returns the exit code."""
     parser = _Parser(prog=prog, description=command.summary)
     command.arguments(parser)
     parser.add_argument('--json', metavar='FILE',
                         help="the result as JSON ('-': to stdout, and the text to stderr)")
-    parsed = parser.parse_args(words[1:])
+    parsed = parser.parse_args(words)
     to_stdout = parsed.json == STDOUT
     destination.check_apart(parsed)
     if parsed.json is not None and not to_stdout:

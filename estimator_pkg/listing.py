@@ -9,18 +9,70 @@ from __future__ import annotations
 import argparse
 import shutil
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import registry
+from estimator_pkg import observers, registry
 from estimator_pkg.cli import Command
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
-from estimator_pkg.listing_gains import as_text, meanings
-from estimator_pkg.parameters import Parameter, declared, parse_assignments
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
+from estimator_pkg.parameters import Parameter, build, declared, parse_assignments
 from estimator_pkg.streams.angle import AngleSettings
+
+
+def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dict[str, str]]:
+    """What the gains mean, by model: of the one that is set, else of every built-in one.
+
+    Empty for what is no observer of mechanisms.
+
+    Parameters
+    ----------
+    name : of the observer.
+    values : parameters that differ from their defaults.
+    rate : samples per second.
+
+    Raises
+    ------
+    UsageError, UserError : values that cannot be used, or that this observer does not have.
+    """
+    if not rate > 0.0:
+        raise UsageError(f'--rate must be above 0, not {rate:g}')
+    record = observers.find(name) if name in registry.names(registry.OBSERVERS) else None
+    if record is None or record.kind != 'mechanical':
+        if values:
+            raise UsageError(f"'--set' is for observers of mechanisms, not for '{name}'")
+        return {}
+    models = [str(values['model'])] if 'model' in values else registry.names(registry.MODELS)
+    found: dict[str, dict[str, str]] = {}
+    for model in models:
+        gains: Any = build(record.gains, {**values, 'model': model}, owner=name)
+        try:
+            functions = record.build(gains, Circle())
+        except UserError as error:
+            if len(models) == 1:
+                raise
+            found[model] = {'refused': str(error)}
+            continue
+        assert isinstance(functions, MechanicalFunctions)
+        words = in_words(functions.describe(1.0 / rate))
+        why = functions.limits(1.0 / rate)
+        found[model] = {**words, **({'refused': why} if why else {})}
+    return found
+
+
+def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
+    """`meanings` for a terminal."""
+    lines = [f'  what the gains mean at {rate:g} Hz (--rate, --set NAME=VALUE for others):']
+    for model, words in found.items():
+        lines.append(f'    {model}')
+        lines += [f'      {MEANINGS.get(name, name)}: {text}' for name, text in words.items()]
+    return '\n'.join(lines)
+
 
 SETTINGS = 'velocity_estimator.settings'
 TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text',

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from scipy.linalg import expm
 
-from estimator_pkg.driver.adaptive_joint import AdaptiveJoint
+from estimator_pkg.driver.adaptive import AdaptiveJoint
 from estimator_pkg.driver.joint import JointSettings
-from estimator_pkg.observers.adaptive import OBSERVER
-from estimator_pkg.observers.adaptive_gains import Gains
+from estimator_pkg.observers.adaptive.gains import Gains
+from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.parameters import build
 
 

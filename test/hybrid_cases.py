@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.observers.hybrid_angle import OBSERVER
+from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.parameters import build
 
 TURN = 2.0 * math.pi
@@ -34,7 +34,7 @@ def coefficients_of(dt, **gains):
 
 def core_of(**gains):
     """The core that `build` hands to `around`."""
-    import estimator_pkg.observers.hybrid_angle as module
+    import estimator_pkg.observers.angle.hybrid.observer as module
     seen = []
     original = module.around
     module.around = lambda core, *rest: seen.append(core) or original(core, *rest)

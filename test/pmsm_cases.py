@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.pmsm import build
-from estimator_pkg.observers.pmsm_gains import Gains
+from estimator_pkg.observers.pmsm.gains import Gains
+from estimator_pkg.observers.pmsm.observer import build
 from estimator_pkg.parameters import build as build_parameters
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from docs.tools import capabilities
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation import capabilities
 from estimator_pkg.parameters import declared
 
 ROOT = Path(__file__).resolve().parent.parent

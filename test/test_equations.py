@@ -9,12 +9,10 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'estimator_pkg'
 FILES = sorted(path for pattern in (
-    'observers/adaptive*.py', 'observers/mechanical*.py', 'observers/pmsm*.py',
-    'observers/smo*.py', 'observers/switched*.py', 'observers/convention.py',
-    'observers/covariance.py', 'observers/ehgo.py', 'observers/geso.py', 'observers/hgo.py',
-    'observers/injections.py', 'observers/least_squares.py', 'observers/tracking.py',
-    'observers/twisting.py', 'observers/unrolled.py', 'driver/drive.py', 'driver/drive_joint.py',
-    'driver/joint.py', 'driver/switched_joint.py', 'driver/track.py')
+    'observers/convention.py', 'observers/adaptive/*.py', 'observers/mechanism/*.py',
+    'observers/pmsm/*.py', 'observers/switched/*.py', 'observers/angle/hybrid/injections.py',
+    'observers/maths/*.py', 'driver/drive.py', 'driver/joint.py', 'driver/switched.py',
+    'driver/track.py')
     for path in PACKAGE.glob(pattern))
 # a number, or a constant that stands for one
 INDEX = re.compile(r'\b(?:design|state|coefficients|_?track|core|watch|out|clear|lock|convention'

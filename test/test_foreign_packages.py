@@ -15,10 +15,10 @@ OBSERVER = '''
     import math
     from dataclasses import dataclass
 
-    from estimator_pkg.observers.angle import AngleCore, AngleGains, around
+    from estimator_pkg.observers.angle.core import AngleCore, AngleGains, around
     from estimator_pkg.observers.circle import wrap
     from estimator_pkg.observers.contract import Observer
-    from estimator_pkg.observers.tracking import noise_of_two
+    from estimator_pkg.observers.maths.tracking import noise_of_two
     from estimator_pkg.parameters import parameter
 
 

@@ -11,11 +11,11 @@ import pytest
 import yaml
 
 from estimator_pkg import params_file, yaml_text
-from estimator_pkg.driver import adaptive_file
+from estimator_pkg.driver import identified as adaptive_file
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.identify import command as identify
 from estimator_pkg.evaluation.tuning import output
-from estimator_pkg.observers import adaptive
+from estimator_pkg.observers.adaptive import observer as adaptive
 
 IMPORTS = '\n    model: own_models:Arm\n    #'
 NAMES = ['y', IMPORTS, "arm'", 'a: !!python/name:os.system ""', 'x\u2028model: own:Arm\u2029',

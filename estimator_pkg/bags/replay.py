@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import qos, unpacking
 from estimator_pkg.bags.feeding import Encoded, answers
-from estimator_pkg.bags.output import Output
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.wiring import Setup, parameters, settled, wanted
 from estimator_pkg.bags.writer import BagWriter
@@ -27,6 +27,54 @@ from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import Answers, Request, Stream
 from estimator_pkg.streams.history import GAP
+
+
+class Output:
+    """Writes the copied topics, and new ones.
+
+    Parameters
+    ----------
+    copy : topics of `bag` to copy; None: all.
+    types : the new topics' names and message types.
+
+    Attributes
+    ----------
+    topics, own : the new topics, and their numbers in the writer.
+    copied : the topics that are copied.
+    """
+
+    def __init__(self, bag: Bag, writer: BagWriter, copy: list[str] | None,
+                 types: Mapping[str, str]) -> None:
+        self._writer = writer
+        self.topics = list(types)
+        for name in copy or ():
+            bag.require(name)
+        wanted = set(bag.topics if copy is None else copy)
+        for name in sorted(wanted & set(self.topics)):
+            show(f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
+                 'another name)', file=sys.stderr)
+        self.copied = wanted - set(self.topics)
+        self._numbers = {}
+        for name in bag.topics:
+            if name in self.copied:
+                topic = bag.topics[name]
+                self._numbers[name] = writer.add_topic(
+                    name, topic.type, topic.qos, definition=topic.definition,
+                    definition_format=topic.definition_format, type_hash=topic.type_hash,
+                    serialization=topic.serialization)
+        self.own = [writer.add_topic(name, kind, qos.profile(depth=50))
+                    for name, kind in types.items()]
+
+    def write_among(self, names: list[str], block: Block, made: Encoded) -> None:
+        """What is copied of the block, and the new messages behind those they belong to.
+
+        Parameters
+        ----------
+        names : the bag's topics, as the block counts them.
+        """
+        lookup = np.array([self._numbers.get(name, -1) for name in names])
+        self._writer.write_block(made.merged(lookup[block.topic]))
+
 
 NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
 

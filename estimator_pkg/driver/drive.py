@@ -1,4 +1,4 @@
-"""Many samples of a drive at once: currents and voltages in, electrical and mechanical state out.
+"""The drive: many samples at once through guard and observer, and the order of batches.
 
 The same track (guard and observer) as for a joint; a measurement is the tuple
 (i_alpha, i_beta, u_alpha, u_beta).
@@ -6,6 +6,8 @@ The same track (guard and observer) as for a joint; a measurement is the tuple
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -13,10 +15,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.driver.guard import AFTER_GAP, DUPLICATE
-from estimator_pkg.driver.track import make_track
-from estimator_pkg.observers.contract import INITIALISING
+from estimator_pkg.driver.compiled import available, cannot_compile, compiled
+from estimator_pkg.driver.guard import (
+    AFTER_GAP,
+    DUPLICATE,
+    LATE,
+    LATE_IN_A_ROW,
+    MISCONFIGURED,
+    VERDICTS,
+)
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.track import make_track, replaced
+from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, Observer
+from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.observers.pmsm.watch import BLIND, describe
 
 LONGEST_COAST = 10 ** 9  # ns; after a longer gap nothing is said of the way in between
 
@@ -122,3 +134,182 @@ def run(batch: Callable[..., tuple], track: tuple, design: tuple, limits: tuple,
         for name, values in zip(out._fields, told):
             getattr(out, name)[:] = values
     return track, out
+
+
+
+
+
+REMEMBERED = 64     # batches that are known again when they are repeated
+GAP = 2.5           # sample periods without a sample are a gap
+UNKNOWN_GAP = 0.01  # s, of a gap while the sample period is unknown
+FITS = 0.01         # the sample period may be off the stamps by this part of itself
+
+
+class DriveJoint(Joint):
+    """A motor's observer, live: feed it batches of samples, read its estimate.
+
+    A sample is (i_alpha, i_beta, u_alpha, u_beta). The estimate of the base class is the mechanical
+    one.
+
+    Parameters
+    ----------
+    observer : one of kind 'drive'.
+    gains, settings : as of `Joint`.
+    sample_period : s; 0: that of the first batch.
+    fast : compile, where Numba is there.
+
+    Attributes
+    ----------
+    misfit : why the sample period cannot be right; '' while it can.
+    """
+
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings, *,
+                 sample_period: float = 0.0, fast: bool = False) -> None:
+        self.given_period = sample_period
+        self._period = sample_period
+        self.fast = fast and available()
+        self.misfit = ''
+        self._late_batches = 0
+        self._recent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
+        super().__init__(observer, gains, settings)
+
+    def _structure(self, gains: Any) -> None:
+        super()._structure(gains)
+        self._motor: Any = self.functions  # DriveFunctions
+        self._drive_batch = make_drive_batch(self._motor)
+        self._tighten()
+
+    def set_settings(self, settings: JointSettings) -> None:
+        """Other guard settings from the next sample on; the state is kept."""
+        super().set_settings(settings)
+        self._tighten()
+
+    def _tighten(self) -> None:
+        """A gap is far shorter than with joints: the rotor turns much between two samples."""
+        gap = GAP * self._period if self._period > 0.0 else UNKNOWN_GAP
+        self._limits = self._limits._replace(gap_ns=min(self._limits.gap_ns, round(gap * 1e9)))
+
+    def reset(self) -> None:
+        """Start again, as if no sample had come; the counters go on."""
+        super().reset()
+        self._recent.clear()
+        self._late_batches = 0
+
+    def warm_up(self) -> None:
+        """Compile now, before samples wait for it; what Numba does not take runs as it is."""
+        if not self.fast:
+            return
+        try:
+            run(self._drive_batch, self._track, self._design, self._limits,
+                      np.zeros(1, np.int64), np.zeros((1, 4)), fast=True)
+        except Exception as error:
+            if not cannot_compile(error):
+                raise
+            self.fast = False
+
+    def take(self, stamps: NDArray[np.int64], samples: NDArray[np.float64]) -> DriveEstimates:
+        """A batch in; the estimates, one row per sample received.
+
+        A batch that came before, or that others have overtaken, is dropped as a whole; three late
+        ones in a row mean that the clock jumped.
+
+        Parameters
+        ----------
+        stamps : shape (n,), int64 nanoseconds.
+        samples : shape (n, 4) [A, A, V, V].
+        """
+        count = len(stamps)
+        if not count:
+            return empty(0)
+        if not self._fits(stamps):
+            return self._dropped(count, MISCONFIGURED)
+        fresh: Any = slice(None)
+        last = self.last_ns
+        old = (stamps <= last) & (stamps > 0)
+        if self.running and old.any() and last - int(stamps.max()) <= self._limits.reorder_ns:
+            if old.all():
+                if (int(stamps[0]), int(stamps[-1])) in self._recent:
+                    return self._dropped(count, DUPLICATE)
+                self._late_batches += 1
+                if self._late_batches < LATE_IN_A_ROW:
+                    return self._dropped(count, LATE)
+                self._track = replaced(self._track, late=LATE_IN_A_ROW - 1)
+            else:
+                fresh = np.flatnonzero(~old)
+        self._late_batches = 0
+        self._recent.append((int(stamps[0]), int(stamps[-1])))
+        self._track, out = run(self._drive_batch, self._track, self._design, self._limits,
+                                     stamps[fresh], samples[fresh], fast=self.fast)
+        if not isinstance(fresh, slice):
+            whole = empty(count)
+            whole.verdict[:] = DUPLICATE
+            for name, rows in out._asdict().items():
+                getattr(whole, name)[fresh] = rows
+            out = whole
+        self._count(out.verdict)
+        used = np.flatnonzero(out.verdict < DUPLICATE)
+        if len(used):
+            self.stamp_ns = int(stamps[used[-1]])
+            self._measurement = tuple(samples[used[-1]].tolist())
+        return out
+
+    def _fits(self, stamps: NDArray[np.int64]) -> bool:
+        """Whether a batch's stamps fit the sample period; where none is given they make it."""
+        if len(stamps) < 3:
+            return not self.misfit
+        # the median; numpy's own takes as long as all the samples do compiled
+        spacing = float(np.sort(stamps[1:] - stamps[:-1])[(len(stamps) - 1) // 2]) * 1e-9
+        if self.given_period <= 0.0:
+            if spacing > 0.0 and abs(spacing - self._period) > FITS * self._period:
+                self._period = spacing
+                self._limits = self._limits._replace(gap_ns=round(self.settings.gap_max * 1e9))
+                self._tighten()
+            return True
+        if abs(spacing - self.given_period) <= FITS * self.given_period:
+            self.misfit = ''
+        else:
+            self.misfit = (f'sample_period is {self.given_period:g} s, but the stamps are '
+                           f'{spacing:g} s apart')
+        return not self.misfit
+
+    def _dropped(self, count: int, verdict: int) -> DriveEstimates:
+        out = empty(count)
+        out.verdict[:] = verdict
+        self._count(out.verdict)
+        return out
+
+    def _count(self, verdicts: NDArray[np.int8]) -> None:
+        for verdict, count in enumerate(np.bincount(verdicts, minlength=len(VERDICTS)).tolist()):
+            self.counts[verdict] += count
+        self.verdict = int(verdicts[-1])
+
+    def estimate(self) -> tuple[float, float, float, int]:
+        """(position, velocity, nan, status), mechanical, at the last used sample."""
+        if self.misfit:
+            return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
+        return super().estimate()
+
+    def electrical(self) -> tuple[float, float, float, float]:
+        """(angle [rad], speed [rad/s], flux linkage [Wb], 1.0 where it counts), electrical."""
+        return self._motor.electrical(self.state, self.coefficients, self._design)
+
+    def electrical_stddev(self) -> tuple[float, float, float]:
+        """One standard deviation of electrical angle, electrical speed and flux linkage."""
+        return self._motor.electrical_stddev(self.state, self.coefficients, self._design)
+
+    def speed_bound(self) -> float:
+        """Mechanical speed [rad/s] that is not exceeded while the rotor is not observable; inf."""
+        return self._motor.speed_bound(self.state, self.coefficients, self._design)
+
+    def why(self) -> str:
+        """What the status means, in words."""
+        if self.misfit or not self.running:
+            return self.misfit
+        limit = super().why()
+        if limit:
+            return limit
+        reasons = self._motor.reasons(self.state)
+        if self.estimate()[3] != NOT_OBSERVABLE:
+            return describe(reasons)
+        said, bound = describe(reasons & BLIND), self.speed_bound()
+        return f'{said}; |speed| is below {bound:.2g} rad/s' if math.isfinite(bound) else said

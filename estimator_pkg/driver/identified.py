@@ -1,10 +1,23 @@
-"""What a joint has identified, as key and value: the same live and in replay."""
+"""What the joints of the observer `adaptive` have identified: as key and value, and in a file.
+
+The file holds the plant itself, the first column of A and B, so that it serves whatever poles the
+observer has later.
+"""
 
 from __future__ import annotations
 
+import math
+import os
+from pathlib import Path
 from typing import Any
 
-from estimator_pkg.observers.adaptive_report import Report
+import yaml
+
+from estimator_pkg import yaml_text
+from estimator_pkg.driver.adaptive import AdaptiveBank
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.observers.adaptive.gains import structure
+from estimator_pkg.observers.adaptive.report import Report
 
 UNKNOWN_UNIT = 'unit of input'  # as a report calls it
 
@@ -24,3 +37,91 @@ def values_of(said: Report, input_unit: str = '') -> dict[str, Any]:
         values.update({item.name: item.value, f'{item.name}.stddev': item.stddev,
                        f'{item.name}.unit': unit, f'{item.name}.trusted': item.trusted})
     return values
+
+
+
+
+
+FORMAT = 1
+ABOUT = "x1' = A x + B u in observable canonical form: a is the first column of A, b is B."
+
+
+def save(path: str, bank: AdaptiveBank) -> list[str]:
+    """Write what the joints have learnt, beside what the file says of others; their names.
+
+    Raises
+    ------
+    UserError : nothing was learnt, or the file cannot be written.
+    """
+    joints = load(path) if Path(path).exists() else {}
+    names = []
+    for name, said in bank.reports().items():
+        gains = bank.joints[name].gains
+        if said.adapted == 0.0 and gains.theta is None:
+            continue
+        n = gains.order
+        model = structure(gains).model
+        joints[name] = {
+            'order': n, 'a': [known + value for known, value in zip(model, said.theta)],
+            'b': list(said.theta[n:2 * n]),
+            'stddev': [item.stddev for item in said.parameters[:len(said.theta)]],
+            'trusted': said.trusted}
+        for word, letter, has in (('load', 'd', gains.load), ('gravity', 's', gains.gravity)):
+            if has:
+                joints[name][word] = said.theta[said.names.index(f'{letter}{n}')]
+        names.append(name)
+    if not names:
+        raise UserError('nothing has been learnt yet')
+    text = (f'{yaml_text.comment(ABOUT)}\n'
+            + yaml_text.block({'adaptive_parameters': FORMAT, 'joints': joints}))
+    beside = f'{path}.part'
+    try:
+        Path(beside).write_text(text, encoding='utf-8')
+        os.replace(beside, path)
+    except OSError as error:
+        raise UserError(f'cannot write {path}: {error.strerror}') from error
+    return names
+
+
+def load(path: str) -> dict[str, dict[str, Any]]:
+    """What a file written by `save` says, by joint.
+
+    Raises
+    ------
+    UsageError : it cannot be read or is no such file.
+    """
+    try:
+        content = yaml_text.read(Path(path).read_text(encoding='utf-8'))
+    except OSError as error:
+        raise UsageError(f'cannot read {path}: {error.strerror}') from error
+    except (yaml.YAMLError, UnicodeDecodeError):
+        content = None
+    if not isinstance(content, dict) or content.get('adaptive_parameters') != FORMAT:
+        raise UsageError(f'{path} holds no parameters of the adaptive observer')
+    joints = content.get('joints') or {}
+    if not isinstance(joints, dict):
+        raise UsageError(f"{path}: 'joints' must hold each joint's name with its parameters below "
+                         f'it, not {joints!r}')
+    for name, own in joints.items():
+        if not _whole(own):
+            raise UsageError(f"{path}: the parameters of joint '{name}' are damaged")
+    return dict(joints)
+
+
+def _whole(own: Any) -> bool:
+    """True if this is what `save` writes of a joint."""
+    if not isinstance(own, dict) or type(own.get('order')) is not int:
+        return False
+    a, b = own.get('a'), own.get('b')
+    if not isinstance(a, list) or not isinstance(b, list):
+        return False
+    others = (own.get('load', 0.0), own.get('gravity', 0.0))
+    said = own.get('stddev', [])
+    if not isinstance(said, list) or not all(isinstance(x, float) for x in said):
+        return False
+    if said and len(said) != 2 * own['order'] + ('load' in own) + ('gravity' in own):
+        return False
+    if not isinstance(own.get('trusted', True), bool):
+        return False
+    return len(a) == len(b) == own['order'] and all(
+        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others))

@@ -18,7 +18,7 @@ from estimator_pkg.driver.efforts import FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.contract import STATUS_NAMES, VALID, Observer
-from estimator_pkg.observers.mechanical import MechanicalFunctions
+from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.parameters import parameter
 
 WAITING = 16  # stamps of a mechanism that may be incomplete at a time

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
-from estimator_pkg.observers.mechanical_velocity import make_acceleration
+from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
+from estimator_pkg.observers.mechanism.velocity import make_acceleration
 
 
 def make_plant(mechanics: Mechanics) -> Callable[..., tuple]:

@@ -44,7 +44,7 @@ class SwitchedModel:
     dynamics : (x, Z, u) -> x', for the checks and for simulation.
     start : (x, Z) of a typical trajectory. probe : (t) -> u of it; period : between events [s].
     bounds : for each output, bounds of the derivatives 2 .. k_i + 1 of it, step by step; see
-        `estimator_pkg.observers.switched`.
+        `estimator_pkg.observers.switched.observer`.
     names, units : of the entries of Z. joints : of the outputs.
     basis : (y, u) -> p rows of m + 1 numbers, where Gamma_i and then the columns of Lambda_i are
         these or, where `orders` says 1, the derivatives of these. None: Gamma and Lambda at the

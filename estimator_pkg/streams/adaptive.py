@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg.driver import adaptive_file
-from estimator_pkg.driver.adaptive_bank import AdaptiveBank, AdaptiveConfiguration
-from estimator_pkg.driver.effort_command import ARRAY
-from estimator_pkg.driver.efforts import COMMAND, DrivenSettings
+from estimator_pkg.driver import identified as adaptive_file
+from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.efforts import ARRAY, COMMAND, DrivenSettings
 from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
-from estimator_pkg.observers.adaptive import OBSERVER
+from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import parameter
 from estimator_pkg.streams.contract import Action, Answer, Output, Reply, Request, Values

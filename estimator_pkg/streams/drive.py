@@ -11,8 +11,7 @@ import numpy as np
 
 from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.drive import DriveEstimates
-from estimator_pkg.driver.drive_joint import DriveJoint
+from estimator_pkg.driver.drive import DriveEstimates, DriveJoint
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases, Vector

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from estimator_pkg.driver.effort_command import ARRAY, EffortCommands
-from estimator_pkg.driver.effort_command import JOINT_STATE as BY_NAME
-from estimator_pkg.driver.efforts import COMMAND, FIELD
+from estimator_pkg.driver.efforts import ARRAY, COMMAND, FIELD, EffortCommands
+from estimator_pkg.driver.efforts import JOINT_STATE as BY_NAME
 from estimator_pkg.messages import multi_array
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder

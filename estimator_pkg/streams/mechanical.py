@@ -16,7 +16,7 @@ from estimator_pkg.driver.mechanism import (
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanical_gains import in_words
+from estimator_pkg.observers.mechanism.gains import in_words
 from estimator_pkg.parameters import parameter
 from estimator_pkg.streams.contract import Answer, Output, Request, Values
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample

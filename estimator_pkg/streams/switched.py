@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import DrivenSettings
-from estimator_pkg.driver.switched_joint import REFUSED, SwitchedBank, SwitchedJoint
+from estimator_pkg.driver.switched import REFUSED, SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.models.switched import SwitchedModel, load
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.switched import OBSERVER
+from estimator_pkg.observers.switched.observer import OBSERVER
 from estimator_pkg.parameters import parameter
 from estimator_pkg.streams.answer import ACCELERATION
 from estimator_pkg.streams.contract import Answer, Output, Port, Request

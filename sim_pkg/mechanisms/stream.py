@@ -20,7 +20,7 @@ from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.mechanical_velocity import make_acceleration
+from estimator_pkg.observers.mechanism.velocity import make_acceleration
 from estimator_pkg.parameters import parameter
 from sim_pkg.chunks import sample_count
 from sim_pkg.contract import Message, Topic, followed, ran_away

@@ -10,9 +10,37 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.nodes.runtime import run
+
+if TYPE_CHECKING:
+    from sim_pkg.nodes.simulator_node import SimulatorNode
+
+
+def make_node(**options: Any) -> SimulatorNode:
+    """The node; its process ends when the simulation does."""
+    from dataclasses import replace
+    from functools import partial
+
+    import rclpy
+    from sensor_msgs.msg import JointState
+
+    from sim_pkg.mechanisms.cart_pendulum import SIMULATOR, Feedback, generate
+    from sim_pkg.nodes.simulator_node import SENSOR_DATA, SimulatorNode
+
+    feedback = Feedback()
+    simulator = replace(SIMULATOR, generate=partial(generate, feedback=feedback))
+    node = SimulatorNode(simulator, 'cart_pendulum_sim', on_end=rclpy.try_shutdown, **options)
+
+    def came(message: JointState) -> None:
+        velocities = dict(zip(message.name, message.velocity))
+        if {'pendulum', 'cart'} <= velocities.keys():
+            feedback.put((velocities['pendulum'], velocities['cart']))
+
+    node.create_subscription(JointState, 'estimate', came, SENSOR_DATA)
+    return node
+
 
 if TYPE_CHECKING:
     from sim_pkg.nodes.simulator_node import SimulatorNode
@@ -53,7 +81,7 @@ def process(make_node: Callable[[], SimulatorNode]) -> Callable[..., int]:
 
 
 def _balanced() -> SimulatorNode:
-    from sim_pkg.nodes.balance import make_node
+    from sim_pkg.nodes.executables import make_node
     return make_node()
 
 

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.drive import DriveFunctions
-from estimator_pkg.observers.pmsm_equations import rotor_angle
-from estimator_pkg.observers.pmsm_state import CORE
+from estimator_pkg.observers.pmsm.drive import DriveFunctions
+from estimator_pkg.observers.pmsm.equations import rotor_angle
+from estimator_pkg.observers.pmsm.state import CORE
 from sim_pkg.pmsm.parameters import PmsmParameters
 
 WAITING, FORCED, RUNNING = 0.0, 1.0, 2.0

@@ -41,20 +41,14 @@ WORK = ROOT / 'build' / 'mutants'
 PAGE = ROOT / 'docs' / 'mutants.md'
 VERDICTS = HERE / 'survivors.yaml'
 
-SOURCES = ('driver/*.py', 'messages/*.py', 'observers/angle.py', 'observers/convention.py',
-           'observers/circle.py', 'observers/contract.py', 'observers/covariance.py',
-           'observers/edge_*.py', 'observers/finite_difference.py', 'observers/hybrid_*.py',
-           'observers/injections.py', 'observers/kalman.py', 'observers/pll.py',
-           'observers/scatter.py', 'observers/steady_noise.py', 'observers/super_twisting*.py',
-           'observers/tracking.py', 'observers/twisting.py')
+SOURCES = ('driver/*.py', 'messages/*.py', 'observers/*.py', 'observers/angle/**/*.py',
+           *(f'observers/maths/{name}.py' for name in (
+               'covariance', 'scatter', 'steady_noise', 'tracking', 'twisting')))
 # Without DDS; what takes long in plain Python is left out test by test
-MODULES = ('adaptive_observer', 'adaptive_parameters', 'convention', 'drive_samples', 'driver',
-           'edge_adaptive', 'edge_adaptive_parts', 'efforts', 'fingerprint', 'frequency_response',
-           'guard', 'hybrid_angle', 'hybrid_robust', 'injections', 'joint_state_bytes', 'kalman',
-           'low_speed', 'mechanical_driver', 'messages_blocks', 'observers_contract',
-           'observers_extremes', 'parameters', 'per_sample', 'pll', 'pmsm_driver',
-           'pmsm_node_parts', 'repeats', 'replay', 'reproduce_hybrid_angle', 'sigma_starts',
-           'stddev', 'super_twisting', 'switched_observer')
+MODULES = ('bags/test_replay.py', 'driver/test_[defgjmr]*.py', 'messages/*.py',
+           'evaluation/compare/test_per_sample.py', 'nodes/test_pmsm_parts.py',
+           'observers/adaptive/*.py', 'observers/angle/**/test_*.py', 'observers/switched/*.py',
+           'observers/test_*.py', 'sim/reproduce/test_hybrid_angle.py', 'test_parameters.py')
 LONGEST = 15.0    # s of CPU: a test that takes longer, under coverage, is cut off and left out
 BUDGET = 40.0     # s of CPU: the tests of one mutant together
 ENOUGH = 0.9      # of the mutants that are not equivalent must die
@@ -133,12 +127,18 @@ def pytest(modules) -> list[str]:
             '-p', 'no:rerunfailures', '--hypothesis-seed', '0', *modules]
 
 
+def modules_of(patterns) -> list[str]:
+    """The test files, relative to test/, that these patterns name."""
+    return sorted({str(path.relative_to(ROOT / 'test')) for pattern in patterns
+                   for path in (ROOT / 'test').glob(pattern)})
+
+
 def fingerprint(*modules: str) -> str:
     """Of everything that decides which lines the tests of these modules run."""
     digest = hashlib.sha256(str(LONGEST).encode())
     helpers = [path for path in (ROOT / 'test').glob('*.py') if not path.stem.startswith('test_')]
     for path in sorted([*(ROOT / 'estimator_pkg').rglob('*.py'), *helpers,
-                        *(ROOT / 'test' / f'test_{module}.py' for module in modules)]):
+                        *(ROOT / 'test' / module for module in modules)]):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -148,10 +148,11 @@ def look(module: str) -> dict:
 
     Kept until any source or test changes.
     """
-    kept = WORK / f'tests_{module}_{fingerprint(module)}.json'
+    name = module.removesuffix('.py').replace('/', '_')
+    kept = WORK / f'tests_{name}_{fingerprint(module)}.json'
     if not kept.exists():
-        folder = workspace(f'look_{module}')
-        command = [part for part in pytest([f'{ROOT}/test/test_{module}.py']) if part != '-x']
+        folder = workspace(f'look_{name}')
+        command = [part for part in pytest([f'{ROOT}/test/{module}']) if part != '-x']
         subprocess.run(command, env=environment(folder, MUTANTS_COVER=str(folder / 'tests.json'),
                                                 MUTANTS_LONGEST=str(LONGEST)), cwd=folder,
                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
@@ -268,16 +269,17 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1, help='random seed of the sample')
     parser.add_argument('--jobs', type=int, default=2, help='judged at the same time')
     parser.add_argument('--modules', nargs='+', default=MODULES, metavar='NAME',
-                        help='test modules that judge, without test_')
+                        help='test files that judge, as patterns below test/')
     parser.add_argument('--minutes', type=float, default=math.inf,
                         help='judge no further mutant after so long; the next run goes on')
     parser.add_argument('--page', action='store_true', help=f'write the table into {PAGE.name}')
     parsed = parser.parse_args()
     end = time.monotonic() + 60.0 * parsed.minutes
     chosen = sample(parsed.count, parsed.seed)
-    known = tests(parsed.modules, parsed.jobs)
+    modules = modules_of(parsed.modules)
+    known = tests(modules, parsed.jobs)
     print(f'{len(known)} tests, {sum(test["time"] for test in known.values()):.0f} s together')
-    kept = WORK / f'seed_{parsed.seed}_{fingerprint(*parsed.modules)}.jsonl'
+    kept = WORK / f'seed_{parsed.seed}_{fingerprint(*modules)}.jsonl'
     done = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     folders: Queue = Queue()
     for k in range(parsed.jobs):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import destination
-from estimator_pkg.evaluation.comparison import Comparison, Row
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 
 LEVEL = 1  # of compression: a second more saves a third
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from estimator_pkg import __version__, destination
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.comparison import Comparison, Row
-from estimator_pkg.evaluation.findings import Measurement, look, sentences
-from estimator_pkg.evaluation.many import LeftOut
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.compare.many import LeftOut
+from estimator_pkg.evaluation.report.findings import Measurement, look, sentences
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import escaped

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator_pkg.evaluation.comparison import Comparison, Row
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.compare.words import describe_smoother, describe_truth
 from estimator_pkg.evaluation.text import error, fixed, number
-from estimator_pkg.evaluation.words import describe_smoother, describe_truth
 from estimator_pkg.printable import escaped
 
 HEADER = ('estimate', 'joint', 'rms', 'mean', 'worst', 'worst at', 'bias', 'delay', 'noise',

@@ -12,12 +12,12 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation.compare.interpolation import slopes
+from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.compare.sources import measured, recording
+from estimator_pkg.evaluation.compare.truth import check_common, truth
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.interpolation import slopes
-from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.sources import measured, recording
-from estimator_pkg.evaluation.truth import check_common, truth
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
 
 SHORTEST = 20       # samples of a part with a truth, below which it says nothing

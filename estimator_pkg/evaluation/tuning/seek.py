@@ -11,7 +11,7 @@ import numpy as np
 from estimator_pkg import interrupts
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.options import SMOOTHER
-from estimator_pkg.evaluation.reference import CLEARLY
+from estimator_pkg.evaluation.reference.reference import CLEARLY
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.bar import bar
 from estimator_pkg.evaluation.tuning.objective import (

@@ -10,7 +10,7 @@ from typing import Any
 
 from estimator_pkg import observers
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.evaluation import asked
+from estimator_pkg.evaluation.compare import asked
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
 from estimator_pkg.evaluation.tuning.study import Dimension, Value

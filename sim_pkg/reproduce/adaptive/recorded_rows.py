@@ -15,10 +15,10 @@ from typing import Any
 
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
-from estimator_pkg.driver.adaptive_joint import AdaptiveJoint
+from estimator_pkg.driver.adaptive import AdaptiveJoint
 from estimator_pkg.driver.joint import JointSettings
-from estimator_pkg.observers.adaptive import OBSERVER
-from estimator_pkg.observers.adaptive_report import Report
+from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.report import Report
 from estimator_pkg.parameters import build
 from sim_pkg.reproduce.contract import (
     AT_LEAST,

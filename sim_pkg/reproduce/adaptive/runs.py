@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator_pkg.driver.compiled import available, compiled
-from estimator_pkg.observers.adaptive import OBSERVER
-from estimator_pkg.observers.adaptive_gains import Gains
+from estimator_pkg.observers.adaptive.gains import Gains
+from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.unrolled import algebra
+from estimator_pkg.observers.maths.unroll import algebra
 from sim_pkg.reproduce.adaptive.plant import Array, Example
 
 COMPILE_FROM = 50_000  # samples from which compiling pays
@@ -24,7 +24,7 @@ class Run(NamedTuple):
     """What was kept of a run, every so many samples; the first row is the first kept sample.
 
     time : s. position : estimated [rad]. paper, full : velocity by (38) and by the full formula
-    [rad/s]. theta : shape (n, m). phase : see `estimator_pkg.observers.adaptive`.
+    [rad/s]. theta : shape (n, m). phase : see `estimator_pkg.observers.adaptive.observer`.
     """
 
     time: Array

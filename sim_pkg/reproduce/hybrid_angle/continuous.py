@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers import injections
-from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.hybrid_angle_continuous import (
+from estimator_pkg.observers.angle.hybrid import injections
+from estimator_pkg.observers.angle.hybrid.continuous import (
     POTENTIALS,
     TURN,
     first_jump,
@@ -27,6 +26,7 @@ from estimator_pkg.observers.hybrid_angle_continuous import (
     make_lyapunov,
     observer_gains,
 )
+from estimator_pkg.observers.circle import wrap
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator_pkg.observers import injections
-from estimator_pkg.observers.hybrid_angle_continuous import TURN, observer_gains
+from estimator_pkg.observers.angle.hybrid import injections
+from estimator_pkg.observers.angle.hybrid.continuous import TURN, observer_gains
 from sim_pkg.reproduce.contract import (
     ABSOLUTE,
     AT_LEAST,

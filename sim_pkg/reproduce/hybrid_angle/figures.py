@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimator_pkg.observers import injections
+from estimator_pkg.observers.angle.hybrid import injections
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.hybrid_angle.continuous import MARGIN, Trace, figure_4, figure_5

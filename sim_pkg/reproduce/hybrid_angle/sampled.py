@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers import hybrid_angle
+from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.parameters import build
 from sim_pkg.joints.profiles import Profile

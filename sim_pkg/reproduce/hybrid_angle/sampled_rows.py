@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from estimator_pkg.driver.compiled import longest_dt
-from estimator_pkg.observers import hybrid_angle
+from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers import super_twisting
+from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
 from estimator_pkg.observers.circle import Circle
 from sim_pkg.reproduce.adaptive.plant import Array, lcg
 from sim_pkg.reproduce.contract import PERCENT, Part, Reference, Values, family

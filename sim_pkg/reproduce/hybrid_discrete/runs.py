@@ -12,8 +12,8 @@ import numpy as np
 from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import SwitchedModel, load, trajectory
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.switched import build
-from estimator_pkg.observers.switched_gains import Gains
+from estimator_pkg.observers.switched.gains import Gains
+from estimator_pkg.observers.switched.observer import build
 from sim_pkg.reproduce.adaptive.plant import Array, lcg
 
 EVENTS = 40          # periods of 0.5 s

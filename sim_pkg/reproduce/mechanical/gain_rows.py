@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.models import cart_pendulum, check
-from estimator_pkg.observers import mechanical_gains
-from estimator_pkg.observers.mechanical_gains import Tuning
+from estimator_pkg.observers.mechanism import gains as mechanical_gains
+from estimator_pkg.observers.mechanism.gains import Tuning
 from sim_pkg.reproduce.contract import Part, Values
 from sim_pkg.reproduce.mechanical.runs import leg, normalised
 from sim_pkg.reproduce.mechanical.table import references

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.models.motion import make_plant
-from estimator_pkg.observers.mechanical import MechanicalFunctions
+from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from sim_pkg.mechanisms.balance import balancing_force, triangle
 from sim_pkg.reproduce.contract import Part, Values
 from sim_pkg.reproduce.mechanical.lab import (

@@ -17,12 +17,31 @@ from estimator_pkg import observers
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.models.motion import put_row, row_of
+from estimator_pkg.models.motion import make_plant, put_row, row_of
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.mechanical import MechanicalFunctions
-from estimator_pkg.observers.mechanical_algebra import mechanical_algebra
+from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
+from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.parameters import build
-from sim_pkg.reproduce.mechanical.motion import make_motion
+
+
+def make_motion(mechanics: Mechanics) -> Callable[..., None]:
+    """motion(values, q, v, inputs, dt, parts, positions, velocities): a whole run.
+
+    `inputs` has shape (N, m), held from each sample to the next; row k of `positions` and
+    `velocities`, shape (N, n), is the state at sample k.
+    """
+    plant = make_plant(mechanics)
+    vector, out = row_of(max(1, mechanics.inputs)), put_row(mechanics.degrees)
+
+    def motion(values: tuple, q: tuple, v: tuple, inputs: Any, dt: float, parts: int,
+               positions: Any, velocities: Any) -> None:
+        for k in range(len(positions)):
+            out(positions, k, q)
+            out(velocities, k, v)
+            q, v = plant(values, q, v, vector(inputs, k), dt, parts)
+
+    return motion
+
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator_pkg.observers.pmsm_equations import emf, reflect
-from estimator_pkg.observers.pmsm_identifier import empty_registers, shift, solve
-from estimator_pkg.observers.pmsm_scheme import advance, prepare_scheme
+from estimator_pkg.observers.pmsm.equations import emf, reflect
+from estimator_pkg.observers.pmsm.identifier import empty_registers, shift, solve
+from estimator_pkg.observers.pmsm.scheme import advance, prepare_scheme
 from sim_pkg.reproduce.contract import AT_MOST, EXACT, PERCENT, Part, Reference, Values
 from sim_pkg.reproduce.pmsm.reference import (
     DURATION,

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import TRACKING
-from estimator_pkg.observers.drive import DriveFunctions
-from estimator_pkg.observers.pmsm import build
-from estimator_pkg.observers.pmsm_gains import Gains
-from estimator_pkg.observers.pmsm_state import CORE, OUT, WATCH
+from estimator_pkg.observers.pmsm.drive import DriveFunctions
+from estimator_pkg.observers.pmsm.gains import Gains
+from estimator_pkg.observers.pmsm.observer import build
+from estimator_pkg.observers.pmsm.state import CORE, OUT, WATCH
 from sim_pkg.reproduce.pmsm.reference import (
     FLUX,
     GAMMA,

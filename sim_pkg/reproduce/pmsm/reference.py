@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers.pmsm_equations import emf, flow, reflect, wants_reflection
-from estimator_pkg.observers.pmsm_identifier import empty_registers, shift, solve
+from estimator_pkg.observers.pmsm.equations import emf, flow, reflect, wants_reflection
+from estimator_pkg.observers.pmsm.identifier import empty_registers, shift, solve
 from sim_pkg.pmsm.profiles import P1, Profile
 
 # Table 1

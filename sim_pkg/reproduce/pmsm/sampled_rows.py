@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator_pkg.observers.drive import DriveFunctions
+from estimator_pkg.observers.pmsm.drive import DriveFunctions
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import P1, Profile

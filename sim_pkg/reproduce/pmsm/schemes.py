@@ -1,6 +1,6 @@
 """Ways to sample the observer, for the comparison: Euler, Runge-Kutta, and scheme X with variants.
 
-The observer itself uses `pmsm_scheme.advance` (X, voltage rotated, two passes); `exponential_step`
+The observer itself uses `pmsm.scheme.advance` (X, voltage rotated, two passes); `exponential_step`
 here is the same with its choices open.
 """
 
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers.pmsm_equations import emf, flow
-from estimator_pkg.observers.pmsm_identifier import empty_registers
-from estimator_pkg.observers.pmsm_scheme import prepare_scheme, turned_emf
+from estimator_pkg.observers.pmsm.equations import emf, flow
+from estimator_pkg.observers.pmsm.identifier import empty_registers
+from estimator_pkg.observers.pmsm.scheme import prepare_scheme, turned_emf
 from sim_pkg.reproduce.pmsm.reference import (
     CLOCK,
     GAMMA,
@@ -60,7 +60,7 @@ def _held_voltage(voltage, speed, turn, scheme):
 
 
 def exponential_step(i, h, z, x, before, now, voltage, scheme, k_eta, gamma, held, passes):
-    """`pmsm_scheme.advance` with its choices open.
+    """`pmsm.scheme.advance` with its choices open.
 
     Parameters
     ----------

@@ -1,0 +1,188 @@
+"""``python -m benchmarks``: speed and accuracy next to named peers, from the checkout."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks import accuracy, chart, field
+from benchmarks.columns import shared
+from benchmarks.drive import drives
+from benchmarks.live.rows import latencies, live, starts
+from benchmarks.mechanism import mechanisms
+from benchmarks.recordings import recorded
+from benchmarks.replay import MESSAGES, replays
+from benchmarks.update import batches, updates
+from estimator_pkg import cli
+from estimator_pkg.cli import Command
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation.report.plot import check
+from estimator_pkg.evaluation.text import number, table
+
+PROGRAM = 'python -m benchmarks'
+SPEED, ACCURACY = 'speed', 'accuracy'
+QUICK_MESSAGES = 50_000
+ERRORS = ('rpm', 'deg')     # units of the drive's errors; the rest of its rows are costs
+SHARED, RECORDED = 'the shared set', 'the recordings'
+SPEED_PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
+    'update': lambda quick, messages: updates(5 if quick else 15),
+    'batch': lambda quick, messages: batches(300_000 if quick else 2_000_000, 3 if quick else 7),
+    'mechanism': lambda quick, messages: mechanisms(3 if quick else 7),
+    'replay': lambda quick, messages: replays(
+        messages or (QUICK_MESSAGES if quick else MESSAGES), 1 if quick else 2),
+    'live': lambda quick, messages: live(),
+    'start': lambda quick, messages: starts(1 if quick else 5),
+    'latency': lambda quick, messages: latencies(1 if quick else 3),
+    'drive': lambda quick, messages: [row for row in drives(3 if quick else 7)
+                                      if row['unit'] not in ERRORS],
+}
+ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'drive')
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument('group', nargs='?', choices=(SPEED, ACCURACY),
+                        help='which group; default: both')
+    parser.add_argument('--part', action='append', default=[],
+                        choices=tuple(dict.fromkeys((*SPEED_PARTS, *ACCURACY_PARTS))),
+                        help=f'only this part (may be repeated); of speed: '
+                             f'{", ".join(SPEED_PARTS)}; of accuracy: {", ".join(ACCURACY_PARTS)}')
+    parser.add_argument('--draws', type=_positive, metavar='N',
+                        help='of accuracy, also N random phases and speeds per column')
+    parser.add_argument('--bags', metavar='FOLDER', default='bags',
+                        help='of accuracy, where the recordings are (default: bags)')
+    parser.add_argument('--plot', metavar='FILE',
+                        help='draw the field, and beside it FILE with _recordings in its name')
+    parser.add_argument('--markdown', action='store_true', help='the tables of the field as such')
+    parser.add_argument('--quick', action='store_true',
+                        help='a look, not a measurement: fewer rounds, shorter bags, no sweeps')
+    parser.add_argument('--messages', type=_positive, metavar='N',
+                        help=f'length of the replayed bag (default {MESSAGES})')
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Measures and prints part after part.
+
+    Raises
+    ------
+    UsageError : a part that the group does not have.
+    """
+    if parsed.plot:
+        check(parsed.plot)
+    result: dict[str, Any] = {'machine': machine()}
+    chosen = _chosen(parsed)
+    print(', '.join(f'{name} {value}' for name, value in result['machine'].items()) + '\n')
+    if ACCURACY in chosen:
+        _accuracy(parsed, chosen[ACCURACY], result)
+    if SPEED in chosen:
+        rows: list[dict[str, Any]] = []
+        for part in chosen[SPEED]:
+            found = SPEED_PARTS[part](parsed.quick, parsed.messages)
+            print(f'{part}\n{describe(found)}\n', flush=True)
+            rows += [{'part': part, **row} for row in found]
+        result[SPEED] = {'rows': rows, 'quick': parsed.quick}
+        missed = [row['name'] for row in rows if row['ok'] is False]
+        if missed:
+            print('required and not reached here: ' + '; '.join(missed))
+    return result
+
+
+def _chosen(parsed: argparse.Namespace) -> dict[str, list[str]]:
+    """The parts of each group that are to be run."""
+    parts = {ACCURACY: list(ACCURACY_PARTS), SPEED: list(SPEED_PARTS)}
+    if parsed.quick:
+        parts[ACCURACY] = ['defaults', 'drive']
+    found = {}
+    for group in (ACCURACY, SPEED):
+        if parsed.group in (None, group):
+            every = ACCURACY_PARTS if group == ACCURACY else tuple(SPEED_PARTS)
+            mine = [part for part in every if part in parsed.part] if parsed.part else parts[group]
+            if mine:
+                found[group] = mine
+    unknown = set(parsed.part) - {part for mine in found.values() for part in mine}
+    if unknown:
+        raise UsageError(f"{parsed.group} has no part '{min(unknown)}'")
+    return found
+
+
+def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, Any]) -> None:
+    if 'defaults' in parts:
+        result[ACCURACY] = accuracy.run()
+        print(accuracy.describe(result[ACCURACY]) + '\n', flush=True)
+    if parsed.draws:
+        result['drawn'] = accuracy.spread(draws=parsed.draws, fast=True)
+        print(accuracy.describe_spread(result['drawn']) + '\n', flush=True)
+    if 'field' in parts:
+        result['field'] = field.run(shared(), label=SHARED)
+        _tell(parsed, result['field'], SHARED, parsed.plot)
+    if 'recordings' in parts:
+        beside = Path(parsed.plot) if parsed.plot else None
+        try:
+            columns, refused = recorded(Path(parsed.bags))
+        except UserError as error:
+            why = f'{error} (say where they are with --bags)'
+            if 'recordings' in parsed.part:     # asked for by name
+                raise UserError(why) from error
+            print(f'{RECORDED}: not run: {why}\n')
+        else:
+            result['recordings'] = {**field.run(columns, label=RECORDED), 'refused': refused}
+            _tell(parsed, result['recordings'], RECORDED,
+                  str(beside.with_stem(f'{beside.stem}_recordings')) if beside else None)
+    if 'drive' in parts:
+        rows = [row for row in drives(1) if row['unit'] in ERRORS or row['value'] is None]
+        result['drive'] = {'rows': rows}
+        print(f'the sensorless drive beside motulator\n{describe(rows)}\n', flush=True)
+
+
+def _tell(parsed: argparse.Namespace, found: dict[str, Any], title: str, plot: str | None) -> None:
+    print(field.describe(found, title, parsed.markdown) + '\n', flush=True)
+    if plot:
+        chart.draw(found, plot, title)
+        print(f'plot: {plot}\n', flush=True)
+
+
+def describe(rows: list[dict[str, Any]]) -> str:
+    """The lines of one part as text."""
+    lines = []
+    for row in rows:
+        if row['value'] is None:
+            lines.append((row['name'], 'not run', '', '', row.get('why', '')))
+            continue
+        required = ''
+        if row['limit'] is not None:
+            required = f'{row["required"]} {number(row["limit"])}: ' + (
+                'yes' if row['ok'] else 'NO')
+        lines.append((row['name'], number(row['value']), number(row.get('median')), row['unit'],
+                      required))
+    return table(('', 'value', 'median', 'unit', 'required'), lines)
+
+
+def machine() -> dict[str, str]:
+    """Where this was measured."""
+    return {'Python': platform.python_version(), 'on': f'{platform.system()} {platform.machine()}',
+            'cores': str(os.cpu_count())}
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 4:
+        raise argparse.ArgumentTypeError('must be at least 4')
+    return value
+
+
+COMMAND = Command('speed and accuracy next to named peers', arguments, run)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the benchmarks; returns the exit code."""
+    given = sys.argv[1:] if words is None else words
+    return cli.guarded(lambda: cli.run(COMMAND, given, PROGRAM), PROGRAM)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

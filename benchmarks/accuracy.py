@@ -1,0 +1,142 @@
+"""``bench accuracy``: every observer on the shared signals, errors and delay.
+
+`run` gives each column once; `spread` draws each many times, at random phases and speeds, and tells
+the pooled error, the worst, and the worst beside a yardstick on the very same samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, Samples, Signal
+from estimator_pkg import registry
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.evaluation.compare import metrics
+from estimator_pkg.evaluation.entries import Entry, at_defaults
+from estimator_pkg.evaluation.text import fixed, number, table
+from estimator_pkg.observers.contract import COASTING, TRACKING
+from estimator_pkg.parameters import declared
+from estimator_pkg.progress import progress
+
+ALL = SIGNALS + FURTHER
+DRAWS = 100
+# the textbook filter: our low-speed bound would throttle it where noise makes readings repeat
+YARDSTICK = Entry('kalman acceleration', 'kalman', (('low_speed_bound', False),))
+DRAWN = (YARDSTICK, Entry('edge_adaptive', 'edge_adaptive'))
+SHARE = 1.05        # worse than the yardstick by more than this counts
+
+
+def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
+    """Velocity errors, delay and the share of samples that were published, after the first second.
+
+    Returns
+    -------
+    rms, mean_abs, max_abs, bias [rad/s], delay_s, noise (see `metrics.velocity`), published.
+    """
+    joint = entry.joint()
+    out = joint.run(samples.stamps, samples.angle)
+    time = (samples.stamps - samples.stamps[0]) * 1e-9
+    counted = time >= SKIPPED
+    valid = (counted & (out.verdict < DUPLICATE)
+             & ((out.status == TRACKING) | (out.status == COASTING)))
+    numbers = metrics.velocity(time[valid], out.velocity[valid], samples.velocity[valid])
+    return {**numbers, 'published': float(np.count_nonzero(valid) / np.count_nonzero(counted))}
+
+
+def run(rows: Iterable[Entry] | None = None, signals: tuple[Signal, ...] = ALL
+        ) -> dict[str, Any]:
+    """The table as data: one result per entry and signal."""
+    chosen = list(at_defaults() if rows is None else rows)
+    results = []
+    with progress('accuracy', len(chosen) * len(signals)) as advance:
+        for signal in signals:
+            samples = signal.samples()
+            for entry in chosen:
+                results.append({'observer': entry.label, 'tuning': entry.tuning,
+                                'signal': signal.name, **measure(entry, samples)})
+                advance(1)
+    return {'signals': {signal.name: signal.summary for signal in signals}, 'results': results}
+
+
+def describe(found: dict[str, Any]) -> str:
+    """The table as text: rms and delay per signal."""
+    names = list(found['signals'])
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for result in found['results']:
+        text = f'{number(result["rms"], 3)}  {fixed(result["delay_s"] * 1e3, 2)}'
+        if result['published'] < 0.999:
+            text += f' ({result["published"]:.0%} published)'
+        cells.setdefault((result['observer'], result['tuning']), {})[result['signal']] = text
+    rows = [(observer, tuning, *(row.get(name, '-') for name in names))
+            for (observer, tuning), row in cells.items()]
+    legend = '\n'.join(f'  {name}: {summary}' for name, summary in found['signals'].items())
+    body = table(('observer', 'gains', *names), rows, left=2)
+    return ('velocity rms error [rad/s] and delay [ms] at 1 kHz, 4096 counts but where the column '
+            f'says otherwise; wrapped, first second skipped\n{legend}\n{body}')
+
+
+def spread(entries: Iterable[Entry] = DRAWN, signals: tuple[Signal, ...] = ALL,
+           draws: int = DRAWS, duration: float = 6.0, *, fast: bool | None = None
+           ) -> dict[str, Any]:
+    """Each column `draws` times, each time at another phase or speed, the quantum given.
+
+    Returns
+    -------
+    One row per entry and signal: pooled, median and worst rms [rad/s], coverage of the 95 %
+    interval, largest ratio to `YARDSTICK` on the same samples, and how many exceed `SHARE`.
+    """
+    chosen = list(entries)
+    rows = []
+    with progress('drawn', len(chosen) * len(signals)) as advance:
+        for signal in signals:
+            drawn = [signal.drawn(number, duration) for number in range(draws)]
+            yard = None
+            for entry in sorted(chosen, key=lambda entry: entry != YARDSTICK):
+                joint = entry.joint(**_quantum(entry, signal))
+                errors, covered = zip(*(_draw(joint, samples, fast) for samples in drawn))
+                rms = np.array(errors)
+                if entry == YARDSTICK:
+                    yard = rms
+                row = {'observer': entry.label, 'signal': signal.name, 'draws': draws,
+                       'pooled': float(np.sqrt(np.mean(rms * rms))),
+                       'median': float(np.median(rms)), 'worst': float(np.max(rms)),
+                       'coverage': float(np.mean(covered))}
+                if yard is not None:
+                    ratio = rms / np.maximum(yard, 1e-12)
+                    row |= {'worst_ratio': float(np.max(ratio)),
+                            'worse': int(np.count_nonzero(ratio > SHARE))}
+                rows.append(row)
+                advance(1)
+    return {'signals': {signal.name: signal.summary for signal in signals}, 'rows': rows}
+
+
+def _quantum(entry: Entry, signal: Signal) -> dict[str, float]:
+    observer = registry.find(registry.OBSERVERS, entry.observer)
+    return {'quantum': signal.quantum} if 'quantum' in declared(observer.gains) else {}
+
+
+def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, float]:
+    """(rms error of the velocity [rad/s], part covered by the 95 % interval)."""
+    joint.reset()
+    out = joint.run(samples.stamps, samples.angle, fast=fast)
+    counted = (samples.stamps - samples.stamps[0]) * 1e-9 >= SKIPPED
+    error = (out.velocity - samples.velocity)[counted]
+    sigma = out.velocity_stddev[counted]
+    return float(np.sqrt(np.mean(error * error))), float(np.mean(np.abs(error) <= 1.96 * sigma))
+
+
+def describe_spread(found: dict[str, Any]) -> str:
+    """The table of `spread` as text."""
+    rows = [(row['observer'], row['signal'], number(row['pooled'], 3), number(row['median'], 3),
+             number(row['worst'], 3), fixed(100.0 * row['coverage'], 1),
+             fixed(row.get('worst_ratio', np.nan), 3), str(row.get('worse', '-')))
+            for row in found['rows']]
+    draws = found['rows'][0]['draws'] if found['rows'] else 0
+    return (f'{draws} random phases and speeds per column, quantum given: velocity rms error '
+            f'[rad/s], coverage of the 95 % interval [%], and beside {YARDSTICK.label} on the same '
+            f'samples\n' + table(('observer', 'signal', 'pooled', 'median', 'worst', 'covered',
+                                  'worst ratio', f'above {SHARE:g}'), rows, left=2))

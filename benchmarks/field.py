@@ -1,0 +1,185 @@
+"""``bench accuracy``: ours and the peers, each at one setting and at its best per column.
+
+Every estimator has one gain that is swept over a grid. "Best" is the lowest error of each column,
+"one setting" the grid point that is, in the geometric mean over the columns, the least above these.
+Errors are at zero shift and of what is published; the delay stands beside each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.columns import Column
+from benchmarks.ours import (
+    AHEAD,
+    NOT_HERE,
+    OURS,
+    PEERS,
+    TOLD,
+    Estimator,
+    ours,
+    told,
+)
+from benchmarks.peers import peers
+from estimator_pkg.evaluation.compare import metrics
+from estimator_pkg.evaluation.text import fixed, markdown, number, table
+from estimator_pkg.progress import progress
+
+Array = NDArray[np.float64]
+
+LEAST = 0.25        # an estimator that publishes less of a column has no error there
+WHOLE = 0.95        # one that publishes less than this is marked with its share
+FAILED = 1e3        # an error times this stands for none, when one setting is chosen
+TELLS = 1.1         # the reference tells errors above so many times its own
+GROUPS = {OURS: 'see the readings alone', PEERS: 'installed libraries, looking at no future',
+          TOLD: 'know the torque as well', AHEAD: 'the referee: see the future too'}
+
+
+def everyone() -> tuple[list[Estimator], list[str]]:
+    """(all rows in the order of the groups, what is not installed)."""
+    others, missing = peers()
+    every = [*ours(), *told(), *others]
+    return [each for group in GROUPS for each in every if each.group == group], missing
+
+
+def run(columns: Sequence[Column], estimators: Sequence[Estimator] | None = None,
+        label: str = 'the field') -> dict[str, Any]:
+    """The table as data: one row per estimator.
+
+    Returns
+    -------
+    columns : name -> summary, reference, noise of the reference. rows : per estimator the setting
+    that serves all columns; `one` and `best` by column, each with rms, delay_s, published, setting,
+    cannot_tell; an rms of None where it has no estimate.
+    """
+    missing: list[str] = []
+    if estimators is None:
+        estimators, missing = everyone()
+    rows = []
+    with progress(label, sum(len(each.values) for each in estimators)) as advance:
+        for each in estimators:
+            rows.append(_row(each, columns, advance))
+    return {'columns': {column.name: {'summary': column.summary, 'reference': column.reference,
+                                      'noise': column.noise} for column in columns},
+            'rows': rows, 'not_installed': missing, 'not_here': NOT_HERE}
+
+
+def _row(estimator: Estimator, columns: Sequence[Column], advance: Any) -> dict[str, Any]:
+    found: list[list[Array]] = []
+    for value in estimator.values:
+        found.append([_estimate(estimator, column, value) for column in columns])
+        advance(1)
+    errors = np.array([[_error(velocity, column)[0] for velocity, column in zip(each, columns)]
+                       for each in found])
+    one = choose(errors, np.array([column.floor for column in columns]))
+
+    def cell(j: int, at: int) -> dict[str, Any]:
+        return {**_cell(found[at][j], columns[j]), 'setting': estimator.values[at]}
+
+    best = np.argmin(errors, axis=0).tolist()
+    return {'name': estimator.name, 'group': estimator.group, 'told': estimator.told,
+            'gain': estimator.gain, 'setting': estimator.values[one],
+            'one': {column.name: cell(j, one) for j, column in enumerate(columns)},
+            'best': {column.name: cell(j, best[j]) for j, column in enumerate(columns)}}
+
+
+def choose(errors: Array, floors: Array) -> int:
+    """The setting that is in the geometric mean the least above the best of each column.
+
+    Parameters
+    ----------
+    errors : shape (settings, columns); inf where there is none.
+    floors : shape (columns,); errors below these are as good as none.
+    """
+    judged = np.isfinite(np.min(errors, axis=0))
+    over = (errors[:, judged] + floors[judged]) / (np.min(errors[:, judged], axis=0)
+                                                   + floors[judged])
+    over = np.where(np.isfinite(over), over, FAILED)
+    return int(np.argmin(np.mean(np.log(over), axis=1))) if judged.any() else 0
+
+
+def _estimate(estimator: Estimator, column: Column, value: Any) -> Array:
+    with np.errstate(all='ignore'):  # a gain that diverges has no error
+        return estimator.run(column, value)
+
+
+def _error(velocity: Array, column: Column) -> tuple[float, float]:
+    """(rms error, part that is published); inf where it is too little, or diverged."""
+    counted = column.counted
+    error = (velocity - column.samples.velocity)[counted]
+    error = error[~np.isnan(error)]
+    share = float(len(error) / max(1, int(np.count_nonzero(counted))))
+    if share < LEAST or not np.all(np.abs(error) < 1e100):
+        return math.inf, share
+    return float(np.sqrt(np.mean(error * error))), share
+
+
+def _cell(velocity: Array, column: Column) -> dict[str, Any]:
+    rms, share = _error(velocity, column)
+    if not math.isfinite(rms):
+        return {'rms': None, 'delay_s': None, 'published': share, 'cannot_tell': False}
+    rows = np.flatnonzero(column.counted & np.isfinite(velocity))
+    rows = rows[np.concatenate([[True], np.diff(column.time[rows]) > 0.0])]
+    found = metrics.velocity(column.time[rows], velocity[rows], column.samples.velocity[rows],
+                             column.noise)
+    return {'rms': rms, 'delay_s': found['delay_s'], 'published': share,
+            'cannot_tell': column.noise > 0.0 and rms <= TELLS * column.noise}
+
+
+def describe(found: dict[str, Any], title: str, as_markdown: bool = False) -> str:
+    """Two tables: at one setting, and at the best of each column."""
+    names = list(found['columns'])
+    parts = [f'{title}: velocity rms error [rad/s], delay [ms]']
+    for which, heading in (('one', 'each at one setting for all columns'),
+                           ('best', 'each at its best per column')):
+        lines = []
+        for group, meaning in GROUPS.items():
+            mine = [row for row in found['rows'] if row['group'] == group]
+            if mine:
+                lines.append((f'{group}: {meaning}', '', *('' for _ in names)))
+            lines += [(row['name'], _setting(row) if which == 'one' else '',
+                       *(_text(row[which][name]) for name in names)) for row in mine]
+        header = ('estimator', 'setting' if which == 'one' else '', *names)
+        parts.append(f'{heading}\n\n' + (markdown if as_markdown else table)(header, lines))
+    return '\n\n'.join([*parts, _legend(found)])
+
+
+def _setting(row: dict[str, Any]) -> str:
+    value = row['setting']
+    return '' if value is None else f'{row["gain"]} {number(float(value), 3)}'
+
+
+def _text(cell: dict[str, Any]) -> str:
+    if cell['rms'] is None:
+        return '-'
+    text = number(cell['rms'], 3)
+    if cell['delay_s'] is not None and math.isfinite(cell['delay_s']):
+        text += f', {milliseconds(cell["delay_s"])}'
+    if cell['published'] < WHOLE:
+        text += f' ({cell["published"]:.0%})'
+    return text + (' *' if cell['cannot_tell'] else '')
+
+
+def milliseconds(seconds: float) -> str:
+    """A delay with one decimal [ms]; never -0.0."""
+    return fixed(1e3 * seconds if abs(seconds) >= 5e-5 else 0.0, 1)
+
+
+def _legend(found: dict[str, Any]) -> str:
+    lines = [f'{name}: {column["summary"]}' + (
+        f'; {column["reference"]}, {number(column["noise"], 2)} rad/s' if column['noise'] else '')
+        for name, column in found['columns'].items()]
+    if any(cell['cannot_tell'] for row in found['rows'] for cell in row['one'].values()):
+        lines.append('*: the reference cannot tell, the error is no larger than its own')
+    lines.append('(n %): so much of the column is published, and judged; -: less than a quarter')
+    lines += [f'{row["name"]} is told: {row["told"]}' for row in found['rows'] if row['told']]
+    lines += [f'no row: {name}: {why}' for name, why in found['not_here'].items()]
+    lines += [f'not judged: {name}: {why}' for name, why in found.get('refused', {}).items()]
+    if found['not_installed']:
+        lines.append('not run, not installed: ' + ', '.join(found['not_installed']))
+    return '\n'.join(lines)

@@ -1,0 +1,74 @@
+"""CPU per message of the live node beside that of a node that only receives and republishes.
+
+Both run at the same time, as processes of their own, on the same stream and the same executor.
+
+    python -m benchmarks.live.cost
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from contextlib import ExitStack
+
+import psutil
+
+from benchmarks.live.processes import (
+    JOINTS,
+    NODES,
+    cpu,
+    observer,
+    process,
+    result,
+)
+from estimator_pkg.nodes.domain import free_domain
+
+ALLOWED = 1.5  # times the null node
+
+
+def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float = 10.0) -> dict:
+    """CPU per message [us] of both nodes, their ratio, and how many messages each answered.
+
+    Parameters
+    ----------
+    name : one of `NODES`.
+    rate : messages per second.
+    seconds : length of the measured window; the first second of the stream is not in it.
+    """
+    domain = free_domain()
+    with ExitStack() as stack:
+        def start(*words: str):
+            return stack.enter_context(process(*words, domain=domain))
+
+        nodes = {'node': stack.enter_context(observer(name, domain)), 'null': start('null')}
+        listeners = {'node': start('listen', f'/{name}/estimate'),
+                     'null': start('listen', '/null_node/estimate')}
+        time.sleep(2.0)
+        publisher = start('publish', str(rate), str(seconds + 2.0), str(JOINTS), '2')
+        publisher.stdout.readline()
+        time.sleep(1.0)
+        meters = {which: psutil.Process(child.pid) for which, child in nodes.items()}
+        before = {which: cpu(meter) for which, meter in meters.items()}
+        begun = time.perf_counter()
+        time.sleep(seconds)
+        messages = rate * (time.perf_counter() - begun)
+        used = {which: cpu(meter) - before[which] for which, meter in meters.items()}
+        published = result(publisher)['published']
+        answered = {}
+        for which, listener in listeners.items():
+            listener.send_signal(2)
+            answered[which] = result(listener)['received']
+    cost = {which: 1e6 * used[which] / (messages * answered[which] / published)
+            for which in nodes}
+    ratio = cost['node'] / cost['null']
+    return {'rate_hz': rate, 'joints': JOINTS, 'node': name, 'published': published,
+            'answered': answered['node'], 'null_answered': answered['null'],
+            'node_us_per_message': cost['node'], 'null_us_per_message': cost['null'],
+            'ratio': ratio, 'allowed': ALLOWED, 'ok': ratio <= ALLOWED}
+
+
+
+if __name__ == '__main__':
+    rows = [measure(name) for name in sys.argv[1:] or NODES]
+    print(json.dumps({'rows': rows, 'ok': all(row['ok'] for row in rows)}, indent=2))

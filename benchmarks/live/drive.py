@@ -1,0 +1,152 @@
+"""What `pmsm_observer` costs and how late its estimates are, on batches of 200 samples.
+
+python -m benchmarks.live.drive
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import threading
+import time
+from contextlib import ExitStack
+
+from estimator_pkg.nodes.runtime import run as run_node  # first: settles what rclpy reads  # isort: skip
+
+import numpy as np
+import psutil
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from benchmarks.drive import MOTOR, simulate
+from benchmarks.live.processes import cpu, process, result
+from estimator_pkg.messages import drive_samples
+from estimator_pkg.nodes.domain import free_domain
+
+MODULE = 'estimator_pkg.nodes.executables pmsm_observer'
+FEEDER = 'benchmarks.live.drive'
+ROWS = 200
+EMPTY = 50     # batches without a row that are sent first
+LATENCY = 2.0  # [ms] from a batch's arrival to its estimates, at the median
+# (sample rate [Hz], compiled, part of a core that it may take)
+CASES = ((20000.0, True, 0.10), (5000.0, False, 0.20), (20000.0, False, 0.45))
+
+
+def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> dict:
+    """Load of the node on one core, and how long after a batch's arrival its estimate leaves.
+
+    `leaves_ms` is the median time from sending a batch to having its estimate (`round_trip_ms`)
+    less that of batches without a row (`transport_ms`), which the node answers at once. `step_ms`
+    is the mean that the node itself measures in its callback, with whatever interrupts it.
+    """
+    domain = free_domain()
+    values = {**MOTOR, 'compile': fast}
+    words = [word for name, value in values.items()
+             for word in ('-p', f'{name}:={str(value).lower()}')]
+    with ExitStack() as stack:
+        node = stack.enter_context(process('node', domain=domain, module=MODULE,
+                                           extra=('--ros-args', *words)))
+        meter = psutil.Process(node.pid)
+        feeder = stack.enter_context(process('node', domain=domain, module=FEEDER,
+                                             extra=('feed', str(rate), str(seconds))))
+        assert feeder.stdout is not None
+        feeder.stdout.readline()  # it has begun
+        before, begun = cpu(meter), time.perf_counter()
+        time.sleep(0.9 * seconds)
+        load = (cpu(meter) - before) / (time.perf_counter() - begun)
+        said = result(feeder)
+    return {'rate_hz': rate, 'compiled': fast, 'load': load, 'allowed': allowed, **said,
+            'ok': load <= allowed and said['answered'] == said['sent'],
+            'in_time': said['leaves_ms'] <= LATENCY}
+
+
+
+class Feeder(Node):
+    """Publishes batches as a drive would, and notes when each leaves and when its answer comes.
+
+    Parameters
+    ----------
+    rate : of the samples [Hz]. seconds : how long.
+
+    Attributes
+    ----------
+    sent, answered : times, batch by batch [s]; the first `EMPTY` ones have no row.
+    steps : the node's own mean times of a step [ms], as in its diagnostics.
+    """
+
+    def __init__(self, rate: float, seconds: float) -> None:
+        super().__init__('benchmark_drive')
+        self.sent: list[float] = []
+        self.answered: list[float] = []
+        self.steps: list[float] = []
+        self._period = ROWS / rate
+        self._signal = simulate({'publish_rate': rate, 'profile': 'ramps', 'profile_time': 1.0},
+                                seconds)
+        self._publisher = self.create_publisher(Float64MultiArray, 'drive_samples', 50)
+        self.create_subscription(JointState, '/pmsm_observer/estimate',
+                                 lambda raw: self.answered.append(time.perf_counter()), 500,
+                                 raw=True)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        threading.Thread(target=self._play, daemon=True).start()
+
+    def _diagnosed(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == '/pmsm_observer':
+                mean = {item.key: item.value for item in status.values}['step_time_mean_us']
+                if float(mean) > 0.0:
+                    self.steps.append(1e-3 * float(mean))
+
+    def _send(self, raw: bytes) -> None:
+        self.sent.append(time.perf_counter())
+        self._publisher.publish(raw)
+
+    def _play(self) -> None:
+        while not self._publisher.get_subscription_count():
+            time.sleep(0.02)
+        time.sleep(1.0)  # for the connection of the answers
+        nothing = drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))
+        for _ in range(EMPTY):
+            self._send(nothing)
+            time.sleep(self._period)
+        time.sleep(0.2)
+        print('started', flush=True)
+        stamps, samples = self._signal.stamps, self._signal.samples
+        begun = time.perf_counter()
+        stamps = stamps + (time.time_ns() - int(stamps[0]))
+        for index, start in enumerate(range(0, len(stamps) - ROWS + 1, ROWS)):
+            raw = drive_samples.encode(stamps[start:start + ROWS], samples[start:start + ROWS])
+            wait = begun + (index + 1) * self._period - time.perf_counter()
+            if wait > 0.0:
+                time.sleep(wait)
+            self._send(raw)
+        time.sleep(1.5)
+        rclpy.try_shutdown()
+
+
+def feed(rate: float, seconds: float) -> None:
+    """Feeds a node; ends with how many batches were answered and how soon."""
+    made: list[Feeder] = []
+
+    def make() -> Feeder:
+        made.append(Feeder(rate, seconds))
+        return made[0]
+
+    run_node(make, [])
+    feeder = made[0]
+    trips = [1e3 * (came - left) for left, came in zip(feeder.sent, feeder.answered)]
+    transport, full = statistics.median(trips[:EMPTY]), statistics.median(trips[EMPTY:])
+    print(json.dumps({'sent': len(feeder.sent), 'answered': len(feeder.answered),
+                      'round_trip_ms': full, 'transport_ms': transport,
+                      'leaves_ms': full - transport,
+                      'step_ms': statistics.median(feeder.steps)}), flush=True)
+
+
+if __name__ == '__main__':
+    if sys.argv[1:2] == ['feed']:
+        feed(float(sys.argv[2]), float(sys.argv[3]))
+    else:
+        print(json.dumps([measure(*case) for case in CASES], indent=2))

@@ -1,0 +1,58 @@
+"""What the live node loses of a fast stream, and whether it knows.
+
+python -m benchmarks.live.loss
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from contextlib import ExitStack
+
+from benchmarks.live.processes import process, result
+from estimator_pkg.nodes.domain import free_domain
+
+OVERLOAD = 150  # joints with which no Python node keeps up at 5 kHz
+
+
+def measure(rate: float, joints: int = 7, seconds: float = 5.0,
+            observer: str = 'hybrid_angle') -> dict:
+    """Messages published, received and reported lost at `rate`, with the default QoS.
+
+    ``true_loss`` is what was published and never reached the node's callback; ``reported`` is what
+    the node says in its diagnostics.
+    """
+    domain = free_domain()
+    chosen = ('--ros-args', '-p', f'observer:={observer}')
+    with ExitStack() as stack:
+        def start(*words: str, extra: tuple[str, ...] = ()):
+            return stack.enter_context(process(*words, domain=domain, extra=extra))
+
+        start('node', extra=chosen)
+        watcher = start('diagnose')
+        time.sleep(2.0)
+        sent = result(start('publish', str(rate), str(seconds), str(joints)))
+        time.sleep(2.5)  # the diagnostics that count the last message come every second
+        watcher.send_signal(2)
+        said = result(watcher)
+    received, reported = int(said['messages_received']), int(said['lost_by_dds'])
+    true_loss = sent['published'] - received
+    return {'rate_hz': rate, 'joints': joints, 'observer': observer,
+            'published': sent['published'],
+            'published_rate_hz': sent['published'] / sent['seconds'],
+            'received': received, 'true_loss': true_loss, 'reported': reported,
+            'ok': true_loss == reported}
+
+
+def measure_all(observer: str = 'hybrid_angle') -> dict:
+    """1 and 2 kHz without loss; at 5 kHz, and far beyond what a node can take, the truth."""
+    rows = [measure(rate, observer=observer) for rate in (1000.0, 2000.0, 5000.0)]
+    rows.append(measure(5000.0, joints=OVERLOAD, observer=observer))
+    for row in rows[:2]:
+        row['ok'] = row['ok'] and row['true_loss'] == 0
+    return {'rows': rows, 'ok': all(row['ok'] for row in rows)}
+
+
+if __name__ == '__main__':
+    print(json.dumps(measure_all((sys.argv[1:] or ['hybrid_angle'])[0]), indent=2))

@@ -1,0 +1,75 @@
+"""Processes that are measured, or stand around what is measured, on a ROS domain of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import psutil
+
+from estimator_pkg.nodes.runtime import settle_environment
+
+JOINTS = 7      # in each message
+MODULE = 'estimator_pkg.nodes.executables {}'
+NULL = 'null_node'
+# The observer nodes that take joint states, with the parameters that they need for these joints.
+# `mechanical_observer` and `switched_observer` take one of the joints, the others all.
+NODES: dict[str, tuple[str, ...]] = {
+    'joint_observer': (),
+    'adaptive_observer': (),
+    'mechanical_observer': ('joints:=[joint_0]',),
+    'switched_observer': ('joints:=[joint_0]',)}
+
+
+@contextmanager
+def process(*words: str, domain: int, extra: tuple[str, ...] = (),
+            module: str = MODULE.format('joint_observer')) -> Iterator[subprocess.Popen]:
+    """A role of `roles`, or 'node' for `module`, as a process that ends with the block."""
+    settle_environment()
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain),
+                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    program = (['-m', *module.split()] if words == ('node',)
+               else ['-m', 'benchmarks.live.roles', *words])
+    child = subprocess.Popen([sys.executable, *program, *extra], env=environment, text=True,
+                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    try:
+        yield child
+    finally:
+        if child.poll() is None:
+            child.send_signal(signal.SIGINT)
+        try:
+            child.wait(10)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+@contextmanager
+def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
+    """One of `NODES`, or the null node, as a process that ends with the block."""
+    if name == NULL:
+        with process('null', domain=domain) as child:
+            yield child
+        return
+    extra = ['--ros-args'] if NODES[name] else []
+    for value in NODES[name]:
+        extra += ['-p', value]
+    with process('node', domain=domain, extra=tuple(extra), module=MODULE.format(name)) as child:
+        yield child
+
+
+def result(child: subprocess.Popen, timeout: float = 60.0) -> dict:
+    """What a role printed as its last line, once it has ended."""
+    output, _ = child.communicate(timeout=timeout)
+    return json.loads(output.splitlines()[-1])
+
+
+def cpu(meter: psutil.Process) -> float:
+    """CPU time that a process has used [s]."""
+    times = meter.cpu_times()
+    return times.user + times.system

@@ -1,0 +1,135 @@
+"""The recordings as columns of the field.
+
+The reference is the truth that a bag carries, its own lag and bias taken off; a bag without one is
+judged by the off-line smoother. Where an error is no larger than what the reference may itself be
+wrong by, the field says so.
+
+The pendulum's torque was recorded: its numbers are identified on one bag, and serve on the others.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.columns import Column
+from benchmarks.recorded import SKIPPED, recordings
+from benchmarks.signals import Samples
+from estimator_pkg.bags.reader import Bag, open_bag
+from estimator_pkg.bags.recording import measured
+from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.wiring import settled
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.compare.truth import truth
+from estimator_pkg.evaluation.identify.joint import identify
+from estimator_pkg.evaluation.options import MEASUREMENT, Options
+from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother.smoother import smooth
+from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleStream
+from estimator_pkg.streams.contract import Request
+
+Array = NDArray[np.float64]
+
+TURN = 2.0 * np.pi
+PENDULUM = 'dfki_simple_pendulum'
+IDENTIFIED_ON = 'system_identification_300hz'
+FRICTION_WIDTH = 0.05   # [rad/s] of the change of sign of the Coulomb friction
+# motion capture: bags, topic, number in its messages
+CAPTURED = ('vicon/flybag', 'vicon/yawbag', 'vicon/yx2bag')
+POSE, YAW = '/vicon/Group466CF/Group466CF/pose', 'pose.orientation.yaw'
+JUDGES = 0.2            # of the motion: a smoother that may be off by more judges nobody
+
+
+def recorded(folder: Path) -> tuple[list[Column], dict[str, str]]:
+    """A column per joint of each bag below `folder`, and why other bags are none.
+
+    Raises
+    ------
+    UserError : there is no bag.
+    """
+    bags = recordings(folder)
+    joint, delay = _pendulum(folder)
+    found = []
+    with progress('reading the recordings', len(bags)) as advance:
+        for path in bags:
+            with open_bag(path) as bag:
+                found += _of_bag(path, bag, joint, delay)
+            advance(1)
+    refused = {}
+    for captured in CAPTURED:
+        if not (folder / captured).is_dir():
+            continue
+        column = _captured(folder / captured)
+        speeds = np.abs(column.samples.velocity)
+        motion = float(np.nanpercentile(speeds, 90.0))  # single wild ones are its own mistakes
+        if column.noise <= JUDGES * motion:
+            found.append(column)
+        else:
+            refused[column.name] = (f'the smoother may itself be wrong by {column.noise:.2g} '
+                                    f'rad/s; nine tenths of the speeds are below '
+                                    f'{motion:.2g} rad/s')
+    return found, refused
+
+
+def _of_bag(path: Path, bag: Bag, joint: dict[str, float], delay: float) -> list[Column]:
+    measured = joint_series(bag, MEASUREMENT)
+    true = truth(bag, str(path), measured, Options(correct_reference=True))
+    found = []
+    for name, series in measured.items():
+        if name not in true.series:
+            continue
+        known = true.series[name]
+        at = match(series.stamps_ns, known.stamps_ns, known.velocity, known.position, TURN)
+        velocity = np.full(len(series.stamps_ns), np.nan)
+        velocity[at.rows] = at.velocity
+        noise = true.references[name].noise
+        use = path.parent.name == PENDULUM and path.name != IDENTIFIED_ON
+        found.append(Column(
+            f'{path.name}/{name}', f'{path.parent.name}, {len(velocity)} samples',
+            Samples(series.stamps_ns, series.position, velocity), quantum(series.position),
+            SKIPPED, float(noise) if np.isfinite(noise) else 0.0,
+            _torque(series, delay) if use and joint else None, joint if use else {},
+            reference=true.name))
+    return found
+
+
+def _pendulum(folder: Path) -> tuple[dict[str, float], float]:
+    """(numbers of the recorded pendulum, delay of its torque [s]); empty where it is not there."""
+    path = folder / PENDULUM / IDENTIFIED_ON
+    if not path.is_dir():
+        return {}, 0.0
+    with open_bag(path) as bag:
+        series = next(iter(joint_series(bag, MEASUREMENT).values()))
+    time = (series.stamps_ns - series.stamps_ns[0]) * 1e-9
+    try:
+        values = dict(identify(time, series.position, series.effort, FRICTION_WIDTH).values)
+    except UserError:
+        return {}, 0.0
+    return values, values.pop('input_delay')
+
+
+def _torque(series: Series, delay: float) -> Array:
+    """What was reported `delay` [s] before, held from sample to sample."""
+    late = np.searchsorted(series.stamps_ns, series.stamps_ns - round(delay * 1e9), 'right') - 1
+    torque: Array = np.nan_to_num(series.effort[np.maximum(late, 0)])
+    return torque
+
+
+def _captured(path: Path) -> Column:
+    """The yaw that motion capture saw."""
+    with open_bag(path) as bag:
+        setup = settled(AngleStream, bag, {}, Request(angle=f'{POSE}:{YAW}'))
+        (stamp, angle, *_), = measured(bag, setup).values()
+    smoothed = smooth(stamp, angle, TURN)
+    firm = smoothed.firm
+    at = match(stamp, smoothed.stamps[firm], smoothed.velocity[firm], smoothed.position[firm],
+               TURN)
+    velocity = np.full(len(stamp), np.nan)
+    velocity[at.rows] = at.velocity
+    return Column(f'{path.name}/yaw', f'motion capture, {len(stamp)} samples',
+                  Samples(stamp, angle, velocity), quantum(angle), SKIPPED, smoothed.uncertainty,
+                  reference='the off-line smoother')

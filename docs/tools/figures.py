@@ -1,0 +1,204 @@
+"""The numbers of the pages, made or checked by the commands that give them.
+
+    make figures                                    # writes all of figures.yaml into the pages
+    python -m docs.tools.figures --check --quick    # only says what differs
+    python -m docs.tools.figures README.md          # one page
+
+An entry of docs/tools/figures.yaml names a page, the commands to run and one of
+
+- ``text``: a text of the page, in which ``{{expression:format}}`` stands for a number;
+- ``lines: true``: each line of the output that is also on the page, its numbers aside, in the same
+  order; ``lines: expression``: the same with the lines of that.
+
+Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of the last printed
+digit; at tolerance 0 they are equal. In expressions ``r`` is the JSON of the last command, ``runs``
+that of each, ``rms(observer, run)`` [rad/s] and ``delay(observer, run)`` [ms] are of ``evaluate``,
+of the last run if unset.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict, deque
+from functools import lru_cache
+from pathlib import Path
+
+import yaml
+
+from benchmarks import __main__ as benchmarks
+from estimator_pkg import cli, registry
+
+ROOT = Path(__file__).resolve().parents[2]
+NUMBER = re.compile(r'(?<![\w.#/])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w/])')
+PLACE = re.compile(r'\{\{(.+?)(?::([^:{}]+))?\}\}')
+TOLERANCE = 0.02
+BENCHMARKS = ['python', '-m', 'benchmarks']
+
+
+def entries() -> list[dict]:
+    """What docs/tools/figures.yaml lists."""
+    return yaml.safe_load((Path(__file__).with_name('figures.yaml')).read_text())
+
+
+@lru_cache
+def outcome(commands: tuple[str, ...]) -> tuple[str, list]:
+    """(output of the last command, JSON of each that wrote it), run in a folder of their own."""
+    printed, results, before = '', [], Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        Path('bags').symlink_to(ROOT / 'bags')
+        try:
+            for number, command in enumerate(commands):
+                words = shlex.split(command)
+                main = cli.main
+                if words[:3] == BENCHMARKS:
+                    main, words = benchmarks.main, words[2:]
+                elif words[0] != 'velocity_estimator':
+                    printed = subprocess.run([sys.executable, *words[1:]], text=True, check=True,
+                                             env={**os.environ, 'PYTHONPATH': str(ROOT)},
+                                             capture_output=True).stdout
+                    continue
+                out = io.StringIO()
+                with contextlib.redirect_stdout(out):
+                    code = main([*words[1:], '--json', f'{number}.json'])
+                if code != 0:
+                    raise RuntimeError(f'{command}: exit code {code}')
+                printed = out.getvalue()
+                results.append(json.loads(Path(f'{number}.json').read_text()))
+        finally:
+            os.chdir(before)
+    return printed, results
+
+
+def names(results: list) -> dict:
+    """What expressions may use."""
+    def velocity(observer: str, run: int) -> dict:
+        bag = next(iter(results[run]['bags'].values()))
+        return next(iter(bag['estimates'][observer]['joints'].values()))['velocity']
+
+    return {'r': results[-1] if results else None, 'runs': results, 'shared': shared,
+            'drawn': drawn,
+            'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
+            'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
+            'rows': lambda paper: len(registry.find(registry.REPRODUCTIONS, paper).references())}
+
+
+def shared(bench: dict, columns: str = 'slow sine trapezoid fast jitter drops') -> str:
+    """The Markdown rows of the observers at their defaults: rms [rad/s], and delay where told."""
+    cells: dict[str, dict] = defaultdict(dict)
+    for row in bench['accuracy']['results']:
+        delay = row['delay_s']
+        cells[row['observer']][row['signal']] = f"{row['rms']:.3g}" + (
+            '' if delay is None else f', {1e3 * delay:.2f} ms')
+    return '\n'.join(f"| {name} | {' | '.join(each[column] for column in columns.split())} |"
+                     for name, each in cells.items())
+
+
+def drawn(bench: dict) -> str:
+    """The Markdown rows of edge_adaptive over many draws, with the yardstick beside it."""
+    rows = {(row['observer'], row['signal']): row for row in bench['drawn']['rows']}
+    return '\n'.join(
+        f"| {signal} | {row['pooled']:.3g} | {row['median']:.3g} | {row['worst']:.3g} "
+        f"| {100.0 * row['coverage']:.1f} % "
+        f"| {rows['kalman acceleration', signal]['pooled']:.3g} | {row['worst_ratio']:.3f} "
+        f"| {row['worse']} of {row['draws']} |"
+        for (observer, signal), row in rows.items() if observer == 'edge_adaptive')
+
+
+def close(old: str, new: float, tolerance: float, units: float) -> bool:
+    """True if a printed number agrees with a fresh one, or is `units` of its last digit away."""
+    digits, _, power = old.partition('e')
+    unit = 10.0 ** (int(power or 0) - len(digits.partition('.')[2]))
+    return abs(float(old) - new) <= (max(tolerance * abs(new), 1.001 * units * unit) if tolerance
+                                     else 0.0)
+
+
+def filled(page: str, entry: dict) -> tuple[str, list[str]]:
+    """(the page with fresh numbers, what differed)."""
+    printed, results = outcome(tuple(entry.get('run', ())))
+    tolerance = entry.get('tolerance', TOLERANCE)
+    lines = entry.get('lines')
+    if lines:
+        return _lines(page, printed if lines is True else eval(lines, names(results)), tolerance)
+    text = entry['text'].strip('\n')
+    pattern, fresh, end = '', [], 0
+    for place in PLACE.finditer(text):
+        pattern += _literal(text[end:place.start()]) + r'([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)'
+        end = place.end()
+        fresh.append((eval(place.group(1), names(results)), place.group(2) or ''))
+    found = re.search(pattern + _literal(text[end:]), page)
+    if found is None:
+        return page, [f'the page has no text like: {text}']
+    differ = [f'{old} on the page, {value:.4g} now'
+              for old, (value, _) in zip(found.groups(), fresh)
+              if not close(old, value, tolerance, 0.5)]
+    for place in reversed(range(len(fresh))):
+        first, last = found.span(place + 1)
+        page = page[:first] + format(*fresh[place]) + page[last:]
+    return page, differ
+
+
+def _literal(text: str) -> str:
+    """A pattern for this text, in which lines may be broken elsewhere."""
+    return r'\s+'.join(re.escape(word) for word in re.split(r'\s+', text))
+
+
+def skeleton(line: str) -> str:
+    """A line without its numbers, marks and widths."""
+    return re.sub(r'[\s*]+', ' ', NUMBER.sub('#', line)).strip()
+
+
+def _lines(page: str, printed: str, tolerance: float) -> tuple[str, list[str]]:
+    fresh: dict[str, deque] = defaultdict(deque)
+    for line in printed.splitlines():
+        if NUMBER.search(line):
+            fresh[skeleton(line)].append(line)
+    lines, differ, met = page.split('\n'), [], 0
+    for place, line in enumerate(lines):
+        same = fresh.get(skeleton(line))
+        if not same or not NUMBER.search(line):
+            continue
+        new = same.popleft().rstrip()
+        met += 1
+        pairs = list(zip(NUMBER.findall(line), NUMBER.findall(new)))
+        wrong = [f'{old} on the page, {now} now: {line.strip()}' for old, now in pairs
+                 if not close(old, float(now), tolerance, 1.0)]
+        differ += wrong
+        lines[place] = line[:len(line) - len(line.lstrip())] + new.strip()
+    return '\n'.join(lines), differ if met else ['the page has no line of the output']
+
+
+def main() -> int:
+    """Write the figures, or with --check only say what differs; 1 if something does."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('pages', nargs='*', help='pages, as README.md; none: all')
+    parser.add_argument('--check', action='store_true', help='write nothing; exit code 1 if wrong')
+    parser.add_argument('--quick', action='store_true', help='leave out what takes minutes')
+    parsed = parser.parse_args()
+    wrong = False
+    for entry in entries():
+        if (parsed.pages and entry['page'] not in parsed.pages) or (parsed.quick
+                                                                   and entry.get('slow')):
+            continue
+        path = ROOT / entry['page']
+        page, differ = filled(path.read_text(), entry)
+        wrong = wrong or bool(differ)
+        print(f"{entry['page']}: {'; '.join(entry.get('run', ['(no command)']))}", flush=True)
+        for line in differ:
+            print(f'    {line}')
+        if not parsed.check:
+            path.write_text(page)
+    return int(wrong and parsed.check)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

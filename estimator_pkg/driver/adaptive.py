@@ -1,0 +1,238 @@
+"""Joints of the observer `adaptive`: known input, evidence, and parameters to start from."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.adaptive.evidence import Evidence
+from estimator_pkg.observers.adaptive.gains import structure
+from estimator_pkg.observers.adaptive.report import Origin, Report, report
+from estimator_pkg.observers.contract import VALID, Observer
+
+PIECE = 0.25  # of a block of evidence
+
+
+class AdaptiveJoint(Joint):
+    """A `Joint` that keeps what its samples say of the parameters.
+
+    Parameters
+    ----------
+    observer, gains, settings, twin : as of `Joint`.
+
+    Attributes
+    ----------
+    evidence : see `estimator_pkg.observers.adaptive.evidence`.
+    origin : of the parameters that it starts with, where they come from a file.
+    """
+
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings,
+                 twin: Joint | None = None) -> None:
+        super().__init__(observer, gains, settings, twin)
+        self.evidence = Evidence(structure(gains).slowest, gains.memory)
+        self.origin: Origin | None = None
+
+    def set_gains(self, gains: Any) -> None:
+        """As of `Joint`."""
+        super().set_gains(gains)
+        self.evidence.memory = gains.memory
+
+    def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
+        """One sample in."""
+        used = super().update(stamp_ns, measurement, given)
+        self._look()
+        return used
+
+    def run(self, stamps: NDArray[np.int64], measurements: NDArray[np.float64],
+            given: NDArray[np.float64] | None = None, *, fast: bool | None = None) -> Estimates:
+        """Many samples in, piece by piece: blocks of evidence end where a piece does."""
+        pieces: list[Estimates] = []
+        begin = 0
+        fast = len(stamps) >= COMPILE_FROM if fast is None else fast
+        while begin < len(stamps) or not pieces:
+            length_ns = round(PIECE * self.evidence.length * 1e9)
+            end = len(stamps) and begin + 1 + int(
+                np.searchsorted(stamps[begin + 1:], stamps[begin] + length_ns))
+            part = slice(begin, end)
+            pieces.append(super().run(stamps[part], measurements[part],
+                                      None if given is None else given[part], fast=fast))
+            self._look()
+            begin = end
+        return Estimates(*(np.concatenate(column) for column in zip(*pieces)))
+
+    def report(self) -> Report:
+        """What was identified."""
+        return report(self.gains, self.state, self.mean_dt or 1e-3, self.evidence, self.origin)
+
+    def _look(self) -> None:
+        state = self.state
+        self.evidence.look(state[7][4], state[9])
+
+
+
+
+
+class AdaptiveConfiguration(Configuration):
+    """Gains per joint, which start with the parameters of a file where it knows the joint.
+
+    Parameters
+    ----------
+    observer, common, overrides : as of `Configuration`.
+    saved : joint -> what a file says of it (see `estimator_pkg.driver.identified`).
+
+    Raises
+    ------
+    UsageError : a wrong value, or saved parameters of another order or with parts (load, gravity)
+        that these gains lack.
+    """
+
+    def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
+                 overrides: Mapping[str, Mapping[str, Any]] | None = None,
+                 saved: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+        super().__init__(observer, common, overrides)
+        self.saved = dict(saved or {})
+        for joint in self.saved:
+            self.for_joint(joint)
+
+    def for_joint(self, joint: str) -> tuple[Any, JointSettings]:
+        """(gains, settings) of this joint."""
+        gains, settings = super().for_joint(joint)
+        own = self.saved.get(joint)
+        if own is None or gains.theta is not None:
+            return gains, settings
+        if own['order'] != gains.order:
+            raise UsageError(f"saved parameters of joint '{joint}' are of order {own['order']}, "
+                             f'but order is {gains.order}')
+        for word, has in (('load', gains.load), ('gravity', gains.gravity)):
+            if own.get(word, 0.0) != 0.0 and not has:
+                raise UsageError(f"saved parameters of joint '{joint}' have a {word}: "
+                                 f'set {word} to true')
+        model = structure(gains).model
+        theta = [a - known for a, known in zip(own['a'], model)] + list(own['b'])
+        if gains.load:
+            theta.append(own.get('load', 0.0))
+        if gains.gravity:
+            theta.append(own.get('gravity', 0.0))
+        return dataclasses.replace(gains, theta=tuple(theta)), settings
+
+    def origin(self, joint: str) -> Origin | None:
+        """What the file says of the parameters that the joint starts with; None: not from there."""
+        own = self.saved.get(joint)
+        if own is None or super().for_joint(joint)[0].theta is not None:
+            return None
+        return Origin(tuple(own.get('stddev', ())), own.get('trusted', True))
+
+
+class AdaptiveBank(Bank):
+    """As `Bank`, for positions with efforts.
+
+    What a node or a replay calls: `take` once for each message of joint states, in the order in
+    which they came; from what it returns the estimate is published. `joint.stddev()` of each
+    returned joint gives the standard deviations; `reports()`, ten times a second of their own
+    time, what is told as identified parameters; `identified` keeps them. To freeze, give a
+    configuration with `adapt: false` and call `joint.set_gains` with each joint's new gains.
+
+    Parameters
+    ----------
+    configuration, only, most : as of `Bank`.
+    source : where efforts come from: FIELD (of joint states) or COMMAND (a topic of its own).
+    """
+
+    def __init__(self, configuration: Configuration, only: Iterable[str] = (),
+                 source: str = FIELD, most: int | None = None) -> None:
+        super().__init__(configuration, only, most)
+        self._source = source
+        self._acting: dict[str, Acting] = {}
+        self.unknown: set[str] = set()  # joints whose input was not known at their newest sample
+        self.without_input = 0  # messages with positions but without their efforts
+
+    def _make(self, name: str) -> Joint:
+        made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name),
+                             self._twin)
+        if isinstance(self.configuration, AdaptiveConfiguration):
+            made.origin = self.configuration.origin(name)
+        return made
+
+    def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
+             efforts: Sequence[float]) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
+        """One message in; (name, joint, estimate) of every joint that may be published.
+
+        Parameters
+        ----------
+        positions, efforts : as in a JointState; efforts of COMMAND come by `command`.
+        """
+        if not self.fits(names, positions):
+            return []
+        if self._source == COMMAND:
+            efforts = (math.nan,) * len(names)
+        elif len(efforts) != len(names):
+            self.without_input += 1
+            self.mismatched += 1
+            return []
+        self._note(names)
+        valid = []
+        for name, position, effort in zip(names, positions, efforts):
+            joint = self.joints.get(name) or self.joint(name)
+            if joint is None:
+                continue
+            settings: Any = joint.settings
+            (given,) = self._acting_on(name).given(joint.stamp_ns if joint.used else 0, stamp_ns,
+                                                   (effort,), settings)
+            if math.isfinite(given):
+                self.unknown.discard(name)
+            else:
+                position = math.nan  # counted as such: half a sample is none
+                self.unknown.add(name)
+            if joint.update(stamp_ns, position, given):
+                estimate = joint.estimate()
+                if estimate[3] in VALID:
+                    valid.append((name, joint, estimate))
+        return valid
+
+    def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
+        """One effort_command in."""
+        for name, effort in zip(names, efforts):
+            if name in self.joints or name in self._acting or self.named(name) or (
+                    not self.only and len(self._acting) < self.most):
+                self._acting_on(name).command(0, stamp_ns, effort)
+
+    def forget(self, name: str) -> None:
+        """As of `Bank`."""
+        super().forget(name)
+        self._acting.pop(name, None)
+        self.unknown.discard(name)
+
+    def _acting_on(self, name: str) -> Acting:
+        acting = self._acting.get(name)
+        if acting is None:
+            settings: Any = self.configuration.for_joint(name)[1]
+            acting = self._acting[name] = Acting(1, self._source, settings)
+        return acting
+
+    def why_silent(self, name: str) -> str:
+        """Why no sample of this joint can be used, as far as its input is the reason."""
+        if name not in self.unknown:
+            return ''
+        return ('no effort_command is in force for it' if self._source == COMMAND
+                else 'its effort is not a number')
+
+    def unit(self, name: str) -> str:
+        """Of the input of this joint; empty: not known."""
+        settings: Any = self.joints[name].settings
+        return settings.input_unit
+
+    def reports(self) -> dict[str, Report]:
+        """What each joint has identified."""
+        return {name: joint.report() for name, joint in self.joints.items()
+                if joint.used and isinstance(joint, AdaptiveJoint)}

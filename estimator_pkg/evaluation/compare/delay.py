@@ -1,0 +1,137 @@
+"""The delay of an estimate: the shift that minimises its error, finer than a sample.
+
+A coarse search over whole samples (by FFT) finds the minimum that lies nearest to
+zero; around it the mean square error is symmetric, and its middle is solved for. The two sides are
+compared a whole number of samples apart, because interpolation smooths noise by an amount that
+depends on where between two samples it looks: in the difference this cancels. What asymmetry the
+truth itself has within the record (a sine cut off anywhere) is taken off.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.evaluation.compare.interpolation import cubic
+
+Array = NDArray[np.float64]
+
+LONGEST = 0.25      # delays are sought up to this [s], or ten samples where that is longer
+GAP = 5.0           # in median sample times: nothing is interpolated across a longer hole
+NEAR = 0.05         # minima this close to the best (of the error's range) count as equally good
+RISE = 0.1          # the two sides are compared where the error has risen by this part
+CLEAR = 0.2         # the error must depend on the shift by this part, or there is no answer
+SURE = 6.0          # and by this over the root of the number of samples: chance gives less
+MOTION = 2.0        # the truth must vary by more than this times its own noise power
+
+
+def delay(time: Array, estimate: Array, truth: Array) -> float:
+    """By how much [s] `estimate` lags behind `truth`; nan where the signals do not tell.
+
+    Parameters
+    ----------
+    time : shape (n,), increasing [s].
+    estimate, truth : shape (n,), at these times.
+    """
+    good = np.isfinite(estimate) & np.isfinite(truth)
+    time, estimate, truth = time[good], estimate[good], truth[good]
+    if len(time) < 8 or np.var(truth) <= MOTION * noise_power(truth):
+        return np.nan
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    longest = max(LONGEST, 10.0 * step)
+    # long holes are shortened: they carry nothing, and the grid need not span them
+    steps = np.minimum(steps, 3.0 * longest)
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    level = float(np.mean(truth))
+    estimate, truth = estimate - level, truth - level
+    hole = steps > GAP * step
+    errors = _coarse(time, estimate, truth, step, int(longest / step))
+    best, rise = _nearest_minimum(errors, max(CLEAR, SURE / len(time) ** 0.5),
+                                  float(np.mean(truth * truth)) + level * level)
+    if rise == 0:
+        return np.nan
+    return _middle(time, estimate, truth, hole, best * step, rise * step, step)
+
+
+def noise_power(values: Array) -> float:
+    """The power of white noise that would give the third differences of `values`."""
+    return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
+
+
+def _coarse(time: Array, estimate: Array, truth: Array, step: float, reach: int) -> Array:
+    """Mean square error at shifts of -reach to reach steps; inf where too little overlaps."""
+    grid = np.arange(0.0, time[-1] + 0.5 * step, step)
+    e = np.interp(grid, time, estimate)
+    r = np.interp(grid, time, truth)
+    size = 1 << (len(grid) + reach).bit_length()
+
+    def spectrum(values: Array) -> NDArray[np.complex128]:
+        return np.fft.rfft(values, size)
+
+    ones = spectrum(np.ones(len(grid)))
+    squares = np.fft.irfft(spectrum(e * e) * ones.conj() - 2.0 * spectrum(e) * spectrum(r).conj()
+                           + ones * spectrum(r * r).conj(), size)
+    shifts = np.arange(-reach, reach + 1)
+    count = len(grid) - np.abs(shifts)
+    return np.where(count > 0.5 * len(grid), squares[shifts] / np.maximum(count, 1), np.inf)
+
+
+def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, int]:
+    """(shift in steps, steps to the sides where the error has risen); the latter 0: no answer."""
+    reach = len(errors) // 2
+    usable = np.isfinite(errors)
+    low, high = float(np.min(errors[usable])), float(np.max(errors[usable]))
+    if high - low <= clear * max(low, 0.0) + 1e-12 * scale:
+        return 0, 0
+    good = np.flatnonzero(errors <= low + NEAR * (high - low))
+    centre = int(good[np.argmin(np.abs(good - reach))])
+    first = last = centre
+    while first - 1 in good:
+        first -= 1
+    while last + 1 in good:
+        last += 1
+    best = first + int(np.argmin(errors[first:last + 1]))
+    if best in (0, len(errors) - 1):
+        return 0, 0  # the error still falls at the end of the search
+    rise = 1
+    while (best - rise > 0 and best + rise < len(errors) - 1
+           and min(errors[best - rise], errors[best + rise]) < low + RISE * (high - low)):
+        rise += 1
+    return best - reach, rise
+
+
+def _middle(time: Array, estimate: Array, truth: Array, hole: NDArray[np.bool_], shift: float,
+            side: float, step: float) -> float:
+    """The shift whose two sides, `side` away, have equal errors: bisection around `shift` [s]."""
+    low, high = shift - 2.0 * step, shift + 2.0 * step
+    inside = np.ones(len(time), bool)
+    for edge in (low - side, high + side, -side, side):
+        moved = time + edge
+        before = np.clip(np.searchsorted(time, moved, side='right') - 1, 0, len(hole) - 1)
+        inside &= (moved >= 0.0) & (moved <= time[-1]) & ~hole[before]
+    if np.count_nonzero(inside) < 4:
+        return np.nan
+    at, wanted = time[inside], truth[inside]
+
+    def difference(signal: Array, where: float) -> float:
+        right = cubic(time, signal, at + where + side) - wanted
+        left = cubic(time, signal, at + where - side) - wanted
+        return float(np.mean(right * right) - np.mean(left * left))
+
+    own = difference(truth, 0.0)
+
+    def slope(where: float) -> float:
+        return difference(estimate, where) - own
+
+    if slope(low) > 0.0 or slope(high) < 0.0:
+        return shift
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if slope(middle) < 0.0:
+            low = middle
+        else:
+            high = middle
+        if high - low < 1e-9:
+            break
+    return 0.5 * (low + high)

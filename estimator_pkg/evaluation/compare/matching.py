@@ -1,0 +1,154 @@
+"""Which truth belongs to which estimate: by stamp, interpolated only where the stamps differ."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.evaluation.compare.delay import GAP
+from estimator_pkg.evaluation.compare.interpolation import cubic
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+JUMP_NS = 100_000_000   # a stamp this much older than the last begins the time anew (the guard's
+                        # reorder_window): a looping bag, a restarted simulation
+PAUSE = 10.0            # what stands between two such pieces in the common time [s]
+
+
+class Matched(NamedTuple):
+    """The estimates that have a truth.
+
+    rows : shape (m,), which estimates.
+    time : shape (m,), strictly increasing time [s] since the first of all stamps; pieces before and
+        after a clock jump are set behind each other.
+    velocity, position : shape (m,), the truth at these stamps; position counts turns.
+    exact : how many have a truth of the same stamp; the others are interpolated.
+    unmatched : estimates without a truth: outside its time, or in a hole of it.
+    """
+
+    rows: NDArray[np.int64]
+    time: Array
+    velocity: Array
+    position: Array
+    exact: int
+    unmatched: int
+
+
+def pieces(stamps: Stamps) -> list[NDArray[np.int64]]:
+    """Indices of each stretch between clock jumps, sorted by stamp, without repeated stamps.
+
+    Strays are in none of them.
+    """
+    rows = np.flatnonzero(~strays(stamps))
+    if not len(rows):
+        return []
+    cuts = np.flatnonzero(np.diff(stamps[rows]) < -JUMP_NS) + 1
+    result = []
+    for part in np.split(rows, cuts):
+        _, first = np.unique(stamps[part], return_index=True)
+        result.append(part[first])
+    return result
+
+
+def strays(stamps: Stamps) -> NDArray[np.bool_]:
+    """Which single stamps lie far ahead, while the next one goes on from before them."""
+    found = np.zeros(len(stamps), bool)
+    steps = np.diff(stamps)
+    if len(steps) > 1:
+        found[1:-1] = ((steps[:-1] > JUMP_NS) & (steps[1:] < -JUMP_NS)
+                       & (stamps[2:] > stamps[:-2]))
+    return found
+
+
+def match(stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array,
+          period: float) -> Matched:
+    """The truth at the stamps of the estimates.
+
+    Parameters
+    ----------
+    stamps : shape (n,), of the estimates [ns], in the order in which they came.
+    truth_stamps, velocity, position : shape (k,), the truth [ns, rad/s, rad].
+    period : wrap period of the positions [rad]; 0: none.
+    """
+    ours, theirs = pieces(stamps), pieces(truth_stamps)
+    found: list[tuple[NDArray[np.int64], Array, Array, Array, int]] = []
+    offset = 0.0
+    for number, mine in enumerate(ours):
+        other = _partner(stamps, mine, truth_stamps, theirs, number, len(ours))
+        if other is None:
+            continue
+        rows, speeds, angles, exact = _piece(stamps, mine, truth_stamps, velocity, position,
+                                              other, period)
+        if not len(rows):
+            continue
+        time = (stamps[rows] - stamps[rows[0]]) * 1e-9 + offset
+        offset = float(time[-1]) + PAUSE
+        found.append((rows, time, speeds, angles, exact))
+    if not found:
+        nothing = np.zeros(0)
+        return Matched(np.zeros(0, np.int64), nothing, nothing, nothing, 0, len(stamps))
+    rows = np.concatenate([part[0] for part in found])
+    return Matched(rows, np.concatenate([part[1] for part in found]),
+                   np.concatenate([part[2] for part in found]),
+                   np.concatenate([part[3] for part in found]),
+                   sum(part[4] for part in found), len(stamps) - len(rows))
+
+
+def _partner(stamps: Stamps, mine: NDArray[np.int64], truth_stamps: Stamps,
+             theirs: list[NDArray[np.int64]], number: int, count: int
+             ) -> NDArray[np.int64] | None:
+    """The piece of the truth that goes with a piece of the estimates."""
+    if len(theirs) == count:
+        return theirs[number]
+    low, high = stamps[mine[0]], stamps[mine[-1]]
+
+    def overlap(piece: NDArray[np.int64]) -> int:
+        return int(min(high, truth_stamps[piece[-1]]) - max(low, truth_stamps[piece[0]]))
+
+    best = max(theirs, key=overlap, default=None)
+    return best if best is not None and overlap(best) >= 0 else None
+
+
+def _piece(stamps: Stamps, mine: NDArray[np.int64], truth_stamps: Stamps, velocity: Array,
+           position: Array, other: NDArray[np.int64], period: float
+           ) -> tuple[NDArray[np.int64], Array, Array, int]:
+    """(indices, velocity, position, how many exact) within one piece."""
+    at, known = stamps[mine], truth_stamps[other]
+    right = np.searchsorted(known, at)
+    exact = known[np.minimum(right, len(known) - 1)] == at
+    between = (right > 0) & (right < len(known))
+    if len(known) > 1:
+        steps = np.diff(known)
+        between &= steps[np.clip(right - 1, 0, len(steps) - 1)] <= GAP * np.median(steps)
+    else:
+        between[:] = False
+    usable = exact | between
+    seconds = (known - known[0]) * 1e-9
+    when = (at[usable] - known[0]) * 1e-9
+    speeds = _at(seconds, velocity[other], when, exact[usable], right[usable])
+    angles = position[other]
+    if period > 0.0:
+        angles = _unwrap(angles, period)
+    angles = _at(seconds, angles, when, exact[usable], right[usable])
+    return mine[usable], speeds, angles, int(np.count_nonzero(exact))
+
+
+def _at(seconds: Array, values: Array, when: Array, exact: NDArray[np.bool_],
+        right: NDArray[np.int64]) -> Array:
+    """The samples where the stamps are equal, interpolated elsewhere."""
+    result = np.empty(len(when))
+    result[exact] = values[right[exact]]
+    if not exact.all():
+        result[~exact] = cubic(seconds, values, when[~exact])
+    return result
+
+
+def _unwrap(angles: Array, period: float) -> Array:
+    """Turns counted, samples that are not finite left alone."""
+    result = angles.copy()
+    finite = np.isfinite(angles)
+    result[finite] = np.unwrap(angles[finite], period=period)
+    return result

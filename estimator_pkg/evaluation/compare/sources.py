@@ -1,0 +1,179 @@
+"""Where estimates come from: recorded topics, or observers run on the recorded measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import streams
+from estimator_pkg.bags import recording as recordings
+from estimator_pkg.bags.reader import Bag, UnreadableError
+from estimator_pkg.bags.recording import Estimate, Recording
+from estimator_pkg.bags.selection import measurement_topic
+from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions
+from estimator_pkg.bags.wiring import Setup, settled
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation.compare import per_sample
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.options import ESTIMATE, Options
+from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.parameters import declared
+from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.streams.contract import Request, Stream, counts_of
+
+Array = NDArray[np.float64]
+
+COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
+PUBLISHED, WITHHELD = 'published', 'withheld'
+STAMP_SOURCE = 'stamp_source'
+HELD = 5.0          # an estimate stands for the time since the one before, up to so many steps
+
+
+def measured(bag: Bag, options: Options) -> dict[str, Series]:
+    """The measured positions by joint, as the observers take them; {}: none are.
+
+    Observers that need something else may be run on a bag without them.
+
+    Raises
+    ------
+    UserError, UsageError : what was asked for is not there, or a parameter is wrong; observers that
+        take their samples at different times.
+    """
+    _check_alike(options.observers)
+    asked = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
+    for entry in asked:
+        found = recordings.measured(bag, _setup(entry, bag, options))
+        if found:
+            return found
+    if options.measurement is not None and not asked:
+        bag.require(options.measurement, (TYPE,))
+    try:
+        topic = measurement_topic(bag, options.measurement)
+        if topic != options.truth:
+            found = positions(bag, topic)
+            if any((series.stamps_ns > 0).any() for series in found.values()):
+                return found
+            return positions(bag, topic, by_publisher=True)  # as their estimates must have been
+    except UnreadableError:
+        raise
+    except UserError:   # of a truth, estimates can be judged without a measurement
+        pass
+    return {}
+
+
+def _check_alike(observers: Sequence[Entry]) -> None:
+    """One reference is for all: they must go by the same clock."""
+    clocks = {dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source)
+              for entry in observers if STAMP_SOURCE in declared(_stream(entry).SETTINGS)}
+    if len(clocks) > 1:
+        raise UsageError(f"'{STAMP_SOURCE}' must be the same for all observers that are compared: "
+                         'give it with --set')
+
+
+def _stream(entry: Entry) -> type[Stream]:
+    return streams.of_observer(entry.observer)
+
+
+def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
+    """Parameters and topics of an observer; raises UserError or UsageError."""
+    stream = _stream(entry)
+    values: dict[str, Any] = {'observer': entry.observer}
+    if stream.WRAPS:
+        values['wrap_period'] = options.wrap_period
+    return settled(stream, bag, {**values, **dict(entry.values)},
+                   Request(options.measurement, options.angle))
+
+
+def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Options
+            ) -> Iterator[tuple[str, dict[str, Estimate]]]:
+    """(name, estimates by joint) of everything that is to be compared.
+
+    Raises
+    ------
+    UserError : there is nothing.
+    """
+    if options.observers:
+        with progress(path, len(options.observers)) as advance:
+            for entry in options.observers:
+                yield entry.label, recording(entry, bag, measurement, options).run(
+                    entry.observer, {})
+                advance(1)
+        if not options.estimates:
+            return
+    topics = list(options.estimates) or sorted(
+        name for name, topic in bag.topics.items()
+        if topic.type == TYPE and name.rpartition('/')[2] == ESTIMATE)
+    if not topics:
+        raise UserError(f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
+                        "with 'velocity_estimator replay', or compare observers on the measurement "
+                        "with '--observer all'")
+    for topic in topics:
+        bag.require(topic, (TYPE,))
+        deviations: dict[str, Series] = {}
+        beside = bag.topics.get(f'{topic}_stddev')
+        if beside is not None and beside.type == TYPE and beside.count:
+            try:
+                deviations = joint_series(bag, beside.name)
+            except UnreadableError:
+                raise
+            except UserError:   # no joint was ever valid
+                pass
+        found = joint_series(bag, topic)
+        if per_sample.available(bag, options):
+            found = per_sample.finer(bag, f'{topic}{per_sample.BATCHES}', found)
+        yield topic, {joint: _recorded(series, deviations.get(joint), measurement.get(joint))
+                      for joint, series in found.items()}
+
+
+def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options: Options
+              ) -> Recording:
+    """What this observer needs of the bag, with its parameters.
+
+    Raises
+    ------
+    UserError, UsageError : the bag lacks it, or a parameter is wrong.
+    """
+    found = recordings.recording(bag, _setup(entry, bag, options), measurement)
+    return found.per_sample() if per_sample.available(bag, options) else found
+
+
+def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None
+              ) -> Estimate:
+    """What a topic of estimates says of one joint."""
+    stddev: NDArray[np.float64] = np.full(len(estimates.stamps_ns), np.nan)
+    if deviations is not None:
+        stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
+    return Estimate(estimates.stamps_ns, estimates.position, estimates.velocity, stddev,
+                    _samples(estimates, measurement), _published(estimates, measurement),
+                    np.zeros(0, np.int64), np.zeros(0, np.int8))
+
+
+def _published(estimates: Series, measurement: Series | None) -> dict[str, float]:
+    """Seconds with estimates, and seconds with samples alone."""
+    if measurement is None or not len(measurement.stamps_ns):
+        return {}
+    good = measurement.stamps_ns[np.isfinite(measurement.position) & (measurement.stamps_ns > 0)]
+    steps = np.diff(good) * 1e-9
+    steps = np.where(steps > 0.0, steps, 0.0)
+    if not len(steps):
+        return {}
+    steps = np.minimum(steps, HELD * float(np.median(steps)))
+    shown = np.isin(good[1:], estimates.stamps_ns[np.isfinite(estimates.velocity)])
+    return {PUBLISHED: float(steps[shown].sum()), WITHHELD: float(steps[~shown].sum())}
+
+
+def _samples(estimates: Series, measurement: Series | None) -> dict[str, Any]:
+    """What the guard says of the samples in the bag; of the estimates alone where there are none.
+
+    Which samples are dropped does not depend on the observer, unless it was misconfigured.
+    """
+    if measurement is None:
+        count = len(estimates.stamps_ns)
+        return {'received': count, 'used': count, 'dropped': {}}
+    joint = COUNTER.joint()
+    joint.run(measurement.stamps_ns, measurement.position)
+    return counts_of(joint)

@@ -1,0 +1,175 @@
+"""The truth in a bag, or the off-line smoother in its place where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.selection import MADE
+from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.compare import per_sample
+from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.reference import reference
+from estimator_pkg.evaluation.reference.reference import Reference
+from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed, smooth
+from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleSettings
+
+Array = NDArray[np.float64]
+
+LAG_SEEN = 2.0              # a lag or bias is corrected if it is so many standard deviations
+ENOUGH = 600_000            # samples that tell what a truth is worth
+SMOOTHED = 'the off-line smoother'
+
+
+@dataclass
+class Truth:
+    """The velocities to compare with, by joint.
+
+    name : the topic, or `SMOOTHED`.
+    series : positions and velocities.
+    references : what is known of each.
+    corrected : lag and bias that were taken off.
+    smoothed : how the smoother came by them; empty where the bag has a truth.
+    """
+
+    name: str
+    series: dict[str, Series]
+    references: dict[str, Reference]
+    corrected: dict[str, dict[str, float]] = field(default_factory=dict)
+    smoothed: dict[str, Smoothed] = field(default_factory=dict)
+
+
+def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> Truth:
+    """The truth of the bag, or the reference made from its measurement.
+
+    Raises
+    ------
+    UserError : no truth and no measurement to make a reference from; a truth without velocity.
+    """
+    if options.reference == SMOOTHER or (
+            options.reference == AUTO and options.truth is None and TRUTH not in bag.topics
+            and measurement):
+        return _from_smoother(path, measurement, options)
+    return _from_topic(bag, path, measurement, options)
+
+
+def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> Truth:
+    topic = options.truth or TRUTH
+    if options.truth is None and topic not in bag.topics:
+        raise UserError(f'{path}: no truth: there is no topic {TRUTH}; name another JointState '
+                        f'that carries velocities with --truth ({_joint_state_topics(bag)}), or '
+                        'with --measurement or --angle what a reference can be made from')
+    bag.require(topic, (TYPE,))
+    series = joint_series(bag, topic)
+    if per_sample.available(bag, options):
+        series = per_sample.finer(bag, per_sample.TRUE_SAMPLES, series)
+        topic = f'{topic} and {per_sample.TRUE_SAMPLES}'
+    series = {joint: _finite(each) for joint, each in series.items()}
+    series = {joint: each for joint, each in series.items() if len(each.stamps_ns)}
+    if not series:
+        raise UserError(f'{path}: {topic} carries no velocity')
+    found = Truth(topic, series, {})
+    for joint, each in series.items():
+        known = _reference(each, measurement.get(joint), options.wrap_period)
+        found.references[joint] = known
+        if options.correct_reference:
+            series[joint], found.corrected[joint] = _correct(each, known)
+    return found
+
+
+def _from_smoother(path: str, measurement: dict[str, Series], options: Options) -> Truth:
+    if not measurement:
+        raise UserError(f'{path}: no measured positions to make a reference from')
+    found = Truth(SMOOTHED, {}, {})
+    with progress(f'{path}: reference', len(measurement)) as advance:
+        for joint, each in measurement.items():
+            smoothed = smooth(each.stamps_ns, each.position, options.wrap_period)
+            advance(1)
+            if not len(smoothed.stamps):
+                continue
+            firm = smoothed.firm
+            nothing = np.full(int(np.count_nonzero(firm)), np.nan)
+            found.series[joint] = Series(smoothed.stamps[firm], smoothed.position[firm],
+                                         smoothed.velocity[firm], nothing)
+            found.references[joint] = reference.from_smoother(smoothed.uncertainty)
+            found.smoothed[joint] = smoothed
+    if not found.series:
+        stamped = any((each.stamps_ns > 0).any() for each in measurement.values())
+        raise UserError(f'{path}: no truth, and ' + (
+            'too few readings to make a reference from' if stamped else
+            'readings without a stamp: --set stamp_source=publisher takes when they were published'
+        ))
+    return found
+
+
+def _reference(truth: Series, measurement: Series | None, period: float) -> Reference:
+    """The truth's own lag, bias and noise against the measured position; without one, its noise.
+
+    Of a long record the middle `ENOUGH` samples tell.
+    """
+    if len(truth.stamps_ns) > ENOUGH:
+        first = (len(truth.stamps_ns) - ENOUGH) // 2
+        truth = _part(truth, slice(first, first + ENOUGH))
+        if measurement is not None:
+            low, high = np.min(truth.stamps_ns), np.max(truth.stamps_ns)
+            near = (measurement.stamps_ns >= low) & (measurement.stamps_ns <= high)
+            measurement = _part(measurement, near)
+    if measurement is None:
+        alone = match(truth.stamps_ns, truth.stamps_ns, truth.velocity, truth.velocity, 0.0)
+        return reference.unheld(alone.time, alone.velocity, truth.position[alone.rows], period)
+    good = np.isfinite(measurement.position)
+    position = measurement.position[good]
+    at = match(truth.stamps_ns, measurement.stamps_ns[good], position, position, period)
+    return reference.fit(at.time, truth.velocity[at.rows], at.position, period,
+                         truth.position[at.rows])
+
+
+def _part(series: Series, rows: slice | NDArray[np.bool_]) -> Series:
+    return Series(series.stamps_ns[rows], series.position[rows], series.velocity[rows],
+                  series.effort[rows])
+
+
+def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]:
+    """The truth without the lag and bias that were found, and what was taken off."""
+    lag = known.lag_s if abs(known.lag_s) > LAG_SEEN * known.lag_stddev else 0.0
+    bias = known.bias if abs(known.bias) > LAG_SEEN * known.bias_stddev else 0.0
+    series = truth._replace(stamps_ns=truth.stamps_ns - round(lag * 1e9),
+                            velocity=truth.velocity - bias)
+    return series, {'lag_s': lag, 'bias': bias}
+
+
+def _finite(series: Series) -> Series:
+    """Only the rows that carry a velocity."""
+    good = np.isfinite(series.velocity)
+    nothing = np.broadcast_to(np.nan, int(np.count_nonzero(good)))  # nobody reads it here
+    return Series(series.stamps_ns[good], series.position[good], series.velocity[good], nothing)
+
+
+def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> None:
+    """Raises UserError if the truth has none of these joints."""
+    if set(joints) & set(true.series):
+        return
+    hint = ''
+    if list(joints) == [AngleSettings.angle_joint] and len(true.series) == 1:
+        hint = f' (--set angle_joint={next(iter(true.series))} gives the number that name)'
+    raise UserError(f'{path}: {source} has the joints {listed(joints)}, {true.name} has '
+                    f'{listed(true.series)}: none in common{hint}')
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in a line."""
+    return ', '.join(name or "''" for name in sorted(names)) or 'none'
+
+
+def _joint_state_topics(bag: Bag) -> str:
+    names = [name for name, topic in bag.topics.items()
+             if topic.type == TYPE and not name.endswith(MADE)]
+    return f'here: {listed(names)}' if names else 'here: no JointState at all'

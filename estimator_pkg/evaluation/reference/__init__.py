@@ -1,0 +1,1 @@
+"""What velocities are compared with where there is no truth."""

@@ -1,0 +1,160 @@
+"""What a measured reference velocity is worth: its own lag, bias, slope and noise.
+
+The reference of a recording is a sensor too. Held against the measured position, by
+
+    integral of the reference = position(t - lag) * slope + bias * t,
+
+over short windows, it tells how late and how biased it is. The windows' length keeps the drift of
+the integral out and the quantisation of the position small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.evaluation.compare.delay import GAP
+from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.options import SMOOTHER
+from estimator_pkg.evaluation.reference.doubt import noise
+
+Array = NDArray[np.float64]
+
+SENSOR = 'sensor'
+WINDOW = 0.1        # [s], but at least so many samples:
+WINDOW_SAMPLES = 10
+FEWEST = 20         # windows end to end, below which nothing is fitted
+NEIGHBOURS = (-3, -2, 2, 3)  # samples that know the speed but not the noise of the one between
+OUTLIER = 6.0       # windows this many robust standard deviations off are left out
+LAG_KNOWN = 1e-3    # a lag, slope or bias is given if its standard deviation is at most this
+SLOPE_KNOWN = 0.01  # (lag [s], slope, part of the reference's rms speed or this much [rad/s])
+BIAS_KNOWN = 0.01
+ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
+CLEARLY = 2.0       # the smoother reads the same sensor as the observers: so many times its own
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What is known of a reference; nan where the record does not tell.
+
+    lag_s, lag_stddev [s]: it shows what the position did so long ago. bias, bias_stddev [rad/s]: it
+    reads so much too high. slope, slope_stddev: times the true speed. noise [rad/s]: rms of its
+    white noise; of the off-line smoother, what it may be wrong by. window_s: length of the windows
+    of the fit. origin: 'sensor' or 'smoother'.
+    """
+
+    lag_s: float
+    lag_stddev: float
+    bias: float
+    bias_stddev: float
+    slope: float
+    slope_stddev: float
+    noise: float
+    window_s: float
+    origin: str = SENSOR
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return asdict(self)
+
+    def cannot_tell(self, rms: float) -> bool:
+        """True if an rms error [rad/s] is no larger than the reference's own noise."""
+        return bool(rms <= (ALIKE if self.origin == SENSOR else CLEARLY) * self.noise)
+
+
+def from_smoother(uncertainty: float) -> Reference:
+    """A reference that has no lag or bias of its own, and may be wrong by `uncertainty` [rad/s]."""
+    return Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, uncertainty, np.nan, SMOOTHER)
+
+
+def unheld(time: Array, velocity: Array, own: Array | None = None, period: float = 0.0
+           ) -> Reference:
+    """What is known of a reference that nothing measured can be held against: its noise."""
+    return Reference(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan,
+                     noise(time, velocity, own, period), np.nan)
+
+
+def fit(time: Array, velocity: Array, position: Array, period: float,
+        own: Array | None = None) -> Reference:
+    """Lag, bias, slope and noise of a reference velocity against the measured position.
+
+    Parameters
+    ----------
+    time : shape (n,), strictly increasing [s].
+    velocity : shape (n,), the reference [rad/s].
+    position : shape (n,), the measurement at the same times [rad], in any convention.
+    period : wrap period [rad]; 0: none.
+    own : shape (n,), the reference's own position [rad], nan where it has none; None: nowhere.
+    """
+    good = np.isfinite(velocity) & np.isfinite(position)
+    time, velocity, position = time[good], velocity[good], position[good]
+    unknown = unheld(time, velocity, None if own is None else own[good], period)
+    if len(time) < 2 * WINDOW_SAMPLES:
+        return unknown
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    across = max(WINDOW_SAMPLES, round(WINDOW / step))
+    if len(time) < FEWEST * across:
+        return unknown
+    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * steps)])
+    ahead = travelled - position  # changes slowly but for whole turns, at any speed
+    holes = np.concatenate([[0], np.cumsum(steps > GAP * step)])
+    whole = holes[across:] == holes[:-across]
+
+    def across_window(values: Array) -> Array:
+        return (values[across:] - values[:-across])[whole]
+
+    around = np.full(len(time), np.nan)
+    around[3:-3] = np.mean([velocity[3 + i:len(time) - 3 + i] for i in NEIGHBOURS], axis=0)
+    whole &= np.isfinite(around[across:]) & np.isfinite(around[:-across])
+    length = across_window(time)
+    if len(length) < FEWEST * across:
+        return unknown
+    missed = wrapped(across_window(ahead), period)
+    moved = across_window(travelled) - missed
+    columns = np.stack([length, -across_window(velocity), moved], axis=1)
+    instruments = np.stack([length, -across_window(around), moved], axis=1)
+    kept = np.ones(len(missed), bool)
+    for _ in range(3):
+        answer = _solve(columns[kept], instruments[kept], missed[kept], across)
+        rest = np.abs(missed - columns @ np.nan_to_num(answer[0]))
+        kept = rest <= OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
+    (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = answer
+    return Reference(lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev,
+                     unknown.noise, across * step)
+
+
+def _solve(columns: Array, instruments: Array, missed: Array, across: int
+           ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(bias, lag, slope - 1) and their standard deviations; nan for what is not determined.
+
+    The noise of the reference in `columns` would draw a least-squares lag towards zero, so the
+    equations are weighted with `instruments` that share the speed and not the noise. What the
+    record does not determine (a lag at rest) is left out.
+    """
+    speed = float(np.sqrt(np.mean((columns[:, 2] / columns[:, 0]) ** 2)))
+    limits = (BIAS_KNOWN * max(1.0, speed), LAG_KNOWN, SLOPE_KNOWN)
+    use = [0, 1, 2]
+    while use:
+        part, weights = columns[:, use], instruments[:, use]
+        normal = weights.T @ part
+        scale = np.sqrt(np.abs(np.diag(normal)))
+        if np.all(scale > 0.0) and np.linalg.cond(normal / np.outer(scale, scale)) < 1e10:
+            inverse = np.linalg.inv(normal)
+            values = inverse @ (weights.T @ missed)
+            # neighbouring windows share their samples: only every `across`-th is a new one
+            variance = float(np.mean((missed - part @ values) ** 2)) * across
+            deviations = np.sqrt(variance * np.diag(inverse @ (weights.T @ weights) @ inverse.T))
+            vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]
+            if not vague:
+                answer, spreads = [np.nan] * 3, [np.nan] * 3
+                for name, value, deviation in zip(use, values, deviations):
+                    answer[name], spreads[name] = float(value), float(deviation)
+                return tuple(answer), tuple(spreads)
+            use.remove(max(vague))  # the slope first, then the lag, then the bias
+        else:
+            use.pop()
+    return (np.nan,) * 3, (np.nan,) * 3

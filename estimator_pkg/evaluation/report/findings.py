@@ -1,0 +1,264 @@
+"""What the measurement itself shows, and what to do about it, in sentences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import registry
+from estimator_pkg.bags.series import Series
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.compare.delay import GAP
+from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
+from estimator_pkg.evaluation.compare.matching import pieces, strays
+from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.text import number
+from estimator_pkg.parameters import declared
+from estimator_pkg.streams.contract import WHY_DROPPED
+
+Array = NDArray[np.float64]
+
+MOVING = 3.0        # a joint moves if it passes so many quanta per sample
+REPEATS = 0.2       # so many equal readings in motion are no chance
+HOLES_NAMED = 5     # holes that are told one by one
+JITTER_SEEN = 3.0   # jitter is told if the error at speed is so many times that at rest
+JITTER_MATTERS = 1e-3   # and if it is more than this part of a sample time
+FEWEST = 200        # samples below which nothing is said of jitter
+USUAL = Entry('', 'hybrid_angle')  # whose noise the jitter is turned into
+SETTLED = 400       # samples after which its noise gain is steady
+MOSTLY = 0.7        # a cause makes up most of an error if so much remains of it without the cause,
+                    # or comes from it alone (of an rms, half of the squares)
+HONEST = 0.85       # a 95 % band that holds less than this is too narrow
+WITHHELD = 0.05     # of the time without an estimate is worth a word
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What is seen in one joint's readings.
+
+    rate : [Hz], from the median sample time; rate_mean : from the mean.
+    quantum : [rad]; 0: none seen. repeats : every so many samples bring a new reading; 1: each.
+    jitter_s : standard deviation of the stamps' error [s]; 0: none seen.
+    speed : largest [rad/s], where the position was measured well enough to say (99.9 %).
+    holes : (when, how long) [s], by length.
+    steps : sample times [s].
+    strays : single stamps far ahead of those around them.
+    """
+
+    rate: float
+    rate_mean: float
+    quantum: float
+    repeats: int
+    jitter_s: float
+    speed: float
+    holes: tuple[tuple[float, float], ...]
+    steps: Array
+    strays: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``: all but the sample times."""
+        found = asdict(self)
+        del found['steps']
+        return found
+
+
+def look(series: Series, start: int, period: float) -> Measurement | None:
+    """What the readings of a joint show; None where there are too few.
+
+    Parameters
+    ----------
+    start : stamp at which its time begins [ns].
+    period : wrap period [rad]; 0: none.
+    """
+    good = np.flatnonzero(np.isfinite(series.position) & (series.stamps_ns > 0))
+    runs = [good[run] for run in pieces(series.stamps_ns[good]) if len(run) > 2]
+    if not runs:
+        return None
+    steps = np.concatenate([np.diff(series.stamps_ns[run]) for run in runs]) * 1e-9
+    at = np.concatenate([series.stamps_ns[run][:-1] - start for run in runs]) * 1e-9
+    step = float(np.median(steps))
+    long = np.flatnonzero(steps > GAP * step)
+    order = long[np.argsort(-steps[long], kind='stable')]
+    count = quantum(series.position)
+    moves = np.concatenate([np.abs(wrapped(np.diff(series.position[run]), period))
+                            for run in runs])
+    jitter = max((_jitter(series, run, period, count) for run in runs[:1]), default=0.0)
+    return Measurement(
+        1.0 / step, len(steps) / float(np.sum(steps[steps <= GAP * step])), count,
+        _repeats(moves, count), jitter,
+        float(np.percentile(moves[steps <= GAP * step] / steps[steps <= GAP * step], 99.9)),
+        tuple((float(at[i]), float(steps[i])) for i in order[:1000]), steps,
+        int(np.count_nonzero(strays(series.stamps_ns[good]))))
+
+
+def _repeats(moves: Array, count: float) -> int:
+    """Every how many samples a new reading comes, where the joint moves."""
+    small = count if count else 0.0
+    window = 12
+    if len(moves) < 4 * window:
+        return 1
+    sums = np.convolve(moves, np.ones(window), 'same')
+    moving = sums > MOVING * window * max(small, 1e-12)
+    if np.count_nonzero(moving) < 4 * window:
+        return 1
+    equal = float(np.mean(moves[moving] <= 1e-9 + 0.01 * small))
+    return round(1.0 / (1.0 - equal)) if REPEATS < equal < 0.95 else 1
+
+
+def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float) -> float:
+    """The standard deviation of the stamps' error [s], from errors that grow with speed.
+
+    Each reading is held against the straight line between its neighbours. What noise gives does
+    not depend on the speed; what a wrong stamp gives is the speed times its error.
+    """
+    time = (series.stamps_ns[run] - series.stamps_ns[run[0]]) * 1e-9
+    if len(time) < FEWEST:
+        return 0.0
+    angle = series.position[run]
+    if period > 0.0:
+        angle = np.unwrap(angle, period=period).astype(np.float64)
+    before, after = np.diff(time)[:-1], np.diff(time)[1:]
+    usable = before + after <= 4.0 * float(np.median(before))
+    part = before / (before + after)
+    missed = angle[1:-1] - (1.0 - part) * angle[:-2] - part * angle[2:]
+    spread = np.sqrt(1.0 + (1.0 - part) ** 2 + part ** 2)
+    # neighbours next but one know the speed without the stamps in question
+    speed = np.abs(slopes(time, angle))[1:-1]
+    missed, speed = (missed / spread)[usable], speed[usable]
+    bends = np.diff(missed)  # what acceleration leaves changes slowly
+    fast = speed[1:] >= np.percentile(speed, 75)
+    slow = speed[1:] <= np.percentile(speed, 25)
+    if not fast.any() or not slow.any():
+        return 0.0
+    # steady jitter of a straight line: the second difference's spread is 1.22 of one stamp's, and
+    # neighbouring ones are correlated by -2/3
+    def scale(which: NDArray[np.bool_]) -> float:
+        return 1.4826 * float(np.median(np.abs(bends[which]))) / math.sqrt(2.0 * (1.0 + 2.0 / 3.0))
+
+    floor = max(scale(slow), count / math.sqrt(12.0))
+    high = scale(fast)
+    top = float(np.median(speed[1:][fast]))
+    if high < JITTER_SEEN * floor or top <= 0.0:
+        return 0.0
+    jitter = math.sqrt(high * high - floor * floor) / top
+    return jitter if jitter > JITTER_MATTERS * float(np.median(before)) else 0.0
+
+
+def speed_noise(position_noise: float, step: float) -> float:
+    """What white noise of a position [rad] gives in the usual observer's velocity [rad/s]."""
+    if 'noise' not in declared(USUAL.joint().observer.gains):
+        return math.nan
+    joint = Entry('', USUAL.observer, (('noise', position_noise),)).joint()
+    for i in range(SETTLED):
+        joint.update(10 ** 9 + round(i * step * 1e9), 0.0)
+    return joint.stddev()[1]
+
+
+def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]:
+    """What to know and what to do next, most important first."""
+    found: list[str] = list(comparison.refused.values())
+    for joint, measurement in seen.items():
+        found += _of_measurement(joint, measurement)
+    for joint in dict.fromkeys(row.joint for row in comparison.rows):
+        rows = [row for row in comparison.rows if row.joint == joint]
+        found += _of_samples(joint, rows[0])
+        best = min(rows, key=lambda row: row.velocity['rms'])
+        for row in rows if len(rows) <= 2 else [best]:
+            found += _of_errors(row, joint in comparison.refused)
+    found += comparison.notes
+    return found or ['nothing stands out: no holes, repeats or jitter, and errors without a '
+                     'dominant cause']
+
+
+def _of_measurement(joint: str, seen: Measurement) -> list[str]:
+    found = []
+    if seen.repeats > 1:
+        every = 'second' if seen.repeats == 2 else f'{seen.repeats}th'
+        found.append(f'{joint}: a new reading comes only with every {every} sample: the encoder '
+                     f'repeats itself at {seen.rate:.0f} Hz; read it at '
+                     f'{seen.rate / seen.repeats:.0f} Hz, or stamp it when it is read')
+    if seen.jitter_s:
+        noise = speed_noise(seen.jitter_s * seen.speed, 1.0 / seen.rate)
+        expect = '' if math.isnan(noise) else (f': expect {number(noise, 2)} rad/s of noise at '
+                                               f'{number(seen.speed, 3)} rad/s')
+        found.append(f'{joint}: stamps jitter by {_time(seen.jitter_s)}{expect}; stamp readings '
+                     'where they are taken')
+    for when, length in seen.holes[:HOLES_NAMED]:
+        found.append(f'{joint}: gap of {_time(length)} at '
+                     + (f'{when:.1f} s' if when >= 0.1 else _time(when)))
+    if seen.strays:
+        found.append(f'{joint}: {seen.strays} single stamp{"s" * (seen.strays > 1)} far ahead of '
+                     'those around: a wrong clock, or a damaged message')
+    if len(seen.holes) > HOLES_NAMED:
+        found.append(f'{joint}: {len(seen.holes)} gaps in all')
+    if seen.quantum:
+        per_turn = 2.0 * math.pi / seen.quantum
+        found.append(f'{joint}: one count is {number(seen.quantum, 3)} rad (about {per_turn:.0f} '
+                     f'per turn), {number(seen.quantum * seen.rate, 3)} rad/s of a finite '
+                     f"difference at {seen.rate:.0f} Hz; set 'quantum: {seen.quantum:.4g}'")
+    return found
+
+
+def _of_samples(joint: str, row: Row) -> list[str]:
+    return [f'{joint}: {count} of {row.samples["received"]} samples dropped: '
+            f'{WHY_DROPPED.get(kind, kind)}' for kind, count in row.samples['dropped'].items()]
+
+
+def _of_errors(row: Row, refused: bool) -> list[str]:
+    found = []
+    name = f'{row.joint}, {row.source}'
+    rms, noise = row.velocity['rms'], row.velocity['noise']
+    late = row.velocity['delay_s']
+    if not refused and not row.reference_cannot_tell and len(row.time) > 8:
+        if late == late and late > 0.0 and _shifted(row, late) < MOSTLY * rms:
+            found.append(f'{name}: most of its error comes from being {_time(late)} late'
+                         + _advice(row.source, 'raise bandwidth_hz, or tune it for less delay',
+                                   "set 'prefer: fast'"))
+        elif noise == noise and noise > MOSTLY * rms:
+            found.append(f'{name}: most of its error is noise'
+                         + _advice(row.source, 'lower bandwidth_hz, or tune it',
+                                   "set 'prefer: smooth'"))
+    if row.coverage == row.coverage and row.coverage < HONEST and not row.reference_cannot_tell:
+        found.append(f'{name}: its 95 % band holds {row.coverage:.0%} of the errors: in motion '
+                     'they are larger than the noise it knows of'
+                     + _advice(row.source, "set 'noise' and 'quantum', or raise bandwidth_hz",
+                               "set 'prefer: fast'"))
+    away = sum(seconds for kind, seconds in row.validity.items()
+               if kind not in ('tracking', 'published'))
+    total = sum(row.validity.values())
+    if total and away > WITHHELD * total:
+        kinds = ', '.join(f'{kind} {seconds:.2f} s' for kind, seconds in row.validity.items()
+                          if kind not in ('tracking', 'published') and seconds >= 0.01)
+        found.append(f'{name}: not tracking for {away:.2f} of {total:.2f} s ({kinds})')
+    return found
+
+
+def _advice(source: str, with_bandwidth: str, with_preference: str) -> str:
+    """What to set, of what the observer has; of a recorded topic the observer is not known."""
+    if source not in registry.names(registry.OBSERVERS):
+        return f': {with_bandwidth}'
+    parameters = declared(registry.find(registry.OBSERVERS, source).gains)
+    if 'bandwidth_hz' in parameters:
+        return f': {with_bandwidth}'
+    return f': {with_preference}' if 'prefer' in parameters else ''
+
+
+def _shifted(row: Row, late: float) -> float:
+    """The rms error that is left when the truth is as late as the estimate."""
+    inside = row.time - late >= row.time[0]
+    rest = row.estimate[inside] - cubic(row.time, row.truth, row.time[inside] - late)
+    return float(np.sqrt(np.mean(np.square(rest)))) if len(rest) else math.inf
+
+
+def _time(seconds: float) -> str:
+    if seconds >= 1.0:
+        return f'{seconds:.2f} s'
+    if seconds >= 1e-3:
+        return f'{number(seconds * 1e3, 2)} ms'
+    return f'{number(seconds * 1e6, 2)} us'

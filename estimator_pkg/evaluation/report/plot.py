@@ -1,0 +1,112 @@
+"""The picture of a comparison: true and estimated velocity, and the error below."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import destination
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.report.thinning import broken, extremes, limits
+from estimator_pkg.optional import needs
+from estimator_pkg.printable import drawn
+
+Array = NDArray[np.float64]
+
+COLUMNS = 4
+POINTS = 20_000     # of a line
+
+
+def check(path: str) -> None:
+    """Holds that `path` can be drawn: better before the work than after it.
+
+    Raises
+    ------
+    UserError : matplotlib is missing or knows no such kind of file, or none can be written there.
+    """
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError as error:
+        raise UserError(f"plots: {needs('matplotlib')}") from error
+    logging.getLogger('matplotlib').setLevel(logging.ERROR)     # it lists fonts that it misses
+    kinds = FigureCanvasBase.get_supported_filetypes()
+    kind = Path(path).suffix[1:].lower()
+    if kind not in kinds:
+        raise UserError(f'{path}: plots can be {", ".join(sorted(kinds))}' + (
+            f', not {kind}' if kind else ': end the name so'))
+    destination.check(path)
+
+
+def draw(comparisons: Sequence[Comparison], path: str) -> None:
+    """Writes a picture (its kind by the suffix) with a pair of panels per bag and joint.
+
+    Raises
+    ------
+    UserError : as `check`.
+    """
+    check(path)
+    from matplotlib.figure import Figure
+    panels: list[tuple[str, str, list[Row]]] = []
+    for comparison in comparisons:
+        reference = 'reference' if comparison.smoothed else 'truth'
+        by_joint: dict[str, list[Row]] = {}
+        for row in comparison.rows:
+            by_joint.setdefault(row.joint, []).append(row)
+        panels += [(f'{Path(comparison.bag).name}: {joint}', reference, rows)
+                   for joint, rows in by_joint.items()]
+    across = min(COLUMNS, len(panels))
+    down = -(-len(panels) // across)
+    figure = Figure(figsize=(max(9.0, 5.0 * across), 5.0 * down + 0.4), layout='constrained')
+    axes = figure.subplots(2 * down, across, squeeze=False, height_ratios=[3, 2] * down)
+    for axis in axes.flat:
+        axis.set_visible(False)
+    names: dict[str, Any] = {}
+    for number, (title, reference, rows) in enumerate(panels):
+        down_at, across_at = divmod(number, across)
+        above, below = axes[2 * down_at][across_at], axes[2 * down_at + 1][across_at]
+        above.set_visible(True)
+        below.set_visible(True)
+        below.sharex(above)
+        names.setdefault(reference, _line(above, rows[0].time, rows[0].truth, color='black',
+                                          linewidth=1.2))
+        for row in rows:
+            colour = names[row.source].get_color() if row.source in names else None
+            line = _line(above, row.time, row.estimate, linewidth=0.8, color=colour)
+            names.setdefault(row.source, line)
+            _line(below, row.time, row.estimate - row.truth, linewidth=0.8,
+                  color=line.get_color())
+        for axis, lines in ((above, [rows[0].truth, *(row.estimate for row in rows)]),
+                            (below, [row.estimate - row.truth for row in rows])):
+            outer = limits(lines)
+            if outer:
+                axis.set_ylim(*outer)
+                axis.annotate('outliers cut off', (0.01, 0.03), xycoords='axes fraction',
+                              fontsize='x-small', color='dimgrey')
+            axis.grid(alpha=0.3)
+        above.tick_params(labelbottom=False)
+        above.set_title(drawn(title), fontsize='small')
+        above.set_ylabel('velocity [rad/s]')
+        below.set_ylabel('error [rad/s]')
+        below.set_xlabel('time [s]')
+    figure.legend(names.values(), map(drawn, names), loc='outside upper center', fontsize='small',
+                  ncols=min(len(names), 7), frameon=False)
+    save(figure, path)
+
+
+def save(figure: Any, path: str) -> None:
+    """Write a figure, whole or not at all; its kind by the suffix."""
+    with destination.replacing(path) as beside:
+        figure.savefig(beside, dpi=120, format=Path(path).suffix[1:].lower())
+
+
+def _line(axis: Any, time: Array, values: Array, **style: Any) -> Any:
+    """A line without its thousands of points that nobody could see, broken at holes."""
+    at, drawn = broken(time, values, extremes(values, POINTS))
+    line, = axis.plot(at, drawn, **style)
+    return line

@@ -1,0 +1,1 @@
+"""The observer of servos whose parameters it identifies."""

@@ -1,0 +1,401 @@
+"""Adaptive velocity observer: velocity of a linear servo of unknown parameters, which it learns.
+
+The plant x' = A x + B u, y = C x in observable canonical form is written (2)
+
+    x' = A_c x + y L + u B,   theta = (L, B)
+
+with A_c chosen, so that A = A_c + L C. From angle and input the observer learns theta and
+estimates x; the velocity of the angle is C (A x + B u). A constant load and gravity, the sine of
+the angle, are known regressors in the last equation, by choice.
+
+Two forms. `paper` is (11) to (13) by forward Euler at the sample times. `sampled` (default) uses
+that x - Upsilon theta is a filter of y alone: the regressor Upsilon is filtered exactly for an
+angle that changes linearly and an input that is held, and the law acts a posteriori, so that it
+is stable for every gain and sample time. Both keep (31), xi+ = exp((A_c - K C) dt) xi, the second
+one exactly.
+
+Measurement: the angle [rad], unwrapped here since a spring needs it over several turns. Input: u
+over the interval that ends at the sample.
+
+Files: `gains` the parameters, `filter` the filters, `motion` from
+parameters to velocity, `law` the law, `evidence` what the data say of the
+parameters, `report` all of it in words.
+
+Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers; corrections in
+docs/papers/adaptive.md.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.adaptive.filter import companion
+from estimator_pkg.observers.adaptive.gains import GRADIENT, PAPER, SETTLED, Gains, structure
+from estimator_pkg.observers.adaptive.law import ADAPTING, GATED, INIT, law
+from estimator_pkg.observers.adaptive.motion import as_rows, gramian, motion
+from estimator_pkg.observers.adaptive.theta import unrolled_theta
+from estimator_pkg.observers.angle.core import LARGEST, is_angle, variance_floor
+from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.contract import (
+    COASTING,
+    INITIALISING,
+    NOT_OBSERVABLE,
+    TRACKING,
+    Functions,
+    Observer,
+)
+from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.observers.maths.least_squares import kept
+from estimator_pkg.observers.maths.scatter import begin_scatter, follow_scatter, resume_scatter
+from estimator_pkg.observers.maths.unroll import algebra
+
+LOOK = 20          # samples between two looks at excitation and trust
+DOUBT = 9.0        # the slow innovation's power may be so many times that of the noise, ...
+CLOSE = 2e-4       # ... or so large a part of the motion's: then the velocity is right to 3 %
+SHORTEST = 0.5     # time over which both are averaged, at least [s]
+FRESH = 10.0       # so many times faster they are averaged in the beginning
+SURPRISE = 25.0    # a square counts at most so many times the usual one
+
+
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is. Companion matrices by their column."""
+
+    a_k: tuple          # of A_c - K C
+    fastest: float      # bound of its poles [1/s]
+    a_c: tuple          # of A_c
+    k: tuple            # K, the injection
+    fixed: tuple        # theta, as far as it is known
+    start: tuple        # theta, as far as it is free
+    low: tuple          # bounds of the free ones
+    high: tuple
+    gamma: tuple        # Gamma of the free ones: its diagonal where there is nothing else
+    floor: tuple        # what the information matrix must exceed to open the gate
+    w: tuple            # `gramian` of A_c - K C
+    settle: float       # until the filters have forgotten their start [s]
+    average: float      # time over which the innovation's power is averaged [s]
+    memory: float       # of least squares [s]
+    keep: float         # memory of the information matrix [s]
+    pace: float         # geometric mean of the poles [1/s]
+    slowest: float      # slowest pole [1/s]
+    knock: float        # squares of e that are a knock, in usual squares
+    moving_above: float  # speed below which dry friction may hold the joint [rad/s]
+    adapt: float        # 1.0: theta may change
+    is_given: float     # 1.0: the user gave theta
+    period: float       # of the circle [rad]; 0: none
+    unwrap: float
+    noise: float        # variance of the reading's noise [rad^2]; 0: to be estimated
+    finest: float       # its least, of the encoder's quantum [rad^2]
+    p_start: tuple      # P of least squares
+
+
+class Coefficients(NamedTuple):
+    """What the sample time h implies; and of the design, so that one unpacking gives a step all."""
+
+    f: tuple            # exp((A_c - K C) h)
+    g0: tuple           # first row of its integral, for what is held ...
+    g1: tuple           # ... and for what rises
+    h: float            # [s]
+    weight: float       # of the newest sample in averages
+    slow_weight: float  # of the newest look
+    keep: float         # what the information matrix keeps over a sample
+    forget: float       # what least squares keeps over a sample
+    low_pass: float     # weight of the newest sample in the low-passed innovation
+    a_k: tuple          # from here on: of the design
+    k: tuple
+    fixed: tuple
+    period: float
+    settle: float
+    young: float        # age [s] until which theta is on its way
+
+
+def build(gains: Gains, circle: Circle) -> Functions:
+    """The functions of the observer at these gains.
+
+    Inside, `design` is a `Design` and `coefficients` are `Coefficients`.
+
+    State: (psi_y, psi_u, psi_1, psi_s): first rows of the filtered regressor for y, u, 1 and
+    sin y; z: in the sampled form what is left of the start in x, in the paper form x itself;
+    theta, free ones; information matrix; P of least squares; convention; scatter; (y [rad], time
+    since the start [s], mean square of the innovation [rad^2], of the velocity, time spent
+    adapting [s], for how long nothing is learnt [s], usual square of the innovation while
+    learning, the innovation and the acceleration, both low-passed, mean square of the first
+    [rad^2]); (phase, trusted, samples since
+    the last look); evidence, see `evidence`.
+
+    Raises
+    ------
+    UsageError : gains that do not fit each other.
+    """
+    made = structure(gains)
+    n, m = gains.order, len(made.free)
+    is_paper, is_gradient = gains.form == PAPER, gains.law == GRADIENT
+    if is_paper and not is_gradient:
+        raise UsageError("form 'paper' has the gradient law only: set law to 'gradient'")
+    if gains.moving_above > 0.0 and n < 2:
+        raise UsageError("parameter 'moving_above' needs order 2 or more")
+    has_load, has_gravity = gains.load, gains.gravity
+    is_full, is_watched, needs_motion = (gains.velocity == 'full', gains.knock > 0.0,
+                                         gains.moving_above > 0.0)
+    moves, laws = motion(gains, made), law(gains, made, motion(gains, made))
+    parts, states, started = moves.parts, moves.states, moves.started
+    paper_start, moved_by = moves.paper_start, moves.moved_by
+    moved, judged, expected, gathered = laws.moved, laws.judged, laws.expected, laws.gathered
+    variance = laws.variance
+
+    filters = companion(n)
+    rows, left, times = filters.rows, filters.left, filters.times
+    series = filters.euler if is_paper else filters.series
+    vectors, free = algebra(n), algebra(m)
+    dot, add, apply = vectors.dot, vectors.add, vectors.apply
+    dot_m, add_m, rank_one = free.dot, free.add, free.rank_one
+    chosen = unrolled_theta(n, has_load, has_gravity, made.free)
+    pick, explained, all_parts = chosen
+    zeros, none_known = (0.0,) * n, (0.0,) * len(made.names)
+    last = (*zeros[1:], 1.0)
+    empty = as_rows(np.zeros((m, m)))
+    nothing = (empty, (0.0,) * m, (0.0, 0.0, 0.0))
+
+    settling = SETTLED / made.slowest if gains.settle is None else gains.settle
+    average = max(SHORTEST, SETTLED / made.slowest)
+    pace = (-made.observer[-1]) ** (1.0 / n)  # geometric mean of the poles [1/s]
+    noise_of = gramian(made.observer)
+
+    def floor_of_gate() -> tuple:
+        if gains.gate == 'gamma':
+            return as_rows(gains.excitation * np.linalg.inv(made.gamma))
+        noise = np.zeros((len(made.names), len(made.names)))
+        noise[:n, :n] = noise_of
+        return as_rows(gains.signal_to_noise * gains.excitation_memory
+                       * noise[np.ix_(made.free, made.free)])
+
+    def design() -> Design:
+        finest = variance_floor(gains.quantum)
+        noise = gains.noise * gains.noise + finest if gains.noise is not None else 0.0
+        is_diagonal = bool(np.all(made.gamma == np.diag(np.diag(made.gamma))))
+        return Design(
+            a_k=made.observer, fastest=float(made.fastest), a_c=made.model, k=made.injection,
+            fixed=made.fixed, start=made.start, low=made.low, high=made.high,
+            gamma=tuple(float(x) for x in np.diag(made.gamma)) if is_diagonal
+            else as_rows(made.gamma),
+            floor=floor_of_gate(), w=noise_of, settle=float(settling), average=float(average),
+            memory=float(gains.memory), keep=float(gains.excitation_memory), pace=float(pace),
+            slowest=float(made.slowest), knock=float(gains.knock * gains.knock),
+            moving_above=float(gains.moving_above), adapt=float(gains.adapt),
+            is_given=float(gains.theta is not None), period=float(circle.period),
+            unwrap=float(circle.unwrap), noise=noise, finest=finest,
+            p_start=as_rows(np.diag(made.variance)) if not is_gradient else ((0.0,),))
+
+    def prepare(design: Any, dt: float) -> Coefficients:
+        f, g0, g1 = series(design.a_k, design.fastest, dt)
+        return Coefficients(rows(f, design.a_k), g0, g1, dt, -math.expm1(-dt / design.average),
+                            -math.expm1(-LOOK * dt / design.average), math.exp(-dt / design.keep),
+                            kept(dt, design.memory), -math.expm1(-dt * design.slowest),
+                            design.a_k, design.k, design.fixed, design.period, design.settle,
+                            design.settle + 2.0 * design.average)
+
+    def init(measurement: float, design: Any) -> tuple:
+        theta = design.start
+        inner, z = started(zeros, theta, design, measurement, 0.0)
+        if is_paper:
+            z = paper_start(theta, design, measurement, 0.0)
+        return (inner, z, theta, empty, design.p_start, begin(measurement),
+                begin_scatter(measurement),
+                (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (INIT, 0, 0), nothing)
+
+    def pause(held: float, usual: float, e: float, psi_y: tuple, adapted: float, design: Any,
+              weight: float) -> tuple[float, float]:
+        """(for how long nothing is learnt [s], usual square of the innovation).
+
+        After a knock, and where dry friction may hold the joint, the equation of motion does not
+        hold until the filters have forgotten it.
+        """
+        square = e * e
+        if needs_motion and (-design.moving_above < -design.a_k[n - 1] * psi_y[n - 2]
+                             < design.moving_above):
+            held = SETTLED / design.slowest
+        elif is_watched:
+            if adapted > design.average:
+                if square > design.knock * usual:
+                    held = SETTLED / design.slowest
+                if square > SURPRISE * usual:
+                    square = SURPRISE * usual
+            usual += (square - usual) * weight
+        return held, usual
+
+    def step(state: tuple, coefficients: Any, design: Any, measurement: float,
+             given: float) -> tuple:
+        ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+         (phase, trusted, tick), evidence) = state
+        (f, g0, g1, h, weight, slow_weight, keep, forget, low_pass, a_k, k, fixed, period, settle,
+         young) = coefficients
+        last_measurement, lowest, highest, wraps, turns = convention
+        change = measurement - last_measurement
+        if period > 0.0 and not -0.5 * period <= change < 0.5 * period:
+            change = wrap(change, period)
+        if is_paper:
+            e = y - z[0]
+            of_y, of_u, load, gravity = parts(theta, design)
+            slope = add(times(design.a_c, z), y, of_y)
+            slope = add(add(slope, given, of_u), e, k)
+            if has_load:
+                slope = add(slope, load, last)
+            if has_gravity:
+                slope = add(slope, gravity * math.sin(y), last)
+            before = (psi_y, psi_u, psi_1, psi_s)
+            psi = pick(psi_y, psi_u, psi_1, psi_s)
+            z = add(z, h, slope)
+        psi_y = add(add(left(psi_y, f), y, g0), change, g1)
+        psi_u = add(left(psi_u, f), given, g0)
+        if has_load:
+            psi_1 = add(left(psi_1, f), 1.0, g0)
+        if has_gravity:
+            sine = math.sin(y)
+            psi_s = add(add(left(psi_s, f), sine, g0), math.sin(y + change) - sine, g1)
+        y += change
+        if not is_paper:
+            z = apply(f, z)
+            psi = pick(psi_y, psi_u, psi_1, psi_s)
+            e = (y - z[0] - dot(psi_y, k) - explained(psi_y, psi_u, psi_1, psi_s, fixed)
+                 - dot_m(psi, theta))
+        if not -LARGEST < e < LARGEST:
+            return init(measurement, design)  # numbers ran away: only a new start helps
+        age += h
+        tick += 1
+        if phase == INIT and age >= settle:
+            phase = judged(information, scatter, design, h)
+        if phase != INIT:
+            information = rank_one(information, keep, h, psi)
+            slow_e += (e - slow_e) * low_pass
+            slow_bend += (y + dot(psi_y, a_k) - slow_bend) * low_pass
+            if phase == ADAPTING and design.adapt > 0.0:
+                if is_watched or needs_motion:
+                    held, usual = pause(held, usual, e, psi_y, adapted, design, weight)
+                if held > 0.0:
+                    held -= h
+                else:
+                    was = theta
+                    evidence = gathered(evidence, psi, e + dot_m(psi, theta), (slow_e, slow_bend))
+                    theta, p = moved(theta, p, psi, e, design, h, forget)
+                    adapted += h
+                    if is_paper:  # the last term of (13), which must end with the law
+                        of_y, of_u, load, gravity = all_parts(add_m(theta, -1.0, was), none_known)
+                        z = add(z, 1.0, moved_by(before, of_y, of_u, load, gravity, design))
+            recent = weight
+            if age < young:  # while theta is on its way
+                recent = FRESH * weight if FRESH * weight < 1.0 else 1.0
+            power += (e * e - power) * recent
+            slow_power += (slow_e * slow_e - slow_power) * recent
+        if tick >= LOOK:
+            tick = 0
+            if phase != INIT:
+                phase = judged(information, scatter, design, h)
+                x1, x2, speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)
+                speed_power += (speed * speed - speed_power) * slow_weight
+                most = (DOUBT * expected(scatter, theta, design, h)
+                        * low_pass / (2.0 - low_pass))
+                close = CLOSE * speed_power / (design.pace * design.pace)
+                if slow_power > 4.0 * most and slow_power > 4.0 * close:
+                    trusted = 0
+                elif (slow_power <= most or slow_power <= close) and (
+                        age > design.settle + design.average):
+                    trusted = 1
+        return ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p,
+                follow(convention, measurement, period),
+                follow_scatter(scatter, measurement, h, period),
+                (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+                (phase, trusted, tick), evidence)
+
+    def adapted_for(signals: tuple) -> float:
+        (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend,
+         slow_power) = signals
+        return adapted
+
+    def output(state: tuple, coefficients: Any, design: Any, measurement: float,
+               given: float) -> tuple:
+        (inner, z, theta, information, p, convention, scatter, signals, (phase, trusted, tick),
+         evidence) = state
+        x1, x2, speed = states(inner, z, theta, design)
+        if is_full:
+            of_y, of_u, load, gravity = parts(theta, design)
+            speed += of_u[0] * given  # b1 u
+        if phase == INIT:
+            status = COASTING if trusted > 0 else INITIALISING
+        elif phase == GATED and design.is_given == 0.0 and adapted_for(signals) == 0.0:
+            status = NOT_OBSERVABLE
+        else:
+            status = TRACKING if trusted > 0 else INITIALISING
+        return present(convention, x1, design.period, design.unwrap), speed, math.nan, status
+
+    def stddev(state: tuple, coefficients: Any, design: Any) -> tuple[float, float]:
+        """Of white noise through the filters, and of what the model lacks: a slow innovation e
+        goes with an error of the velocity of (a1 - o1) e, o1 and a1 being the first entries of
+        A_c - K C and A.
+        """
+        (inner, z, theta, information, p, convention, scatter,
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+         flags, evidence) = state
+        (f, g0, g1, h, weight, slow_weight, keep, forget, low_pass, a_k, k, fixed, period, settle,
+         young) = coefficients
+        of_y, of_u, load, gravity = parts(theta, design)
+        injected = add(k, 1.0, of_y)  # K + L
+        first = design.a_c[0] + of_y[0] - a_k[0]
+        to_speed = add(times(a_k, injected), first, injected)
+        of_position = h * dot(injected, apply(design.w, injected))
+        of_speed = h * dot(to_speed, apply(design.w, to_speed))
+        noise = variance(scatter, design)
+        seen = (power - slow_power) / (1.0 + of_position)  # it may show more than is known
+        if seen > noise:
+            noise = seen
+        slow = slow_power - noise * (1.0 + of_position) * low_pass / (2.0 - low_pass)
+        if slow < 0.0:
+            slow = 0.0
+        return (math.sqrt(of_position * noise + slow),
+                math.sqrt(of_speed * noise + first * first * slow))
+
+    def restart(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
+        (inner, z, theta, information, p, convention, scatter, signals, flags,
+         evidence) = resume(state, coefficients, design, measurement)
+        y = signals[0]
+        inner, z = started(zeros, theta, design, y, 0.0)
+        if is_paper:
+            z = paper_start(theta, design, y, 0.0)
+        return (inner, z, theta, information, p, convention, scatter, signals, (INIT, 0, 0),
+                evidence)
+
+    def resume(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
+        ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
+         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+         (phase, trusted, tick), evidence) = state
+        last_measurement, lowest, highest, wraps, turns = convention
+        y += wrap(measurement - last_measurement, design.period)
+        x1, x2, speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)
+        inner, z = started(psi_u, theta, design, y, speed)
+        if is_paper:
+            z = paper_start(theta, design, y, speed)
+        return (inner, z, theta, information, p, follow(convention, measurement, design.period),
+                resume_scatter(scatter, measurement),
+                (y, 0.0, power, speed_power, adapted, held, usual, 0.0, 0.0, slow_power),
+                (INIT, trusted, 0), evidence)
+
+    def limits(dt: float) -> str | None:
+        if is_paper and made.fastest * dt >= 2.0:
+            return (f"form 'paper' is unstable at a sample time of {dt:.3g} s: its fastest pole "
+                    f'needs less than {2.0 / made.fastest:.3g} s')
+        return None
+
+    return Functions(design, prepare, init, step, output, stddev, resume, limits,
+                     lambda dt: 0.0,  # with the plant's parameters it lags nothing
+                     is_angle, restart=restart)
+
+
+OBSERVER = Observer(
+    name='adaptive', summary='velocity of a servo of unknown parameters, which it identifies',
+    gains=Gains, build=build,
+    reference='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers; sampled form '
+              'of our own',
+    kind='angle_and_input')

@@ -1,0 +1,301 @@
+"""What the adaptive observer has identified, in words and numbers for a person or a message."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.observers.adaptive.evidence import Evidence, Verdict, judge
+from estimator_pkg.observers.adaptive.gains import PAPER, Gains, Structure, physical, structure
+from estimator_pkg.observers.adaptive.law import ADAPTING, HELD, PHASES, REASONS
+from estimator_pkg.observers.adaptive.observer import DOUBT, build
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import Functions
+
+Array = NDArray[np.float64]
+
+EXPLAINED = 0.9   # part of the acceleration that a model must predict to be believed
+SMALL = 0.1       # error of a parameter, in its value, up to which it is believed, ...
+LITTLE = 0.05     # ... or in the size at which it alone would make the acceleration: it is about 0
+CURVED = 8.0      # between 12, of a parabola's mean height, and what is found for b/J
+SURELY = 2.0      # standard deviations from which a sign counts
+
+
+class Identified(NamedTuple):
+    """One parameter; `stddev` is 0 where the value is known or given.
+
+    trusted : the value can be used; see `Report.trusted`.
+    """
+
+    name: str
+    value: float
+    stddev: float
+    unit: str
+    trusted: bool = True
+
+
+class Report(NamedTuple):
+    """Attributes: phase and its reason, everything identified, theta as it can be loaded again.
+
+    trusted : all of this holds of every free parameter: the standard deviation is finite and,
+        with what could hide in the unexplained part of the motion, small beside the value (or the
+        parameter is nearly zero); the model predicts the acceleration, or noise explains all that
+        it does not; damping is not negative, nor inertia where its sign can be told.
+    why_not : what of this fails; '' where it is trusted. Part of `reason` too.
+    adapted : time spent adapting [s].
+    excitation : what the gate compares with its threshold: signal to noise, or the smallest
+        eigenvalue of the information matrix weighed by gamma.
+    explained : part of the acceleration's power that is predicted; nan: not known yet.
+    """
+
+    phase: str
+    reason: str
+    parameters: tuple[Identified, ...]
+    names: tuple[str, ...]
+    theta: tuple[float, ...]
+    trusted: bool
+    adapted: float
+    excitation: float
+    why_not: str = ''
+    explained: float = math.nan
+
+
+class Origin(NamedTuple):
+    """What is known of parameters that were given: standard deviations in the order of theta, and
+    whether they were trusted when they were saved.
+    """
+
+    stddev: tuple[float, ...]
+    trusted: bool
+
+
+class _Free(NamedTuple):
+    """One free parameter as the plant has it: value, standard deviation, other error, scale."""
+
+    name: str
+    value: float
+    stddev: float
+    hidden: float
+    scale: float
+
+    @property
+    def is_known(self) -> bool:
+        error = math.hypot(self.stddev, self.hidden)
+        return bool(error <= SMALL * abs(self.value) or error <= LITTLE * self.scale)
+
+
+def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = None,
+           origin: Origin | None = None) -> Report:
+    """What a state of the observer with these gains and this sample time [s] says.
+
+    Parameters
+    ----------
+    evidence : what was gathered on the way (`AdaptiveJoint.evidence`); without it no parameter
+        that was learnt has a standard deviation or is trusted.
+    origin : of parameters that were given; None: they are taken to be right.
+    """
+    made = structure(gains)
+    theta = list(made.fixed)
+    (inner, z, free_theta, information, p, convention, scatter,
+     (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+     (phase, observer_trusts, tick), gathered) = state
+    for place, value, low, high in zip(made.free, free_theta, made.low, made.high):
+        theta[place] = min(max(value, low), high)
+    given = adapted == 0.0 and gains.theta is not None
+    verdict = None if given or evidence is None else _verdict(gains, made, theta, state, dt,
+                                                              evidence)
+    covariance = _whole(made, verdict, given, origin)
+    sigma = np.sqrt(np.diag(covariance))
+    ratios = physical(made.names, made.model)
+    free = _free(made, theta, sigma, ratios, verdict)
+    why_not = _doubt(gains, observer_trusts, adapted, given, verdict, free)
+    if given and origin is not None and not origin.trusted:
+        why_not = 'they were not trusted when they were saved'
+    # one bad parameter says nothing of another, a model that does not fit does
+    believed = {own.name: own.is_known for own in free}
+    fits = not why_not or (verdict is not None and _fits(verdict))
+    known = [(given and not why_not) or i not in made.free
+             or (fits and believed[_plant_name(name, ratios, i)])
+             for i, name in enumerate(made.names)]
+    parameters = [Identified(name, value, float(s), _unit(name, gains.order), good)
+                  for name, value, s, good in zip(made.names, theta, sigma, known)]
+    for name, (place, offset, sign, unit) in ratios.items():
+        parameters.append(Identified(name, offset + sign * theta[place], float(sigma[place]), unit,
+                                     known[place]))
+    if ratios and gains.torque_constant is not None:
+        parameters += _masses(gains.torque_constant, theta, covariance, made, known)
+    reason = HELD if phase == ADAPTING and held > 0.0 else REASONS[phase]
+    return Report(PHASES[phase], f'{reason}; not trusted: {why_not}' if why_not else reason,
+                  tuple(parameters), made.names, tuple(theta), not why_not, adapted,
+                  excitation(gains, state, dt), why_not,
+                  verdict.explained if verdict is not None else math.nan)
+
+
+def excitation(gains: Gains, state: tuple, dt: float) -> float:
+    """The number that opens the gate; see `Report`."""
+    design = _made(gains)[1]
+    inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
+    matrix, floor = np.array(information), np.array(design.floor)
+    scale, threshold = 1.0, gains.excitation
+    if gains.gate != 'gamma':
+        scale, threshold = dt * _noise(state, design), gains.signal_to_noise
+    try:
+        most = float(np.max(np.linalg.eigvals(np.linalg.solve(matrix, scale * floor)).real))
+    except np.linalg.LinAlgError:
+        return 0.0
+    return threshold / most if most > 0.0 else 0.0
+
+
+@lru_cache(maxsize=32)
+def _made(gains: Gains) -> tuple[Functions, Any]:
+    """The observer's functions and design; a report is made ten times a second."""
+    functions = build(gains, Circle(0.0))
+    return functions, functions.design()
+
+
+def _noise(state: tuple, design: Any) -> float:
+    """Variance of the reading's noise [rad^2]."""
+    inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
+    seen, *_ = scatter
+    return float(design.noise or max(seen, design.finest))
+
+
+def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float,
+             evidence: Evidence) -> Verdict | None:
+    """The evidence, with what noise in the filtered angle and the sampling do to the parameters."""
+    functions, design = _made(gains)
+    n = gains.order
+    weights, noise = np.array(design.w), _noise(state, design)
+    injected = np.array(design.k) + theta[:n]
+    bias = np.zeros(len(made.names))
+    f, g0, g1, *_ = functions.prepare(design, dt)  # g1: part of the newest reading in the regressor
+    bias[:n] = noise * (np.array(g1) - dt * weights @ injected)
+    low_pass = -math.expm1(-dt * made.slowest)
+    slow = (noise * (1.0 + dt * float(injected @ weights @ injected))
+            * low_pass / (2.0 - low_pass))
+    free = list(made.free)
+    return judge(evidence, np.array(theta)[free], bias[free],
+                 _sampling(gains, made, theta, dt)[free], slow, DOUBT)
+
+
+def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> Array:
+    """Error of theta by the sampling, to leading order.
+
+    The filters of the sampled form take the angle to be straight between the samples; forward Euler
+    finds (exp(A dt) - 1)/dt in place of A.
+    """
+    n = gains.order
+    plant = np.array(theta)
+    plant[:n] += made.model
+    if gains.form != PAPER:
+        pace = (-made.observer[-1]) ** (1.0 / n)
+        return (pace * dt) ** 2 / CURVED * np.abs(plant)
+    a = np.diag(np.ones(n - 1), 1)
+    a[:, 0] = plant[:n]
+    error = np.zeros(len(theta))
+    error[:n] = np.poly(a)[1:] - np.poly(a + 0.5 * dt * a @ a)[1:]
+    error[n:2 * n] = 0.5 * dt * a @ plant[n:2 * n]
+    return error
+
+
+def _whole(made: Structure, verdict: Verdict | None, given: bool, origin: Origin | None
+           ) -> Array:
+    """Covariance of all of theta; infinite variances where nothing is known."""
+    covariance = np.zeros((len(made.names), len(made.names)))
+    if given and origin is not None:
+        fits = len(origin.stddev) == len(made.names)
+        spread = np.array(origin.stddev) if fits else np.full(len(made.names), math.inf)
+        for place in made.free:
+            covariance[place, place] = spread[place] ** 2
+    elif not given:
+        places = np.ix_(made.free, made.free)
+        covariance[places] = (np.diag([math.inf] * len(made.free)) if verdict is None
+                              else verdict.covariance)
+    return covariance
+
+
+def _plant_name(name: str, ratios: dict, place: int) -> str:
+    """What the plant calls this entry of theta."""
+    return next((own for own, (at, *_) in ratios.items() if at == place), name)
+
+
+def _free(made: Structure, theta: list[float], sigma: Array, ratios: dict,
+          verdict: Verdict | None) -> list[_Free]:
+    found = []
+    for k, place in enumerate(made.free):
+        name = _plant_name(made.names[place], ratios, place)
+        value = theta[place] + (made.model[place] if place < len(made.model) else 0.0)
+        if name in ratios:
+            value = ratios[name][1] + ratios[name][2] * theta[place]
+        found.append(_Free(name, value, float(sigma[place]),
+                           0.0 if verdict is None else float(verdict.hidden[k]),
+                           0.0 if verdict is None else float(verdict.scale[k])))
+    return found
+
+
+def _fits(verdict: Verdict) -> bool:
+    return verdict.noise_only or verdict.explained >= EXPLAINED
+
+
+def _doubt(gains: Gains, observer_trusts: int, adapted: float, given: bool, verdict: Verdict | None,
+           free: list[_Free]) -> str:
+    """Why the parameters are not trusted; '': they are."""
+    if given:
+        return '' if observer_trusts else 'the innovation is larger than noise explains'
+    if adapted == 0.0:
+        return 'nothing was learnt'
+    if verdict is None:
+        return 'too little was learnt from, or the signals do not tell the parameters apart'
+    if not _fits(verdict):
+        return (f'the model predicts {100.0 * max(0.0, verdict.explained):.0f} % of the '
+                f'acceleration, {100.0 * EXPLAINED:.0f} % are needed')
+    by_name = {own.name: own for own in free}
+    damping, gain = by_name.get('b/J'), by_name.get('Kv/J')
+    if damping and damping.value < -SURELY * damping.stddev - LITTLE * damping.scale:
+        return 'the damping b/J is negative'
+    if gain and gains.torque_constant is not None and gain.value <= SURELY * gain.stddev:
+        return 'the inertia is not surely positive: does the input have the right sign?'
+    vague = [own.name for own in free if not own.is_known]
+    if vague:
+        return f'{", ".join(vague)} could be off by more than {100.0 * SMALL:.0f} %'
+    return ''
+
+
+def _unit(name: str, order: int) -> str:
+    power = int(name[1:])
+    per = '1/s' if power == 1 else f'1/s^{power}'
+    if name[0] == 'l':
+        return per
+    rate = 'rad/s' if power == 1 else f'rad/s^{power}'
+    return rate if name[0] in 'ds' else f'{rate} per unit of input'
+
+
+def _masses(constant: float, theta: list[float], covariance: Array, made: Structure,
+            known: list[bool]) -> list[Identified]:
+    """J, b, k and m g l from the ratios and Kv; errors to first order."""
+    b2 = theta[3]
+    if b2 == 0.0:
+        return []
+    inertia, model = constant / b2, made.model
+    wanted: list[tuple[str, str, float, int | None]] = [
+        ('J', 'kg m^2', 1.0, None), ('b', 'N m s/rad', -(model[0] + theta[0]), 0),
+        ('k', 'N m/rad', -(model[1] + theta[1]), 1)]
+    if 's2' in made.names:
+        at = made.names.index('s2')
+        wanted.append(('mgl', 'N m', -theta[at], at))
+    found = []
+    for name, unit, ratio, place in wanted:
+        slope = np.zeros(len(theta))
+        slope[3] = -inertia * ratio / b2
+        if place is not None:
+            slope[place] = -inertia
+        used = slope != 0.0
+        variance = float(slope[used] @ covariance[np.ix_(used, used)] @ slope[used])
+        sigma = math.sqrt(variance) if variance >= 0.0 else math.inf
+        found.append(Identified(name, inertia * ratio, sigma, unit,
+                                known[3] and (place is None or known[place])))
+    return found

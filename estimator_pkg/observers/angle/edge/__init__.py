@@ -1,0 +1,1 @@
+"""The edge-aware adaptive observer."""

@@ -1,0 +1,90 @@
+"""Finite difference with a one-pole low-pass: what most users have today."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from estimator_pkg.observers.angle.core import AngleCore, AngleGains, around
+from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.parameters import parameter
+
+LAG = 0.4       # see `AngleCore.lag`: (1 + w dt/2)/w of a ramp
+SETTLING = 3.0  # time constants until a start counts as settled
+
+
+@dataclass(frozen=True)
+class Gains(AngleGains):
+    """Parameters of `finite_difference`."""
+
+    bandwidth_hz: float = parameter(
+        50.0, unit='Hz', range=(0.001, 1e6), search=(0.5, 500.0),
+        description='-3 dB frequency from true to estimated velocity (the pole of the low-pass)',
+        equation='v += (1 - exp(-2 pi f dt)) (dy/dt - v)')
+
+
+def prepare(design: tuple, dt: float) -> tuple:
+    """(1/dt, weight of the newest difference, dt, wrap period), with the pole matched to dt."""
+    return (1.0 / dt, -math.expm1(-design[0] * dt), dt, design[1])
+
+
+def init(measurement: float, design: tuple) -> tuple:
+    """(last measurement [rad], velocity [rad/s], 1 after the second sample)."""
+    return (measurement, 0.0, 0.0)
+
+
+def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+    """One sample further; the innovation is that of the last measurement carried by the speed."""
+    last, velocity, started = state
+    rate, weight, dt, period = coefficients
+    change = wrap(measurement - last, period)
+    if started == 0.0:
+        return (measurement, change * rate, 1.0), 0.0  # the speed was not known: no surprise
+    return ((measurement, velocity + weight * (change * rate - velocity), 1.0),
+            change - velocity * dt)
+
+
+def estimate(state: tuple) -> tuple[float, float, float]:
+    """Position (the measurement itself), velocity; no acceleration."""
+    return state[0], state[1], math.nan
+
+
+def resume(state: tuple, measurement: float) -> tuple:
+    """After a gap the speed is kept."""
+    return (measurement, state[1], state[2])
+
+
+def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """Variances per unit variance of white noise.
+
+    v is a first-order low-pass (pole z = 1 - w) of (y_k - y_{k-1})/dt: the autocovariance 2, -1 of
+    the difference gives 2 w^2/dt^2 (1 - z)/(1 - z^2) = 2 w^2/((1 + z) dt^2).
+    """
+    rate, weight, dt, period = coefficients
+    pole = 1.0 - weight
+    of_velocity = 2.0 * weight * weight * rate * rate / (1.0 + pole)
+    # innovation = change - dt v_before; cov(change, v_before) = -weight/dt
+    return 1.0, of_velocity, 2.0 + dt * dt * of_velocity + 2.0 * weight
+
+
+def build(gains: Gains, circle: Circle) -> Functions:
+    """The functions of the finite difference at these gains."""
+    pole = 2.0 * math.pi * gains.bandwidth_hz
+
+    def design() -> tuple:
+        return (pole, float(circle.period))
+
+    def group_delay(dt: float) -> float:
+        # of the low-pass, z/(1 - z) samples, and half a sample of the difference
+        return dt * (0.5 - math.exp(-pole * dt) / math.expm1(-pole * dt))
+
+    return around(AngleCore(
+        design=design, settle=SETTLING / pole, prepare=prepare, init=init, correct=correct,
+        estimate=estimate, resume=resume, noise_gains=noise_gains,
+        limits=lambda dt: None, group_delay=group_delay, lag=LAG), gains, circle)
+
+
+OBSERVER = Observer(
+    name='finite_difference', summary='wrapped finite difference with a one-pole low-pass',
+    gains=Gains, build=build, reference='textbook; the baseline that users have today')

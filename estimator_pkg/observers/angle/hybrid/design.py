@@ -1,0 +1,122 @@
+"""Gains of the hybrid observer: from bandwidth to the paper's symbols, poles and limits.
+
+The continuous designs, in the symbols of Brentari et al. (2018), section III:
+
+    order 2   l = (k1/eps, k2/eps^2)             error polynomial (eps s)^2 + k1 (eps s) + k2
+    order 3   l = (k1/eps, k2/eps^2, k3/eps^3)   (eps s)^3 + k1 (eps s)^2 + k2 (eps s) + k3
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.maths.tracking import reach
+
+PAPER = (6.0, 5.0)        # k1, k2 of the paper's simulations and experiments: poles -1, -5
+TRIPLE = (3.0, 3.0, 1.0)  # k1, k2, k3 of the third order: a triple pole at -1
+
+LEAST_DAMPING = 0.01      # of each pole
+LEAST_DECAY = 1e-6        # of the slowest pole, in the fastest
+
+
+class Design(NamedTuple):
+    """A settled continuous design.
+
+    Attributes
+    ----------
+    k : (k1, k2) or (k1, k2, k3).
+    epsilon : high-gain scale [s].
+    poles : of the error, shape (order,), rad/s, all with positive real part (-s).
+    bandwidth_hz : -3 dB frequency from true to estimated velocity [Hz].
+    """
+
+    k: tuple[float, ...]
+    epsilon: float
+    poles: tuple[complex, ...]
+    bandwidth_hz: float
+
+    @property
+    def slowest(self) -> float:
+        """Decay rate of the slowest pole [1/s]."""
+        return min(pole.real for pole in self.poles)
+
+    @property
+    def triple(self) -> bool:
+        """True where all three poles are one."""
+        return self.k == TRIPLE
+
+
+def settle(order: int, bandwidth_hz: float, k1: float | None, k2: float | None, k3: float | None,
+           epsilon: float | None) -> Design:
+    """The design that these parameters mean; what is None follows.
+
+    Parameters
+    ----------
+    order : 2 or 3.
+    bandwidth_hz : used where `epsilon` is None.
+
+    Raises
+    ------
+    UsageError : the error polynomial is not Hurwitz, or only just so, or a gain of the other order
+        is set.
+    """
+    if order == 2 and k3 is not None:
+        raise UsageError("parameter 'k3' belongs to order 3, and the order is 2")
+    usual = PAPER if order == 2 else TRIPLE
+    k = tuple(float(default if given is None else given)
+              for given, default in zip((k1, k2, k3), usual))
+    if order == 3 and k[0] * k[1] <= k[2]:
+        raise UsageError(f'k1 k2 = {k[0] * k[1]:g} must exceed k3 = {k[2]:g}, '
+                         'or the third-order observer is unstable')
+    roots = [1.0 + 0.0j] * 3 if k == TRIPLE else [-complex(r) for r in np.roots((1.0, *k))]
+    require_settling(k, roots)
+    unit = unit_bandwidth(k)
+    if epsilon is None:
+        epsilon = unit / (2.0 * math.pi * bandwidth_hz)
+    return Design(k, epsilon, tuple(root / epsilon for root in roots),
+                  unit / (2.0 * math.pi * epsilon))
+
+
+def require_settling(k: tuple[float, ...], roots: list[complex]) -> None:
+    """Refuse poles that no run would see settle: hardly damped, or decades slower than others.
+
+    Raises
+    ------
+    UsageError : with the gains.
+    """
+    slow = LEAST_DECAY * max(abs(root) for root in roots)
+    if all(root.real >= max(LEAST_DAMPING * abs(root), slow) for root in roots):
+        return
+    gains = ', '.join(f'k{i + 1} = {gain:g}' for i, gain in enumerate(k))
+    raise UsageError(f'{gains} leave the error of the observer hardly damped, or with poles more '
+                     f'than {1.0 / LEAST_DECAY:g} apart')
+
+
+def unit_bandwidth(k: tuple[float, ...]) -> float:
+    """The -3 dB frequency [rad/s] from true to estimated velocity at epsilon = 1 s.
+
+    Order 2: k2/(s^2 + k1 s + k2). Order 3: (k2 s + k3)/(s^3 + k1 s^2 + k2 s + k3).
+    """
+    if len(k) == 2:
+        natural = math.sqrt(k[1])
+        return natural * reach(0.5 * k[0] / natural)
+    k1, k2, k3 = k
+    # |D|^2 - 2 |N|^2 in u = w^2
+    power = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2 - 2.0 * k1 * k3, -k3 * k3)
+    crossings = [root.real for root in np.roots(power)
+                 if abs(root.imag) < 1e-9 * abs(root) and root.real > 0.0]
+    return math.sqrt(min(crossings))
+
+
+def paper_limit(k: tuple[float, ...]) -> float:
+    """The largest stable T/epsilon of Algorithm 1.
+
+    Its z-polynomial z^2 - (2 - a - b) z + 1 - a, with a = k1 r, b = k2 r^2, r = T/epsilon, leaves
+    the unit circle at z = -1: k2 r^2 + 2 k1 r - 4 = 0.
+    """
+    k1, k2 = k
+    return (math.sqrt(k1 * k1 + 4.0 * k2) - k1) / k2

@@ -1,0 +1,156 @@
+"""Gains of the matching form of super-twisting; what noise makes of them, and of the implicit form.
+
+With s = dt (L/|e|)^(1/(n+1)), dt times the speed of the error dynamics at an innovation e, the
+gains are those of a Taylor chain whose eigenvalues are exp(s p_i); p_i are the roots of the
+coefficients. For one size of innovation the observer is linear, and its noise gains follow.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from estimator_pkg.observers.maths.describing import describing
+from estimator_pkg.observers.maths.steady_noise import settled, steady_variances
+from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
+from estimator_pkg.observers.maths.twisting import implicit_step
+
+# c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
+COEFFICIENTS = {1: (1.5, 1.1), 2: (2.0, 2.12, 1.1), 3: (3.0, 4.16, 3.06, 1.1)}
+
+SMALLEST = 1e-150   # innovations below this are zero: no power of them overflows
+TABLE = 48          # points of the noise table
+TABLE_FROM = -3.0   # log10 of the smallest speed of the error dynamics in it
+TABLE_STEP = 0.1
+
+
+def matched_1(s: float, design: tuple) -> tuple[float, float, float, float]:
+    """Gains (of position, velocity dt, acceleration dt^2, jerk dt^3) of order 1.
+
+    s : dt times the speed (L/|e|)^(1/2) of the error dynamics.
+    """
+    total, product = pair(s, design[7], design[8])
+    return total - product, product, 0.0, 0.0
+
+
+def matched_2(s: float, design: tuple) -> tuple[float, float, float, float]:
+    """The same of order 2, with `pair` written out: the default deserves the speed."""
+    short = -math.expm1(design[7] * s)
+    half = math.sin(0.5 * design[8] * s)
+    turned = 4.0 * (1.0 - short) * half * half
+    total, product = 2.0 * short + turned, short * short + turned
+    d = -math.expm1(design[6] * s)
+    e2, e3 = product + total * d, product * d
+    return total + d - e2 + e3, e2 - 1.5 * e3, e3, 0.0
+
+
+def matched_3(s: float, design: tuple) -> tuple[float, float, float, float]:
+    """The same of order 3."""
+    total, product = pair(s, design[7], design[8])
+    total_2, product_2 = pair(s, design[9], design[10])
+    e2, e3 = product + product_2 + total * total_2, total * product_2 + total_2 * product
+    e4 = product * product_2
+    return (total + total_2 - e2 + e3 - e4, e2 - 1.5 * e3 + 11.0 / 6.0 * e4, e3 - 2.0 * e4, e4)
+
+
+def pair(s: float, real: float, imaginary: float) -> tuple[float, float]:
+    """Sum and product of 1 - z for the eigenvalues z = exp(s (real +- i imaginary)).
+
+    Made of 1 - |z| and of 2 (|z| - Re z), so that no digits are lost where s is small.
+    """
+    short = -math.expm1(real * s)
+    half = math.sin(0.5 * imaginary * s)
+    turned = 4.0 * (1.0 - short) * half * half
+    return 2.0 * short + turned, short * short + turned
+
+
+MATCHED = {1: matched_1, 2: matched_2, 3: matched_3}
+
+
+def equivalent(power: float, coefficients: tuple) -> float:
+    """dt times the speed of the error dynamics at innovations of this mean square [rad^2]."""
+    if power < SMALLEST:
+        power = SMALLEST
+    return coefficients[5] / power ** (0.5 / (coefficients[1][0] + 1.0))
+
+
+def noise_gains_1(power: float, coefficients: tuple) -> tuple[float, float, float]:
+    """Variances of position, velocity and innovation per unit variance of white noise."""
+    k0, k1, k2, k3 = matched_1(equivalent(power, coefficients), coefficients[1])
+    return noise_of_two(k0, k1, coefficients[0])
+
+
+def noise_gains_2(power: float, coefficients: tuple) -> tuple[float, float, float]:
+    """The same of order 2."""
+    k0, k1, k2, k3 = matched_2(equivalent(power, coefficients), coefficients[1])
+    return noise_of_three(k0, k1, k2, coefficients[0])
+
+
+def noise_gains_tabled(power: float, coefficients: tuple) -> tuple[float, float, float]:
+    """The same where there is no short closed form, from a table."""
+    at = (math.log10(equivalent(power, coefficients)) - TABLE_FROM) / TABLE_STEP
+    if at < 0.0:
+        at = 0.0
+    elif at > TABLE - 1.001:
+        at = TABLE - 1.001
+    i = int(at)
+    part = at - i
+    here, next_one = coefficients[1][12][i], coefficients[1][12][i + 1]
+    return (math.exp(here[0] + part * (next_one[0] - here[0])),
+            math.exp(here[1] + part * (next_one[1] - here[1])) * coefficients[3],
+            math.exp(here[2] + part * (next_one[2] - here[2])))
+
+
+NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_tabled}
+
+
+def roots(order: int) -> tuple[float, float, float, float, float]:
+    """Roots of p^m + c_1 p^(m-1) + ...: the real one (order 2), then one or two complex pairs."""
+    found = np.roots((1.0, *COEFFICIENTS[order]))
+    pairs = [complex(root) for root in sorted(found, key=cmath.phase) if root.imag > 1e-9]
+    reals = [float(root.real) for root in found if abs(root.imag) <= 1e-9]
+    real = reals[0] if reals else 0.0
+    second = pairs[1] if len(pairs) > 1 else 0j
+    return real, pairs[0].real, pairs[0].imag, second.real, second.imag
+
+
+def noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
+    """Logarithms of the noise gains of order 3 at dt = 1 over the speed of the error dynamics."""
+    chain = np.array([[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(4)]
+                      for i in range(4)])
+    return tuple(tuple(math.log(gain) for gain in steady_variances(
+        chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), design))))
+        for point in range(TABLE))
+
+
+@lru_cache
+def implicit_table() -> tuple[tuple[float, ...], ...]:
+    """As `noise_table`, of the implicit form of order 1, by statistical linearisation.
+
+    While it slides it is the backward difference, however small the innovation is.
+    """
+    first, second = COEFFICIENTS[1]
+    chain = np.array([[1.0, 1.0], [0.0, 1.0]])
+    turned = np.diag([-1.0, 1.0])  # what is left of an error has not moved the position
+
+    def step(error: float, h: float, gain: float, alpha: float, *unused: float
+             ) -> tuple[float, float]:
+        return implicit_step(error, h, gain, alpha)
+
+    rows = []
+    for point in range(TABLE):
+        s = 10.0 ** (TABLE_FROM + TABLE_STEP * point)
+        found = describing(step, first * s, second * s * s, 0.0, 0.0, 1.0, 1.0, implicit=True)
+        gain = np.array([1.0 - found.position, found.velocity])
+        kept = np.eye(2)
+        kept[:, 0] -= gain
+        of_noise = settled(kept @ chain, np.outer(gain, gain))
+        of_remnant = settled(kept @ chain, turned @ found.remnant @ turned)
+        ahead = [float((chain @ each @ chain.T)[0, 0]) for each in (of_noise, of_remnant)]
+        innovation = (1.0 + ahead[0]) / max(1.0 - ahead[1], 1e-3)
+        whole = of_noise + innovation * of_remnant
+        rows.append(tuple(math.log(each) for each in (whole[0, 0], whole[1, 1], innovation)))
+    return tuple(rows)

@@ -1,0 +1,318 @@
+"""Super-twisting differentiators of order 1, 2 and 3 (sliding-mode observers of an angle alone).
+
+The continuous differentiator of order n bounds its error by L, the bound of derivative n + 1:
+
+    z_j' = z_{j+1} + c_{j+1} L^{(j+1)/(n+1)} |e|^{(n-j)/(n+1)} sgn e,   e = y - z_0,  j = 0..n
+
+What matters in practice is how it is sampled (`form`). Every form is written here as a prediction
+over the true dt and a correction by the wrapped innovation, so that the estimate belongs to the
+newest sample. The published predictor forms (correction first, then the step) are the same
+filters: their gain is A times ours.
+
+Barbot, Djemai, Manamanni (2007), equations (5) and (14), stand on order 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.angle.core import OUTSIDE, AngleCore, AngleGains, around
+from estimator_pkg.observers.angle.super_twisting.gains import (
+    COEFFICIENTS,
+    MATCHED,
+    NOISE_GAINS,
+    SMALLEST,
+    implicit_table,
+    noise_gains_tabled,
+    noise_table,
+    roots,
+)
+from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.observers.maths.twisting import implicit_step
+from estimator_pkg.parameters import parameter
+
+EXPLICIT = ('taylor', 'explicit')
+PACE = 0.55         # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
+REFRESH = 8.0       # samples between two looks at what noise makes of the gains
+NEWEST = 0.15       # weight of the mean square of the newest REFRESH samples: 50 samples in all
+CALM = 16.0         # times less than the mean square: a transient is over, ...
+HALVED = 0.5        # ... and is forgotten by this factor every REFRESH samples
+
+
+@dataclass(frozen=True)
+class Gains(AngleGains):
+    """Parameters of `super_twisting`."""
+
+    order: int = parameter(
+        2, unit='', range=(1, 3), structural=True,
+        description='1: velocity, from a bound of acceleration; 2: and acceleration, from a bound '
+                    'of jerk; 3: from a bound of snap')
+    bound: float = parameter(
+        5000.0, unit='rad/s^(order+1)', range=(1e-6, 1e15), search=(1.0, 1e7),
+        description='largest acceleration (order 1), jerk (2) or snap (3) of the motion; too small '
+                    'fails hard, too large costs about its square root in noise',
+        equation='L in lambda_j = c_j L^(j/(n+1))')
+    form: str = parameter(
+        'matching', unit='', choices=('matching', 'implicit', 'taylor', 'explicit'),
+        structural=True,
+        description='sampling: matching (eigenvalues matched to dt), implicit (order 1 only), '
+                    'taylor (explicit with Taylor terms), explicit (Euler; chatters by dt times '
+                    'the gain, kept to show why not)')
+
+
+def taylor(state: tuple, dt: float) -> tuple[float, float, float, float]:
+    """Position and its derivatives dt later, the highest one constant."""
+    x, v, a, j = state[0], state[1], state[2], state[3]
+    return (x + dt * (v + dt * (0.5 * a + dt * (j / 6.0))), v + dt * (a + 0.5 * dt * j),
+            a + dt * j, j)
+
+
+def euler(state: tuple, dt: float) -> tuple[float, float, float, float]:
+    """The same by forward Euler: every state moves with the next one only."""
+    x, v, a, j = state[0], state[1], state[2], state[3]
+    return (x + dt * v, v + dt * a, a + dt * j, j)
+
+
+def taylor_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
+    """The correction that a predictor's gain times innovation `k` is before the step: A^-1 k."""
+    return taylor(k, -dt)
+
+
+def euler_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
+    """The same of `euler`."""
+    j = k[3]
+    a = k[2] - dt * j
+    v = k[1] - dt * a
+    return (k[0] - dt * v, v, a, j)
+
+
+def power_terms(innovation: float, design: tuple, dt: float) -> tuple[float, float, float, float]:
+    """dt times the right-hand sides of the differentiator (explicit forms)."""
+    size = abs(innovation)
+    if size < SMALLEST:
+        return (0.0, 0.0, 0.0, 0.0)
+    order, root, c1, c2, c3, c4 = design[0], design[1], design[2], design[3], design[4], design[5]
+    signed = dt * size if innovation > 0.0 else -dt * size
+    pace = root / size ** (1.0 / (order + 1.0))  # (L/|e|)^(1/(n+1)) [1/s]
+    fast = pace * signed
+    second = c2 * pace * fast
+    third = c3 * pace * pace * fast
+    return (c1 * fast, second, third, c4 * pace * pace * pace * fast)
+
+
+def prepare(design: tuple, dt: float) -> tuple:
+    """(dt, design, powers of 1/dt, dt times the speed of the error dynamics at |e| = 1 rad).
+
+    The gains depend on the innovation, so no more can be made beforehand.
+    """
+    rate = 1.0 / dt
+    return (dt, design, rate, rate * rate, rate * rate * rate, dt * design[1])
+
+
+def init(measurement: float, design: tuple) -> tuple:
+    """(position, velocity, acceleration, jerk, sum of the squared innovations since the noise gains
+    were looked at, samples since then (0: only one sample has come), noise gains, mean square
+    innovation).
+    """
+    return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0)
+
+
+def at_rest(measurement: float) -> tuple:
+    """The state of a shaft that is known to rest at this angle [rad]."""
+    return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
+
+
+def averaged(power: float, total: float) -> float:
+    """The mean square innovation, after REFRESH samples whose squares make this `total`.
+
+    What noise makes of the gains follows from it, so a transient must not stay in it for long.
+    """
+    mean = total / REFRESH
+    if CALM * mean < power:
+        return HALVED * power
+    return power + NEWEST * (mean - power)
+
+
+def correction(form: str, order: int) -> Callable[..., tuple]:
+    """The function of the core that takes one sample in: (state, innovation)."""
+    noise_gains = noise_gains_tabled if form == 'implicit' else NOISE_GAINS[order]
+
+    def begin(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        """The second sample gives the speed, whatever it is below half a turn a sample."""
+        dt, design = coefficients[0], coefficients[1]
+        change = wrap(measurement - state[0], design[11])
+        return (measurement, change / dt, 0.0, 0.0, 0.0, 1.0, noise_gains(0.0, coefficients),
+                0.0), 0.0
+
+    def moved(state: tuple, k: tuple, innovation: float, coefficients: tuple) -> tuple:
+        """The predicted state plus the correction; the position is kept on the circle."""
+        total, tick, noise, power = state[4:]
+        total += innovation * innovation
+        tick += 1.0
+        if tick > REFRESH:
+            power = averaged(power, total)
+            total, tick, noise = 0.0, 1.0, noise_gains(power, coefficients)
+        return (wrap(state[0] + k[0], coefficients[1][11]), state[1] + k[1], state[2] + k[2],
+                state[3] + k[3], total, tick, noise, power), innovation
+
+    if form == 'matching':
+        return _matching(order, begin)
+    if form == 'implicit':
+        return _implicit(begin, moved)
+    ahead, back = (taylor, taylor_back) if form == 'taylor' else (euler, euler_back)
+    return _explicit(ahead, back, begin, moved)
+
+
+def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
+    """With eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `gains`."""
+    matched, root, noise_gains = MATCHED[order], 1.0 / (order + 1.0), NOISE_GAINS[order]
+
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        x, v, a, j, total, tick, noise, power = state
+        if tick == 0.0:
+            return begin(state, coefficients, measurement)
+        dt, design, rate, rate_2, rate_3, pace = coefficients
+        period = design[11]
+        x += dt * (v + dt * (0.5 * a + dt * j / 6.0))
+        v += dt * (a + 0.5 * dt * j)
+        a += dt * j
+        innovation = measurement - x
+        if not -period <= innovation + innovation < period:
+            innovation = wrap(innovation, period)
+        size = abs(innovation)
+        if size > SMALLEST:
+            k0, k1, k2, k3 = matched(pace / size ** root, design)
+            x += k0 * innovation
+            v += k1 * innovation * rate
+            a += k2 * innovation * rate_2
+            j += k3 * innovation * rate_3
+        if not -period <= x + x < period:
+            x = wrap(x, period)
+        total += innovation * innovation
+        if tick >= REFRESH:
+            power = averaged(power, total)
+            return (x, v, a, j, 0.0, 1.0, noise_gains(power, coefficients), power), innovation
+        return (x, v, a, j, total, tick + 1.0, noise, power), innovation
+
+    return correct
+
+
+def _explicit(ahead: Callable[..., tuple], back: Callable[..., tuple],
+              begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Callable[..., tuple]:
+    """Explicit: with Taylor terms, or forward Euler as printed in textbooks."""
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        if state[5] == 0.0:
+            return begin(state, coefficients, measurement)
+        dt, design = coefficients[0], coefficients[1]
+        x, v, a, j = ahead(state, dt)
+        innovation = wrap(measurement - x, design[11])
+        k = back(power_terms(innovation, design, dt), dt)
+        return moved((x, v, a, j, *state[4:]), k, innovation, coefficients)
+
+    return correct
+
+
+def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Callable[..., tuple]:
+    """The implicit Euler form of order 1, in closed form.
+
+    In sliding it is the backward difference; outside it the change of the velocity is clipped to
+    dt alpha.
+    """
+    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
+        if state[5] == 0.0:
+            return begin(state, coefficients, measurement)
+        dt, design = coefficients[0], coefficients[1]
+        x = state[0] + dt * state[1]
+        innovation = wrap(measurement - x, design[11])
+        root = design[1]  # sqrt(L)
+        left, push = implicit_step(innovation, dt, design[2] * root, design[3] * root * root)
+        return moved((x, state[1], 0.0, 0.0, *state[4:]),
+                     (innovation - left, dt * push, 0.0, 0.0), innovation, coefficients)
+
+    return correct
+
+
+def estimate_velocity(state: tuple) -> tuple[float, float, float]:
+    """Position and velocity; order 1 gives no acceleration."""
+    return state[0], state[1], math.nan
+
+
+def estimate_acceleration(state: tuple) -> tuple[float, float, float]:
+    """Position, velocity and acceleration."""
+    return state[0], state[1], state[2]
+
+
+def resume(state: tuple, measurement: float) -> tuple:
+    """After a gap the speed is kept, higher derivatives are not."""
+    return (measurement, state[1], 0.0, 0.0, *state[4:])
+
+
+def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+    """As they were looked at, REFRESH samples ago at most."""
+    return state[6]
+
+
+def make_pace(order: int) -> Callable[[tuple, tuple, float], float]:
+    """`AngleCore.pace`: the error dynamics are the slower, the larger the innovation is."""
+    root = 0.5 / (order + 1.0)
+
+    def pace(state: tuple, coefficients: tuple, dt: float) -> float:
+        power = state[4] if state[4] > state[7] else state[7]  # that of a transient, from its begin
+        if power < SMALLEST:
+            power = SMALLEST
+        return PACE * coefficients[1][1] / power ** root
+
+    return pace
+
+
+def build(gains: Gains, circle: Circle) -> Functions:
+    """The functions at these gains.
+
+    Raises
+    ------
+    UsageError : the implicit form with another order than 1 (naive ones bias or chatter).
+    """
+    order = gains.order
+    if gains.form == 'implicit' and order != 1:
+        raise UsageError("form 'implicit' exists for order 1 only (of higher order it would bias "
+                         "or chatter): use 'matching'")
+    correct = correction(gains.form, order)
+
+    def design() -> tuple:
+        coefficients = COEFFICIENTS[order] + (0.0,) * (3 - order)
+        numbers = (float(order), gains.bound ** (1.0 / (order + 1)), *coefficients, *roots(order),
+                   float(circle.period))
+        if gains.form == 'implicit':
+            return (*numbers, implicit_table())
+        return (*numbers, noise_table(numbers) if order == 3 else ((0.0,),))
+
+    widest = (OUTSIDE * circle.period if circle.period > 0.0 and gains.form in EXPLICIT
+              else math.inf)
+    longest = (widest / gains.bound) ** (1.0 / (order + 1))
+
+    def limits(dt: float) -> str | None:
+        if dt <= longest:
+            return None
+        return (f"form '{gains.form}' chatters over more than an eighth of a turn at a sample time "
+                f"of {dt:.3g} s: it needs less than {longest:.3g} s, or a lower bound; 'matching' "
+                'does not chatter')
+
+    # Convergence from an error that one sample can hide: about the time that the bound needs to
+    # make a speed of its own scale.
+    settle = 3.0 * (0.01 / gains.bound) ** (1.0 / (order + 1))
+    return around(AngleCore(
+        design=design, settle=settle, prepare=prepare, init=init, correct=correct,
+        estimate=estimate_velocity if order == 1 else estimate_acceleration, resume=resume,
+        noise_gains=noise_gains, limits=limits, group_delay=lambda dt: 0.0,
+        pace=make_pace(order)), gains, circle)
+
+
+OBSERVER = Observer(
+    name='super_twisting', summary='super-twisting differentiators of order 1 to 3',
+    gains=Gains, build=build,
+    reference='Barbot, Djemai, Manamanni (2007); Levant (2003); matching discretisation',
+    gives_acceleration=lambda gains: gains.order > 1)

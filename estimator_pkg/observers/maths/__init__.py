@@ -1,0 +1,1 @@
+"""Textbook parts that several families use."""

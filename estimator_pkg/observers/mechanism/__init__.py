@@ -1,0 +1,1 @@
+"""Observers of mechanisms whose model and input are known."""

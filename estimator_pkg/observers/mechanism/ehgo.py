@@ -1,0 +1,72 @@
+"""EHGO: the extended high-gain observer, which also finds a disturbance of the acceleration.
+
+    x1h' = x2h + (h1/eps) e,   x2h' = model + sg + (h2/eps^2) e,   sg' = (h3/eps^3) e
+
+Equation (25) of the paper; `model` is that of `hgo`. With `bandwidth_hz` its three error poles are
+at the same place (damping 1), where the velocity estimate of unforeseen motion is
+(K s + E)/(s + w)^3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.parameters import (
+    BandwidthGains,
+    MechanicalGains,
+    model_of,
+    operating_point,
+)
+from estimator_pkg.observers.mechanism.velocity import linear_observer
+from estimator_pkg.parameters import parameter
+
+Array = NDArray[np.float64]
+TRIPLE = (3.0, 3.0, 1.0)   # (s + 1)^3
+REACH = 1.642467686        # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from velocity to estimate
+
+
+@dataclass(frozen=True)
+class Gains(MechanicalGains, BandwidthGains):
+    """Parameters of `ehgo`."""
+
+    h: tuple[float, ...] | None = parameter(
+        None, unit='', kind=list, range=(0.0, 1e9), advanced=True,
+        description="the paper's h1, h2, h3, with epsilon; unset: three equal poles",
+        equation='(h1/epsilon, h2/epsilon^2, h3/epsilon^3)')
+    epsilon: float = parameter(
+        1.0, unit='s', range=(1e-9, 1e3), advanced=True, description="the paper's epsilon")
+
+
+def tune(gains: Gains) -> tuple[float, float, float]:
+    """(l, k, s); raises UsageError."""
+    h, epsilon = gains.h, gains.epsilon
+    if h is None:
+        h, epsilon = TRIPLE, REACH / (2.0 * np.pi * gains.bandwidth_hz)
+    if len(h) != 3:
+        raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3")
+    return h[0] / epsilon, h[1] / epsilon ** 2, h[2] / epsilon ** 3
+
+
+def build(gains: Gains, circle: Any) -> MechanicalFunctions:
+    """The functions of the observer at these gains; raises UserError, UsageError."""
+    mechanics = model_of(gains)
+    point = operating_point(gains, mechanics)
+    eye = np.eye(mechanics.degrees)
+    L, K, E = (gain * eye for gain in tune(gains))
+    return linear_observer(
+        mechanics, gains, circle, L, K, E, point,
+        "the gains 'h' do not make the error decay: s^3 + h1 s^2 + h2 s + h3 has a root that is "
+        'not stable')
+
+
+OBSERVER = Observer(
+    name='ehgo', summary='extended high-gain observer of any mechanism: finds unknown forces too',
+    gains=Gains, build=build, kind='mechanical',
+    reference='(25) of Aranovskiy, Ortega, Romero, Sokolov (IJC 2019)')

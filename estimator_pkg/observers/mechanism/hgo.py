@@ -1,0 +1,85 @@
+"""HGO: the high-gain observer of a mechanism.
+
+    x1h' = x2h + L e,   x2h' = M(y)^-1 [G u - dV/dq - C(y, x2h) x2h - D x2h] + K e,   e = y - x1h
+
+With L = h1/eps and K = h2/eps^2 it is the paper's (21). It needs no Psi and works for every
+mechanism; its error grows with the speed, through C.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.maths.tracking import natural_frequency
+from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.parameters import (
+    LoopGains,
+    MechanicalGains,
+    model_of,
+    operating_point,
+    spread,
+)
+from estimator_pkg.observers.mechanism.velocity import linear_observer
+from estimator_pkg.parameters import parameter
+
+Array = NDArray[np.float64]
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Gains(MechanicalGains, LoopGains):
+    """Parameters of `hgo`."""
+
+    K: tuple[float, ...] | None = parameter(
+        None, unit='1/s^2', kind=list, range=(-1e12, 1e12), advanced=True,
+        description='gain of the velocity: one number, one per position, or a matrix row by row')
+    h: tuple[float, ...] | None = parameter(
+        None, unit='', kind=list, range=(0.0, 1e9), advanced=True,
+        description="the paper's h1, h2, with epsilon, instead of L and K",
+        equation='L = h1/epsilon, K = h2/epsilon^2')
+    epsilon: float = parameter(
+        1.0, unit='s', range=(1e-9, 1e3), advanced=True, description="the paper's epsilon")
+
+
+def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
+    """(L, K, E); E where a disturbance is to be found. Raises UsageError."""
+    slow = TURN * gains.disturbance_hz
+    eye = np.eye(n)
+    if gains.h is not None:
+        if gains.L is not None or gains.K is not None:
+            raise UsageError("give either 'h' and 'epsilon', or 'L' and 'K', not both")
+        if len(gains.h) != 2:
+            raise UsageError(f"parameter 'h' has {len(gains.h)} numbers: 'hgo' takes 2")
+        L, K = eye * gains.h[0] / gains.epsilon, eye * gains.h[1] / gains.epsilon ** 2
+    elif gains.L is not None or gains.K is not None:
+        if gains.L is None or gains.K is None:
+            raise UsageError("'L' and 'K' go together")
+        L, K = spread('L', gains.L, n), spread('K', gains.K, n)
+    else:
+        omega = natural_frequency(gains.bandwidth_hz, gains.damping)
+        middle = 2.0 * gains.damping * omega
+        L, K = eye * (middle + slow), eye * (omega ** 2 + middle * slow)
+        return L, K, eye * omega ** 2 * slow if slow > 0.0 else None
+    return L, K, K * slow if slow > 0.0 else None
+
+
+def build(gains: Gains, circle: Any) -> MechanicalFunctions:
+    """The functions of the observer at these gains; raises UserError, UsageError."""
+    mechanics = model_of(gains)
+    point = operating_point(gains, mechanics)
+    L, K, E = tune(gains, mechanics.degrees)
+    return linear_observer(
+        mechanics, gains, circle, L, K, E, point,
+        "the gains 'L' and 'K' are not positive definite: the error does not decay")
+
+
+OBSERVER = Observer(
+    name='hgo', summary='high-gain observer of any mechanism whose model and input are known',
+    gains=Gains, build=build, kind='mechanical',
+    reference='Lee, Mukherjee, Khalil (2015); (21) of Aranovskiy et al. (IJC 2019)')

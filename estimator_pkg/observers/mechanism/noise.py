@@ -1,0 +1,168 @@
+"""What white measurement noise does to an observer of a mechanism, about one configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.observers.maths.steady_noise import settled
+
+Array = NDArray[np.float64]
+
+GRID = 0.03  # of a position's reach, of dt, of noise: variances nearer than that are not redone
+KEPT = 4096  # of them
+
+
+def exponential(matrix: Array) -> Array:
+    """exp(matrix) by scaling, Taylor and squaring (small matrices)."""
+    size = float(np.max(np.sum(np.abs(matrix), axis=1)))
+    times = max(0, int(np.ceil(np.log2(max(size, 1e-300)))) + 2)
+    part = matrix / 2.0 ** times
+    term = total = np.eye(len(matrix))
+    for k in range(1, 20):
+        term = term @ part / k
+        total = total + term
+    for _ in range(times):
+        total = total @ total
+    return total
+
+
+def discrete(matrix: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
+             ) -> tuple[Array, Array]:
+    """(Phi, W) of the error over one sample: z+ = Phi z + W (y_k - y_{k-1}).
+
+    Parameters
+    ----------
+    matrix : A of (e, x, d)' = A (e, x, d), with e' containing -rate of the measurement.
+    """
+    size = len(matrix)
+    arrival = np.zeros((size, n))
+    arrival[:n] = -np.eye(n)
+    if euler:
+        return np.eye(size) + dt * matrix, arrival
+    if not linear_hold:
+        return exponential(matrix * dt), arrival
+    block = np.zeros((size + n, size + n))
+    block[:size, :size] = matrix
+    block[:size, size:] = arrival / dt
+    whole = exponential(block * dt)
+    return whole[:size, :size], whole[:size, size:]
+
+
+class NoiseGains(NamedTuple):
+    """Variances of an observer in steady state; infinite where it is unstable.
+
+    position, velocity, innovation : per variance of the noise of each position, shape (n, n): row
+        what, column whose noise.
+    own_position, own_velocity, own_innovation : what the observer adds by itself (the chattering of
+        a sliding mode), shape (n,).
+    """
+
+    position: Array
+    velocity: Array
+    innovation: Array
+    own_position: Array
+    own_velocity: Array
+    own_innovation: Array
+
+
+def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
+                ) -> NoiseGains:
+    """Those of an observer whose error is linear; the innovation is e = estimate minus measurement.
+
+    Parameters
+    ----------
+    matrix : A of (e, x, d)' = A (e, x, d).
+    shown : velocities = shown x.
+    """
+    step, arrival = discrete(matrix, n, dt, euler=euler, linear_hold=linear_hold)
+    size = len(matrix)
+    nothing = np.zeros(n)
+    # e and the measurement's own level drift together where the mechanism is at rest; the error of
+    # the estimate is e + n_k, so what matters is bounded when Phi is
+    if max(abs(np.linalg.eigvals(step))) >= 1.0:
+        without = np.full((n, n), np.inf)
+        return NoiseGains(without, without, without, nothing, nothing, nothing)
+    # the noise of the sample before is a state: z+ = Phi z + W (n_k - n_{k-1})
+    transition = np.zeros((size + n, size + n))
+    transition[:size, :size], transition[:size, size:] = step, -arrival
+    entering = np.vstack([arrival, np.eye(n)])
+    inward = np.hstack([np.eye(n), np.zeros((n, size - n)), np.eye(n)])
+    velocity = np.hstack([np.zeros((n, n)), shown, np.zeros((n, size - n - shown.shape[1])),
+                          np.zeros((n, n))])
+    offset = np.hstack([np.eye(n), np.zeros((n, size))])
+    gains = np.zeros((3, n, n))
+    for joint in range(n):
+        column = entering[:, joint:joint + 1]
+        covariance = settled(transition, column @ column.T)
+        for kind, rows in enumerate((inward, velocity, offset)):
+            gains[kind, :, joint] = np.einsum('ij,jk,ik->i', rows, covariance, rows)
+    of_position, of_velocity, of_innovation = gains
+    return NoiseGains(of_position, of_velocity, of_innovation, nothing, nothing, nothing)
+
+
+def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
+                quantum: tuple[float, ...], *, measured: bool, euler: bool, linear_hold: bool
+                ) -> Callable[[tuple, tuple, tuple], tuple]:
+    """`stddev` of the contract for a `MechanicalCore`.
+
+    The variances per noise depend on the configuration and on dt alone (and, where the core is not
+    linear, on the size of the innovation): they are worked out on a grid of these and kept.
+
+    Parameters
+    ----------
+    noise, quantum : of each position [rad or m].
+    measured : the noise is not given, but follows from the innovation.
+    """
+    n = mechanics.degrees
+    floor = np.array(quantum) ** 2 / 12.0
+    given = np.array(noise) ** 2 + floor
+    reach = [GRID * each for each in mechanics.reach]
+
+    def variances(at: Array, sizes: tuple[int, ...], dt: float) -> NoiseGains:
+        if core.noise is not None:
+            return core.noise(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
+        matrix, shown = core.linear(at, np.zeros(n))
+        return noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
+
+    @lru_cache(KEPT)
+    def gains(place: tuple[int, ...], sizes: tuple[int, ...], period: int
+              ) -> tuple[NoiseGains, Array] | None:
+        """(variances, inverse of those of the innovation); None where nothing holds."""
+        at, dt = np.array(reach) * np.array(place), math.exp(GRID * period)
+        if not mechanics.admits(mechanics.values, tuple(at.tolist())):
+            return None
+        try:
+            with np.errstate(all='ignore'):  # what is not finite is looked at below
+                found = variances(at, sizes, dt)
+        except np.linalg.LinAlgError:  # numbers beyond every float on the way
+            return None
+        if not all(np.all(np.isfinite(each)) for each in found):
+            return None
+        # a variance of nearly nothing may come out a rounding error below it
+        found = NoiseGains(*(np.maximum(each, 0.0) for each in found))
+        return found, np.array(np.linalg.pinv(found.innovation), float)
+
+    def stddev(state: tuple, coefficients: Any, design: Any) -> tuple:
+        inner, measurement, conventions, squares, lock = state
+        power = [max(each, 1e-300) for each in squares]
+        sizes = () if core.noise is None else tuple(
+            round(0.5 * math.log(each) / GRID) for each in power)
+        kept = gains(tuple(round(at / each) for at, each in zip(measurement, reach)), sizes,
+                     round(math.log(coefficients.dt) / GRID))
+        if kept is None:
+            return (math.inf,) * n, (math.inf,) * n
+        found, back = kept
+        known = given
+        if measured:
+            known = np.maximum(back @ (np.array(power) - found.own_innovation), floor)
+        return (tuple(np.sqrt(found.position @ known + found.own_position).tolist()),
+                tuple(np.sqrt(found.velocity @ known + found.own_velocity).tolist()))
+
+    return stddev

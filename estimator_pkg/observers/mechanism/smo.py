@@ -1,0 +1,307 @@
+"""SMO: sliding-mode observers of a mechanism.
+
+super_twisting (Davila, Fridman, Levant; (22) of the paper), with e = y - x1h:
+    x1h' = x2h + 1.5 sqrt(mu |e|) sgn e,   x2h' = model + 1.1 mu sgn e
+uniform (Cruz-Zavala, Moreno, Fridman; the robotic leg's of section 5.2):
+    x1h' = x2h + k1 (m1 |e|^(1/2) + m2 |e|^(3/2)) sgn e
+    x2h' = model + k2 (m1^2/2 sgn e + 2 m1 m2 e + 3/2 m2^2 |e|^2 sgn e)
+
+They are exact after a finite time as long as the model's acceleration is wrong by less than 1.1 mu,
+and fail beyond it. Injections with a sign have no matrix exponential: the default form steps them
+implicitly, which has a closed form for super_twisting and a monotone one for uniform, and makes no
+chattering of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.maths.describing import Describing, describing
+from estimator_pkg.observers.maths.steady_noise import settled
+from estimator_pkg.observers.maths.twisting import implicit_step, injections
+from estimator_pkg.observers.maths.unroll import written_out
+from estimator_pkg.observers.mechanism import gains as mechanical_gains
+from estimator_pkg.observers.mechanism.algebra import column, mechanical_algebra
+from estimator_pkg.observers.mechanism.core import MechanicalCore, MechanicalFunctions, around
+from estimator_pkg.observers.mechanism.noise import NoiseGains
+from estimator_pkg.observers.mechanism.parameters import (
+    LINEAR,
+    PAPER,
+    MechanicalGains,
+    model_of,
+    per_joint,
+)
+from estimator_pkg.observers.mechanism.velocity import (
+    linear_matrix,
+    make_acceleration,
+    make_braked,
+    make_place,
+)
+from estimator_pkg.parameters import parameter
+
+NEWTON = 60  # steps at most; from above they fall monotonically
+
+
+def twisting(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
+    """The two injections of super_twisting at e."""
+    return injections(e, first, second)
+
+
+def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
+    """The two injections of uniform at e."""
+    if e == 0.0:
+        return 0.0, 0.0
+    size = abs(e)
+    root = math.sqrt(size)
+    one = first * (m1 * root + m2 * root * size)
+    two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * size + 1.5 * m2 * m2 * size * size)
+    return (one, two) if e > 0.0 else (-one, -two)
+
+
+def implicit_twisting(free: float, h: float, first: float, second: float, m1: float, m2: float
+                      ) -> tuple[float, float]:
+    """(e, second injection) after an implicit step: e + h first sqrt|e| sgn e + h^2 second sgn e
+    = free, with sgn 0 anything in [-1, 1].
+    """
+    return implicit_step(free, h, first, second)
+
+
+def implicit_uniform(free: float, h: float, first: float, second: float, m1: float, m2: float
+                     ) -> tuple[float, float]:
+    """As `implicit_twisting`, for `uniform`: a quartic in sqrt|e|, by Newton from above."""
+    size = abs(free)
+    held = h * h * second * 0.5 * m1 * m1
+    if size <= held:
+        return 0.0, free / (h * h)
+    over = size - held
+    a1, a3 = h * first * m1, h * first * m2
+    a2 = 1.0 + h * h * second * 2.0 * m1 * m2
+    a4 = h * h * second * 1.5 * m2 * m2
+    root = math.sqrt(over)
+    for _ in range(NEWTON):
+        value = root * (a1 + root * (a2 + root * (a3 + root * a4))) - over
+        slope = a1 + root * (2.0 * a2 + root * (3.0 * a3 + root * 4.0 * a4))
+        change = value / slope
+        root -= change
+        if change <= 1e-16 * root:
+            break
+    e = root * root
+    two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * e + 1.5 * m2 * m2 * e * e)
+    return (e, two) if free > 0.0 else (-e, -two)
+
+
+def make_inject(n: int, one: Any) -> Any:
+    """inject(e, first, second, m1, m2) -> two vectors, of one channel's injections `one`."""
+    body = (['def inject(e, first, second, m1, m2):']
+            + [f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
+               for i in range(n)]
+            + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
+    title = f'injections of {n}, {one.__name__}'
+    return written_out(body, title, **{one.__name__: one})['inject']
+
+
+def make_settle(n: int, one: Any) -> Any:
+    """settle(free, h, first, second, m1, m2) -> (e, second injections): `one` for each channel."""
+    body = (['def settle(free, h, first, second, m1, m2):']
+            + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], '
+               'm1, m2)'
+               for i in range(n)]
+            + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
+    title = f'implicit steps of {n}, {one.__name__}'
+    return written_out(body, title, **{one.__name__: one})['settle']
+
+
+Array = NDArray[np.float64]
+
+def scatter(pairs: Sequence[Describing], damping: Array, dt: float, *, implicit: bool,
+            linear_hold: bool) -> NoiseGains:
+    """Variances of estimate and innovation, per variance of noise and by the remnants.
+
+    Parameters
+    ----------
+    pairs : one per position.
+    damping : the velocities' own rates -M^-1 D, shape (n, n).
+    implicit, linear_hold : how a step is made.
+    """
+    n = len(pairs)
+    eye, nought = np.eye(n), np.zeros((n, n))
+    # of the velocity over a sample, by the damping as it is stepped
+    glide = np.linalg.inv(eye - dt * damping) if implicit else eye + dt * damping
+    position = np.diag([pair.position for pair in pairs])
+    velocity = np.diag([pair.velocity for pair in pairs])
+    # the state is (offset e, velocity, noise of the sample before); with it the innovation
+    if implicit:
+        ahead = dt * glide
+        seen = np.hstack([eye, ahead, eye if linear_hold else nought])
+        of_noise = -eye if linear_hold else nought
+        offset = position @ seen
+        entering = position @ of_noise
+        if not linear_hold:
+            offset = offset + np.hstack([nought, nought, eye])
+            entering = entering - eye
+        speed = np.hstack([nought, glide, nought]) - dt * velocity @ seen
+        of_speed = -dt * velocity @ of_noise
+    else:
+        seen, of_noise = np.hstack([eye, nought, nought]), nought
+        offset = np.hstack([eye - dt * position, dt * eye, eye])
+        entering = -eye
+        speed = np.hstack([-dt * velocity, glide, nought])
+        of_speed = nought
+    step = np.vstack([offset, speed, np.zeros((n, 3 * n))])
+    arrival = np.vstack([entering, of_speed, eye])
+    remnant = np.zeros((3 * n, 3 * n))
+    turn = np.diag([1.0, -dt]) if implicit else np.diag([-dt, -dt])
+    for index, pair in enumerate(pairs):
+        rows = np.ix_((index, n + index), (index, n + index))
+        remnant[rows] = turn @ pair.remnant @ turn
+    shown = np.hstack([eye, nought, eye])  # the estimate's own error: offset plus noise of y
+    speeds = np.hstack([nought, eye, nought])
+
+    def variances(rows: Array, covariance: Array) -> Array:
+        found: Array = np.einsum('ij,jk,ik->i', rows, covariance, rows)
+        return found
+
+    per_noise = np.zeros((3, n, n))
+    for joint in range(n):
+        came = arrival[:, joint]
+        covariance = settled(step, came[:, None] * came)
+        per_noise[0, :, joint] = variances(shown, covariance)
+        per_noise[1, :, joint] = variances(speeds, covariance)
+        per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2
+    chatter = settled(step, remnant)
+    return NoiseGains(per_noise[0], per_noise[1], per_noise[2], variances(shown, chatter),
+                      variances(speeds, chatter), variances(seen, chatter))
+
+
+
+SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
+FIRST, SECOND = 1.5, 1.1    # of (22)
+SMALLEST = 1e-18            # rad^2 or m^2: no innovation is taken for smaller
+
+
+@dataclass(frozen=True)
+class Gains(MechanicalGains):
+    """Parameters of `smo`."""
+
+    variant: str = parameter(
+        SUPER_TWISTING, unit='', choices=(SUPER_TWISTING, UNIFORM), structural=True,
+        description='which injections')
+    mu: tuple[float, ...] = parameter(
+        (10.0,), unit='rad/s^2 or m/s^2', kind=list, range=(1e-9, 1e9), search=(0.1, 1e4),
+        description='super_twisting: about the largest acceleration that the model does not '
+                    'explain, for all positions or each')
+    k1: tuple[float, ...] = parameter(
+        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the position')
+    k2: tuple[float, ...] = parameter(
+        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the velocity')
+    mu1: float = parameter(
+        1.86, unit='', range=(1e-9, 1e6), description='uniform: of the root, and of the sign')
+    mu2: float = parameter(
+        0.303, unit='', range=(0.0, 1e6), description='uniform: of the powers 3/2 and 2')
+
+
+def build(gains: Gains, circle: Any) -> MechanicalFunctions:
+    """The functions of the observer at these gains; raises UserError, UsageError."""
+    mechanics = model_of(gains)
+    n = mechanics.degrees
+    twists = gains.variant == SUPER_TWISTING
+    if twists:
+        mu = np.array(per_joint('mu', gains.mu, n))
+        first, second = FIRST * np.sqrt(mu), SECOND * mu
+        acceleration_limit = second
+    else:
+        first = np.array(per_joint('k1', gains.k1, n))
+        second = np.array(per_joint('k2', gains.k2, n))
+        acceleration_limit = second * 0.5 * gains.mu1 ** 2
+    paper = gains.form == PAPER
+    linear_hold = gains.hold == LINEAR and not paper
+    algebra = mechanical_algebra(n)
+    towards, minus = algebra.towards, algebra.minus
+    inject = make_inject(n, twisting if twists else uniform)
+    settle = make_settle(n, implicit_twisting if twists else implicit_uniform)
+    acceleration, braked = make_acceleration(mechanics), make_braked(mechanics)
+    place = make_place(n, gains)
+    admits = mechanics.admits
+    zeros = (0.0,) * n
+
+    def design() -> tuple:
+        return (mechanics.values, tuple(first.tolist()), tuple(second.tolist()),
+                float(gains.mu1), float(gains.mu2))
+
+    def prepare(design: tuple, dt: float) -> tuple:
+        return (dt, 1.0 / dt)
+
+    def begin() -> tuple:
+        return (zeros, zeros, zeros, zeros)
+
+    def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
+                measurement: tuple, given: tuple) -> tuple:
+        e, x, _, _ = core
+        values, gain_1, gain_2, m1, m2 = design
+        dt, inverse_dt = coefficients
+        at = place(before, moved, e)
+        if not admits(values, at):
+            return core, False
+        if paper:
+            f = acceleration(values, at, x, given)
+            a, b = inject(e, gain_1, gain_2, m1, m2)
+            e = minus(towards(e, dt, minus(x, a)), moved)
+            x = towards(x, dt, minus(f, b))
+            seen = e
+        else:
+            f = braked(values, at, x, given, dt)
+            free = towards(e, dt, towards(x, dt, f))
+            if linear_hold:
+                free = minus(free, moved)
+            seen = free
+            e, b = settle(free, dt, gain_1, gain_2, m1, m2)
+            x = towards(x, dt, minus(f, b))
+            if not linear_hold:
+                e = minus(e, moved)
+        return (e, x, seen, x), True
+
+    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
+        return core
+
+    inject_one = twisting if twists else uniform
+    settle_one = implicit_twisting if twists else implicit_uniform
+
+    def noise(at: Array, power: Array, dt: float) -> NoiseGains:
+        damped = linear_matrix(mechanics, np.eye(n), np.eye(n), None, at)[n:, n:]
+        of_one = inject_one if paper else settle_one
+        pairs = [describing(of_one, float(first[i]), float(second[i]), gains.mu1, gains.mu2, dt,
+                            math.sqrt(max(float(power[i]), SMALLEST)), implicit=not paper)
+                 for i in range(n)]
+        return scatter(pairs, damped, dt, implicit=not paper, linear_hold=linear_hold)
+
+    def linear(at: Array, power: Array) -> tuple[Array, Array]:
+        """By the gains that noise of the present size sees, for steps that are short for them."""
+        pairs = [describing(inject_one, float(first[i]), float(second[i]), gains.mu1, gains.mu2,
+                            1.0, math.sqrt(max(float(power[i]), SMALLEST)), implicit=False)
+                 for i in range(n)]
+        return (linear_matrix(mechanics, np.diag([pair.position for pair in pairs]),
+                              np.diag([pair.velocity for pair in pairs]), None, at), np.eye(n))
+
+    def describe(dt: float) -> dict[str, Any]:
+        return {'acceleration_limit': acceleration_limit.tolist(),
+                'chattering': (dt * acceleration_limit).tolist()}
+
+    core = MechanicalCore(
+        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry, linear=linear,
+        limits=mechanical_gains.never, slowest=4.0 * float(np.min(acceleration_limit)), lag=0.0,
+        noise=noise, seen=2)
+    return around(core, gains, mechanics, circle, describe)
+
+
+OBSERVER = Observer(
+    name='smo', summary='sliding-mode observer of any mechanism whose model and input are known',
+    gains=Gains, build=build, kind='mechanical',
+    reference='Davila, Fridman, Levant (2005) and Cruz-Zavala, Moreno, Fridman (2010); (22) of '
+              'Aranovskiy et al. (IJC 2019)')

@@ -1,0 +1,243 @@
+"""What the observers whose state is the velocity share: the model's acceleration, the bandwidth.
+
+`hgo`, `ehgo` and `smo` need M, C and the forces, no Psi: they work for every mechanism. Their error
+contains C(q, vh) vh - C(q, v) v, which grows with the speed; that of GESO does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models import check
+from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.observers.mechanism import gains as mechanical_gains
+from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
+from estimator_pkg.observers.mechanism.core import MechanicalCore, MechanicalFunctions, around
+from estimator_pkg.observers.mechanism.flow import make_flow
+from estimator_pkg.observers.mechanism.friction import is_resisted, make_resistance
+from estimator_pkg.observers.mechanism.parameters import (
+    LINEAR,
+    MEASUREMENT,
+    PAPER,
+    MechanicalGains,
+    tuple_of,
+)
+
+Array = NDArray[np.float64]
+
+
+def make_acceleration(mechanics: Mechanics) -> Callable[..., tuple]:
+    """acceleration(values, q, v, u): M^-1 [force - C v - D v]."""
+    algebra = mechanical_algebra(mechanics.degrees)
+    solve, minus, apply = algebra.solve, algebra.minus, algebra.apply
+    inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
+    damped = mechanics.damping is not None
+    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+
+    def acceleration(values: tuple, q: tuple, v: tuple, u: tuple) -> tuple:
+        total = minus(force(values, q, v, u), coriolis(values, q, v))
+        if damped:
+            total = minus(total, apply(damping(values, q), v))
+        return solve(inertia(values, q), total)
+
+    return acceleration
+
+
+def make_drift(mechanics: Mechanics) -> Callable[..., tuple]:
+    """drift(values, q, v, u, h): (a, W) of v' = a - W v, a = M^-1 [force - C v], W = M^-1 D.
+
+    An explicit step of D v would be unstable where a joint's friction stops it within a sample of
+    h [s]. Where there is no resistance the second is anything of its shape.
+    """
+    algebra = mechanical_algebra(mechanics.degrees)
+    solve, minus, divided = algebra.solve, algebra.minus, algebra.divided
+    inertia, coriolis = mechanics.inertia, mechanics.coriolis
+    resisted, resistance = is_resisted(mechanics), make_resistance(mechanics)
+
+    def drift(values: tuple, q: tuple, v: tuple, u: tuple, h: float) -> tuple:
+        mass = inertia(values, q)
+        force, damping = resistance(values, q, v, u, mass, h)
+        free = solve(mass, minus(force, coriolis(values, q, v)))
+        if resisted:
+            return free, divided(mass, damping)
+        return free, mass
+
+    return drift
+
+
+def make_braked(mechanics: Mechanics) -> Callable[..., tuple]:
+    """braked(values, q, v, u, h): the mean acceleration over h [s], the resistance at its end.
+
+    (M + h D) a = force - C v - D v: implicit in the damping, explicit in the rest.
+    """
+    algebra = mechanical_algebra(mechanics.degrees)
+    solve, minus, apply, blend = algebra.solve, algebra.minus, algebra.apply, algebra.blend
+    inertia, coriolis = mechanics.inertia, mechanics.coriolis
+    resisted, resistance = is_resisted(mechanics), make_resistance(mechanics)
+
+    def braked(values: tuple, q: tuple, v: tuple, u: tuple, h: float) -> tuple:
+        mass = inertia(values, q)
+        force, damping = resistance(values, q, v, u, mass, h)
+        total = minus(force, coriolis(values, q, v))
+        if resisted:
+            total, mass = minus(total, apply(damping, v)), blend(mass, h, damping)
+        return solve(mass, total)
+
+    return braked
+
+
+def make_place(n: int, gains: MechanicalGains) -> Callable[..., tuple]:
+    """place(before, moved, e): the positions at which the model is evaluated over a step."""
+    towards = mechanical_algebra(n).towards
+    at_measurement = gains.schedule == MEASUREMENT
+    linear_hold = gains.hold == LINEAR and gains.form != PAPER
+
+    def place(before: tuple, moved: tuple, e: tuple) -> tuple:
+        if not at_measurement:
+            return towards(before, 1.0, e)
+        if linear_hold:
+            return towards(before, 0.5, moved)
+        return before
+
+    return place
+
+
+def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at: Array) -> Array:
+    """A of (e, x, d)' = A (e, x, d), the Coriolis forces left out."""
+    n = mechanics.degrees
+    matrix = np.zeros((2 * n, 2 * n) if E is None else (3 * n, 3 * n))
+    matrix[:n, :n] = -L
+    matrix[:n, n:2 * n] = np.eye(n)
+    matrix[n:2 * n, :n] = -K
+    if mechanics.damping is not None:
+        matrix[n:2 * n, n:2 * n] = -np.linalg.solve(
+            check.matrix(mechanics.inertia, mechanics, at),
+            check.matrix(mechanics.damping, mechanics, at))
+    if E is not None:
+        matrix[n:2 * n, 2 * n:] = np.eye(n)
+        matrix[2 * n:, :n] = -E
+    return matrix
+
+
+def linear_observer(mechanics: Mechanics, gains: MechanicalGains, circle: Any, L: Array, K: Array,
+                    E: Array | None, point: Array, complaint: str) -> MechanicalFunctions:
+    """HGO (E None) or EHGO with these gain matrices.
+
+    Raises
+    ------
+    UsageError : `complaint`, with the slowest pole, where the error does not decay.
+    """
+    matrices = matrices_over_range(mechanics, L, K, E, point)
+    slowest = mechanical_gains.slowest_pole(matrices[0])
+    if slowest <= 0.0:
+        raise UsageError(f'{complaint} (slowest pole {-slowest:+.3g} 1/s)')
+
+    def describe(dt: float) -> dict[str, Any]:
+        return describe_linear(L, K, matrices, dt)
+
+    return around(linear_core(mechanics, gains, L, K, E, matrices), gains, mechanics, circle,
+                  describe)
+
+
+def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array,
+                E: Array | None, matrices: list[Array]) -> MechanicalCore:
+    """HGO (E None) and EHGO: qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)."""
+    n = mechanics.degrees
+    extended = E is not None
+    diagonal = bool(np.all(np.diag(np.diag(L)) == L))
+    paper = gains.form == PAPER
+    linear_hold = gains.hold == LINEAR and not paper
+    algebra = mechanical_algebra(n)
+    towards, minus, scale, nought = (algebra.towards, algebra.minus, algebra.scale,
+                                     algebra.nought)
+    apply, times = algebra.apply, algebra.times
+    flow = make_flow(n, diagonal=diagonal, damped=is_resisted(mechanics),
+                     disturbed=extended)
+    acceleration, drift = make_acceleration(mechanics), make_drift(mechanics)
+    place = make_place(n, gains)
+    admits = mechanics.admits
+    zeros = (0.0,) * n
+    gain_e = np.zeros((n, n)) if E is None else E
+
+    def design() -> tuple:
+        return (mechanics.values, tuple_of(np.diag(L)) if diagonal else tuple_of(L), tuple_of(K),
+                tuple_of(gain_e), tuple_of(np.eye(n)))
+
+    def prepare(design: tuple, dt: float) -> tuple:
+        return (dt, 1.0 / dt)
+
+    def begin() -> tuple:
+        return (zeros, zeros, zeros, zeros)
+
+    def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
+                measurement: tuple, given: tuple) -> tuple:
+        e, x, d, v = core
+        values, L, K, E, one = design
+        dt, inverse_dt = coefficients
+        at = place(before, moved, e)
+        if not admits(values, at):
+            return core, False
+        good = True
+        if paper:
+            f = acceleration(values, at, x, given)
+            rate = minus(x, times(L, e)) if diagonal else minus(x, apply(L, e))
+            f = minus(f, apply(K, e))
+            if extended:
+                f = towards(f, 1.0, d)
+                d = towards(d, -dt, apply(E, e))
+            e = minus(towards(e, dt, rate), moved)
+            x = towards(x, dt, f)
+        else:
+            f, w = drift(values, at, x, given, dt)
+            rate = scale(inverse_dt, moved) if linear_hold else nought(moved)
+            e, x, d, good = flow(e, x, d, one, one, K, L, w, E, f, rate, dt)
+            if not linear_hold:
+                e = minus(e, moved)
+        return (e, x, d, x), good
+
+    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
+        return core
+
+    def linear(at: Array, power: Array) -> tuple[Array, Array]:
+        return linear_matrix(mechanics, L, K, E, at), np.eye(n)
+
+    return MechanicalCore(
+        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry, linear=linear,
+        limits=(mechanical_gains.euler_limit(matrices) if paper
+                else mechanical_gains.exact_limit(matrices, n)),
+        slowest=mechanical_gains.slowest_pole(matrices[0]),
+        lag=0.0 if extended else float(np.max(np.diag(L) / np.diag(K))))
+
+
+def matrices_over_range(mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
+                        ) -> list[Array]:
+    """The error systems at the operating point, and over the model's range where D makes a
+    difference.
+    """
+    places = [point]
+    if mechanics.damping is not None:
+        places += [q for q, _ in check.random_states(mechanics)]
+    return [linear_matrix(mechanics, L, K, E, q) for q in places]
+
+
+def describe_linear(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[str, Any]:
+    """What a person wants to know of these gains (compare `gains.describe`).
+
+    Parameters
+    ----------
+    matrices : of `matrices_over_range`.
+    """
+    return {
+        'L': L.tolist(), 'K': K.tolist(),
+        'poles': sorted((complex(pole) for pole in np.linalg.eigvals(matrices[0])),
+                        key=lambda pole: (pole.real, pole.imag)),
+        'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(L))).tolist(),
+        'slowest_pole_over_range': min(map(mechanical_gains.slowest_pole, matrices)),
+        'dt_K': (dt * np.diag(K)).tolist(),
+        'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(L))),
+        'longest_euler_dt': mechanical_gains.longest_euler(matrices)}

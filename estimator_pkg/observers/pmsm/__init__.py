@@ -1,0 +1,1 @@
+"""The sensorless observer of permanent-magnet motors."""

@@ -1,0 +1,1 @@
+"""The observer of systems that known events switch."""

@@ -1,0 +1,121 @@
+"""What gains and model of the observer `switched` imply, made once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models.switched import SwitchedModel, check, load
+from estimator_pkg.observers.adaptive.filter import Companion, companion
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.maths.least_squares import make_update
+from estimator_pkg.observers.maths.unroll import Algebra, algebra
+from estimator_pkg.observers.switched.gains import Gains
+
+LAMBDA, ALPHA = 1.5, 1.1     # lambda = 1.5 sqrt(L), alpha = 1.1 L
+
+
+@dataclass(frozen=True)
+class System:
+    """One system, and how it is observed.
+
+    Attributes
+    ----------
+    period : after which every output repeats [rad].
+    stages : (lambda, alpha) of each stage, by output.
+    columns : first columns of the regression's filters, by output; `filters` their functions.
+    free, wide : algebra of the size of Z and of each chain.
+    update : least squares for Z, of `least_squares.make_update`.
+    orders : as of the model, with zeros where it gives none.
+    """
+
+    gains: Gains
+    model: SwitchedModel
+    circle: Circle
+    stages: tuple[tuple[tuple[float, float], ...], ...]
+    columns: tuple[tuple[float, ...], ...]
+    filters: tuple[Companion, ...]
+    free: Algebra
+    update: Callable[..., tuple]
+    wide: tuple[Algebra, ...]
+    orders: tuple[tuple[int, ...], ...]
+
+    @property
+    def is_implicit(self) -> bool:
+        """True where the stages are sampled implicitly."""
+        return self.gains.form == 'implicit'
+
+    @property
+    def is_filtered(self) -> bool:
+        """True where the published velocity is that of the extended observers."""
+        return self.gains.velocity == 'filtered'
+
+    @property
+    def is_regression(self) -> bool:
+        """True where Z comes from least squares."""
+        return self.gains.discrete == 'regression'
+
+    @property
+    def period(self) -> float:
+        """After which every output repeats [rad]; 0: never."""
+        return float(self.circle.period)
+
+    @property
+    def outputs(self) -> range:
+        """Their places."""
+        return range(len(self.model.indices))
+
+    @property
+    def inputs(self) -> int:
+        """How many there are."""
+        return len(self.model.probe(0.0))
+
+    def chains(self, state: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """(zeta, what ends the chains)."""
+        zeta: list[float] = []
+        for i in self.outputs:
+            zeta += [state.y[i], *state.zt[i][:-1]]
+        return tuple(zeta), tuple(zt[-1] for zt in state.zt)
+
+    def signals(self, y: tuple, u: tuple, zeta: tuple) -> tuple:
+        """For each output: Gamma, then the columns of Lambda (or what they are derivatives of)."""
+        if self.model.basis is not None:
+            return tuple(tuple(float(x) for x in row) for row in self.model.basis(y, u))
+        return tuple((float(g), *map(float, row))
+                     for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u)))
+
+    def ending(self, zeta: tuple, u: tuple, z: tuple) -> tuple[float, ...]:
+        """Gamma + Lambda Z, which end the chains (9)."""
+        return tuple(float(g) + self.free.dot(tuple(map(float, row)), z)
+                     for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u)))
+
+
+def make_system(gains: Gains, circle: Circle) -> System:
+    """The system of these gains.
+
+    Raises
+    ------
+    UsageError : a model that is not right, or whose rank is never reached with these `steps`; a
+        memory that is too short.
+    """
+    model = load(gains.model)
+    check(model, None if gains.discrete == 'copy' else gains.steps)
+    if 0.0 < gains.memory < 1.0 / gains.filter_rate:
+        raise UsageError(f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
+                         f'filter: 0, or at least {1.0 / gains.filter_rate:.3g} s')
+    m, scale, rate = model.size, gains.bound_scale, gains.filter_rate
+    orders = model.orders or tuple((0,) * (m + 1) for _ in model.indices)
+    if any(order > 1 or order >= k for own, k in zip(orders, model.indices) for order in own):
+        raise UsageError("model: 'orders' may be 0, or 1 where the chain is longer than 1")
+    return System(
+        gains, model, circle,
+        tuple(tuple((LAMBDA * math.sqrt(scale * bound), ALPHA * scale * bound) for bound in own)
+              for own in model.bounds),
+        tuple(tuple(-math.comb(k, i + 1) * rate ** (i + 1) for i in range(k))
+              for k in model.indices),
+        tuple(companion(k) for k in model.indices), algebra(m),
+        make_update(m),
+        tuple(algebra(k) for k in model.indices), orders)

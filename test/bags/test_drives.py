@@ -1,0 +1,283 @@
+"""Simulated drives in bags: simulate, replay, evaluate, and two-sided bounds on the small ones."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.recorded import judge
+from estimator_pkg import cli
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages import drive_samples, vector3
+from estimator_pkg.messages.joint_state import Decoder
+from estimator_pkg.parameters import build
+from sim_pkg.pmsm.simulator import SIMULATOR, PmsmSimulatorParameters
+
+ROOT = Path(__file__).resolve().parents[2]
+BAGS = ROOT / 'bags' / 'simulated'
+PARAMS = ['--params', str(ROOT / 'config' / 'pmsm_observer.yaml')]
+# bag: rms and largest error of the speed [rad/s], of the electrical angle [deg], and the part of
+# the time in which an estimate is published: at least this, by at most 0.05 more
+BOUNDS = {'drive_startup': (0.79, 1.60, 0.256, 1.03, 0.50),
+          'drive_profile': (1.16, 3.19, 0.20, 0.546, 0.94),
+          'drive_reversal': (0.62, 1.60, 0.288, 1.44, 0.85)}
+
+
+def simulate(out, *words, duration=0.2):
+    assert cli.main(['simulate', 'pmsm', '--out', str(out), '--duration', str(duration),
+                     *words]) == 0
+
+
+def settings(**values):
+    return [word for name, value in values.items() for word in ('--set', f'{name}={value}')]
+
+
+def states(bag, topic):
+    decode = Decoder().decode
+    return [decode(bytes(message.raw)) for message in bag.messages([topic])]
+
+
+def rows(bag, topic):
+    batches = [drive_samples.decode(bytes(message.raw)) for message in bag.messages([topic])]
+    return (np.concatenate([batch.stamps_ns for batch in batches]),
+            np.concatenate([batch.values for batch in batches]))
+
+
+def replay(bag, out, *words, params=PARAMS):
+    assert cli.main(['replay', str(bag), *params, '--out', str(out), *words]) == 0
+    return open_bag(out)
+
+
+def angle_error(found, true):
+    return np.degrees((np.asarray(found) - true + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+@pytest.mark.parametrize('name', BOUNDS)
+def test_small_bags_stay_within_two_sided_bounds(name, tmp_path):
+    with replay(BAGS / name, tmp_path / 'out') as bag:
+        true = {state.stamp_ns: state for state in states(bag, '/ground_truth/joint_states')}
+        found = states(bag, '/pmsm_observer/estimate')
+    pairs = [(state, true[state.stamp_ns]) for state in found if state.names]
+    assert all(state.names == ('motor', 'motor_electrical') for state, _ in pairs)
+    speed = np.array([state.velocities[0] - truth.velocities[0] for state, truth in pairs])
+    angle = angle_error([state.positions[1] for state, _ in pairs],
+                        np.array([truth.positions[1] for _, truth in pairs]))
+    *limits, part = BOUNDS[name]
+    measured = [np.sqrt(np.mean(speed ** 2)), np.abs(speed).max(),
+                np.sqrt(np.mean(angle ** 2)), np.abs(angle).max()]
+    for value, limit, what in zip(measured, limits, ('rms', 'max', 'angle rms', 'angle max')):
+        assert judge(float(value), limit) == '', what
+    assert part <= len(pairs) / len(found) < part + 0.05
+
+
+def test_the_bags_are_what_the_script_makes(tmp_path):
+    sys.path.insert(0, str(ROOT / 'bags'))
+    try:
+        import make_recordings
+    finally:
+        sys.path.pop(0)
+    words = make_recordings.DRIVES['simulated/drive_reversal']
+    assert cli.main(['simulate', 'pmsm', '--out', str(tmp_path / 'bag'), *words]) == 0
+    with open_bag(tmp_path / 'bag') as made, open_bag(BAGS / 'drive_reversal') as kept:
+        for topic in ('/drive_samples', '/ground_truth/joint_states'):
+            fresh, stored = rows_or_states(made, topic), rows_or_states(kept, topic)
+            assert len(fresh) == len(stored)
+            for one, other in zip(fresh, stored):  # another libm may round otherwise
+                assert np.allclose(one, other, rtol=1e-6, atol=1e-3)
+
+
+def rows_or_states(bag, topic):
+    if topic == '/drive_samples':
+        return rows(bag, topic)
+    return [state.velocities for state in states(bag, topic)]
+
+
+def test_measurement_and_truth_belong_together(tmp_path):
+    simulate(tmp_path / 'bag', *settings(current_noise=0, adc_bits=0, profile='constant',
+                                         speed_rpm=3000))
+    with open_bag(tmp_path / 'bag') as bag:
+        stamps, values = rows(bag, '/drive_samples')
+        true_stamps, true = rows(bag, '/ground_truth/samples')
+        last = states(bag, '/ground_truth/joint_states')[-1]
+        flux = [vector3.decode(bytes(message.raw))
+                for message in bag.messages(['/ground_truth/flux_linkage'])]
+    assert np.array_equal(stamps, true_stamps) and set(np.diff(stamps)) == {50_000}
+    assert len(stamps) == 4000
+    # u = R i + L di/dt + j w phi e^{j theta}, in the mean of each interval
+    i, u = values[:, 0] + 1j * values[:, 1], values[:, 2] + 1j * values[:, 3]
+    theta, speed, linkage = true[:, 0], true[:, 1], true[:, 2]
+    middle = np.angle(np.exp(1j * theta[1:]) + np.exp(1j * theta[:-1]))
+    emf = 1j * speed[1:] * linkage[1:] * np.exp(1j * middle)
+    balance = 0.06 * 0.5 * (i[1:] + i[:-1]) + 33.75e-6 * np.diff(i) / 5e-5 + emf
+    assert np.abs(u[1:] - balance)[100:].max() < 0.02
+    assert last.stamp_ns == stamps[-1] and last.names == ('motor', 'motor_electrical')
+    assert last.velocities == pytest.approx((speed[-1] / 7.0, speed[-1]))
+    assert angle_error(7.0 * last.positions[0], theta[-1]) == pytest.approx(0.0, abs=1e-6)
+    assert {message.x for message in flux} == {1.9e-3}
+
+
+def test_a_slower_rate_publishes_means_of_the_voltage(tmp_path):
+    simulate(tmp_path / 'all', '--seed', '3')
+    simulate(tmp_path / 'some', '--seed', '3', *settings(publish_rate=5000, batch=50))
+    with open_bag(tmp_path / 'all') as one, open_bag(tmp_path / 'some') as other:
+        (stamps, fine), (few, coarse) = rows(one, '/drive_samples'), rows(other, '/drive_samples')
+    assert np.array_equal(few, stamps[::4])
+    assert np.array_equal(coarse[:, :2], fine[::4, :2])
+    means = fine[1:3997, 2:].reshape(-1, 4, 2).mean(axis=1)
+    assert np.allclose(coarse[1:, 2:], means, atol=1e-12)
+
+
+def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
+    common = settings(sample_rate=5000, current_hz=300, profile='constant', speed_rpm=2000)
+    simulate(tmp_path / 'batches', *common)
+    simulate(tmp_path / 'single', *common, *settings(publish='single'))
+    simulate(tmp_path / 'phases', *common, *settings(publish='single', phase_values='true'))
+    found = {}
+    apart = settings(input='current_voltage')
+    for name, words in (('batches', []), ('single', apart),
+                        ('phases', [*apart, *settings(frame='abc')])):
+        with replay(tmp_path / name, tmp_path / f'{name}_out', *words,
+                    *settings(compile='false')) as bag:
+            found[name] = {state.stamp_ns: state
+                           for state in states(bag, '/pmsm_observer/estimate')}
+    assert len(found['single']) == len(found['phases']) == 1000
+    last = max(found['batches'])
+    assert found['batches'][last].names
+    for stamp, state in found['batches'].items():
+        for other in ('single', 'phases'):
+            assert found[other][stamp].names == state.names
+            assert found[other][stamp].velocities == pytest.approx(state.velocities, rel=1e-9)
+            assert found[other][stamp].positions == pytest.approx(state.positions, abs=1e-9)
+
+
+def test_alpha_beta_taken_for_phases_is_said(tmp_path, capsys):
+    simulate(tmp_path / 'bag', *settings(sample_rate=5000, current_hz=300, profile='constant',
+                                         speed_rpm=2000, publish='single'))
+    with replay(tmp_path / 'bag', tmp_path / 'out', *settings(input='current_voltage', frame='abc',
+                                                              compile='false')):
+        pass
+    assert 'the phase currents do not sum to zero' in capsys.readouterr().out
+
+
+def test_lost_repeated_and_overtaken_batches_are_counted_and_coasted_over(tmp_path, capsys):
+    simulate(tmp_path / 'bag', '--seed', '4', *settings(
+        lost=0.05, repeated=0.1, overtaken=0.05, profile='constant', speed_rpm=4000,
+        current_noise=0.05), duration=1.0)
+    out = tmp_path / 'result.json'
+    with replay(tmp_path / 'bag', tmp_path / 'out', '--json', str(out)) as bag:
+        stamps, found = rows(bag, '/pmsm_observer/estimate_samples')
+        true_stamps, true = rows(bag, '/ground_truth/samples')
+        mechanical = states(bag, '/pmsm_observer/estimate')
+        truth = {s.stamp_ns: s for s in states(bag, '/ground_truth/joint_states')}
+    joint = json.loads(out.read_text())['joints']['motor']
+    assert joint['received'] == len(stamps) == joint['used'] + sum(joint['dropped'].values())
+    assert joint['dropped']['duplicate'] > 0 and joint['dropped']['late'] > 0
+    assert joint['events']['gap'] >= 2 and 'clock_jump' not in joint['events']
+    valid = found[:, 3] == 1.0
+    at = np.searchsorted(true_stamps, stamps[valid])
+    assert np.abs(angle_error(found[valid, 0], true[at, 0])).max() < 3.0
+    assert valid.mean() > 0.6
+    assert set(found[:, 3]) == {0.0, 1.0}
+    # the relative position is carried over the gaps: its offset to the truth stays
+    offset = [float(angle_error(state.positions[0], truth[state.stamp_ns].positions[0]))
+              for state in mechanical if state.names]
+    assert len(offset) > 60 and np.ptp(np.unwrap(np.radians(offset))) < math.radians(3.0)
+
+
+def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
+    simulate(tmp_path / 'bag', *settings(profile='constant'))
+    with replay(tmp_path / 'bag', tmp_path / 'out', *settings(joint='hub'),
+                *settings(compile='false')) as bag:
+        assert '/hub' not in bag.topics
+        assert states(bag, '/pmsm_observer/estimate')[-1].names == ('hub', 'hub_electrical')
+        stddev = states(bag, '/pmsm_observer/estimate_stddev')[-1]
+        assert stddev.names == ('hub', 'hub_electrical')
+        assert stddev.positions[1] == pytest.approx(7.0 * stddev.positions[0])
+        flux = [vector3.decode(bytes(m.raw)) for m in bag.messages(['/pmsm_observer/flux_linkage'])]
+        assert flux[-1].x == pytest.approx(1.9e-3, rel=0.02) and 0.0 < flux[-1].y < 1e-4
+    with replay(tmp_path / 'bag', tmp_path / 'again', '--name', 'mine', params=[
+            '--observer', 'pmsm', *settings(resistance=0.06, inductance=33.75e-6, flux=1.9e-3,
+                                            pole_pairs=7)]):
+        pass
+    capsys.readouterr()
+    assert cli.main(['evaluate', str(tmp_path / 'again')]) == 0
+    said = capsys.readouterr().out
+    assert '/mine/estimate' in said and 'motor_electrical' in said
+
+
+@pytest.mark.parametrize(('words', 'said'), [
+    (['--observer', 'pmsm'], 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
+    ([*PARAMS, '--set', 'resistance=0'], "'resistance' = 0 is outside"),
+    ([*PARAMS, '--set', 'inductance=-1'], "'inductance' = -1 is outside"),
+    ([*PARAMS, '--set', 'flux=0'], "'flux' = 0 is outside"),
+    ([*PARAMS, '--set', 'pole_pairs=0'], "'pole_pairs' = 0 is outside"),
+    ([*PARAMS, '--set', 'pole_pairs=2.5'], 'whole number'),
+    ([*PARAMS, '--set', 'resistanse=1'], "did you mean 'resistance'?"),
+    ([*PARAMS, '--measurement', '/nothing'], '/nothing'),
+    ([*PARAMS, '--set', 'input=current_voltage'], '/current'),
+    ([*PARAMS, '--set', 'observer=kalman'], 'does not work from currents'),
+    ([*PARAMS, '--angle', '/a:b'], '--angle'),
+    ([*PARAMS, '--joint', 'a', '--joint', 'b'], 'one joint')])
+def test_wrong_use_is_one_line(words, said, capsys):
+    assert cli.main(['replay', str(BAGS / 'drive_profile'), *words]) in (1, 2)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1 and said in lines[0], lines
+
+
+def test_a_period_that_does_not_fit_is_said_and_nothing_is_estimated(capsys, tmp_path):
+    with replay(BAGS / 'drive_profile', tmp_path / 'out', '--set', 'sample_period=5e-5') as bag:
+        assert not any(state.names for state in states(bag, '/pmsm_observer/estimate'))
+        assert not rows(bag, '/pmsm_observer/estimate_samples')[1][:, 3].any()
+    said = capsys.readouterr().out
+    assert 'sample_period is 5e-05 s, but the stamps are 0.0002 s apart' in said
+    assert 'misconfigured 3500' in said
+    with replay(BAGS / 'drive_profile', tmp_path / 'fits', '--set', 'sample_period=2e-4') as bag:
+        assert states(bag, '/pmsm_observer/estimate')[-1].names
+
+
+def test_malformed_and_bad_rows_are_counted(tmp_path, capsys):
+    with open_bag(BAGS / 'drive_profile') as bag:
+        raws = [bytes(message.raw) for message in bag.messages(['/drive_samples'])]
+    stamps, values = drive_samples.decode(raws[30])
+    values = values.copy()
+    values[7, 2] = math.nan
+    values[9, 0] = math.inf
+    raws[30] = drive_samples.encode(stamps, values)
+    raws[10] = raws[10].replace(b'channel', b'columns')
+    raws[11] = drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/drive_samples', drive_samples.TYPE)
+        for index, raw in enumerate(raws):
+            writer.write('/drive_samples', 10 ** 18 + index * 10 ** 7, raw)
+    with replay(tmp_path / 'bag', tmp_path / 'out') as bag:
+        _, found = rows(bag, '/pmsm_observer/estimate_samples')
+        assert bag.topics['/pmsm_observer/estimate'].count == 69
+    said = capsys.readouterr().out
+    assert 'empty 1' in said and 'malformed 1' in said and 'non_finite 2' in said
+    assert 'received 3400, used 3398' in said
+
+
+def test_settings_that_cannot_be_are_refused():
+    for values in ({'publish_rate': 6000}, {'joint': ''}, {'phase_values': True}):
+        with pytest.raises(UsageError):
+            build(PmsmSimulatorParameters, values)
+    names = [topic.name for topic in SIMULATOR.topics(PmsmSimulatorParameters(publish='single'))]
+    assert names[:2] == ['current', 'voltage']
+
+
+def test_time_has_no_end_and_the_first_messages_do_not_depend_on_it():
+    parameters = PmsmSimulatorParameters(overtaken=0.3, repeated=0.3)
+    chunks = SIMULATOR.generate(parameters, math.inf, 5)
+    endless = [message for _ in range(5) for message in next(chunks)]
+    finite = [message for chunk in SIMULATOR.generate(parameters, 0.03, 5) for message in chunk]
+    assert [m.due_ns for m in endless] == sorted(m.due_ns for m in endless)
+    due = [(m.due_ns, m.topic, m.encode(10 ** 18)) for m in finite if m.due_ns < 29_000_000]
+    assert len(due) >= 8
+    assert due == [(m.due_ns, m.topic, m.encode(10 ** 18)) for m in endless[:len(due)]]

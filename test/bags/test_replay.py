@@ -1,0 +1,486 @@
+"""Replay gives what the driver gives message by message, and loses nothing silently."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import bag_making as make
+import numpy as np
+import pytest
+from bag_making import OTHER, START, STATES, STORE
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator_pkg import cli, observers
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.compiled import available
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.raw_angle import RawAngle
+from estimator_pkg.messages.block import from_messages
+from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.streams.angle import AngleSettings, AngleStream
+from estimator_pkg.streams.arrays import Estimation
+
+RECORDINGS = Path(__file__).parents[2] / 'bags'
+NAMES = [['a', 'b'], ['b', 'a'], ['c'], ['a'], ['a', 'a'], [], ['b', 'c', 'a']]
+ESTIMATE, STDDEV = '/joint_observer/estimate', '/joint_observer/estimate_stddev'
+
+
+def configuration(name='finite_difference', **values):
+    return Configuration(observers.find(name), values, {'b': {'bandwidth_hz': 77.0}})
+
+
+def by_hand(raws, setup, only=()):
+    """What a node publishes for these messages, from the driver's bank."""
+    bank, decode = Bank(setup, only), Decoder().decode
+    encode, encode_stddev = Encoder().encode, Encoder().encode
+    found = []
+    for raw in raws:
+        message = decode(raw)
+        valid = bank.update(message.stamp_ns, message.names, message.positions)
+        names = [name for name, _, _ in valid]
+        deviations = [joint.stddev() for _, joint, _ in valid]
+        found.append((
+            encode(message.stamp_ns, message.frame_id, names, [item[2][0] for item in valid],
+                   [item[2][1] for item in valid]),
+            encode_stddev(message.stamp_ns, message.frame_id, names,
+                          [item[0] for item in deviations], [item[1] for item in deviations])))
+    return bank, found
+
+
+def in_blocks(raws, cuts, setup, only=(), fast=False):
+    """The same from blocks that end at `cuts`."""
+    stream = AngleStream(AngleSettings(joints=only or None), setup)
+    stream.estimation = Estimation(stream.bank, fast=fast)
+    stream.history = {}
+    found = [{} for _ in raws]
+    edges = [0, *sorted(cut for cut in cuts if cut < len(raws)), len(raws)]
+    for low, high in itertools.pairwise(edges):
+        part = raws[low:high]
+        block = from_messages([0] * len(part), range(len(part)), range(len(part)), part)
+        for answers in stream.feed_block([0], block):
+            for row, message in zip(answers.rows.tolist(), answers.raw):
+                found[low + row][answers.output] = message.tobytes()
+    single = AngleStream(AngleSettings(joints=only or None), setup)
+    if not fast:    # message by message, as the node, every output
+        assert found == [single.feed(0, raw, 0)[0] for raw in raws]
+    return stream, [(answer[0], answer[1]) for answer in found]
+
+
+@st.composite
+def streams(draw):
+    """Messages of joints that come and go, with bad values and stamps."""
+    encode, now, raws = Encoder().encode, START, []
+    step = 1_000_000
+    regular = draw(st.integers(0, 3))
+    for i in range(draw(st.integers(1, 120))):
+        names = NAMES[regular] if draw(st.integers(0, 9)) else draw(st.sampled_from(NAMES))
+        now += step
+        stamp = now
+        odd = draw(st.integers(0, 40))
+        if odd < 8:
+            stamp = [now - step, now - 3 * step, 0, now + 10**12, now - 10**10, -5, now, now][odd]
+            if odd == 4:
+                now = stamp  # the bag loops
+        if odd == 8:
+            now += 10**9
+        width = len(names) if odd != 9 else draw(st.integers(0, 3))
+        positions = [0.01 * i + 0.3 * j for j in range(width)]
+        if odd == 10 and positions:
+            positions[-1] = draw(st.sampled_from([math.nan, math.inf, -math.inf, 1e300]))
+        raws.append(encode(stamp, draw(st.sampled_from(['', 'base'])) if odd == 11 else 'base',
+                           names, positions))
+    return raws
+
+
+@settings(max_examples=120, deadline=None)
+@given(raws=streams(), cuts=st.lists(st.integers(0, 120), max_size=8),
+       name=st.sampled_from(['finite_difference', 'hybrid_angle', 'pll']),
+       only=st.sampled_from([(), ('a',), ('b', 'nobody')]))
+def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, only):
+    bank, wanted = by_hand(raws, configuration(name), only)
+    stream, found = in_blocks(raws, cuts, configuration(name), only)
+    assert found == wanted
+    assert list(stream.bank.joints) == list(bank.joints)
+    assert (stream.bank.empty, stream.bank.mismatched) == (bank.empty, bank.mismatched)
+    for joint, other in zip(stream.bank.joints.values(), bank.joints.values()):
+        assert joint.counts == other.counts
+
+
+@pytest.mark.skipif(not available(), reason='the extra "fast" is not there')
+def test_compiled_and_plain_agree():
+    rng = np.random.default_rng(3)
+    raws = [Encoder().encode(START + i * 1_000_000 + int(rng.integers(0, 1000)), '', ['a', 'b'],
+                             [math.remainder(0.02 * i, 2 * math.pi), 0.1 * math.sin(0.01 * i)])
+            for i in range(2000)]
+    decode = Decoder().decode
+    plain = in_blocks(raws, [700], configuration(), fast=False)[1]
+    compiled = in_blocks(raws, [1, 2, 1500], configuration(), fast=True)[1]
+    shown = 0
+    for pair, other in zip(plain, compiled):
+        for raw, raw_other in zip(pair, other):
+            one, two = decode(raw), decode(raw_other)
+            assert one[:3] == two[:3]
+            assert one.positions == pytest.approx(two.positions, rel=1e-12, abs=1e-12)
+            assert one.velocities == pytest.approx(two.velocities, rel=1e-12, abs=1e-12)
+            shown += len(one.names)
+    assert shown > 7000
+
+
+def replay(*words, code=0):
+    assert cli.main(['replay', *map(str, words)]) == code
+
+
+def messages_of(path, topic=None):
+    with open_bag(path) as bag:
+        return list(bag.messages(None if topic is None else [topic]))
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    return make.ours(tmp_path_factory.mktemp('replay') / 'bag', make.content(400))
+
+
+@pytest.mark.parametrize('kind', ['mcap small chunks', 'sqlite3', 'mcap split', 'ours'])
+def test_the_new_bag_holds_all_and_the_estimates(kind, tmp_path):
+    content = make.content(400)
+    path = make.KINDS[kind](tmp_path / 'bag', content)
+    out = tmp_path / 'out'
+    replay(path, '--observer', 'finite_difference', '--out', out)
+    raws = [raw for topic, _, raw in content if topic == STATES]
+    _, wanted = by_hand(raws, Configuration(observers.find('finite_difference')))
+    assert [message.raw for message in messages_of(out, ESTIMATE)] == [one for one, _ in wanted]
+    assert [message.raw for message in messages_of(out, STDDEV)] == [two for _, two in wanted]
+    found = messages_of(out)
+    assert [message[:2] + (message.raw,) for message in found
+            if message.topic in (STATES, OTHER)] == content
+    for before, message in itertools.pairwise(found):  # each estimate follows its measurement
+        if message.topic == ESTIMATE:
+            assert before.topic == STATES
+            assert before.log_ns == message.log_ns
+    with open_bag(out) as new, open_bag(path) as old:
+        for name, topic in old.topics.items():
+            assert new.topics[name].qos == topic.qos or not topic.qos
+        assert new.topics[ESTIMATE].qos[0].depth == 50
+
+
+def test_without_out_nothing_is_written(recording, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    replay(recording, '--observer', 'finite_difference', '--json', 'result.json')
+    assert [path.name for path in tmp_path.iterdir()] == ['result.json']
+    result = json.loads(Path('result.json').read_text())
+    assert result['messages'] == {'received': 400, 'used': 400, 'dropped': {}, 'estimates': 390}
+    joint = result['joints']['a']
+    assert (joint['received'], joint['used'], joint['dropped']) == (400, 400, {})
+    assert joint['rate_hz'] == pytest.approx(1000.0)
+    assert sum(joint['status_s'].values()) == pytest.approx(0.399)
+    assert joint['status_s']['tracking'] > 0.3
+    assert 'a: received 400, used 400' in capsys.readouterr().out
+
+
+def test_an_observer_that_fails_is_told_in_one_line(recording, tmp_path, capsys, monkeypatch):
+    """As an observer or a model of the user's own may, at any sample."""
+    def fails(self, *samples):
+        return {}['gone']
+
+    monkeypatch.setattr(Bank, 'joint', fails)
+    out = tmp_path / 'out'
+    replay(recording, '--observer', 'hybrid_angle', '--out', out, code=1)
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert "the observer failed: KeyError: 'gone' (line " in said and 'of test_replay.py)' in said
+    assert not out.exists()
+    monkeypatch.setattr('estimator_pkg.driver.joint.Joint.run', lambda *a, **b: fails(None))
+    assert cli.main(['evaluate', str(recording), '--observer', 'pll']) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert "observer 'pll' failed: KeyError: 'gone' (line " in said[-1]
+
+
+def test_every_sample_is_accounted_for(tmp_path):
+    encode = Encoder().encode
+
+    def at(i):
+        return START + i * 1_000_000
+
+    raws = [encode(at(i), '', ['a', 'b'], [0.001 * i, 0.002 * i]) for i in range(50)]
+    raws += [encode(at(49), '', ['a', 'b'], [0.05, 0.1]), encode(at(48), '', ['a'], [0.05]),
+             encode(at(50), '', ['a', 'b'], [math.nan, 0.1]), encode(0, '', ['b'], [0.1]),
+             encode(at(51), '', [], []), encode(at(51), '', ['a', 'b'], [0.05]),
+             encode(at(51), '', ['a'], []), b'\0\1\0\0', b'garbage']
+    path = make.ours(tmp_path / 'bag', [(STATES, at(i), raw) for i, raw in enumerate(raws)])
+    replay(path, '--observer', 'finite_difference', '--json', tmp_path / 'json', '--out',
+           tmp_path / 'out')
+    result = json.loads((tmp_path / 'json').read_text())
+    counts = result['messages']
+    assert counts == {'received': 59, 'used': 54,
+                      'dropped': {'empty': 2, 'mismatched': 1, 'malformed': 2}, 'estimates': 41}
+    assert result['joints']['a']['dropped'] == {'duplicate': 1, 'late': 1, 'non_finite': 1}
+    assert result['joints']['b']['dropped'] == {'duplicate': 1, 'zero_stamp': 1}
+    for joint in result['joints'].values():
+        assert joint['received'] == joint['used'] + sum(joint['dropped'].values())
+    # one message leaves for each that could be read, empty where no joint is valid
+    answers = [Decoder().decode(message.raw) for message in messages_of(tmp_path / 'out', ESTIMATE)]
+    assert len(answers) == 57
+    assert [answer.names for answer in answers[-5:]] == [('b',), (), (), (), ()]
+    assert sum(bool(answer.names) for answer in answers) == counts['estimates']
+
+
+def test_gaps_and_loops_in_the_summary(tmp_path):
+    encode = Encoder().encode
+    stamps = [i * 10 for i in range(100)] + [2000 + i * 10 for i in range(100)] + [
+        i * 10 for i in range(100)]
+    raws = [encode(START + stamp * 1_000_000, '', ['a'], [0.001 * stamp]) for stamp in stamps]
+    path = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
+    replay(path, '--observer', 'finite_difference', '--json', tmp_path / 'json')
+    joint = json.loads((tmp_path / 'json').read_text())['joints']['a']
+    assert joint['events'] == {'outage': 1, 'clock_jump': 1}
+    assert joint['status_s']['gap'] == pytest.approx(1.01)
+    assert sum(joint['status_s'].values()) == pytest.approx(1.01 + 3 * 0.99)
+
+
+@pytest.mark.parametrize('size', [1, 7, 1000])
+def test_a_stray_stamp_is_no_gap(size):
+    stamps = [START + i * 1_000_000 for i in range(50)]
+    stamps[35] += 10**13
+    raws = [Encoder().encode(stamp, '', ['a'], [0.01]) for stamp in stamps]
+    stream, _ = in_blocks(raws, range(size, 50, size), configuration())
+    seconds = stream.history['a'].seconds()
+    assert sum(seconds.values()) == pytest.approx(0.049)
+    assert seconds.get('gap', 0.0) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(('stamp', 'names', 'positions', 'why'), [
+    (0, ['a'], [0.1], "every sample of a was dropped: no stamp: use 'stamp_source: publisher'"),
+    (1, ['a'], [math.nan], 'every sample of a was dropped: NaN or infinite'),
+    (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
+    (1, ['a'], [], 'no message of /joint_states has a position')])
+def test_why_there_is_no_estimate(stamp, names, positions, why, tmp_path, capsys):
+    raws = [Encoder().encode(stamp and START + i, '', names, positions) for i in range(9)]
+    bag = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
+    replay(bag)
+    assert f'warning: no estimate was given: {why}' in capsys.readouterr().err
+
+
+def test_only_the_named_joints(recording, tmp_path):
+    replay(recording, '--observer', 'finite_difference', '--joint', 'b', '--out', tmp_path / 'out')
+    with open_bag(tmp_path / 'out') as bag:
+        assert list(joint_series(bag, ESTIMATE)) == ['b']
+
+
+def test_copies_and_names(recording, tmp_path, capsys):
+    words = [recording, '--observer', 'finite_difference']
+    replay(*words, '--out', tmp_path / 'none', '--copy', '--name', 'mine')
+    replay(*words, '--out', tmp_path / 'one', '--copy', OTHER)
+    for name, topics in (('none', {'/mine/estimate', '/mine/estimate_stddev'}),
+                         ('one', {OTHER, ESTIMATE, STDDEV})):
+        with open_bag(tmp_path / name) as bag:
+            assert set(bag.topics) == topics
+    # what was estimated before gives way, and the measurement is still found
+    replay(*words, '--out', tmp_path / 'first')
+    capsys.readouterr()
+    replay(tmp_path / 'first', '--observer', 'pll', '--out', tmp_path / 'second')
+    assert f'{ESTIMATE} of' in capsys.readouterr().err
+    with open_bag(tmp_path / 'second') as bag:
+        assert bag.topics[ESTIMATE].count == 400
+    assert [m.raw for m in messages_of(tmp_path / 'second', ESTIMATE)] != [
+        m.raw for m in messages_of(tmp_path / 'first', ESTIMATE)]
+
+
+def test_the_same_replay_makes_the_same_bytes(recording, tmp_path):
+    for name in ('a', 'b'):
+        (tmp_path / name).mkdir()
+        replay(recording, '--observer', 'finite_difference', '--out', tmp_path / name / 'out')
+    assert (tmp_path / 'a/out/out_0.mcap').read_bytes() == (
+        tmp_path / 'b/out/out_0.mcap').read_bytes()
+
+
+def angle_bag(path, kind, values, *, publish_step=1_000_000):
+    with BagWriter(path) as bag:
+        bag.add_topic('/angle', f'std_msgs/msg/{kind}')
+        for i, value in enumerate(values):
+            raw = STORE.serialize_cdr(STORE.types[f'std_msgs/msg/{kind}'](value),
+                                      f'std_msgs/msg/{kind}')
+            bag.write('/angle', START + i * 2_000_000, bytes(raw), START + i * publish_step)
+    return path
+
+
+def test_raw_counts_at_their_publish_times(tmp_path):
+    counts = [(7 * i) % 4096 for i in range(300)]
+    path = angle_bag(tmp_path / 'bag', 'Int32', counts)
+    replay(path, '--observer', 'finite_difference', '--angle', '/angle:data', '--set',
+           'counts_per_revolution=4096', '--set', 'angle_sign=-1', '--joint', 'wheel',
+           '--out', tmp_path / 'out')
+    angle = RawAngle(4096.0, 0.0, -1)
+    setup = Configuration(observers.find('finite_difference'), {'quantum': angle.quantum})
+    raws = [Encoder().encode(START + i * 1_000_000, '', ['wheel'], [angle.angle(count)])
+            for i, count in enumerate(counts)]
+    assert [message.raw for message in messages_of(tmp_path / 'out', ESTIMATE)] == [
+        one for one, _ in by_hand(raws, setup)[1]]
+    speed = Decoder().decode(messages_of(tmp_path / 'out', ESTIMATE)[-1].raw).velocities[0]
+    assert speed == pytest.approx(-7 * 2 * math.pi / 4096 * 1000, rel=0.01)
+
+
+def test_the_parameter_file_of_a_node_with_an_angle_topic(tmp_path):
+    path = angle_bag(tmp_path / 'bag', 'Float64', [0.01 * i for i in range(200)])
+    params = tmp_path / 'params.yaml'
+    params.write_text('joint_observer:\n  ros__parameters:\n    input: angle\n'
+                      '    angle_joint: arm\n    observer: finite_difference\n'
+                      '    use_sim_time: true\n    qos_overrides: {/x: {depth: 3}}\n')
+    replay(path, '--params', params, '--out', tmp_path / 'out')
+    with open_bag(tmp_path / 'out') as bag:
+        assert joint_series(bag, ESTIMATE)['arm'].velocity[-1] == pytest.approx(10.0)
+
+
+def test_stamps_of_the_publisher(tmp_path):
+    raws = [Encoder().encode(0, '', ['a'], [0.01 * i]) for i in range(100)]
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        for i, raw in enumerate(raws):
+            bag.write(STATES, START + 5 * i, raw, START + i * 1_000_000)
+    replay(tmp_path / 'bag', '--observer', 'finite_difference', '--set', 'stamp_source=publisher',
+           '--out', tmp_path / 'out')
+    with open_bag(tmp_path / 'out') as bag:
+        series = joint_series(bag, ESTIMATE)['a']
+    assert series.velocity[-1] == pytest.approx(10.0)
+    assert series.stamps_ns[-1] == START + 99 * 1_000_000
+    # estimates were never published: their times are those at which they would have been recorded
+    assert [(message.log_ns, message.publish_ns) for message in
+            messages_of(tmp_path / 'out', ESTIMATE)] == [(START + 5 * i, START + 5 * i)
+                                                         for i in range(100)]
+
+
+@pytest.mark.parametrize('name', ['yawbag', 'flybag', 'yx2bag'])
+def test_yaw_of_motion_capture(name, tmp_path):
+    path = RECORDINGS / 'vicon' / name
+    with open_bag(path) as bag:
+        topic, = (topic for topic in bag.topics.values() if 'PoseStamped' in topic.type)
+    replay(path, '--observer', 'finite_difference', '--angle', f'{topic.name}:pose.orientation.yaw',
+           '--out', tmp_path / 'out', '--json', tmp_path / 'json')
+    result = json.loads((tmp_path / 'json').read_text())
+    assert result['messages']['used'] == topic.count
+    with open_bag(tmp_path / 'out') as bag:
+        yaw = joint_series(bag, ESTIMATE)['joint']
+        frame = Decoder().decode(next(bag.messages([ESTIMATE])).raw).frame_id
+    assert frame == 'vicon/world'
+    assert len(yaw.position) > 0.9 * topic.count
+    assert np.all(np.abs(yaw.position) <= math.pi)
+    assert np.median(np.abs(yaw.velocity)) < 5.0
+
+
+def refused():
+    """(words behind the bag, what the line says, exit code)."""
+    return [
+        (['--observer', 'finite_diference'], "did you mean 'finite_difference'?", 2),
+        (['--set', 'bandwith_hz=3'], "unknown parameter 'bandwith_hz': did you mean "
+                                     "'bandwidth_hz'?", 2),
+        (['--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
+        (['--set', 'bandwidth_hz=fast'], 'must be a number', 2),
+        (['--set', 'bandwidth_hz'], 'is not key=value', 2),
+        (['--set', 'joints.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
+        (['--set', 'observer=[a]'], "'observer' must be text", 2),
+        (['--name', 'my node'], "--name 'my node'", 2),
+        (['--set', 'stamp_source=clock'], "'clock' is not one of header, publisher", 2),
+        (['--set', 'angle_sign=0'], 'must be 1 or -1', 2),
+        (['--measurement', '/nope'], "has no topic '/nope'; it has /chatter", 1),
+        (['--measurement', OTHER], f'name the number in it with --angle {OTHER}:FIELD', 1),
+        (['--joint', 'elbow'], "has no joint 'elbow'; it has a, b", 1),
+        (['--angle', '/nope:data'], "has no topic '/nope'", 1),
+        (['--angle', STATES], 'is not TOPIC:FIELD', 2),
+        (['--angle', f'{STATES}:velocity[0'], 'is no field', 2),
+        (['--angle', f'{STATES}:pose'], "has no field 'pose'", 2),
+        (['--angle', f'{STATES}:header.stamp.sec'], "set 'counts_per_revolution'", 2),
+        (['--angle', f'{STATES}:position[0]', '--measurement', STATES], 'either --angle or', 2),
+        (['--params', '/nowhere.yaml'], 'cannot read /nowhere.yaml', 1),
+        (['--copy', '/nope'], "has no topic '/nope'", 1),
+        (['--angle', f'{STATES}:position[0]', '--joint', 'a', '--joint', 'b'], 'one joint', 2),
+    ]
+
+
+@pytest.mark.parametrize('words, said, code', refused(), ids=lambda item: str(item)[:40])
+def test_wrong_use_is_one_line_and_leaves_nothing(words, said, code, recording, tmp_path, capsys):
+    out = ['--out', str(tmp_path / 'out')]
+    replay(recording, *words[:1], *words[1:], *out, code=code)
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count('\n') == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
+    params = tmp_path / 'params.yaml'
+    for text, said in (('bandwith_hz: 3', "did you mean 'bandwidth_hz'?"),
+                       ('bandwidth_hz: 1e9', 'is outside'),
+                       ('joints: {a: {ordre: 2}}', 'unknown parameter'),
+                       ('joints: [zz]', "has no joint 'zz'; it has a, b")):
+        params.write_text(f'/**:\n  ros__parameters:\n    {text}\n')
+        assert cli.main(['replay', str(recording), '--params', str(params)]) in (1, 2)
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count('\n') == 1
+
+
+def test_overrides_of_joints_that_never_come_are_told(recording, capsys):
+    replay(recording, '--set', 'joints.zz.bandwidth_hz=3', '--observer', 'finite_difference')
+    assert "a joint 'zz' that never came" in capsys.readouterr().err
+
+
+def test_which_topic_is_the_measurement(tmp_path, capsys):
+    raw = make.content(1)[0][2]
+
+    def bag(name, topics):
+        with BagWriter(tmp_path / name) as writer:
+            for topic in topics:
+                writer.add_topic(topic, TYPE)
+                writer.write(topic, START, raw)
+        return tmp_path / name
+
+    truth = ['/ground_truth/joint_states', '/x/ground_truth/joint_states', '/obs/estimate',
+             '/obs/estimate_stddev']
+    replay(bag('one', ['/arm/joint_states', *truth]))
+    assert 'on /arm/joint_states' in capsys.readouterr().out
+    replay(bag('usual', ['/arm/joint_states', STATES, *truth]))
+    assert f'on {STATES}' in capsys.readouterr().out
+    replay(bag('two', ['/arm/a', '/arm/b', *truth]), code=1)
+    assert 'with --measurement (/arm/a, /arm/b)' in capsys.readouterr().err
+    replay(bag('none', truth), code=1)
+    assert 'has no measured joint states' in capsys.readouterr().err
+
+
+def test_gains_that_are_unstable_at_this_rate_are_told(recording, capsys, tmp_path):
+    # what no observer takes: a sample time far beyond the bandwidth
+    encode = Encoder().encode
+    content = [(STATES, START + i, encode(START + i * 2 * 10**9, '', ['a'], [0.1 * i]))
+               for i in range(40)]
+    path = make.ours(tmp_path / 'slow', content)
+    replay(path, '--observer', 'hybrid_angle', '--set', 'form=paper', '--set', 'bandwidth_hz=200',
+           '--json', tmp_path / 'json')
+    joint = json.loads((tmp_path / 'json').read_text())['joints']['a']
+    assert joint['received'] == joint['used'] + sum(joint['dropped'].values())
+    assert joint['dropped'].get('misconfigured') or not joint['why']
+
+
+def test_an_interrupt_leaves_nothing(recording, tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('estimator_pkg.bags.writer.BagWriter.write_block', interrupted)
+    replay(recording, '--observer', 'finite_difference', '--out', tmp_path / 'out', code=130)
+    assert list(tmp_path.iterdir()) == []
+    assert 'Traceback' not in capsys.readouterr().err
+
+
+def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(recording, tmp_path, capsys):
+    raw = (recording / 'bag_0.mcap').read_bytes()
+    file = tmp_path / 'cut.mcap'
+    file.write_bytes(raw[:len(raw) // 2])
+    replay(file, '--observer', 'finite_difference', '--json', tmp_path / 'json')
+    result = json.loads((tmp_path / 'json').read_text())
+    assert 0 < result['messages']['received'] <= 400
+    assert 'is cut off' in result['warnings'][0]
+    assert capsys.readouterr().err.count('warning') == 1

@@ -1,0 +1,307 @@
+"""Every kind of observer through replay, `evaluate --observer` and over DDS: the same estimates."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+import dds
+import pytest
+
+from estimator_pkg import cli, observers, registry, streams
+from estimator_pkg.bags.definitions import jazzy
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.messages import diagnostics
+from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.observers.angle import pll
+from estimator_pkg.streams.history import History
+
+STATES, EVENTS = '/joint_states', '/switch_event'
+DRIVES = Path(__file__).resolve().parents[2] / 'bags' / 'simulated'
+MOTOR = ['resistance=0.06', 'inductance=33.75e-6', 'flux=1.9e-3', 'pole_pairs=7']
+
+
+def run(*words, code=0):
+    assert cli.main([str(word) for word in words]) == code
+
+
+def result_of(tmp_path, *words):
+    run(*words, '--json', tmp_path / 'result.json')
+    return json.loads((tmp_path / 'result.json').read_text())
+
+
+def settings(*pairs):
+    return [word for pair in pairs for word in ('--set', pair)]
+
+
+def raws_of(path, topic):
+    with open_bag(path) as bag:
+        return [bytes(message.raw) for message in bag.messages([topic])]
+
+
+@pytest.fixture(scope='module')
+def motor(tmp_path_factory):
+    path = tmp_path_factory.mktemp('motor') / 'bag'
+    run('simulate', 'dc_motor', '--duration', 6, '--set', 'rate=500', '--out', path)
+    return path
+
+
+@pytest.fixture(scope='module')
+def gripper(tmp_path_factory):
+    path = tmp_path_factory.mktemp('gripper') / 'bag'
+    run('simulate', 'gripper', '--duration', 3, '--set', 'rate=400', '--out', path)
+    return path
+
+
+# ---------------------------------------------------------------- over DDS
+
+def subscribed(probe, kind, topic, depth=5000):
+    found = []
+    return found, probe.node.create_subscription(kind, topic, found.append, depth, raw=True)
+
+
+def test_adaptive_replay_equals_the_live_node(motor, probe, tmp_path):
+    """Bytes of estimates, standard deviations and identified parameters."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from sensor_msgs.msg import JointState
+
+    result = result_of(tmp_path, 'replay', motor, '--observer', 'adaptive', '--out',
+                       tmp_path / 'out', *settings('bandwidth_hz=6'))
+    deviations, first = subscribed(probe, JointState, '/adaptive_observer/estimate_stddev')
+    identified, second = subscribed(probe, DiagnosticArray,
+                                    '/adaptive_observer/identified_parameters')
+    with dds.NodeProcess('estimator_pkg.nodes.executables adaptive_observer', '--ros-args', '-r',
+                         'joint_states:=/motor', '-p', 'bandwidth_hz:=6.0'), \
+            dds.Observer(probe, '/adaptive_observer', '/motor') as node:
+        node.connect()
+        probe.until(lambda: first.get_publisher_count() and second.get_publisher_count())
+        probe.spin(0.3)
+        node.feed(raws_of(motor, STATES))
+        probe.until(lambda: len(deviations) >= len(node.raw_answers))
+        replayed = raws_of(tmp_path / 'out', '/adaptive_observer/identified_parameters')
+        probe.until(lambda: len(identified) >= len(replayed))
+    for subscription in (first, second):
+        probe.node.destroy_subscription(subscription)
+    assert raws_of(tmp_path / 'out', '/adaptive_observer/estimate') == node.raw_answers
+    assert raws_of(tmp_path / 'out', '/adaptive_observer/estimate_stddev') == deviations
+    assert sum(bool(answer.names) for answer in node.answers) > 500
+    # DDS fills a message up to four bytes
+    assert [raw + bytes(-len(raw) % 4) for raw in replayed] == identified
+    last = jazzy().deserialize_cdr(replayed[-1], diagnostics.TYPE).status[0]
+    shown = {item.key: item.value for item in last.values}
+    assert shown['state'] == result['joints']['joint']['identified']['state'] == 'ADAPTING'
+
+
+def test_identified_parameters_are_written_ten_times_a_second(motor, tmp_path):
+    result = result_of(tmp_path, 'replay', motor, '--observer', 'adaptive', '--out',
+                       tmp_path / 'out')
+    raws = raws_of(tmp_path / 'out', '/adaptive_observer/identified_parameters')
+    messages = [jazzy().deserialize_cdr(raw, diagnostics.TYPE) for raw in raws]
+    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages]
+    assert len(messages) == pytest.approx(60, abs=2)
+    assert all(0.09 < b - a < 0.11 for a, b in itertools.pairwise(stamps))
+    last = messages[-1].status[0]
+    assert last.name == 'joint' and last.message.startswith(
+        result['joints']['joint']['identified']['state'])
+    values = {item.key: item.value for item in last.values}
+    assert float(values['b/J']) == pytest.approx(2.0, rel=0.1)
+
+
+def test_switched_replay_equals_the_live_node(gripper, probe, tmp_path):
+    """Bytes of estimates, standard deviations and discrete states, across the event."""
+    from sensor_msgs.msg import JointState
+
+    result = result_of(tmp_path, 'replay', gripper, '--observer', 'switched', '--out',
+                       tmp_path / 'out', *settings('quantum=9.6e-5'))
+    assert result['switch_events'] and set(result['switch_events']) <= {'waiting', 'applied',
+                                                                        'late'}
+    others = [subscribed(probe, JointState, f'/switched_observer/{name}')
+              for name in ('estimate_stddev', 'discrete_state')]
+    event = probe.node.create_publisher(JointState, EVENTS, 10)
+    with dds.NodeProcess('estimator_pkg.nodes.executables switched_observer', '--ros-args', '-r',
+                         'joint_states:=/gripper', '-p', 'quantum:=9.6e-5'), \
+            dds.Observer(probe, '/switched_observer', '/gripper') as node:
+        node.connect()
+        probe.until(lambda: event.get_subscription_count()
+                    and all(subscription.get_publisher_count() for _, subscription in others))
+        probe.spin(0.3)
+        with open_bag(gripper) as bag:
+            for message in bag.messages([STATES, EVENTS]):
+                if message.topic == STATES:
+                    node.feed([bytes(message.raw)])
+                else:  # it has been taken before the next sample comes
+                    event.publish(bytes(message.raw))
+                    probe.spin(0.3)
+        replayed = [raws_of(tmp_path / 'out', f'/switched_observer/{name}')
+                    for name in ('estimate', 'estimate_stddev', 'discrete_state')]
+        probe.until(lambda: len(others[1][0]) >= len(replayed[2]))
+    for _, subscription in others:
+        probe.node.destroy_subscription(subscription)
+    probe.node.destroy_publisher(event)
+    assert replayed == [node.raw_answers, *(found for found, _ in others)]
+    decode = Decoder().decode
+    before, after = decode(replayed[2][200]), decode(replayed[2][-1])
+    assert before.names[0] == after.names[0] and len(replayed[2]) > 800
+    assert abs(after.positions[0] / before.positions[0] - 1.0) > 0.2   # the load has changed
+
+
+# ---------------------------------------------------------------- evaluate equals replay
+
+def evaluated(tmp_path, bag, *words):
+    found, = result_of(tmp_path, 'evaluate', bag, *words)['bags'].values()
+    return found['estimates']
+
+
+def same_rows(tmp_path, bag, observer, node, *words):
+    """`evaluate --observer` gives the rows that `evaluate` gives of the replayed bag."""
+    run('replay', bag, '--observer', observer, *words, '--out', tmp_path / 'replayed')
+    told, = evaluated(tmp_path, tmp_path / 'replayed').values()
+    direct = evaluated(tmp_path, bag, '--observer', observer, *words)[observer]
+    assert direct['joints'].keys() == told['joints'].keys()
+    for joint, row in direct['joints'].items():
+        assert row['velocity'] == told['joints'][joint]['velocity']
+        assert row['matched'] == told['joints'][joint]['matched']
+        assert row['coverage_95'] == told['joints'][joint]['coverage_95']
+        assert row['samples']['received'] > 0 and row['validity_s']['tracking'] > 0.0
+    return direct
+
+
+def test_evaluate_adaptive(motor, tmp_path):
+    same_rows(tmp_path, motor, 'adaptive', 'adaptive_observer')
+
+
+def test_evaluate_switched(gripper, tmp_path):
+    same_rows(tmp_path, gripper, 'switched', 'switched_observer', *settings('quantum=9.6e-5'))
+
+
+def test_evaluate_a_drive(tmp_path):
+    rows = same_rows(tmp_path, DRIVES / 'drive_profile', 'pmsm', 'pmsm_observer',
+                     *settings(*MOTOR, 'compile=false'))
+    assert set(rows['joints']) == {'motor', 'motor_electrical'}
+
+
+def test_mechanical_stands_beside_angle_observers(tmp_path, capsys):
+    run('simulate', 'pendulum', '--duration', 6, '--set', 'rate=500', '--out', tmp_path / 'bag')
+    params = tmp_path / 'params.yaml'
+    params.write_text('/**:\n  ros__parameters:\n    observer: geso\n    bandwidth_hz: 5.0\n'
+                      '    model_parameters: [inertia=0.05, damping=0.02, gravity=1.5, '
+                      'coulomb=0.05]\n')
+    words = ['--params', params]
+    same_rows(tmp_path, tmp_path / 'bag', 'geso', 'mechanical_observer', *words)
+    capsys.readouterr()
+    rows = evaluated(tmp_path, tmp_path / 'bag', '--observer', 'geso', '--observer', 'pll',
+                     '--html', tmp_path / 'page.html', *words)
+    said = capsys.readouterr().out
+    assert '\ngeso ' in said and '\npll ' in said
+    assert rows['geso']['joints']['joint']['velocity']['rms'] < 0.5 * (
+        rows['pll']['joints']['joint']['velocity']['rms'])
+    assert 'geso' in (tmp_path / 'page.html').read_text()
+    # the file's bandwidth is that of its own observer
+    alone = evaluated(tmp_path, tmp_path / 'bag', '--observer', 'pll')
+    assert rows['pll'] == alone['pll']
+
+
+def test_a_file_without_an_observer_goes_to_the_kind_that_knows_its_parameters(tmp_path):
+    run('simulate', 'pendulum', '--duration', 1, '--set', 'rate=500', '--out', tmp_path / 'bag')
+    params = tmp_path / 'identified.yaml'   # as identify writes it
+    for parameters, observer in (('model_parameters: [inertia=0.05]', 'geso'),
+                                 ('joints.joint: {gravity: true}', 'adaptive'),
+                                 ('bandwidth_hz: 20.0', 'hybrid_angle'),
+                                 ('joints.joint: {bandwidth_hz: 20.0}', 'hybrid_angle')):
+        params.write_text(f'/**:\n  ros__parameters:\n    {parameters}\n')
+        found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--params', params)
+        assert found['observer'] == observer, parameters
+
+
+def test_parameters_go_to_the_observers_that_know_them(motor, tmp_path):
+    rows = evaluated(tmp_path, motor, '--observer', 'pll', '--observer', 'adaptive',
+                     *settings('damping=0.9', 'order=2'))
+    alone = evaluated(tmp_path, motor, '--observer', 'pll')
+    assert list(rows) == ['pll', 'adaptive']
+    assert rows['pll'] != alone['pll']
+
+
+# ---------------------------------------------------------------- what a kind is
+
+def test_a_damaged_input_is_not_taken_for_a_measurement(tmp_path):
+    encode = Encoder().encode
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        bag.add_topic('/effort_command', TYPE)
+        for i in range(1, 101):
+            raw = encode(i * 10**7, '', ['joint'], [0.01 * i], [], [0.1])
+            bag.write(STATES, i * 10**7, raw if i > 1 else b'bad')
+            bag.write('/effort_command', i * 10**7, raw if i % 4 else b'bad')
+    found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--observer', 'geso',
+                      *settings('input=effort_command', 'joints=[joint]'))['messages']
+    assert (found['received'], found['used'], found['inputs_malformed']) == (100, 99, 25)
+    assert found['dropped'] == {'malformed': 1}
+
+
+def test_a_long_gap_is_told_and_a_stray_stamp_is_none():
+    joint, history = Joint(pll.OBSERVER, pll.Gains(), JointSettings()), History()
+    for milliseconds in (1000, 1010, 61010, 61020, 9_000_000, 61030, 2000, 2010):
+        assert joint.update(milliseconds * 10**6, 0.0)
+        history.note(joint)
+    seconds = history.seconds()
+    assert seconds.pop('gap') == pytest.approx(60.0)
+    assert sum(seconds.values()) == pytest.approx(0.04)
+
+
+def test_every_observer_has_a_kind():
+    for name in registry.names(registry.OBSERVERS):
+        stream = streams.of_observer(name)
+        assert set(observers.find(name).gains.__dataclass_fields__) <= set(stream.parameters(name))
+
+
+def test_replay_knows_no_kinds():
+    """What it says of a kind, the kind says itself."""
+    from estimator_pkg.bags import replay
+    text = Path(replay.__file__).read_text()
+    assert not any(f'{word}' in text for word in (
+        'mechanical', 'pmsm', 'adaptive', 'switched', 'drive_samples'))
+
+
+# ---------------------------------------------------------------- errors, one line each
+
+@pytest.fixture(scope='module')
+def bare(tmp_path_factory):
+    """Positions and their truth, and nothing else."""
+    path = tmp_path_factory.mktemp('bare') / 'bag'
+    encode = Encoder().encode
+    with BagWriter(path) as bag:
+        for topic in (STATES, '/ground_truth/joint_states'):
+            bag.add_topic(topic, TYPE)
+        for i in range(400):
+            stamp = 10 ** 18 + i * 2_000_000
+            bag.write(STATES, stamp, encode(stamp, '', ['joint'], [2e-3 * i]))
+            bag.write('/ground_truth/joint_states', stamp,
+                      encode(stamp, '', ['joint'], [2e-3 * i], [1.0]))
+    return path
+
+
+@pytest.mark.parametrize(('words', 'said'), [
+    (['--observer', 'geso'], 'geso gives no estimate: '),
+    (['--observer', 'adaptive'], '/joint_states carries no effort'),
+    (['--observer', 'switched'], 'with the effort that the model needs'),
+    (['--observer', 'pmsm', *settings(*MOTOR)], "has no topic '/drive_samples'"),
+    (['--observer', 'geso', *settings('modle=x')], "did you mean 'model'?"),
+    (['--observer', 'pmsm'], 'pmsm needs the motor data'),
+    (['--observer', 'pll', '--params', '/nowhere.yaml'], 'cannot read /nowhere.yaml'),
+    (['--set', 'order=2'], '--observer')])
+def test_evaluate_says_what_a_bag_lacks(bare, words, said, capsys):
+    assert cli.main(['evaluate', str(bare), *words]) in (1, 2)
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and said in lines[0], lines
+
+
+def test_replay_of_what_lacks_the_input_says_so(bare, capsys):
+    run('replay', bare, '--observer', 'adaptive')
+    assert 'carries no effort' in capsys.readouterr().err
+    run('replay', bare, '--observer', 'switched', code=1)
+    assert 'with the effort that the model needs' in capsys.readouterr().err
+    run('replay', bare, '--observer', 'adaptive', '--joint', 'elbow', code=1)
+    assert "has no joint 'elbow'; it has joint" in capsys.readouterr().err

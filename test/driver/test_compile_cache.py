@@ -1,0 +1,133 @@
+"""A fault of the cache of compiled functions costs time and one line, never the answer."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+pytest.importorskip('numba')
+
+CALL = """
+    import resource, sys
+    if sys.argv[1] != '-1':
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
+    from estimator_pkg.driver.compiled import compiled
+    from estimator_pkg.observers.circle import wrap
+    twin = compiled(wrap)
+    assert twin(7.0, 6.0) == wrap(7.0, 6.0)
+    print('hits', sum(twin.stats.cache_hits.values()))
+"""
+DRIVE = """
+    import sys
+    from estimator_pkg import observers
+    from estimator_pkg.driver import drive
+    from estimator_pkg.driver.drive import DriveJoint
+    from estimator_pkg.driver.joint import JointSettings
+    from estimator_pkg.parameters import build
+    observer = observers.find('pmsm')
+    gains = build(observer.gains, {'resistance': 0.2, 'inductance': 3e-4, 'pole_pairs': 4,
+                                   'flux': 0.01})
+    joint = DriveJoint(observer, gains, JointSettings(), sample_period=1e-4, fast=True)
+    joint.warm_up()
+    assert joint.fast
+    print('hits', sum(drive._twin(joint._drive_batch).stats.cache_hits.values()))
+"""
+
+
+def call(cache, size=-1, script=CALL):
+    """(cache hits, lines on stderr) of a process that compiles a function."""
+    done = subprocess.run([sys.executable, '-c', textwrap.dedent(script), str(size)],
+                          capture_output=True, text=True, timeout=200,
+                          env={**os.environ, 'NUMBA_CACHE_DIR': str(cache),
+                               'PYTHONDONTWRITEBYTECODE': '1'})
+    assert done.returncode == 0, done.stderr
+    return int(done.stdout.split()[-1]), done.stderr.splitlines()
+
+
+@pytest.fixture(scope='module')
+def kept(tmp_path_factory):
+    """A cache folder in which the function is kept."""
+    folder = tmp_path_factory.mktemp('cache')
+    assert call(folder) == (0, [])
+    assert call(folder) == (1, [])
+    return folder
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def empty(path):
+    path.write_bytes(b'')
+
+
+def garbage(path):
+    path.write_bytes(b'\x80\x05garbage' * 10)
+
+
+def flipped(path):
+    raw = bytearray(path.read_bytes())
+    for place in range(len(raw) // 2, len(raw) - 200, 997):
+        raw[place] ^= 0xff
+    path.write_bytes(raw)
+
+
+def folder(path):
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.parametrize('pattern, damage', [
+    ('*.nbi', empty), ('*.nbi', cut), ('*.nbi', garbage), ('*.nbc', empty), ('*.nbc', cut),
+    ('*.nbc', garbage), ('*.nbc', flipped)])
+def test_a_damaged_cache_is_one_line_and_is_mended(kept, pattern, damage):
+    for path in kept.glob(f'*/{pattern}'):
+        damage(path)
+    hits, lines = call(kept)
+    assert hits == 0
+    assert len(lines) == 1 and 'a damaged file in' in lines[0] and str(kept) in lines[0]
+    assert call(kept) == (1, [])
+
+
+def test_a_folder_in_place_of_a_file_is_one_line(kept):
+    for path in kept.glob('*/*.nbi'):
+        folder(path)
+    hits, lines = call(kept)
+    assert hits == 0 and len(lines) == 1 and 'Is a directory' in lines[0]
+    for path in kept.glob('*/*.nbi'):
+        path.rmdir()
+    assert call(kept) == (0, [])
+
+
+def test_a_full_disk_is_one_line(tmp_path):
+    hits, lines = call(tmp_path, size=0)
+    assert hits == 0 and len(lines) == 1, lines
+    assert 'is not loaded from disk' in lines[0]
+    hits, lines = call(tmp_path, size=2000)  # room for the index, not for the code
+    assert hits == 0 and len(lines) == 1 and 'File too large' in lines[0]
+    assert call(tmp_path) == (0, [])
+    assert call(tmp_path) == (1, [])
+
+
+def test_the_loop_of_pmsm_observer_compiles_with_a_truncated_cache(tmp_path):
+    call(tmp_path, script=DRIVE)
+    for path in tmp_path.glob('*/*.nbi'):
+        cut(path)
+    hits, lines = call(tmp_path, script=DRIVE)
+    assert hits == 0 and len(lines) == 1 and 'a damaged file in' in lines[0]
+
+
+def test_a_numba_that_cannot_be_imported_is_one_line(tmp_path):
+    (tmp_path / 'numba').mkdir()
+    (tmp_path / 'numba/__init__.py').write_text("raise OSError('no shared object file')\n")
+    done = subprocess.run(
+        [sys.executable, '-c', 'from estimator_pkg.driver.compiled import available\n'
+                               'print(available(), available())'],
+        capture_output=True, text=True, timeout=100,
+        env={**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'})
+    assert done.stdout == 'False False\n'
+    assert done.stderr == 'warning: Numba cannot be used: no shared object file\n'

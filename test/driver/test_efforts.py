@@ -1,0 +1,274 @@
+"""Known inputs without ROS: when an effort acts, effort_command's messages, who takes them."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+
+from estimator_pkg import cli, observers
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import (
+    ARRAY,
+    COMMAND,
+    COMMANDED,
+    FIELD,
+    JOINT_STATE,
+    MEASURED,
+    Acting,
+    DrivenSettings,
+    EffortCommands,
+)
+from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages import joint_state, multi_array
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.parameters import build
+from estimator_pkg.streams.adaptive import AdaptiveSettings
+from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
+
+MS = 1_000_000
+START = 10 ** 15
+NAN = math.nan
+
+
+def acted(source, settings, samples, commands=()):
+    """What acted at each sample: (ms, effort) each; commands come before samples of their time."""
+    acting, found, before = Acting(1, source, settings), [], 0
+    waiting = list(commands)
+    for at, effort in samples:
+        while waiting and waiting[0][0] <= at:
+            since, value = waiting.pop(0)
+            acting.command(0, START + round(since * MS), value)
+        found += acting.given(before, START + at * MS, (effort,), settings)
+        before = START + at * MS
+    return found
+
+
+SAMPLES = [(0, 1.0), (2, 2.0), (4, 4.0), (6, 8.0)]
+
+
+@pytest.mark.parametrize('effort_is, delay, expected', [
+    (None, 0.0, [1.0, 2.0, 4.0, 8.0]),       # the mean since the sample before, as it came
+    (MEASURED, 0.002, [NAN, NAN, 2.0, 4.0]),
+    (MEASURED, 0.001, [NAN, NAN, 3.0, 6.0]),
+    (COMMANDED, 0.0, [NAN, 1.0, 2.0, 4.0]),  # from the stamp of its sample on
+    (COMMANDED, 0.001, [NAN, NAN, 1.5, 3.0])])
+def test_when_the_effort_of_a_sample_acts(effort_is, delay, expected):
+    settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,))
+    assert acted(FIELD, settings, SAMPLES) == pytest.approx(expected, nan_ok=True)
+
+
+@pytest.mark.parametrize('effort_is, delay, expected', [
+    (None, 0.0, [NAN, 1.5, 2.0, 2.0]),
+    (COMMANDED, 0.001, [NAN, NAN, 2.0, 2.0]),
+    (MEASURED, 0.0, [NAN, 2.0, 2.0, 2.0])])  # 2.0 acted since the command before
+def test_when_an_effort_command_acts(effort_is, delay, expected):
+    settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,))
+    found = acted(COMMAND, settings, [(at, NAN) for at, _ in SAMPLES], [(0, 1.0), (1, 2.0)])
+    assert found[1:] == pytest.approx(expected[1:], nan_ok=True)
+
+
+@pytest.mark.parametrize('source', [FIELD, COMMAND])
+@pytest.mark.parametrize('garbage', [1e9, -1e300, math.inf, NAN])
+def test_garbage_is_no_input(source, garbage):
+    efforts = [(0, 1.0), (1, garbage), (2, 3.0), (3, 3.0)]
+    found = acted(source, DrivenSettings(), efforts, efforts)
+    assert not any(abs(effort) >= 1e9 for effort in found) and found[-1] == 3.0
+    if source == FIELD:
+        assert math.isnan(found[1])
+
+
+def test_scale_sign_and_timeout():
+    settings = DrivenSettings(input_scale=(-2.0,), input_timeout=0.004)
+    assert acted(FIELD, settings, SAMPLES) == [-2.0, -4.0, -8.0, -16.0]
+    found = acted(COMMAND, settings, [(at, NAN) for at in (0, 2, 4, 6, 8)], [(0, 1.0)])
+    assert found == pytest.approx([-2.0, -2.0, -2.0, -2.0, NAN], nan_ok=True)
+
+
+@pytest.mark.parametrize('effort_is', [MEASURED, COMMANDED])
+@pytest.mark.parametrize('delay', [0.0, 0.002])
+def test_a_hole_longer_than_the_timeout_leaves_the_effort_known(effort_is, delay):
+    """The timeout is for commands that stop. An effort beside its position was there all the time,
+    and that it acts late changes nothing.
+    """
+    settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,), input_timeout=0.004)
+    samples = [(at, 1.0) for at in (*range(10), *range(15, 30))]
+    found = acted(FIELD, settings, samples)
+    assert found[4:] == [1.0] * (len(samples) - 4)
+
+
+def test_a_late_sample_takes_no_effort_away():
+    settings = DrivenSettings(effort_is=COMMANDED)
+    acting = Acting(1, FIELD, settings)
+    acting.given(0, START, (1.0,), settings)
+    acting.given(START, START + 2 * MS, (2.0,), settings)
+    acting.given(START + 2 * MS, START + MS, (9.0,), settings)  # late: it will be dropped
+    assert acting.given(START + 2 * MS, START + 4 * MS, (3.0,), settings) == (2.0,)
+
+
+def test_one_number_for_all_inputs_or_each():
+    settings = DrivenSettings(input_scale=(1.0, -1.0), input_delay=(0.0, 0.0))
+    assert Acting(2, FIELD, settings).given(0, START, (3.0, 4.0), settings) == (3.0, -4.0)
+    with pytest.raises(UsageError, match="two: 'input_scale' has 2 numbers for 3 inputs"):
+        settings.check_inputs(3, 'two')
+
+
+# Messages
+
+def array(numbers, dimensions=0, offset=0):
+    """CDR bytes of a Float64MultiArray."""
+    raw = struct.pack('<4BI', 0, 1, 0, 0, dimensions)
+    for _ in range(dimensions):
+        raw += struct.pack('<I2s2xII', 2, b'x\0', len(numbers), len(numbers))
+    raw += struct.pack('<II', offset, len(numbers))
+    if numbers:
+        raw += b'\0' * (-(len(raw) - 4) % 8)
+    return raw + struct.pack(f'<{len(numbers)}d', *numbers)
+
+
+def test_arrays_stand_for_all_joints_or_the_driven_ones():
+    commands = EffortCommands(ARRAY, [('a', 'b', 'c'), ('b',)], False)
+    assert commands.decode(array([1.0, 2.0, 3.0]), 5) == (5, ('a', 'b', 'c'), (1.0, 2.0, 3.0))
+    assert commands.decode(array([7.0], dimensions=1), 6) == (6, ('b',), (7.0,))
+    assert commands.decode(array([0.0, 7.0], offset=1), 6) == (6, ('b',), (7.0,))
+    for raw, words in ((array([1.0, 2.0]), '2 numbers, where there are 3 or 1 joints'),
+                       (array([1.0], offset=2), 'begin at 2'), (array([1.0])[:-3], 'too short'),
+                       (b'', 'not a CDR message'), (array([]), '0 numbers')):
+        with pytest.raises(MalformedMessageError, match=words):
+            commands.decode(raw, 5)
+
+
+def test_joint_states_have_names_and_a_stamp():
+    raw = Encoder().encode(START, 'base', ('a', 'b'), (), (), (1.0, 2.0))
+    assert EffortCommands(JOINT_STATE, [], False).decode(raw, 5) == (START, ('a', 'b'), (1.0, 2.0))
+    assert EffortCommands(JOINT_STATE, [], True).decode(raw, 5)[0] == 5
+    with pytest.raises(MalformedMessageError, match='2 names, but 1 efforts'):
+        EffortCommands(JOINT_STATE, [], False).decode(
+            Encoder().encode(START, '', ('a', 'b'), (), (), (1.0,)), 5)
+
+
+def test_an_array_needs_the_joints_by_name():
+    with pytest.raises(UsageError, match="set 'joints'"):
+        AdaptiveSettings(input=COMMAND, effort_command_type=ARRAY).find_observer()
+
+
+# Who takes them
+
+def turning(k):
+    return 0.3 * math.sin(0.002 * k), math.cos(0.017 * k)
+
+
+def test_the_adaptive_joint_takes_commands_as_it_takes_fields():
+    """A command at each sample's stamp acts until the next: the field of the sample after it."""
+    adaptive = observers.find('adaptive')
+
+    def bank(source, **values):
+        return AdaptiveBank(AdaptiveConfiguration(adaptive, values), (), source)
+
+    field, command = bank(FIELD), bank(COMMAND)
+    for k in range(400):
+        position, effort = turning(k)
+        field.take(START + k * MS, ('j',), (position,), (effort,))
+        command.take(START + k * MS, ('j',), (position,), ())
+        if k < 399:
+            command.command(START + k * MS, ('x', 'j'), (9.0, turning(k + 1)[1]))
+    assert command.joints['j'].used == 399          # nothing had acted before the first
+    assert command.joints['j'].dropped() == {'non_finite': 1}
+    late = bank(COMMAND)
+    late.take(START, ('j',), (0.1,), ())
+    assert late.why_silent('j') == 'no effort_command is in force for it'
+    assert field.why_silent('j') == command.why_silent('j') == ''
+    same = bank(FIELD)
+    for k in range(1, 400):
+        position, effort = turning(k)
+        same.take(START + k * MS, ('j',), (position,), (effort,))
+    assert command.joints['j'].estimate() == same.joints['j'].estimate()
+
+
+def test_scale_per_joint_of_the_adaptive_observer():
+    adaptive = observers.find('adaptive')
+    bank = AdaptiveBank(AdaptiveConfiguration(adaptive, {}, {'b': {'input_scale': [-1.0]}}))
+    for k in range(400):
+        position, effort = turning(k)
+        bank.take(START + k * MS, ('a', 'b'), (position, position), (effort, -effort))
+    assert bank.joints['a'].estimate() == bank.joints['b'].estimate()
+
+
+def test_the_switched_system_takes_commands_as_it_takes_fields():
+    switched = observers.find('switched')
+
+    def bank(source, **values):
+        gains, settings = Configuration(switched, values).for_joint('')
+        return SwitchedBank(SwitchedJoint(switched, gains, settings), ('joint',), source)
+
+    field, command = bank(FIELD), bank(COMMAND)
+    for k in range(1000):
+        position = 0.3 + 1e-4 * k
+        if k:
+            one = field.take(START + k * MS, ('joint',), (position,), (0.01 * k,))
+        two = command.take(START + k * MS, ('joint',), (position,), ())
+        command.command(START + k * MS, ('joint',), (0.01 * (k + 1),))
+    assert one == two and one
+    assert command.system.discrete() == field.system.discrete()
+    silent = bank(COMMAND)
+    assert silent.take(START, ('joint',), (0.1,), ()) == []
+    assert silent.why_silent('joint') == 'no effort_command is in force'
+    with pytest.raises(UsageError, match="'input_delay' has 2 numbers for 1 input"):
+        bank(FIELD, input_delay=[0.1, 0.2])
+
+
+# Replay
+
+def motion(observer):
+    """(position, effort) every 2 ms, in which this observer finds its way."""
+    if observer != 'adaptive':
+        return [(0.3 + 1e-4 * k, turning(k)[1]) for k in range(600)]
+    decode = Decoder().decode
+    states = [decode(bytes(message.encode(START))) for chunk in SIMULATOR.generate(
+        build(MotorParameters, {'rate': 500.0}), 6.0, 1) for message in chunk
+        if message.topic == 'joint_states']
+    return [(state.positions[0], state.efforts[0]) for state in states]
+
+
+@pytest.mark.parametrize('observer, node, joint', [
+    ('adaptive', 'adaptive_observer', 'joint'), ('switched', 'switched_observer', 'joint'),
+    ('geso', 'mechanical_observer', 'joint')])
+def test_replay_takes_the_topic_as_the_node_does(observer, node, joint, tmp_path, capsys):
+    """Arrays at the time of sending, and by name: the same estimates as from the effort field."""
+    encode, decode, estimates = Encoder().encode, Decoder().decode, {}
+    for kind in ('field', 'by_name', 'array'):
+        with BagWriter(tmp_path / kind) as bag:
+            bag.add_topic('/joint_states', joint_state.TYPE)
+            if kind != 'field':
+                bag.add_topic('/effort_command',
+                              multi_array.TYPE if kind == 'array' else joint_state.TYPE)
+            for k, (position, effort) in enumerate(motion(observer)):
+                stamp, since = START + 2 * k * MS, START + 2 * (k - 1) * MS
+                if kind != 'field':  # from the sample before on
+                    bag.write('/effort_command', since, array([effort]) if kind == 'array' else
+                              encode(since, '', (joint,), (), (), (effort,)))
+                bag.write('/joint_states', stamp, encode(
+                    stamp, '', (joint,), (position,), (),
+                    (effort,) if kind == 'field' else ()))
+        words = [] if kind == 'field' else ['--set', 'input=effort_command']
+        if kind == 'array':
+            words += ['--set', 'effort_command_type=Float64MultiArray']
+        if observer == 'adaptive':
+            words += ['--set', f'joints=[{joint}]']
+        assert cli.main(['replay', str(tmp_path / kind), '--observer', observer, *words, '--out',
+                         str(tmp_path / f'{kind}_out')]) == 0
+        with open_bag(tmp_path / f'{kind}_out') as bag:
+            estimates[kind] = [decode(bytes(message.raw)) for message in
+                               bag.messages([f'/{node}/estimate'])]
+    assert sum(bool(each.names) for each in estimates['field']) > 100
+    assert estimates['field'] == estimates['by_name'] == estimates['array']
+    capsys.readouterr()
+    assert cli.main(['replay', str(tmp_path / 'field'), '--observer', observer,
+                     '--set', 'input=effort_command', '--out', str(tmp_path / 'none')]) == 1
+    assert "has no topic '/effort_command'" in capsys.readouterr().err

@@ -1,0 +1,318 @@
+"""Mechanisms without ROS: inputs over time, joints gathered by stamp, wrong settings, replay."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mechanism_runs import FAST, motion
+
+from estimator_pkg import cli, observers
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.driver.efforts import COMMAND, Inputs
+from estimator_pkg.driver.mechanism import MechanismBank, MechanismConfiguration
+from estimator_pkg.errors import UserError
+from estimator_pkg.observers.contract import COASTING, NOT_OBSERVABLE, TRACKING
+
+MS = 1_000_000
+START = 10 ** 12
+
+
+def bank(source='joint_states', names=('m',), overrides=None, observer='geso', **values):
+    """The mechanisms of a node with these parameters."""
+    configuration = MechanismConfiguration(observers.find(observer), values, overrides)
+    return MechanismBank(configuration, names, source)
+
+
+# Inputs
+
+def test_an_input_is_averaged_over_the_interval_in_which_it_acted():
+    inputs = Inputs(1)
+    inputs.add(0, START, 1.0)
+    inputs.add(0, START + 2 * MS, 3.0)
+    inputs.add(0, START + 5 * MS, -1.0)
+    assert inputs.mean(START + MS, START + 3 * MS, 10 ** 9) == (2.0,)
+    assert inputs.mean(START + 3 * MS, START + 4 * MS, 10 ** 9) == (3.0,)
+    assert inputs.mean(START + 4 * MS, START + 8 * MS, 10 ** 9) == (0.0,)
+
+
+def test_an_input_that_is_not_known_or_too_old_is_nan():
+    inputs = Inputs(2)
+    inputs.add(0, START, 1.0)
+    first, second = inputs.mean(START, START + MS, 10 ** 9)
+    assert first == 1.0 and math.isnan(second)
+    assert math.isnan(inputs.mean(START - MS, START, 10 ** 9)[0])
+    assert math.isnan(inputs.mean(START + 700 * MS, START + 701 * MS, 500 * MS)[0])
+
+
+@pytest.mark.parametrize('delay', (0.0, 0.005))
+def test_the_effort_command_acts_from_its_stamp_plus_its_delay(delay):
+    """The observer's momentum moves exactly when and as much as the command says."""
+    mechanisms = bank(COMMAND, model='single_joint', model_parameters=['inertia=0.1'],
+                      joints=['j'], input_scale=[-2.0], input_delay=delay, L=[1e-3], K=[1e-6])
+    mechanisms.command(START - 100 * MS, ('j',), (0.0,))
+    mechanism = mechanisms.joints['m']
+    velocities = []
+    for k in range(60):
+        if k == 20:
+            mechanisms.command(START + 20 * MS - MS // 2, ('other', 'j'), (7.0, 0.5))
+        mechanisms.update(START + k * MS, ('j',), (0.0,), ())
+        velocities.append(mechanism.estimate()[1][0] if k else 0.0)
+    late = round(delay * 1000)
+    assert abs(velocities[19 + late]) < 1e-9
+    assert velocities[20 + late] == pytest.approx(-2.0 * 0.5 / 0.1 * 0.5e-3, rel=1e-3)
+    assert velocities[59] == pytest.approx(-10.0 * (39.5e-3 - delay), rel=1e-3)
+
+
+# Joints
+
+def test_joints_in_separate_messages_are_matched_by_stamp():
+    """In any order, with another sample between; the same estimates as from whole messages."""
+    values = {'model': 'cart_pendulum', 'bandwidth_hz': 20.0, 'joints': ['arm', 'wagon']}
+    whole, parts = bank(**values), bank(**values)
+    for k in range(200):
+        stamp, y = START + k * MS, (0.3 + 1e-3 * k, 2e-4 * k)
+        whole.update(stamp, ('wagon', 'arm'), (y[1], y[0]), (0.5, 0.0))
+        messages = [(('arm',), (y[0],), ()), (('wagon', 'x'), (y[1], 9.0), (0.5, 9.0))]
+        for names, positions, efforts in messages[::1 if k % 2 else -1]:
+            parts.update(stamp, names, positions, efforts)
+    assert whole.joints['m'].estimate() == parts.joints['m'].estimate()
+    assert parts.joints['m'].used == 200 and parts.joints['m'].incomplete == 0
+
+
+def test_a_stamp_that_never_gets_all_joints_is_counted():
+    mechanisms = bank(model='cart_pendulum', joints=['arm', 'wagon'])
+    for k in range(10):
+        mechanisms.update(START + k * MS, ('arm',), (0.0,), ())
+        if k != 4:
+            mechanisms.update(START + k * MS, ('wagon',), (0.0,), (0.0,))
+    mechanism = mechanisms.joints['m']
+    assert mechanism.used == 9 and mechanism.incomplete == 1
+
+
+def test_pair_tolerance_joins_stamps_that_differ_a_little():
+    for tolerance, used in ((0.0, 0), (2e-4, 10)):
+        mechanisms = bank(model='cart_pendulum', joints=['arm', 'wagon'], pair_tolerance=tolerance)
+        for k in range(10):
+            mechanisms.update(START + k * MS, ('arm',), (0.0,), ())
+            mechanisms.update(START + k * MS + MS // 10, ('wagon',), (0.0,), (0.0,))
+        assert mechanisms.joints['m'].used == used
+
+
+@pytest.mark.parametrize('order', [(0, 1), (1, 0)])
+def test_a_sample_of_joints_that_come_apart_has_the_later_stamp(order):
+    """Whichever message comes first: only then all its positions were measured."""
+    mechanisms = bank(model='cart_pendulum', joints=['arm', 'wagon'], pair_tolerance=2e-4)
+    messages = [(START, 'arm'), (START + MS // 10, 'wagon')]
+    for place in order:
+        stamp, joint = messages[place]
+        mechanisms.update(stamp, (joint,), (0.0,), (0.0,))
+    assert mechanisms.joints['m'].used == 1
+    assert mechanisms.joints['m'].stamp_ns == START + MS // 10
+
+
+def through_a_missing_effort(observer):
+    """(velocities, true velocities) of a fast cart-pendulum, the effort missing for 0.15 s, from
+    sample 1500 on, while the arm turns by 1 rad.
+    """
+    positions, truth = motion('cart_pendulum', FAST, (1.37, -0.1), (6.0, 0.35), 1e-3, 1655)
+    gains = {'mu': [29.0, 10.0]} if observer == 'smo' else {'bandwidth_hz': 8.0}
+    mechanisms = bank(observer=observer, model='cart_pendulum', model_parameters=list(FAST),
+                      **gains)
+    mechanism, velocities = mechanisms.joints['m'], []
+    for k, position in enumerate(positions):
+        effort = math.nan if 1500 <= k < 1650 else 0.0
+        mechanisms.update(START + k * MS, mechanism.names, position, (effort, effort))
+        velocities.append(mechanism.estimate()[1])
+    return np.array(velocities), truth
+
+
+@pytest.mark.parametrize('observer', ['hgo', 'ehgo', 'smo'])
+def test_the_velocity_goes_on_where_the_input_comes_back(observer):
+    velocities, _ = through_a_missing_effort(observer)
+    held = velocities[1499:1650]
+    assert np.all(held == held[0])
+    assert velocities[1650] == pytest.approx(held[0], abs=0.3)
+
+
+def test_geso_keeps_the_momenta_while_the_input_is_missing():
+    """The cart swings from -2.8 to 2.6 m/s meanwhile, moved by nothing but the turning arm."""
+    velocities, truth = through_a_missing_effort('geso')
+    assert np.ptp(truth[1500:1650, 1]) > 5.0
+    assert np.all(np.max(np.abs(velocities - truth)[1500:], axis=0) < (0.2, 0.05))
+
+
+def test_without_an_effort_it_coasts_for_a_fifth_of_a_second_and_no_longer():
+    mechanisms = bank(model='single_joint', joints=['j'], bandwidth_hz=20.0)
+    mechanism, published = mechanisms.joints['m'], []
+    for k in range(1400):
+        effort = math.nan if k >= 1000 else 0.0
+        found = mechanisms.update(START + k * MS, ('j',), (1e-3 * k,), (effort,))
+        published.append((mechanism.estimate()[3], bool(found)))
+    assert published[999] == (TRACKING, True)
+    assert set(published[1000:1190]) == {(COASTING, True)}
+    assert set(published[1210:]) == {(NOT_OBSERVABLE, False)}
+
+
+def test_missing_effort_of_an_unactuated_joint_is_no_error():
+    """The cart's effort is there, the pendulum's is nan: estimated. The other way round: not."""
+    for efforts, published in (((math.nan, 0.0), True), ((0.0, math.nan), False), ((), False)):
+        mechanisms = bank(model='cart_pendulum', bandwidth_hz=20.0)
+        for k in range(1000):
+            found = mechanisms.update(START + k * MS, ('pendulum', 'cart'), (0.1, 0.0), efforts)
+        assert bool(found) == published
+        if not published:
+            assert 'no effort for cart' in mechanisms.joints['m'].why()
+
+
+def test_efforts_of_another_number_than_the_names_are_a_mismatch():
+    mechanisms = bank(model='single_joint', joints=['j'])
+    for efforts in ((0.1, 0.2), (0.1, 0.2, 0.3)):
+        assert mechanisms.update(START, ('j',), (0.1,), efforts) == []
+    assert mechanisms.mismatched == 2 and mechanisms.joints['m'].received == 0
+    commanded = bank(COMMAND, model='single_joint', joints=['j'])
+    commanded.update(START, ('j',), (0.1,), (0.1, 0.2))  # nobody reads them
+    assert commanded.mismatched == 0 and commanded.joints['m'].used == 1
+
+
+def test_a_joint_that_no_longer_comes_is_named():
+    mechanisms = bank(model='cart_pendulum', joints=['p', 'c'])
+    mechanisms.update(START, ('p', 'c'), (0.1, 0.0), (0.0, 0.0))
+    assert mechanisms.why_silent('m') == ''
+    mechanisms.update(START + MS, ('p',), (0.1,), (0.0,))
+    assert mechanisms.why_silent('m') == 'waiting for c'
+
+
+def test_joints_whose_stamps_never_agree_are_told_how_far_they_are_apart():
+    mechanisms = bank(model='cart_pendulum', joints=['p', 'c'])
+    for k in range(30):
+        mechanisms.update(START + k * MS, ('p',), (0.1,), ())
+        mechanisms.update(START + k * MS + 200_000, ('c',), (0.0,), ())
+    assert mechanisms.why_silent('m') == ('its joints come apart, with stamps that differ by '
+                                          '0.0002 s at least (pair_tolerance)')
+    assert mechanisms.joints['m'].received == 0 < mechanisms.joints['m'].incomplete
+
+
+def test_several_mechanisms_in_one_stream():
+    mechanisms = bank(names=('arm', 'cart'), bandwidth_hz=20.0, overrides={
+        'arm': {'joints': ['elbow']},
+        'cart': {'model': 'cart_pendulum', 'joints': ['p', 'c'], 'bandwidth_hz': 30.0}})
+    for k in range(500):
+        found = mechanisms.update(START + k * MS, ('p', 'elbow', 'c'), (0.1, 1e-3 * k, 0.0),
+                                  (0.0, 0.0, 0.0))
+    assert [each.name for each in found] == ['elbow', 'p', 'c']
+    assert found[0].velocity == pytest.approx(1.0, abs=1e-3)
+    assert len(mechanisms.stddevs(['p', 'elbow'])) == 2
+
+
+@pytest.mark.parametrize('values, words', [
+    ({'model': 'cart_pendulum', 'joints': ['a']}, "has 2 joints (pendulum, cart), but 'joints'"),
+    ({'model': 'cart_pendulum', 'joints': ['a', 'a']}, 'names a joint twice'),
+    ({'input_scale': [1.0, 2.0]}, "'input_scale' has 2 numbers for 1 input"),
+    ({'names': ('a', 'a')}, "'mechanisms' names 'a' twice"),
+    ({'names': ('a', 'b')}, "'a' and 'b' both have the joint 'joint'"),
+    ({'bandwith_hz': 3.0}, "did you mean 'bandwidth_hz'?"),
+    ({'overrides': {'arn': {'bandwidth_hz': 3.0}}}, "a mechanism 'arn'")])
+def test_wrong_settings_are_refused_in_one_line(values, words):
+    with pytest.raises(UserError) as error:
+        bank(**values)
+    assert words in str(error.value)
+
+
+def test_gains_change_without_a_break():
+    mechanisms = bank(bandwidth_hz=10.0)
+    mechanism = mechanisms.joints['m']
+    for k in range(500):
+        mechanisms.update(START + k * MS, ('joint',), (1e-3 * k,), (0.0,))
+    before = mechanism.estimate()[1][0]
+    mechanism.set_gains(mechanisms.configuration.observer.gains(bandwidth_hz=40.0))
+    mechanisms.update(START + 500 * MS, ('joint',), (0.5,), (0.0,))
+    assert mechanism.estimate()[1][0] == pytest.approx(before, abs=1e-3)
+    assert mechanism.functions.describe(1e-3)['L'][0][0] > 200.0
+
+
+# Replay of simulated bags: two-sided bounds on the rms of the velocity errors
+
+CART = ['model=cart_pendulum', "model_parameters=['force_constant=9.27','friction_forward=3.98',"
+        "'friction_backward=2.87']"]
+JOINT = ["model_parameters=['inertia=0.05','damping=0.02','gravity=1.5','coulomb=0.05']"]
+CASES = [  # simulator, observer, parameters, largest rms of each joint
+    ('cart_pendulum', 'geso', [*CART, 'L=[50, 80]', 'Gamma=[80, 150]'], (0.026, 0.0147)),
+    ('cart_pendulum', 'hgo', [*CART, 'bandwidth_hz=6'], (0.02, 0.0098)),
+    ('cart_pendulum', 'ehgo', [*CART, 'bandwidth_hz=25'], (0.0236, 0.007)),
+    ('cart_pendulum', 'smo', [*CART, 'mu=[29, 10]'], (0.11, 0.04)),
+    ('pendulum', 'geso', [*JOINT, 'bandwidth_hz=5'], (0.0041,)),
+    ('robotic_leg', 'geso', ['model=robotic_leg', 'bandwidth_hz=1'], (0.0053, 0.00044, 0.0175))]
+
+
+@pytest.mark.parametrize('plant, observer, values, bounds', CASES,
+                         ids=[f'{case[0]}-{case[1]}' for case in CASES])
+def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, tmp_path):
+    assert cli.main(['simulate', plant, '--duration', '8', '--seed', '3', '--out',
+                     str(tmp_path / 'bag')]) == 0
+    words = [word for value in values for word in ('--set', value)]
+    assert cli.main(['replay', str(tmp_path / 'bag'), '--observer', observer, *words, '--out',
+                     str(tmp_path / 'out')]) == 0
+    with open_bag(tmp_path / 'out') as bag:
+        found = joint_series(bag, '/mechanical_observer/estimate')
+        truth = joint_series(bag, '/ground_truth/joint_states')
+    for bound, (name, series) in zip(bounds, found.items()):
+        true = truth[name]
+        index = np.searchsorted(true.stamps_ns, series.stamps_ns)
+        assert np.array_equal(true.stamps_ns[index], series.stamps_ns)
+        rms = math.sqrt(np.mean((series.velocity - true.velocity[index]) ** 2))
+        assert 0.5 * bound < rms < bound, f'{name}: {rms}'
+
+
+@pytest.mark.parametrize('words, message', [
+    (['--observer', 'geso', '--set', 'model=own_models:TwoLinks'], "use the observer 'hgo'"),
+    (['--observer', 'geso', '--set', 'model=no_such:Model'], "cannot import 'no_such'"),
+    (['--observer', 'geso', '--set', 'model=cart_pendulum'], "name them with the parameter"),
+    (['--observer', 'geso', '--set', 'L=-1', '--set', 'K=3'], 'not Hurwitz'),
+    (['--observer', 'geso', '--set', 'modle=x'], "did you mean 'model'?"),
+    (['--observer', 'geso', '--joint', 'a'], '--angle and --joint')])
+def test_replay_says_what_is_wrong_in_one_line(words, message, tmp_path, capsys):
+    assert cli.main(['simulate', 'pendulum', '--duration', '0.1', '--out',
+                     str(tmp_path / 'bag')]) == 0
+    capsys.readouterr()
+    assert cli.main(['replay', str(tmp_path / 'bag'), *words]) in (1, 2)
+    error = capsys.readouterr().err
+    assert message in error and error.count('\n') == 1
+
+
+def test_the_parameter_file_is_what_the_node_and_replay_take():
+    from pathlib import Path
+
+    from estimator_pkg import params_file
+    from estimator_pkg.driver.mechanism import MechanismSettings
+    from estimator_pkg.parameters import declared
+    from estimator_pkg.streams.mechanical import MechanicalSettings, MechanicalStream
+    path = Path(__file__).parents[2] / 'config/mechanical_observer.yaml'
+    stream = MechanicalStream.of(params_file.load(str(path), 'mechanical_observer'))
+    assert stream.observer.name == 'geso' and list(stream.bank.joints) == ['mechanism']
+    text = path.read_text()
+    wanted = {*declared(MechanicalSettings), *declared(MechanismSettings)} - {'wrap_period'}
+    for name in ('geso', 'hgo', 'ehgo', 'smo'):
+        wanted |= set(declared(observers.find(name).gains))
+    for name in wanted:
+        assert f'    {name}: ' in text or f'    #{name}: ' in text, name
+
+
+@pytest.mark.parametrize('observer', ('geso', 'hgo'))
+def test_a_disturbance_can_be_looked_for_from_now_on(observer):
+    """A live change of disturbance_hz, both ways: a constant torque of 0.2 N m is found, or not."""
+    mechanisms = bank(observer=observer, model='single_joint', model_parameters=['inertia=0.1'],
+                      joints=['j'], bandwidth_hz=5.0)
+    mechanism = mechanisms.joints['m']
+    error = []
+    for k in range(6000):
+        if k in (2000, 4000):
+            mechanism.set_gains(mechanism.gains.__class__(
+                model_parameters=('inertia=0.1',), bandwidth_hz=5.0,
+                disturbance_hz=1.0 if k == 2000 else 0.0))
+        mechanisms.update(START + k * MS, ('j',), (1e-6 * k * k,), (0.0,))  # 2 rad/s^2
+        error.append(mechanism.estimate()[1][0] - 2e-3 * k)
+    assert abs(error[1999]) == pytest.approx(abs(error[5999]), rel=1e-3) and abs(error[1999]) > 0.05
+    assert abs(error[3999]) < 1e-3

@@ -1,0 +1,339 @@
+"""Metrics on signals whose answers are known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from estimator_pkg.evaluation.compare import metrics
+from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.interpolation import cubic
+from estimator_pkg.evaluation.compare.matching import match, pieces
+from estimator_pkg.evaluation.reference import reference
+from estimator_pkg.evaluation.reference.doubt import noise
+from estimator_pkg.evaluation.text import error, fixed
+
+TURN = 2.0 * np.pi
+
+
+def jittered(seconds=5.0, rate=1000.0, jitter=0.3, seed=1):
+    random = np.random.default_rng(seed)
+    count = int(seconds * rate)
+    return (np.arange(count) + jitter * random.uniform(-1.0, 1.0, count)) / rate
+
+
+def sine(time, frequency=2.0, amplitude=5.0):
+    return amplitude * np.sin(TURN * frequency * time + 0.4)
+
+
+# ---------------------------------------------------------------- errors
+
+def test_summary_of_known_errors():
+    numbers = metrics.summary(np.array([3.0, -1.0, np.nan, -4.0]))
+    assert numbers == {'rms': pytest.approx(np.sqrt(26.0 / 3.0)),
+                       'mean_abs': pytest.approx(8.0 / 3.0), 'max_abs': 4.0,
+                       'bias': pytest.approx(-2.0 / 3.0)}
+
+
+def test_summary_of_nothing_is_nan():
+    assert all(np.isnan(value) for value in metrics.summary(np.full(3, np.nan)).values())
+
+
+def test_errors_are_estimate_minus_truth_at_zero_shift():
+    time = jittered()
+    numbers = metrics.velocity(time, sine(time - 0.01) + 0.25, sine(time))
+    # a delayed sine is off by amplitude times 2 sin(pi f d), and the bias adds in quadrature
+    late = 5.0 * 2.0 * np.sin(np.pi * 2.0 * 0.01)
+    assert numbers['bias'] == pytest.approx(0.25, abs=1e-3)
+    assert numbers['rms'] == pytest.approx(np.hypot(late / np.sqrt(2.0), 0.25), rel=1e-3)
+    assert numbers['max_abs'] == pytest.approx(late + 0.25, rel=1e-3)
+
+
+def test_position_error_takes_the_shorter_way_round():
+    time = np.arange(0.0, 3.0, 1e-3)
+    truth = 4.0 * time
+    estimate = (truth + 0.1 + np.pi) % TURN - np.pi
+    numbers = metrics.position(time, estimate, truth, TURN)
+    assert numbers['max_abs'] == pytest.approx(0.1, abs=1e-9)
+    assert numbers['bias'] == pytest.approx(0.1, abs=1e-9)
+    assert metrics.position(time, estimate, truth, 0.0)['max_abs'] > 2.0
+
+
+@pytest.mark.parametrize('late', [0.004, -0.002])
+def test_position_delay_across_wraps(late):
+    time = jittered()
+    truth = 30.0 * time + 2.0 * np.sin(9.0 * time)
+    estimate = 30.0 * (time - late) + 2.0 * np.sin(9.0 * (time - late))
+    found = metrics.position(time, estimate % TURN, truth % TURN, TURN)['delay_s']
+    assert found == pytest.approx(late, abs=1e-6)
+
+
+def test_position_delay_of_a_joint_at_rest_is_not_told():
+    time = np.arange(0.0, 1.0, 1e-3)
+    still = np.full(len(time), 0.7)
+    assert np.isnan(metrics.position(time, still + 0.01, still, TURN)['delay_s'])
+
+
+# ---------------------------------------------------------------- delay
+
+@pytest.mark.parametrize('rate', [100.0, 1000.0])
+@pytest.mark.parametrize(('frequency', 'late'),
+                         [(2.0, 0.0), (2.0, 0.00312), (5.0, 0.0637), (0.5, 0.02), (2.0, -0.0041)])
+def test_delay_of_a_shifted_sine(rate, frequency, late):
+    time = jittered(rate=rate)
+    found = delay(time, sine(time - late, frequency), sine(time, frequency))
+    assert found == pytest.approx(late, abs=1e-5)
+
+
+def test_delay_of_a_first_order_low_pass():
+    """At one frequency its delay is atan(w tau) / w."""
+    time, tau, pulsation = jittered(20.0), 0.02, TURN * 2.0
+    gain = 1.0 / np.hypot(1.0, pulsation * tau)
+    late = np.arctan(pulsation * tau) / pulsation
+    found = delay(time, gain * sine(time - late), sine(time))
+    # what is smaller fits best a little earlier or later where the record is cut off
+    assert found == pytest.approx(late, abs=3e-5)
+
+
+def test_delay_is_not_drawn_to_where_interpolation_smooths_the_noise():
+    time = np.arange(0.0, 5.0, 1e-3)
+    random = np.random.default_rng(3)
+    found = [delay(time, sine(time) + 0.5 * random.standard_normal(len(time)), sine(time))
+             for _ in range(12)]
+    # one such estimate has a standard deviation of 0.5 / (sqrt(5000) rms slope) = 0.16 ms
+    assert abs(np.mean(found)) < 3.5 * 0.16e-3 / np.sqrt(12)
+
+
+def test_delay_is_as_sharp_as_the_noise_lets_it_be():
+    time = np.arange(0.0, 5.0, 1e-3)
+    random = np.random.default_rng(13)
+    found = [delay(time, sine(time - 0.003, 0.5) + 0.05 * random.standard_normal(len(time)),
+                   sine(time, 0.5) + 0.1 * random.standard_normal(len(time)))
+             for _ in range(20)]
+    # the least that is possible: 0.112 / (sqrt(5000) rms slope of 11.1 rad/s^2) = 0.143 ms
+    assert np.std(found) < 1.5 * 0.143e-3
+    assert np.mean(found) == pytest.approx(0.003, abs=3.0 * 0.143e-3 / np.sqrt(20))
+
+
+def test_delay_of_an_estimate_that_has_nothing_to_do_with_the_truth_is_not_told():
+    random = np.random.default_rng(12)
+    time = np.arange(0.0, 2.0, 1e-3)
+    assert all(np.isnan(delay(time, 30.0 * random.standard_normal(len(time)), sine(time)))
+               for _ in range(10))
+
+
+def test_delay_of_many_periods_is_the_one_nearest_to_zero():
+    time = jittered()
+    assert delay(time, sine(time - 0.03, 10.0), sine(time, 10.0)) == pytest.approx(0.03, abs=1e-5)
+
+
+def test_delay_across_a_hole():
+    time = jittered()
+    time = np.where(time > 2.0, time + 7.0, time)
+    assert delay(time, sine(time - 0.005), sine(time)) == pytest.approx(0.005, abs=1e-5)
+
+
+@pytest.mark.parametrize('truth_noise', [0.0, 0.1])
+@pytest.mark.parametrize('noise', [0.0, 0.05, 0.5])
+def test_delay_at_constant_speed_is_not_told(truth_noise, noise):
+    random = np.random.default_rng(4)
+    time = np.arange(0.0, 3.0, 1e-3)
+    truth = 5.0 + truth_noise * random.standard_normal(len(time))
+    assert np.isnan(delay(time, 5.0 + noise * random.standard_normal(len(time)), truth))
+
+
+# ---------------------------------------------------------------- noise at constant speed
+
+def test_noise_counts_only_where_the_truth_is_constant():
+    random = np.random.default_rng(5)
+    time = np.arange(0.0, 8.0, 1e-3)
+    constant = (time > 3.0) & (time < 6.0)
+    truth = np.where(constant, 5.0, sine(time))
+    # while it moves the estimate is far off, while it is constant it is biased and noisy
+    estimate = np.where(constant, 5.5, 3.0 * truth) + 0.2 * random.standard_normal(len(time))
+    assert metrics.noise_at_constant_speed(time, estimate, truth) == pytest.approx(0.2, rel=0.05)
+
+
+def test_settling_into_a_constant_speed_is_no_noise():
+    time = np.arange(0.0, 4.0, 1e-3)
+    truth = np.where(time < 1.0, 0.0, 10.0)
+    estimate = np.where(time < 1.0, 0.0, 10.0 * (1.0 - np.exp(-(time - 1.0) / 0.02)))
+    assert metrics.noise_at_constant_speed(time, estimate, truth) < 1e-3
+
+
+def test_noise_of_a_motion_is_nan():
+    time = np.arange(0.0, 4.0, 1e-3)
+    assert np.isnan(metrics.noise_at_constant_speed(time, sine(time), sine(time)))
+
+
+def test_noise_beside_a_noisy_truth():
+    random = np.random.default_rng(6)
+    time = np.arange(0.0, 8.0, 1e-3)
+    motion = np.where(time < 4.0, 0.0, 0.3 * np.sin(TURN * 0.4 * (time - 4.0)))
+    truth = motion + 0.1 * random.standard_normal(len(time))
+    estimate = motion + 0.01 * random.standard_normal(len(time))
+    found = metrics.noise_at_constant_speed(time, estimate, truth, truth_noise=0.1)
+    assert found == pytest.approx(0.01, rel=0.05)
+
+
+# ---------------------------------------------------------------- matching
+
+def test_cubic_is_exact_at_samples_and_for_parabolas():
+    time = jittered(0.1)
+    values = 3.0 * time * time - time + 2.0
+    between = np.linspace(time[0], time[-1], 777)
+    assert np.allclose(cubic(time, values, time), values, atol=1e-12)
+    assert np.allclose(cubic(time, values, between), 3.0 * between**2 - between + 2.0, atol=1e-12)
+
+
+def test_equal_stamps_take_the_truth_as_it_is():
+    stamps = np.arange(10, dtype=np.int64) * 1_000_000 + 1
+    truth = np.random.default_rng(7).standard_normal(10)
+    found = match(stamps[[2, 5]], stamps, truth, truth, 0.0)
+    assert found.exact == 2 and found.unmatched == 0
+    assert found.velocity.tolist() == truth[[2, 5]].tolist()
+
+
+def test_other_stamps_take_it_interpolated_and_holes_take_none():
+    stamps = np.arange(0, 2_000_000_000, 1_000_000, dtype=np.int64) + 10**18
+    stamps = stamps[(stamps < 10**18 + 500_000_000) | (stamps > 10**18 + 600_000_000)]
+    seconds = (stamps - 10**18) * 1e-9
+    asked = np.array([250_300_000, 550_000_000, 700_000_000, 5_000_000_000], np.int64) + 10**18
+    found = match(asked, stamps, sine(seconds), sine(seconds), 0.0)
+    assert found.rows.tolist() == [0, 2]
+    assert (found.exact, found.unmatched) == (1, 2)
+    assert found.velocity == pytest.approx(sine(np.array([0.2503, 0.7])), abs=5e-7)
+
+
+def test_a_looping_stream_is_matched_turn_by_turn():
+    once = np.arange(1, 1001, dtype=np.int64) * 1_000_000
+    stamps = np.concatenate([once, once])
+    truth = np.concatenate([np.zeros(1000), np.ones(1000)])
+    found = match(stamps, stamps, truth, truth, 0.0)
+    assert len(pieces(stamps)) == 2
+    assert found.velocity.tolist() == truth.tolist()
+    assert np.all(np.diff(found.time) > 0.0)
+
+
+def test_repeated_and_late_stamps_are_matched_once():
+    stamps = np.array([1, 2, 2, 4, 3, 5], np.int64) * 1_000_000
+    truth = np.arange(1.0, 6.0)
+    found = match(stamps, np.arange(1, 6, dtype=np.int64) * 1_000_000, truth, truth, 0.0)
+    assert found.velocity.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+# ---------------------------------------------------------------- the reference
+
+@pytest.mark.parametrize('speed', [0.0, 400.0])
+@pytest.mark.parametrize('late', [0.0, 0.0015])
+def test_reference_lag_bias_and_noise(speed, late):
+    """Found from a quantised, wrapped position, at speeds beyond half a turn per sample too."""
+    random = np.random.default_rng(8)
+    time = jittered(20.0, rate=100.0 if speed else 500.0, jitter=0.1)
+    position = speed * time + 1.5 * np.sin(5.0 * time)
+    velocity = speed + 7.5 * np.cos(5.0 * (time - late)) + 0.02
+    velocity += 0.08 * random.standard_normal(len(time))
+    measured = np.floor((position % TURN) / 4e-4) * 4e-4
+    found = reference.fit(time, velocity, measured, TURN)
+    assert found.lag_s == pytest.approx(late, abs=4.0 * found.lag_stddev)
+    assert found.lag_stddev < 0.3e-3
+    assert found.bias == pytest.approx(0.02, abs=4.0 * found.bias_stddev)
+    if not speed:
+        assert found.noise == pytest.approx(0.08, rel=0.2)
+        assert found.slope == pytest.approx(1.0, abs=4.0 * found.slope_stddev)
+
+
+def test_reference_noise_does_not_draw_its_lag_to_zero():
+    """Slow motion under much noise: a plain least-squares fit would give 1.2 ms."""
+    time = np.arange(0.0, 60.0, 2e-3)
+    position = 0.1 * np.sin(5.0 * time)
+    found = []
+    for seed in range(10):
+        noise = 0.1 * np.random.default_rng(seed).standard_normal(len(time))
+        found.append(reference.fit(time, 0.5 * np.cos(5.0 * (time - 0.002)) + noise, position,
+                                   TURN))
+    spread = np.mean([one.lag_stddev for one in found])
+    assert np.mean([one.lag_s for one in found]) == pytest.approx(0.002, abs=spread)
+    assert np.std([one.lag_s for one in found]) < 2.0 * spread
+    assert spread < 0.5e-3
+
+
+def test_reference_at_rest_has_a_bias_and_no_lag():
+    random = np.random.default_rng(10)
+    time = np.arange(0.0, 5.0, 2e-3)
+    velocity = 0.05 + 0.06 * random.standard_normal(len(time))
+    found = reference.fit(time, velocity, np.full(len(time), 0.3), TURN)
+    assert np.isnan(found.lag_s) and np.isnan(found.slope)
+    assert found.bias == pytest.approx(0.05, abs=4.0 * found.bias_stddev)
+
+
+def test_outliers_of_the_position_do_not_reach_the_reference():
+    time = np.arange(0.0, 20.0, 2e-3)
+    position = 1.5 * np.sin(5.0 * time)
+    position[::701] += 2.0
+    found = reference.fit(time, 7.5 * np.cos(5.0 * (time - 0.001)) + 0.02, position, TURN)
+    assert found.lag_s == pytest.approx(0.001, abs=2e-5)
+    assert found.bias == pytest.approx(0.02, abs=1e-3)
+
+
+def rich(count=100, rate=100.0, seed=3):
+    """(time, position, velocity) of a motion with kinks, of about 300 rad/s, coarsely sampled.
+
+    Integrated in closed form between the kinks, which come a few samples apart.
+    """
+    random = np.random.default_rng(seed)
+    time = np.sort((np.arange(count) + 0.2 * random.random(count)) / rate)
+    bend = np.linspace(0.0, time[-1], count // 8)
+    size = 4e4 * random.standard_normal(len(bend))
+    after = np.maximum(time[:, None] - bend, 0.0)
+    wave = TURN * 7.0
+    velocity = 300.0 + 90.0 * np.sin(wave * time) + (after ** 2 * size).sum(1)
+    position = (300.0 * time - 90.0 / wave * np.cos(wave * time) + (after ** 3 * size).sum(1) / 3.0)
+    return time, position, velocity
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_a_rich_motion_is_no_noise_and_noise_is(seed):
+    """At 300 rad/s and 100 samples a second the angle turns by half a turn between two samples."""
+    random = np.random.default_rng(seed)
+    time, position, velocity = rich(seed=seed)
+    wrapped = position % TURN
+    third = math.sqrt(np.mean(np.diff(velocity, 3) ** 2) / 20.0)
+    exact = noise(time, velocity, wrapped, TURN)
+    assert exact < 0.02 * third and third > 2.0
+    for size, least, most in ((0.3, 0.65, 1.35), (5.0, 0.65, 2.0)):  # the motion looks like the 5
+        shaken = velocity + size * random.standard_normal(len(time))
+        assert least < noise(time, shaken, wrapped, TURN) / size < most
+
+
+def test_a_fast_sine_without_positions_is_no_noise_and_noise_is():
+    time = np.arange(0.0, 4.0, 0.01)
+    velocity = 100.0 * np.sin(TURN * 8.0 * time)
+    third = math.sqrt(np.mean(np.diff(velocity, 3) ** 2) / 20.0)
+    assert noise(time, velocity) < 1e-3 * third
+    shaken = velocity + 0.5 * np.random.default_rng(1).standard_normal(len(time))
+    assert noise(time, shaken) == pytest.approx(0.5, rel=0.25) and third > 1.0
+
+
+def test_positions_that_follow_the_noise_do_not_hide_it():
+    """A reference that integrates its own noisy velocity, or differentiates a noisy position."""
+    random = np.random.default_rng(2)
+    time = np.arange(0.0, 10.0, 0.01)
+    velocity = np.cos(time) + 0.1 * random.standard_normal(len(time))
+    position = np.concatenate([[0.0], np.cumsum(0.005 * (velocity[1:] + velocity[:-1]))])
+    assert noise(time, velocity, position) == pytest.approx(0.1, rel=0.2)
+    position = np.sin(time) + 1e-3 * random.standard_normal(len(time))
+    velocity = np.gradient(position, time)
+    assert 0.5 < noise(time, velocity, position) / np.std(velocity - np.cos(time)) < 2.0
+
+
+def test_a_reference_cannot_tell_below_its_noise():
+    found = reference.Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.1, 0.1)
+    assert found.cannot_tell(0.1) and found.cannot_tell(0.08)
+    assert not found.cannot_tell(0.15)
+
+
+def test_numbers_of_tables():
+    assert [error(value, 4) for value in (0.25, 0.00072, -3e-9, 0.0, math.nan)] == [
+        '0.2500', '0.00072', '-3e-09', '0.0000', '-']
+    assert fixed(-1e-6, 2) == '0.00' and fixed(-0.006, 2) == '-0.01'

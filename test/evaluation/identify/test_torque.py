@@ -1,0 +1,36 @@
+"""What a reported torque is worth on the recorded pendulums: docs/papers/mechanical.md, held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from estimator_pkg.driver.compiled import available
+from estimator_pkg.evaluation.identify import torque
+from estimator_pkg.evaluation.identify.torque import STUDIES
+
+BAGS = Path(__file__).parents[3] / 'bags'
+
+pytestmark = pytest.mark.skipif(not available(), reason='slow without numba')
+
+
+def test_the_torque_helps_on_the_elbow_of_the_double_pendulum():
+    """At the settings that are best of the whole grid; and it is the torque that does it."""
+    few = replace(STUDIES[3], bandwidths=(55.0, 70.0), disturbances=(4.0,))
+    shoulder, elbow = torque.study(BAGS, few, ('hybrid_angle',))
+    assert elbow.explained > 0.98
+    assert 0.72 < elbow.ratio < 0.84
+    assert elbow.torque.delay <= elbow.angle.delay + torque.CLOSE
+    assert elbow.torque.error < 0.95 * elbow.without.error < 0.95 * elbow.angle.error
+    assert shoulder.angle.error == 0.0  # below the reference's noise: nothing can be said
+    assert '0.79' in torque.text([elbow])
+
+
+@pytest.mark.slow
+def test_the_torque_does_not_help_on_the_single_pendulum():
+    few = replace(STUDIES[0], bandwidths=(22.0, 36.0), disturbances=(0.0,))
+    line, = torque.study(BAGS, few, ('pll',))
+    assert 0.95 < line.ratio < 1.03
+    assert line.torque.error > 0.97 * line.without.error

@@ -1,0 +1,274 @@
+"""The off-line reference, held to the table of spec 3.6 and to motions whose truth is known."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother.smoother import Noise, smooth
+from estimator_pkg.evaluation.reference.smoother.steps import backward, forward
+
+TURN = 2.0 * math.pi
+HPM, LPM = (7.85e-4, 1.8e-5), (1.23e-2, 1e-3)
+
+
+def ns(seconds):
+    return np.rint((np.asarray(seconds) + 1.0) * 1e9).astype(np.int64)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def cart_pendulum(par, start, force, count, dt, substeps, friction):
+    """The plant of spec 3.1 by Runge-Kutta: shape (count, 4), positions and velocities."""
+    inertia, coupling, mass, gravity = par
+    step, out, x = dt / substeps, np.empty((count, 4)), tuple(start)
+
+    def rate(x, u):
+        c, s = math.cos(x[0]), math.sin(x[0])
+        if friction:
+            u -= (3.98 if x[3] >= 0.0 else 2.87) * math.tanh(x[3] / 2e-3)
+        a, b = gravity * s, u + coupling * s * x[2] * x[2]
+        det = inertia * mass - coupling * coupling * c * c
+        return (x[2], x[3], (mass * a - coupling * c * b) / det,
+                (inertia * b - coupling * c * a) / det)
+
+    def moved(x, h, d):
+        return x[0] + h * d[0], x[1] + h * d[1], x[2] + h * d[2], x[3] + h * d[3]
+
+    for k in range(count):
+        out[k], u = x, force(k * dt)
+        for _ in range(substeps):
+            a = rate(x, u)
+            b = rate(moved(x, step / 2, a), u)
+            c = rate(moved(x, step / 2, b), u)
+            d = rate(moved(x, step, c), u)
+            x = moved(x, step / 6, tuple(p + 2 * q + 2 * r + s for p, q, r, s in zip(a, b, c, d)))
+    return out
+
+
+def current(t):
+    if t < 5.0:
+        return 2.5 * math.sin(TURN * (2.0 * t + 0.7 * t * t))
+    if t < 6.0:
+        return 0.0
+    return 0.8 if (t - 6.0) * 2.0 % 1.0 < 0.5 else -0.8
+
+
+@lru_cache
+def driven():
+    """Spec 3.2, section 6.2."""
+    return cart_pendulum((0.0484, 0.105, 1.15, 1.030050), (math.pi, 0.0, 0.0, 0.0),
+                         lambda t: 9.27 * current(t), 2464, 1.0 / 224.0, 64, True)
+
+
+@lru_cache
+def free():
+    """Spec 3.2, section 5.1."""
+    return cart_pendulum((1.0, 0.1, 1.0, 1.0), (math.pi / 2 - 0.2, -0.1, 0.4, 0.35),
+                         lambda t: 0.0, 15000, 1e-3, 4, False)
+
+
+def encoder(axis, quanta, every):
+    """(stamps, readings, true velocity, sample time) of an encoder whose zero lies anywhere."""
+    offset = np.random.default_rng(0).uniform(-0.5, 0.5, 2)[axis] * quanta[axis]
+    motion = driven()[::every]
+    readings = np.floor((motion[:, axis] + offset) / quanta[axis] + 0.5) * quanta[axis] - offset
+    step = every / 224.0
+    return ns(np.arange(len(motion)) * step), readings, motion[:, 2 + axis], step
+
+
+def inner(step):
+    return slice(round(0.25 / step), -round(0.25 / step))
+
+
+# spec 3.6: central difference, white jerk by maximum likelihood, its predicted deviation (rows F1,
+# F3, F4, where the variance of the readings is held at that of the quantisation)
+@pytest.mark.parametrize('axis, quanta, every, central, error, predicted', [
+    (0, HPM, 1, 0.0365451, 0.0144115, 0.0178361),
+    (1, HPM, 1, 0.00288079, 0.0017717, 0.00166507),
+    (0, LPM, 2, 0.277079, 0.0772808, 0.099885),
+    (1, LPM, 2, 0.0240732, 0.0138253, 0.0180203),
+])
+def test_the_specs_table(axis, quanta, every, central, error, predicted):
+    stamps, readings, truth, step = encoder(axis, quanta, every)
+    cut = inner(step)
+    difference = np.gradient(readings, step) - truth
+    assert rms(difference[cut]) == pytest.approx(central, rel=0.05)
+    held = smooth(stamps, readings, 0.0, reading=quanta[axis] / math.sqrt(12.0))
+    assert rms((held.velocity - truth)[cut]) == pytest.approx(error, rel=0.07)
+    assert rms(held.velocity_stddev[cut]) == pytest.approx(predicted, rel=0.1)
+    found = smooth(stamps, readings, 0.0)
+    assert found.noise.quantum == pytest.approx(quanta[axis], rel=1e-3)
+    assert found.noise.reading >= 0.999 * quanta[axis] / math.sqrt(12.0)
+    actual = rms((found.velocity - truth)[cut])
+    # where the cart's dry friction makes its acceleration jump, part of that is taken for noise
+    assert actual <= (1.75 if axis and quanta is HPM else 1.1) * error
+    assert 0.8 <= found.uncertainty / actual <= 1.8
+
+
+@pytest.mark.parametrize('axis, quantum_, error', [(0, TURN / 256, 0.0040), (1, 1 / 500, 0.0019)])
+def test_the_specs_table_with_white_noise(axis, quantum_, error):
+    motion = free()
+    noise = np.random.default_rng(0).standard_normal((15000, 2))[:, axis] * 0.01
+    readings = np.floor((motion[:, axis] + noise) / quantum_ + 0.5) * quantum_
+    found = smooth(ns(np.arange(15000) * 1e-3), readings, 0.0)
+    actual = rms((found.velocity - motion[:, 2 + axis])[250:-250])
+    assert actual == pytest.approx(error, rel=0.05)
+    assert 0.9 <= found.uncertainty / actual <= 1.8
+
+
+def test_jittered_stamps_are_found_to_be_noise():
+    """Rows H5: +-1 ms of jitter; 0.35 rad/s with the noise held, 0.031 with it found."""
+    motion = driven()
+    time = np.arange(len(motion)) / 224.0
+    stamps = ns(time + np.random.default_rng(0).uniform(-1e-3, 1e-3, len(time)))
+    readings = np.floor(motion[:, 0] / HPM[0] + 0.5) * HPM[0]
+    cut = inner(1.0 / 224.0)
+    held = smooth(stamps, readings, 0.0, reading=HPM[0] / math.sqrt(12.0))
+    found = smooth(stamps, readings, 0.0)
+    assert 0.25 < rms((held.velocity - motion[:, 2])[cut]) < 0.5  # by the draw of the jitter
+    assert rms((found.velocity - motion[:, 2])[cut]) == pytest.approx(0.0307318, rel=0.15)
+    assert found.noise.reading == pytest.approx(1.17e-3, rel=0.05)
+    assert not found.noise.at_floor
+
+
+def dense(stamps, readings, noise):
+    """The smoothed states by one large least-squares problem, and their deviations."""
+    h = np.diff(stamps) * 1e-9
+    n, r = len(readings), noise.reading ** 2
+    information, vector = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
+    prior = np.diag([1.0 / (100.0 * r), 1e-6, 1e-6])
+    information[:3, :3] += prior
+    vector[:3] += prior @ (readings[0], 0.0, 0.0)
+    for k in range(n):
+        information[3 * k, 3 * k] += 1.0 / r
+        vector[3 * k] += readings[k] / r
+    for k, t in enumerate(h):
+        q = noise.jerk * np.array([[t ** 5 / 20, t ** 4 / 8, t ** 3 / 6],
+                                   [t ** 4 / 8, t ** 3 / 3, t ** 2 / 2],
+                                   [t ** 3 / 6, t ** 2 / 2, t]])
+        both = np.hstack([np.array([[-1, -t, -t * t / 2], [0, -1, -t], [0, 0, -1]]), np.eye(3)])
+        part = slice(3 * k, 3 * k + 6)
+        information[part, part] += both.T @ np.linalg.inv(q) @ both
+    covariance = np.linalg.inv(information)
+    return (covariance @ vector)[1::3], np.sqrt(np.diag(covariance))[1::3]
+
+
+def test_it_is_the_fixed_interval_smoother():
+    random = np.random.default_rng(5)
+    time = np.cumsum(random.uniform(0.01, 0.05, 30))
+    readings = np.sin(3.0 * time) + 0.01 * random.standard_normal(30)
+    noise = Noise(0.01, 50.0, 0.0, False)
+    ours = smooth(ns(time), readings, 0.0, noise=noise)
+    velocity, deviation = dense(ns(time), readings, noise)
+    assert ours.velocity == pytest.approx(velocity, abs=1e-7)
+    assert ours.velocity_stddev[1:] == pytest.approx(deviation[1:], rel=1e-4)
+    assert ours.velocity_stddev[0] == pytest.approx(deviation[0], rel=0.05)  # 1e6 less 1e6: digits
+
+
+def test_chunks_leave_no_seam(monkeypatch):
+    time = np.arange(1000) * 0.01
+    readings = np.sin(2.0 * time) + 0.001 * np.random.default_rng(1).standard_normal(1000)
+    whole = smooth(ns(time), readings, 0.0)
+    monkeypatch.setattr('estimator_pkg.evaluation.reference.smoother.smoother.CHUNK', 64)
+    parts = smooth(ns(time), readings, 0.0)
+    assert np.array_equal(whole.velocity, parts.velocity)
+    assert np.array_equal(whole.velocity_stddev, parts.velocity_stddev)
+
+
+def test_wraps_and_short_holes():
+    """200 rad/s, 10 % of the samples lost and a hole of 30 ms, in which it turns once."""
+    random = np.random.default_rng(2)
+    time = np.arange(4000) * 1e-3
+    kept = (random.random(4000) > 0.1) & ~((time > 2.0) & (time < 2.03))
+    angle = 200.0 * time + 3.0 * np.sin(5.0 * time)
+    count = np.floor(angle / TURN * 4096.0)
+    readings = ((count + 2048) % 4096 - 2048) * TURN / 4096.0
+    found = smooth(ns(time[kept]), readings[kept], TURN)
+    truth = (200.0 + 15.0 * np.cos(5.0 * time))[kept]
+    assert rms((found.velocity - truth)[50:-50]) < 0.01
+    assert rms((found.velocity - truth)[50:-50] / found.velocity_stddev[50:-50]) < 1.5
+
+
+def test_outliers_and_bad_samples_are_left_out():
+    time = np.arange(2000) * 2e-3
+    readings = np.sin(4.0 * time)
+    readings = np.round(readings / 1e-3) * 1e-3
+    readings[[300, 700, 1500]] += (3.0, -2.0, 0.5)
+    readings[[900, 901, 902]] = np.nan, np.inf, 4.9e259      # a bit that tipped over
+    stamps = ns(time)
+    stamps[1000] = stamps[999]                       # repeated
+    stamps[[1200, 1201]] = stamps[[1201, 1200]]      # late
+    found = smooth(stamps, readings, 0.0)
+    truth = 4.0 * np.cos(4.0 * ((found.stamps - 10 ** 9) * 1e-9))
+    assert found.outliers == 3
+    assert np.all(np.diff(found.stamps) > 0)
+    assert np.max(np.abs(found.velocity - truth)[20:-20]) < 0.08
+
+
+def test_motion_within_the_motion_is_not_passed_over():
+    """Chatter of 70 Hz at 300 samples a second looks like noise; its speed is told."""
+    time = np.arange(3000) / 300.0
+    chatter = 5e-3 * np.sin(TURN * 70.0 * time) * (np.sin(TURN * 0.5 * time) > 0.0)
+    readings = np.round((np.sin(2.0 * time) + chatter) / 2.9e-3) * 2.9e-3
+    speed = np.gradient(np.sin(2.0 * time) + chatter, time)
+    found = smooth(ns(time), readings, 0.0)
+    actual = rms((found.velocity - speed)[75:-75])
+    assert actual > 0.7
+    assert rms(found.velocity_stddev) < 0.2 * actual
+    assert 0.7 * actual < found.uncertainty < 1.5 * actual
+
+
+def test_too_little_gives_nothing():
+    for count in (0, 1, 5):
+        found = smooth(ns(np.arange(count) * 0.01), np.zeros(count), TURN)
+        assert not len(found.stamps) and math.isnan(found.uncertainty)
+
+
+def test_plain_and_compiled_agree():
+    from estimator_pkg.driver.compiled import available, compiled
+    if not available():
+        pytest.skip('Numba is not installed')
+    random = np.random.default_rng(3)
+    steps, readings = random.uniform(0.01, 0.02, 40), random.standard_normal(40)
+    readings[7] = np.nan
+    start = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1e6, 0.0, 1e6)
+    results = []
+    weights = np.where(np.isfinite(readings), 100.0, 0.0)
+    for ahead, back in ((forward, backward), (compiled(forward), compiled(backward))):
+        states, innovations, out = np.empty((40, 9)), np.empty((40, 2)), np.empty((40, 4))
+        ahead(start, steps, readings, weights, 3.0, TURN, states, innovations)
+        back((0.0,) * 9, steps, weights, states, innovations, out)
+        results.append(out)
+    assert results[0] == pytest.approx(results[1], rel=1e-9)
+
+
+@pytest.mark.parametrize('counts', [256, 4096, 65536])
+def test_the_quantum_is_seen(counts):
+    step = TURN / counts
+    angle = np.cumsum(np.random.default_rng(0).normal(0.0, 5.0 * step, 5000))
+    assert quantum(np.floor(angle / step) * step) == pytest.approx(step, rel=1e-3)
+    assert quantum(angle) == 0.0
+    assert quantum(np.array([0.0] * 50 + [step] * 50)) == pytest.approx(step)
+    assert quantum(np.zeros(100)) == 0.0
+
+
+@pytest.mark.parametrize('speed', [1.7, 13.77, 50.0, 200.1])    # [rad/s] at 1 kHz
+@pytest.mark.parametrize('kind', [np.float64, np.float32])
+def test_the_count_of_a_motion_at_constant_speed(speed, kind):
+    step = 2.0 * math.pi / 4096
+    angle = 3.0 + speed * np.arange(2000) * 1e-3
+    counted = (np.floor(angle / step) * step).astype(kind).astype(float)
+    assert quantum(counted) == pytest.approx(step, rel=0.01)    # and not what a sample moves
+    assert quantum(angle) == 0.0
+    assert quantum(angle + np.random.default_rng(1).normal(0.0, 1e-4, len(angle))) == 0.0
+
+
+def test_dense_readings_have_no_count():
+    random = np.random.default_rng(1)
+    assert quantum(random.uniform(-3.0, 3.0, 1_000_000)) == 0.0
+    assert quantum(np.cumsum(random.normal(0.0, 1e-6, 200_000))) == 0.0

@@ -1,0 +1,151 @@
+"""Models of mechanisms: the checks at load, users' own models, wrong ones refused in one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator_pkg import observers
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint, two_links
+from estimator_pkg.models.load import load
+from estimator_pkg.models.mechanics import assignments_of
+from estimator_pkg.models.motion import make_plant
+from estimator_pkg.observers.circle import Circle
+
+MODELS = (single_joint, cart_pendulum, robotic_leg)
+
+
+@pytest.mark.parametrize('module', MODELS, ids=lambda module: module.MODEL.name)
+def test_built_in_models_pass_their_checks(module):
+    mechanics = load(module.MODEL.name)
+    worst = max(check.linear_residual(mechanics, q, v)[0]
+                for q, v in check.random_states(mechanics))
+    assert worst < 1e-8
+
+
+@pytest.mark.parametrize('module', MODELS[1:], ids=lambda module: module.MODEL.name)
+def test_the_check_sees_a_small_mistake_in_psi(module):
+    """A Psi that is off by a part in a thousand of one entry is not partially linear."""
+    mechanics = load(module.MODEL.name)
+    inner = mechanics.factors
+
+    def factors(values, q):
+        calm, psi = (np.array(part) for part in inner(values, q))
+        psi = psi * (1.0 + 1e-3 * np.sin(q[0]) * np.eye(len(psi))[0])
+        calm = np.linalg.inv(psi.T @ np.array(mechanics.inertia(values, q)))
+        return tuple(map(tuple, calm)), tuple(map(tuple, psi))
+
+    with pytest.raises(UserError, match=r"PLvCC residual .* use the observer 'hgo'"):
+        check.check(replace(mechanics, factors=factors))
+
+
+def test_momenta_are_conserved_by_the_leg():
+    """p1 and p2 of the leg stay what they are without input, though it moves."""
+    mechanics = load('robotic_leg')
+    q, v = (2.0, 1.5, 0.2), (0.3, -0.4, 0.1)
+
+    def momenta(q, v):
+        psi = check.factors(mechanics, np.array(q))[1]
+        return psi.T @ check.matrix(mechanics.inertia, mechanics, np.array(q)) @ np.array(v)
+
+    before = momenta(q, v)
+    q2, v2 = make_plant(mechanics)(mechanics.values, q, v, (0.0, 0.0), 0.5, 500)
+    assert abs(q2[1] - q[1]) > 0.05
+    np.testing.assert_allclose(momenta(q2, v2), before, rtol=1e-9)
+
+
+def test_two_links_keep_their_energy_and_are_not_for_geso():
+    """Without friction and torque: inertia, Coriolis forces and gravity belong together."""
+    p = two_links.Parameters(shoulder_damping=0.0, elbow_damping=0.0, shoulder_coulomb=0.0,
+                             elbow_coulomb=0.0)
+    mechanics = two_links.build(p)
+
+    def energy(q, v):
+        v = np.array(v)
+        return (0.5 * v @ check.matrix(mechanics.inertia, mechanics, np.array(q)) @ v
+                - p.shoulder_gravity * np.cos(q[0]) - p.elbow_gravity * np.cos(q[0] + q[1]))
+
+    q, v = (2.0, -1.0), (3.0, -5.0)
+    q2, v2 = make_plant(mechanics)(mechanics.values, q, v, (0.0, 0.0), 1.0, 4000)
+    assert abs(q2[0] - q[0]) > 0.5
+    assert energy(q2, v2) == pytest.approx(energy(q, v), rel=1e-9)
+    assert load('two_links').factors is None
+    with pytest.raises(UsageError, match='mass matrix is not positive'):
+        load('two_links', ('coupling=0.2',))
+
+
+def test_own_model_without_psi_and_coriolis_gets_both():
+    own, built_in = load('own_models:CartPendulum'), load('cart_pendulum', (
+        'pendulum_inertia=1', 'pendulum_moment=0.5', 'moving_mass=1', 'gravity=1'))
+    q, v, u = (0.7, 0.1), (1.1, -0.3), (0.4,)
+    assert own.factors is not None
+    for function in ('inertia', 'force', 'coriolis'):
+        arguments = {'inertia': (q,), 'force': (q, v, u), 'coriolis': (q, v)}[function]
+        np.testing.assert_allclose(getattr(own, function)(own.values, *arguments),
+                                   getattr(built_in, function)(built_in.values, *arguments),
+                                   rtol=1e-7)
+    np.testing.assert_allclose(own.factors(own.values, q)[0], built_in.factors(
+        built_in.values, q)[0], rtol=1e-9, atol=1e-15)
+
+
+def test_a_curved_mechanism_has_no_factors():
+    assert load('own_models:TwoLinks').factors is None
+
+
+def test_a_model_that_compiles_is_taken_as_it_is():
+    mechanics = load('own_models:Compiled')
+    assert mechanics.compiles
+    assert mechanics.force(mechanics.values, (0.0,), (0.0,), (0.3,)) == (0.3,)
+
+
+@pytest.mark.parametrize('name, words', [
+    ('own_models:WrongPsi', 'not partially linearisable with its Psi (PLvCC residual'),
+    ('own_models:WrongCalm', 'calM is not M^-1 Psi^-T'),
+    ('own_models:WrongCoriolis', 'Coriolis forces do not belong to the mass matrix'),
+    ('own_models:Singular', 'mass matrix is not positive'),
+    ('own_models:Lopsided', 'mass matrix is not symmetric'),
+    ('own_models:WrongSize', 'force fails'),
+    ('own_models:Incomplete', 'has no inertia'),
+    ('own_models:Driving', 'the damping drives the mechanism'),
+    ('own_models:NoReach', 'reach must be above 0'),
+    ('own_models:OneName', 'joints must be a list of names'),
+    ('own_models:Missing', "has no 'Missing'"),
+    ('no_such_module:Name', "cannot import 'no_such_module'"),
+    ('cart_pendulm', "did you mean 'cart_pendulum'?")])
+def test_wrong_models_are_refused_in_one_line(name, words):
+    with pytest.raises(UserError) as error:
+        load(name)
+    assert words in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('assignments, words', [
+    (('pendulum_moment=1.3',), 'mass matrix is not positive'),
+    (('pendulum_mass=1',), "did you mean 'pendulum_moment'?"),
+    (('moving_mass=-1',), 'outside')])
+def test_wrong_numbers_are_refused_in_one_line(assignments, words):
+    with pytest.raises(UsageError) as error:
+        load('cart_pendulum', assignments)
+    assert words in str(error.value)
+
+
+def test_numbers_survive_being_written_as_assignments():
+    parameters = single_joint.Parameters(inertia=0.123456789012, gravity=-2e-7)
+    texts = assignments_of(single_joint.MODEL, parameters)
+    assert load('single_joint', texts).values == single_joint.build(parameters).values
+
+
+def test_the_example_of_the_guide_works(tmp_path, monkeypatch):
+    """The code of docs/own_model.md, in a module outside the package."""
+    guide = (Path(__file__).parents[2] / 'docs/own_model.md').read_text()
+    (tmp_path / 'guide_crane.py').write_text(guide.split('```python\n')[1].split('```')[0])
+    monkeypatch.syspath_prepend(tmp_path)
+    crane = load('guide_crane:Crane')
+    assert crane.factors is not None and crane.actuated == (1,)
+    record = observers.find('geso')
+    functions = record.build(record.gains(model='guide_crane:Crane'), Circle())
+    assert functions.mechanics.degrees == 2

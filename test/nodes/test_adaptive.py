@@ -1,0 +1,167 @@
+"""The node adaptive_observer over real DDS: parameters, freezing, saving, starting frozen."""
+
+from __future__ import annotations
+
+import math
+
+import dds
+import numpy as np
+import pytest
+
+from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.identified import load, save
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages.joint_state import Decoder
+from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.parameters import build
+from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
+
+MODULE = 'estimator_pkg.nodes.executables adaptive_observer'
+
+
+def messages(duration, seed=1):
+    """(CDR bytes of the measurement, true velocity)."""
+    decode, measured, true = Decoder().decode, [], []
+    for chunk in SIMULATOR.generate(build(MotorParameters, {'rate': 500.0}), duration, seed):
+        for message in chunk:
+            raw = bytes(message.encode(10 ** 18))
+            if message.topic == 'joint_states':
+                measured.append(raw)
+            else:
+                true.append(decode(raw).velocities[0])
+    return measured, true
+
+
+@pytest.fixture(scope='module')
+def motor():
+    return messages(8.0)
+
+
+def bank_of(raws, **values):
+    decode = Decoder().decode
+    bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER, values))
+    estimates = []
+    for raw in raws:
+        message = decode(raw)
+        valid = bank.take(message.stamp_ns, message.names, message.positions, message.efforts)
+        estimates.append([(estimate[0], estimate[1]) for _, _, estimate in valid])
+    return bank, estimates
+
+
+def values_of(entry):
+    return {item.key: item.value for item in entry.values}
+
+
+def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
+    from diagnostic_msgs.msg import DiagnosticArray
+    from std_srvs.srv import SetBool, Trigger
+
+    raws, true = motor
+    path = tmp_path / 'motor.yaml'
+    told = []
+    subscription = probe.node.create_subscription(
+        DiagnosticArray, '/adaptive_observer/identified_parameters', told.append, 10)
+    common = ('--ros-args', '-r', 'joint_states:=/motor', '-p', f'parameters_file:={path}',
+              '-p', 'torque_constant:=0.6', '-p', 'input_unit:=V')
+    with dds.NodeProcess(MODULE, *common), \
+            dds.Observer(probe, '/adaptive_observer', '/motor') as node:
+        answer = node.connect() and probe.call(Trigger, '/adaptive_observer/save',
+                                               Trigger.Request())
+        assert not answer.success and 'nothing has been learnt' in answer.message
+        answers = node.feed(raws)
+        # live is the same numbers as the driver's
+        _, expected = bank_of(raws)
+        assert [list(zip(a.positions, a.velocities)) for a in answers] == expected
+        assert abs(answers[-1].velocities[0] - true[-1]) < 0.05
+        probe.spin(0.5)
+        values = values_of(told[-1].status[0])
+        assert values['state'] == 'ADAPTING' and values['trusted'] == 'True'
+        assert float(values['b/J']) == pytest.approx(2.0, rel=0.02)
+        assert float(values['J']) == pytest.approx(0.02, rel=0.02)
+        assert values['b2.unit'] == 'rad/s^2 per V'
+        assert values['b/J.trusted'] == 'True' and float(values['explained']) > 0.99
+        assert values['J.unit'] == 'kg m^2' and 0.0 < float(values['J.stddev']) < 1e-3
+        assert probe.call(SetBool, '/adaptive_observer/freeze',
+                          SetBool.Request(data=True)).success
+        assert node.get('adapt') is False
+        assert probe.call(Trigger, '/adaptive_observer/save', Trigger.Request()).success
+    saved = load(str(path))['joint']
+    assert -saved['a'][0] == pytest.approx(2.0, rel=0.02) and saved['order'] == 2
+    later, true = messages(2.0, seed=7)
+    with dds.NodeProcess(MODULE, *common, '-p', 'adapt:=false', '-p', 'bandwidth_hz:=8.0'), \
+            dds.Observer(probe, '/adaptive_observer', '/motor') as node:
+        told.clear()
+        answers = node.connect().feed(later)
+        errors = [a.velocities[0] - t for a, t in zip(answers, true) if a.velocities]
+        assert len(errors) > 300 and np.abs(errors).max() < 0.2
+        probe.until(lambda: told)
+        values = values_of(told[-1].status[0])
+        assert values['state'] == 'FROZEN'
+        assert float(values['b/J']) == pytest.approx(-saved['a'][0], rel=1e-5)
+    probe.node.destroy_subscription(subscription)
+
+
+def test_efforts_as_an_array_of_numbers(probe):
+    """effort_command as Float64MultiArray: in the order of the joints, when it was sent."""
+    from std_msgs.msg import Float64MultiArray
+
+    with dds.commanded(probe, 'adaptive_observer', 'arrays', Float64MultiArray,
+                       'joints:=[left, right]', 'input_unit:=N m',
+                       'effort_command_type:=Float64MultiArray', 'stamp_source:=publisher',
+                       'joints.right.input_scale:=[-1.0]') as (node, efforts):
+        raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
+        assert not node.feed([raw] * 3)[-1].names
+        probe.until(lambda: node.status('left') == 'lost')
+        assert 'no effort_command is in force for it' in dds.value(node.statuses['left'], 'why')
+        efforts.publish(Float64MultiArray(data=[1.0, 2.0, 3.0]))
+        efforts.publish(Float64MultiArray(data=[1.0, 2.0]))
+        probe.spin(0.2)
+        node.feed([raw] * 20)
+        report = node.next_report()
+        assert report['/adaptive_observer']['messages_dropped.malformed'] == '1'
+        node.process.prints('messages on /arrays_command are malformed and dropped: 3 numbers')
+        left = report['/adaptive_observer: left']
+        assert (left['dropped.non_finite'], left['used']) == ('3', '20')
+        assert dds.value(node.statuses['left'], 'input_unit') == 'N m'
+        refused = node.set(joints__right__input_scale=[1.0, 2.0])
+        assert not refused.successful and "'right': 'input_scale' has 2 numbers" in refused.reason
+        assert node.set(joints__right__input_scale=[2.0]).successful
+
+
+def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):
+    path = tmp_path / 'motor.yaml'
+    bank, _ = bank_of(motor[0])
+    assert save(str(path), bank) == ['joint']
+    with dds.NodeProcess(MODULE, '--ros-args', '-p', f'parameters_file:={path}', '-p',
+                         'order:=3') as node:
+        assert node.ends() == 2
+        assert "joint 'joint' are of order 2, but order is 3" in node.output
+        assert 'Traceback' not in node.output
+
+
+@pytest.mark.parametrize('text', ['', '[1', 'joints: {}', 'adaptive_parameters: 2',
+                                  'adaptive_parameters: 1\njoints: {a: {order: 2, a: [1.0]}}',
+                                  'adaptive_parameters: 1\njoints: {a: 3}'])
+def test_damaged_files_are_refused(text, tmp_path):
+    (tmp_path / 'file.yaml').write_text(text)
+    with pytest.raises(UsageError):
+        load(str(tmp_path / 'file.yaml'))
+
+
+def test_saving_keeps_what_the_file_says_of_others(motor, tmp_path):
+    path = str(tmp_path / 'motor.yaml')
+    bank, _ = bank_of(motor[0])
+    save(path, bank)
+    bank.joints['other'] = bank.joints.pop('joint')
+    assert save(path, bank) == ['other']
+    assert set(load(path)) == {'joint', 'other'}
+    with pytest.raises(UserError, match='nothing has been learnt'):
+        save(path, AdaptiveBank(AdaptiveConfiguration(OBSERVER)))
+
+
+def test_messages_without_effort_are_counted():
+    bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER))
+    assert bank.take(10 ** 18, ('a',), (0.1,), ()) == []
+    assert (bank.without_input, bank.mismatched) == (1, 1)
+    bank.take(10 ** 18, ('a',), (0.1,), (math.nan,))
+    assert bank.joints['a'].dropped() == {'non_finite': 1}

@@ -1,0 +1,314 @@
+"""joint_observer with other inputs, QoS and clocks; its start and its end."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import dds
+import pytest
+from test_joint import BEGIN, MODULE, MS, turning
+
+from estimator_pkg import observers
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.observers.circle import Circle
+
+CONFIG = Path(__file__).parents[2] / 'config/joint_observer.yaml'
+
+
+def launch(name, *parameters):
+    """A node called `name` whose input is /<name>/joint_states or /<name>/angle."""
+    return dds.NodeProcess(MODULE, *dds.ros_args(
+        *parameters, remap=(f'__node:={name}', f'__ns:=/{name}'), file=CONFIG))
+
+
+@pytest.fixture(scope='module')
+def processes():
+    """All variants, started together."""
+    parameter_sets = {
+        'counts': ['input:=angle', 'angle_type:=Int32', 'counts_per_revolution:=4096',
+                   'angle_sign:=-1', 'angle_offset:=0.5', 'angle_joint:=wheel'],
+        'misspelt': ['qos_overrides./misspelt/joint_states.subscription.reliability:=reliable',
+                     'qos_overrides./mispelt/joint_states.subscription.depth:=9',
+                     'bandwith_hz:=20.0', 'joints.sholder.noise:=0.001', 'joints.arm.nose:=1.0'],
+        'paper': ['form:=paper', 'bandwidth_hz:=5.0'],
+        'wall': ['stamp_source:=publisher', 'joints:=[a]'],
+        'sim': ['use_sim_time:=true', 'observer:=finite_difference']}
+    running = {name: launch(name, *values) for name, values in parameter_sets.items()}
+    yield running
+    for process in running.values():
+        process.__exit__()
+
+
+@pytest.fixture
+def observe(probe):
+    """(name) -> the variant of this name, connected."""
+    made = []
+
+    def observe(name, **options):
+        observer = dds.Observer(probe, f'/{name}/{name}', f'/{name}/joint_states', **options)
+        made.append(observer)
+        return observer
+
+    yield observe
+    for observer in made:
+        observer.__exit__()
+
+
+def test_raw_counts_without_a_stamp(processes, observe, probe):
+    from std_msgs.msg import Int32
+    from std_srvs.srv import Trigger
+
+    live = observe('counts')
+    assert probe.call(Trigger, '/counts/counts/reset', Trigger.Request()).success
+    publisher = probe.node.create_publisher(Int32, '/counts/angle', 50)
+    try:
+        probe.until(publisher.get_subscription_count)
+        probe.until(lambda: all(each.get_publisher_count() for each in live._subscriptions))
+        probe.spin(0.3)
+        before = time.time_ns()
+        for i in range(60):
+            publisher.publish(Int32(data=10 * i % 4096))
+            probe.spin(0.01)
+        probe.until(lambda: len(live.answers) == 60)
+    finally:
+        probe.node.destroy_publisher(publisher)
+    stamps = [answer.stamp_ns for answer in live.answers]
+    assert before <= stamps[0] and stamps[-1] <= time.time_ns()  # the publisher's time
+    assert stamps == sorted(set(stamps))
+    bank = Bank(Configuration(observers.find('hybrid_angle'),
+                              {'quantum': 2.0 * math.pi / 4096}))  # as the counts imply
+    for i, answer in enumerate(live.answers):
+        angle = -2.0 * math.pi / 4096 * (10 * i % 4096) + 0.5
+        expected = [(name, *estimate[:2]) for name, joint, estimate
+                    in bank.update(answer.stamp_ns, ['wheel'], [angle])]
+        assert list(zip(answer.names, answer.positions, answer.velocities)) == expected
+    assert answer.names == ('wheel',) and answer.velocities[0] < -1.0
+
+
+def test_incompatible_qos_and_misspelt_names_are_told(processes, observe, probe):
+    live = observe('misspelt', reliable=False)
+    process = processes['misspelt']
+    probe.until(lambda: live.reports)
+    process.prints('a publisher on /misspelt/joint_states has an incompatible QoS')
+    process.prints("'qos_overrides./misspelt/joint_states.subscription.reliability'")
+    assert live.next_report()['/misspelt/misspelt']['qos_mismatches'] == '1'
+    with dds.Observer(probe, '/misspelt/misspelt', '/misspelt/joint_states') as reliable:
+        reliable.connect().feed(turning(reliable, ['shoulder'], [1.0], 3))
+    process.prints("unknown parameter 'qos_overrides./mispelt/joint_states.subscription.depth': "
+                   "did you mean 'qos_overrides./misspelt/joint_states.subscription.depth'?")
+    process.prints("unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?")
+    process.prints("unknown parameter 'joints.arm.nose': did you mean 'noise'?")
+    process.prints("joint 'sholder' was named in the parameters and never seen: "
+                   "did you mean 'shoulder'?")
+    assert process.output.count('unknown parameter') == 3  # what the YAML sets is known
+
+
+def test_gains_unstable_at_the_measured_rate(processes, observe, probe):
+    live = observe('paper').connect()
+    assert live.feed(turning(live, ['p'], [1.0], 400))[-1].names == ('p',)
+    refused = live.set(bandwidth_hz=2000.0)
+    hybrid = observers.find('hybrid_angle')
+    fast = hybrid.build(hybrid.gains(form='paper', bandwidth_hz=2000.0), Circle())
+    assert not refused.successful
+    assert refused.reason == f"joint 'p': {fast.limits(1e-3)}"
+    assert live.get('bandwidth_hz') == 5.0
+    # the rate falls: the joint says so, and the node lives on
+    answers = live.feed(turning(live, ['p'], [0.1], 200, begin=BEGIN + 10**12, dt=150 * MS))
+    assert answers[-1].names == ()
+    probe.until(lambda: live.status('p') == 'misconfigured')
+    slow = hybrid.build(hybrid.gains(form='paper', bandwidth_hz=5.0), Circle())
+    assert dds.value(live.statuses['p'], 'why')[:20] == slow.limits(0.15)[:20]
+    assert processes['paper'].alive
+    processes['paper'].prints("joint 'p' is misconfigured")
+    assert int(live.next_report()['/paper/paper']['dropped.misconfigured']) > 0
+    # gains that work at this rate bring it back
+    assert live.set(bandwidth_hz=0.2).successful
+    answers = live.feed(turning(live, ['p'], [0.1], 60, begin=BEGIN + 2 * 10**12, dt=150 * MS))
+    assert answers[-1].velocities == pytest.approx((0.1,), rel=0.05)
+
+
+def test_drivers_without_stamps_use_the_publishers_time(processes, observe, probe):
+    live = observe('wall').connect()
+    before = time.time_ns()
+    for i in range(80):
+        live.feed([live.encode(0, ['a', 'b'], [0.001 * i, 0.0])])
+        probe.spin(0.002)
+    assert all(before <= answer.stamp_ns <= time.time_ns() for answer in live.answers)
+    assert live.answers[-1].names == ('a',)  # 'joints' asks for this one alone
+    assert live.next_report()['/wall/wall']['dropped.zero_stamp'] == '0'
+
+
+def test_a_simulated_clock_that_rests_and_jumps_back(processes, observe, probe):
+    from rosgraph_msgs.msg import Clock
+
+    live = observe('sim', sim_time=True).connect()
+    clock = probe.node.create_publisher(Clock, '/clock', 10)
+    try:
+        probe.until(clock.get_subscription_count)
+
+        def run(seconds, count):
+            for i in range(count):
+                stamp = seconds * 1000 * MS + i * 10 * MS
+                message = Clock()
+                message.clock.sec, message.clock.nanosec = divmod(stamp, 1000 * MS)
+                clock.publish(message)
+                live.feed([live.encode(stamp, ['s'], [0.02 * i])])
+
+        run(100, 60)
+        assert live.answers[-1].velocities == pytest.approx((2.0,), rel=1e-3)
+        probe.until(lambda: live.status('s') == 'lost')  # the clock rests, the timeout does not
+        run(50, 60)
+        assert live.answers[-1].velocities == pytest.approx((2.0,), rel=1e-3)
+        live.next_report()
+        report = live.next_report()
+        assert report['/sim/sim: s']['events.clock_jump'] == '1'
+        assert int(report['/sim/sim']['received']) == 120 == int(report['/sim/sim']['used'])
+        header = live.stamp_of_diagnostics
+        assert 50 * 1000 * MS <= header <= 51 * 1000 * MS  # in simulated time
+    finally:
+        probe.node.destroy_publisher(clock)
+
+
+def test_what_is_lost_is_known(processes, observe):
+    live = observe('sim', sim_time=True).connect()
+    names = [f'joint_{i}' for i in range(100)]
+    burst = [live.encode(BEGIN + i * MS, names, [0.001 * i] * 100) for i in range(2001)]
+    first, last = burst[:1], burst[-1:]
+    live.feed(first)
+    live.next_report()
+    before = live.next_report()['/sim/sim']
+    for raw in burst[1:-1]:  # far faster than any node takes them, and more than the queue holds
+        live.publisher.publish(raw)
+
+    def counted(key):
+        return int(dds.value(live.diagnostics['/sim/sim'], key)) - int(before[key])
+
+    live.probe.spin(0.5)
+    live.feed(last)  # what was lost at the end shows with the next message
+    live.next_report()
+    live.next_report()
+    assert counted('messages_received') + counted('lost_by_dds') == 2000
+    assert counted('lost_by_dds') > 0
+    assert before['lost_by_dds'] == '0'
+    processes['sim'].prints('were lost: more come than this node or the network can take')
+
+
+def test_the_class_in_an_executor_of_ones_own(probe):
+    from rclpy.executors import SingleThreadedExecutor
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.nodes.observer import ObserverNode
+    from estimator_pkg.nodes.ros_parameters import ros_values
+
+    node = ObserverNode('angle', 'mine', namespace='/own', parameter_overrides=ros_values(
+        {'observer': 'finite_difference', 'joints': ('a',), 'bandwidth_hz': 100}))
+    made = []
+    answering = node.stream._answering
+    encode = answering._encode_stddev
+    answering._encode_stddev = lambda *given: made.append(given) or encode(*given)
+    executor = SingleThreadedExecutor()  # hands callbacks other arguments than EventsExecutor
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    try:
+        with dds.Observer(probe, '/own/mine', '/own/joint_states') as live:
+            live.connect()
+            answer = live.feed(turning(live, ['a', 'b'], [1.0, 1.0], 200))[-1]
+            assert answer.names == ('a',)
+            assert answer.velocities == pytest.approx((1.0,), rel=1e-6)
+            assert not made  # nobody listens, so no standard deviation is made
+            listener = probe.node.create_subscription(JointState, '/own/mine/estimate_stddev',
+                                                      lambda message: None, 10)
+            probe.until(listener.get_publisher_count)
+            probe.spin(0.5)
+            live.feed(turning(live, ['a'], [1.0], 5, first=200))
+            assert len(made) == 5
+            probe.node.destroy_subscription(listener)
+            assert '/own/mine/acceleration' not in dict(node.get_topic_names_and_types())
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+
+
+def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
+    from estimator_pkg.nodes.observer import ObserverNode
+
+    # in no executor: nothing is dispatched
+    node = ObserverNode('angle', 'missed', namespace='/missed')
+    try:
+        with dds.Observer(probe, '/missed/missed', '/missed/joint_states') as live:
+            live.connect()
+            for raw in turning(live, ['a'], [1.0], 3):
+                live.publisher.publish(raw)
+            probe.spin(0.2)
+            assert not live.answers
+            node._look_around()
+            probe.until(lambda: len(live.answers) == 3)
+            assert [answer.stamp_ns for answer in live.answers] == [BEGIN + i * MS
+                                                                    for i in range(3)]
+    finally:
+        node.destroy_node()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_interrupts_end_the_node_quietly(number):
+    with dds.NodeProcess(MODULE) as process:
+        process.prints('hybrid_angle estimates every joint of /joint_states')
+        process.signal(number)
+        assert process.ends() == 0
+    assert 'Traceback' not in process.output and 'rror' not in process.output
+
+
+def test_an_interrupt_waits_for_an_import_and_a_second_one_changes_nothing(tmp_path):
+    """What is raised in an import may be dropped, or become an ImportError."""
+    (tmp_path / 'interrupting.py').write_text(
+        'import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nwhole = True\n')
+    (tmp_path / 'program.py').write_text(
+        'import os, signal, time\n'
+        'from estimator_pkg.nodes.runtime import run\n'
+        'def make():\n'
+        '    import interrupting\n'
+        '    print("imported", interrupting.whole, flush=True)\n'
+        '    time.sleep(30.0)\n'
+        '    print("made")\n'
+        'try:\n'
+        '    run(make)\n'
+        'finally:\n'
+        '    os.kill(os.getpid(), signal.SIGTERM)\n'
+        '    print("ended")\n')
+    done = subprocess.run([sys.executable, str(tmp_path / 'program.py')], text=True,
+                          capture_output=True, timeout=dds.PATIENCE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'imported True\nended\n', '')
+
+
+WRONG_STARTS = [
+    (['-p', 'bandwidth_hz:=-3.0'], "parameter 'bandwidth_hz' = -3 is outside [0.001, 1e+06]"),
+    (['-p', 'noise:=.nan'], "parameter 'noise' must be finite, not nan"),
+    (['-p', 'joints.a.gap_max:=long'], "parameter 'joints.a.gap_max' must be a number"),
+    (['-p', 'observer:=hybrid_angel'], "did you mean 'hybrid_angle'?"),
+    (['-p', 'observer:=geso'], 'run the node mechanical_observer'),
+    (['-p', 'input:=angle', '-p', 'angle_type:=Int32'], "set 'counts_per_revolution'"),
+    (['-p', 'order:=3', '-p', 'form:=paper'], "form 'paper' is of second order"),
+    (['-p', 'qos_overrides./joint_states.subscription.reliability:=relyable'], 'relyable'),
+    (['--params-file', 'no_such_file.yaml'], 'no_such_file.yaml'),
+    (['-p', 'bandwidth_hz'], 'bandwidth_hz'),
+    (['--', 'observer=pll'], "not 'observer=pll'")]
+
+
+def test_a_wrong_start_is_one_line_and_exit_code_2():
+    children = [subprocess.Popen([sys.executable, '-m', *MODULE.split(), '--ros-args', *words],
+                                 text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+                for words, _ in WRONG_STARTS]
+    for child, (words, told) in zip(children, WRONG_STARTS):
+        output, error = child.communicate(timeout=dds.PATIENCE)
+        assert child.returncode == 2, (words, error)
+        assert told in error and len(error.splitlines()) == 1, (words, error)
+        assert output == ''

@@ -1,0 +1,209 @@
+"""What a user sets of joint_observer: YAML, settings, raw angles; lost messages."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimator_pkg import observers, params_file
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.driver.raw_angle import RawAngle
+from estimator_pkg.errors import UsageError
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.number import decoder
+from estimator_pkg.nodes.loss import Loss
+from estimator_pkg.observers.angle.core import AngleGains
+from estimator_pkg.parameters import build, declared
+from estimator_pkg.streams.angle import AngleSettings
+
+ROOT = Path(__file__).parents[2]
+YAML = ROOT / 'config/joint_observer.yaml'
+KEY = re.compile(r'    (#?)([\w.]+): (.+)$')
+
+
+def yaml_sections():
+    """{section: {key: (value, is set)}}; every key stands below its sentence."""
+    sections, section = {}, None
+    lines = YAML.read_text().splitlines()
+    for number, line in enumerate(lines):
+        title = re.match(r'    # ---- ([\w ]+?) -+$', line)
+        if title:
+            section = sections.setdefault(title[1], {})
+        key = KEY.match(line)
+        if key and section is not None:
+            assert key[2] not in section
+            section[key[2]] = (yaml.safe_load(key[3]), not key[1])
+            before = lines[number - 1]
+            assert before.startswith('    # ') or before.startswith('    #joints.') \
+                or before.startswith('    #qos_'), line
+    return sections
+
+
+def angle_observers():
+    found = [observers.find(name) for name in observers.names()]
+    return [observer for observer in found if observer.kind == 'angle']
+
+
+def assert_taught(section, parameters):
+    """Each parameter is there, with its default; unset ones with a valid example."""
+    for name, parameter in parameters.items():
+        assert name in section, f'{name} is missing in {YAML.name}'
+        value, is_set = section[name]
+        if parameter.default is None:
+            assert not is_set
+            parameter.check(value)
+        else:
+            assert parameter.check(value) == parameter.default, name
+    extra = {name for name in section if '.' not in name} - set(parameters)
+    assert not extra
+
+
+def test_yaml_teaches_the_keys_of_the_node_and_of_joints():
+    sections = yaml_sections()
+    assert_taught(sections['input'], declared(AngleSettings))
+    assert_taught(sections['joints'], {**declared(JointSettings), **declared(AngleGains)})
+
+
+@pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)
+def test_yaml_teaches_the_gains_of_every_observer(observer):
+    own = {name: parameter for name, parameter in declared(observer.gains).items()
+           if name not in declared(AngleGains)}
+    assert_taught(yaml_sections()[observer.name], own)
+
+
+def test_yaml_sections_are_those_of_known_observers():
+    names = {observer.name for observer in angle_observers()}
+    assert set(yaml_sections()) == {'input', 'joints', 'quality of service'} | names
+
+
+@pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)
+def test_what_the_yaml_sets_suits_every_observer(observer):
+    values, overrides = params_file.split(params_file.load(YAML))
+    assert overrides == {}
+    node = {name: value for name, value in values.items() if name in declared(AngleSettings)}
+    settings = build(AngleSettings, node)
+    settings.find_observer()
+    rest = {name: value for name, value in values.items() if name not in node}
+    assert Configuration(observer, rest).for_joint('any') == Configuration(
+        observer).for_joint('any')
+
+
+def test_no_name_is_declared_twice():
+    for observer in angle_observers():
+        names = [*declared(AngleSettings), *declared(JointSettings), *declared(observer.gains)]
+        assert len(names) == len(set(names)), observer.name
+
+
+# Settings
+
+@pytest.mark.parametrize(('values', 'told'), [
+    ({'angle_sign': 0}, 'must be 1 or -1'),
+    ({'input': 'angle', 'angle_type': 'UInt16'}, 'counts_per_revolution'),
+    ({'input': 'angle', 'angle_joint': ''}, "'angle_joint' must not be empty"),
+    ({'input': 'angle', 'joints': ['other']}, "'joint' is not among"),
+    ({'joints': 'shoulder'}, 'must be a list of texts'),
+    ({'joints': [1]}, 'must be a list of texts'),
+    ({'angle_type': 'Int8'}, 'Float64, Float32'),
+    ({'counts_per_revolution': -1}, 'outside')])
+def test_settings_that_cannot_work(values, told):
+    with pytest.raises(UsageError, match=told.replace('(', r'\(')):
+        build(AngleSettings, values).find_observer()
+
+
+def test_counts_imply_the_quantum_unless_it_is_set():
+    counted = build(AngleSettings, {'input': 'angle', 'counts_per_revolution': 1000})
+    assert counted.implied({'quantum': 0.0, 'noise': 1.0}) == {
+        'quantum': pytest.approx(2.0 * math.pi / 1000), 'noise': 1.0}
+    assert counted.implied({'quantum': 0.5}) == {'quantum': 0.5}
+    stated = build(AngleSettings, {'counts_per_revolution': 1000})  # not used with joint_states
+    assert stated.implied({'quantum': 0.0}) == {'quantum': 0.0}
+
+
+def test_an_empty_list_means_every_joint():
+    assert build(AngleSettings, {'joints': ['']}).only == ()
+    assert build(AngleSettings, {'joints': []}).only == ()
+    assert build(AngleSettings, {'joints': ['a', 'b']}).only == ('a', 'b')
+
+
+def test_raw_angles():
+    raw = RawAngle(4096.0, offset=0.5, sign=-1)
+    assert raw.angle(1024) == pytest.approx(0.5 - 0.5 * math.pi)
+    assert raw.quantum == pytest.approx(2.0 * math.pi / 4096)
+    counts = np.array([0, 1, 4095, -7])
+    assert raw.angle(counts).tolist() == [raw.angle(int(count)) for count in counts]
+    assert RawAngle(offset=1.0).angle(0.25) == 1.25 and RawAngle().quantum == 0.0
+
+
+@pytest.mark.parametrize(('kind', 'value', 'raw'), [
+    ('Float64', 0.1, '0001 0000 9a9999999999b93f'), ('Float32', 0.5, '0001 0000 0000003f'),
+    ('Int32', -2, '0001 0000 feffffff'), ('Int64', -2, '0001 0000 feffffffffffffff'),
+    ('UInt16', 65534, '0001 0000 feff'), ('Int32', 258, '0000 0000 00000102')])
+def test_numbers_from_bytes(kind, value, raw):
+    raw = bytes.fromhex(raw)
+    assert decoder(kind)(raw) == value
+    assert decoder(kind)(raw + b'\0\0') == value  # padding at the end
+    for wrong in (b'', raw[:-1], b'\x07' + raw[1:], raw[:1] + b'\x07' + raw[2:]):
+        with pytest.raises(MalformedMessageError):
+            decoder(kind)(wrong)
+
+
+# Loss
+
+def counted(sequence, publishers=1):
+    loss = Loss(lambda: publishers)
+    for number in sequence:
+        loss.saw(number)
+    return loss.count
+
+
+def test_loss_is_what_is_missing():
+    assert counted([1, 2, 3]) == 0
+    assert counted([7, 8, 11, 12, 20]) == 2 + 7
+    assert counted([50, 51, 1, 2, 4]) == 1  # another publisher in the place of the first
+    assert counted([None, None]) == 0 and counted([0, 0]) == 0
+
+
+@given(st.data())
+def test_the_sum_is_right_whichever_publisher_lost(data):
+    """Two publishers, interleaved anyhow, until both have come to the same number."""
+    streams, lost = [], 0
+    first, ahead = data.draw(st.integers(1, 20)), data.draw(st.sampled_from([0, *range(2, 20)]))
+    for start in (first, first + ahead):  # heard one after the other, seen to be two
+        between = range(start + 1, 50)
+        heard = data.draw(st.lists(st.sampled_from(between), unique=True).map(sorted))
+        lost += len(between) - len(heard)
+        streams.append([start, *heard, 50])
+    loss = Loss(lambda: 2)
+    loss.saw(streams[0].pop(0))
+    loss.saw(streams[1].pop(0))
+    while any(streams):
+        stream = data.draw(st.sampled_from([stream for stream in streams if stream]))
+        loss.saw(stream.pop(0))
+    assert loss.count == lost
+
+
+def test_where_there_are_no_sequence_numbers_the_middleware_is_believed():
+    loss = Loss(lambda: 1)
+    loss.reported = 3
+    assert loss.lost == 3
+    loss.saw(5)
+    loss.saw(7)
+    assert loss.lost == 1
+
+
+def test_a_publisher_that_left_is_forgotten():
+    loss = Loss(lambda: 1)
+    for number in (1, 2, 3):
+        loss.saw(number)
+    loss.forget()
+    loss.saw(700)
+    loss.saw(702)
+    assert loss.count == 1

@@ -1,0 +1,259 @@
+"""What makes up pmsm_observer, without ROS: pairs, order of batches, parameter files."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimator_pkg import observers, params_file
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.drive import DriveJoint
+from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
+from estimator_pkg.models.motor import phases
+from estimator_pkg.observers.contract import INITIALISING, TRACKING
+from estimator_pkg.observers.pmsm.gains import Gains
+from estimator_pkg.parameters import build, declared
+from estimator_pkg.streams.drive import DriveSettings
+from sim_pkg.nodes.settings import RunSettings
+from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
+
+ROOT = Path(__file__).resolve().parents[2]
+BEGIN = 1_700_000_000_000_000_000
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
+
+
+def joint(**values):
+    observer = observers.find('pmsm')
+    gains, settings = Configuration(observer, {**MOTOR, **values}).for_joint('')
+    return DriveJoint(observer, gains, settings)
+
+
+def batches(count, rows=50, **values):
+    source = Source(PmsmSimulatorParameters(**{'publish_rate': 5000.0, 'profile': 'constant',
+                                               **values}), 1)
+    found = [source.take(rows) for _ in range(count)]
+    return [(batch.stamps_ns + BEGIN, batch.values) for batch in found]
+
+
+# ---- order of batches --------------------------------------------------------------------------
+
+def test_a_repeated_batch_does_nothing_however_long_it_is():
+    one, other = joint(), joint()
+    for batch in batches(12, rows=700):  # 140 ms each: longer than the reorder window
+        one.take(*batch)
+        other.take(*batch)
+        repeated = other.take(*batch)
+        assert np.isnan(repeated.rows).all()
+    assert other.dropped() == {'duplicate': 12 * 700} and not other.events()
+    assert other.estimate() == one.estimate()
+
+
+def test_overtaken_batches_are_late_and_three_in_a_row_are_a_clock_that_jumped():
+    made = batches(30)
+    motor = joint()
+    for index in (*range(20), 22, 20, 23, 21, 24):
+        motor.take(*made[index])
+    assert motor.dropped() == {'late': 100} and motor.events() == {'gap': 1}
+    assert motor.estimate()[3] == INITIALISING or motor.estimate()[3] == TRACKING
+    for index in (18, 19, 17):
+        motor.take(*made[index])
+    assert motor.dropped() == {'duplicate': 150, 'late': 100}  # known again: no jump
+    fresh = [(stamps - 60_000_000 + 7, values) for stamps, values in made[:3]]
+    fresh = [(stamps + 200_000_000, values) for stamps, values in fresh]
+    for batch in fresh[:2]:
+        motor.take(*batch)
+    assert motor.dropped()['late'] == 200
+    motor.take(*fresh[2])
+    assert motor.events()['clock_jump'] == 1 and motor.dropped()['late'] == 200
+
+
+def test_a_bag_that_loops_starts_again():
+    made = batches(60)
+    motor = joint()
+    for batch in (*made, *made):
+        motor.take(*batch)
+    assert motor.events() == {'clock_jump': 1} and motor.dropped() == {}
+    assert motor.estimate()[3] == TRACKING
+
+
+def test_of_an_overlapping_batch_only_the_new_rows_are_used():
+    made = batches(20)
+    stamps, values = (np.concatenate(part) for part in zip(*made))
+    whole, pieces = joint(), joint()
+    for start in range(0, 1000, 50):
+        whole.take(stamps[start:start + 50], values[start:start + 50])
+        low = max(0, start - 10)
+        out = pieces.take(stamps[low:start + 50], values[low:start + 50])
+        assert np.isnan(out.rows[:start - low]).all()
+    assert pieces.estimate() == whole.estimate()
+    assert pieces.dropped() == {'duplicate': 190}
+
+
+def test_a_lost_batch_is_a_gap_whatever_the_rate():
+    for rate in (2000.0, 20000.0):
+        motor = joint()
+        for index, batch in enumerate(batches(60, rows=int(rate / 200), publish_rate=rate)):
+            if index != 40:
+                motor.take(*batch)
+        assert motor.events() == {'gap': 1}
+        assert motor.estimate()[3] == TRACKING
+
+
+@given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 50), st.integers(0, 50)),
+                max_size=30))
+def test_whatever_order_batches_come_in_every_row_is_counted(pieces):
+    motor = joint()
+    total = 0
+    for index, low, high in pieces:
+        stamps, values = MADE[index]
+        out = motor.take(stamps[low:high], values[low:high])
+        total += len(out.verdict)
+    assert motor.received == total == motor.used + sum(motor.dropped().values())
+
+
+MADE = batches(20)
+
+
+def test_plain_and_compiled_agree():
+    pytest.importorskip('numba')
+    observer = observers.find('pmsm')
+    gains, settings = Configuration(observer, MOTOR).for_joint('')
+    made = batches(30)
+    found = []
+    for fast in (False, True):
+        motor = DriveJoint(observer, gains, settings, fast=fast)
+        motor.warm_up()
+        found.append([motor.take(*batch).rows for batch in made if batch is not made[12]])
+    assert np.allclose(found[0], found[1], rtol=1e-9, atol=1e-9, equal_nan=True)
+
+
+def test_why_names_what_hinders_and_the_bound_of_the_speed():
+    motor = joint()
+    for batch in batches(30, speed_rpm=20.0, current_noise=0.05):
+        motor.take(*batch)
+    assert motor.why().startswith('back-EMF too small')
+    bound = float(motor.why().split('below ')[1].split()[0])
+    assert 20.0 * math.pi / 30.0 < bound < 60.0
+
+
+# ---- pairs -------------------------------------------------------------------------------------
+
+def test_stamps_within_the_tolerance_pair_whatever_comes_first():
+    pairs = Pairs(10)
+    assert pairs.put(CURRENT, 1000, (1.0, 2.0)) == []
+    assert pairs.put(VOLTAGE, 1010, (3.0, 4.0)) == [(1000, (1.0, 2.0, 3.0, 4.0))]
+    assert pairs.put(VOLTAGE, 1990, (5.0, 6.0)) == []
+    assert pairs.put(CURRENT, 2000, (7.0, 8.0)) == [(2000, (7.0, 8.0, 5.0, 6.0))]
+    assert pairs.apart_ns is None and pairs.unpaired == 0
+
+
+@given(st.sets(st.integers(0, 99)), st.sets(st.integers(0, 99)), st.integers(-5, 5),
+       st.randoms(use_true_random=False))
+def test_what_is_lost_of_either_costs_only_its_partner(lost, gone, shift, random):
+    pairs = Pairs(5)
+    waiting = [[k for k in range(100) if k not in lost], [k for k in range(100) if k not in gone]]
+    found = []
+    while waiting[0] or waiting[1]:
+        kind = random.choice([which for which in (0, 1) if waiting[which]])
+        k = waiting[kind].pop(0)
+        found += pairs.put(kind, 1000 * k + kind * shift, (float(k), float(kind)))
+    both = [k for k in range(100) if k not in lost | gone]
+    assert [pair.stamp_ns for pair in found] == [1000 * k for k in both]
+    assert all(pair.sample == (k, 0.0, k, 1.0) for k, pair in zip(both, found))
+
+
+def test_how_far_stamps_are_apart_is_told_until_they_pair():
+    pairs = Pairs(10)
+    for k in range(5):
+        pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
+        pairs.put(VOLTAGE, 1000 * k + 300, (0.0, 0.0))
+    assert pairs.apart_ns == 300 and pairs.paired == 0 and pairs.unpaired >= 8
+    pairs.put(CURRENT, 10_000, (0.0, 0.0))
+    pairs.put(VOLTAGE, 10_000, (0.0, 0.0))
+    assert pairs.apart_ns is None and pairs.paired == 1
+
+
+def test_a_clock_that_jumps_back_does_not_block():
+    pairs = Pairs(10)
+    for k in range(20):
+        pairs.put(CURRENT, 10 ** 9 + 1000 * k, (0.0, 0.0))
+    found = []
+    for k in range(5):
+        found += pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
+        found += pairs.put(VOLTAGE, 1000 * k, (0.0, 0.0))
+    assert len(found) == 5
+
+
+def test_one_that_comes_alone_does_not_pile_up():
+    pairs = Pairs(10)
+    for k in range(1000):
+        pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
+    assert pairs.unpaired == 900
+
+
+def test_phases_without_neutral_sum_to_zero():
+    three = Phases(0.1)
+    assert three.current(*phases(3.0, -4.0)) == pytest.approx((3.0, -4.0))
+    assert three.current(4.0, -2.0, -1.0) is None and three.unbalanced == 1
+    assert three.worst == pytest.approx(0.2, rel=0.3)
+    assert three.current(0.01, 0.0, 0.0) is not None  # noise, beside the currents before
+    assert three.voltage(*(u + 5.0 for u in phases(1.0, 2.0))) == pytest.approx((1.0, 2.0))
+
+
+def test_the_large_currents_of_a_start_are_soon_forgotten():
+    """After an inrush of 100 A a wrong wire at 1 A is found again, within a fraction of a second of
+    20 kHz; but not within an electrical turn of a slow rotor, whose currents pass through zero.
+    """
+    three = Phases(0.1)
+    assert three.current(*phases(100.0, 0.0)) is not None
+    verdicts = [three.current(1.0, -0.2, -0.2) is None for _ in range(6000)]
+    assert not any(verdicts[:1000]) and all(verdicts[4000:])
+
+
+# ---- what a user sets --------------------------------------------------------------------------
+
+@pytest.mark.parametrize(('name', 'classes'), [
+    ('pmsm_observer', (DriveSettings, Gains, JointSettings)),
+    ('pmsm_sim', (RunSettings, PmsmSimulatorParameters))])
+def test_config_teaches_every_parameter_with_its_default(name, classes):
+    path = ROOT / 'config' / f'{name}.yaml'
+    values = params_file.load(path, name)
+    known = {key: parameter for cls in classes for key, parameter in declared(cls).items()}
+    lines = path.read_text().splitlines()
+    for key, parameter in known.items():
+        if parameter.default is not None:
+            assert parameter.check(values.pop(key)) == parameter.default, key
+        else:
+            example = [line for line in lines if line.lstrip(' #').startswith(f'{key}: ')]
+            assert len(example) == 1, key
+            parameter.check(float(example[0].split(': ')[1]))
+            values.pop(key, None)
+    assert not values
+    for number, line in enumerate(lines):  # every key stands below its sentence
+        if line.startswith('    ') and not line.lstrip().startswith('# '):
+            assert lines[number - 1].startswith('    #'), line
+
+
+def test_the_default_files_of_node_and_simulator_belong_together():
+    node = params_file.load(ROOT / 'config' / 'pmsm_observer.yaml', 'pmsm_observer')
+    simulator = params_file.load(ROOT / 'config' / 'pmsm_sim.yaml', 'pmsm_sim')
+    assert all(node[name] == simulator[name] for name in MOTOR)
+
+
+def test_the_servo_suits_node_and_simulator():
+    path = ROOT / 'config' / 'pmsm_motor_servo_400w.yaml'
+    simulator, node = (params_file.load(path, name) for name in ('pmsm_sim', 'pmsm_observer'))
+    assert build(PmsmSimulatorParameters, simulator).resistance == simulator['resistance']
+    gains, _ = Configuration(observers.find('pmsm'), node).for_joint('')
+    assert all(getattr(gains, name) == node[name] == simulator[name] for name in MOTOR)
+
+
+def test_no_name_is_declared_twice():
+    names = [*declared(DriveSettings), *declared(JointSettings), *declared(Gains)]
+    assert len(names) == len(set(names))

@@ -1,0 +1,395 @@
+"""The adaptive observer: the paper's recursion, its sampled form, gate, freezing, bad input."""
+
+import math
+
+import numpy as np
+import pytest
+from adaptive_cases import excited, feed, joint, lcg, named, run, servo
+from scipy.linalg import expm
+
+from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.adaptive.filter import companion
+from estimator_pkg.observers.adaptive.gains import Gains, structure
+from estimator_pkg.observers.adaptive.law import ADAPTING, FROZEN, GATED, INIT
+from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.parameters import build
+
+PAPER = {'law': 'gradient', 'observer_poles': (-10.0, -12.0), 'model_poles': (-1.5, -2.5),
+             'gamma': (1000.0,), 'settle': 0.0, 'gate': 'none', 'knock': 0.0}  # example 4.2
+VECTORS = {  # form -> sample -> y, xhat1, theta
+    'paper': {
+        10: (-1.660405042e-03, -7.476752657e-04, 4.192042135e-07, 6.502364219e-09,
+             1.773745411e-03, 7.659266036e-05),
+        100: (-1.614892472e-01, -1.480187270e-01, 8.664334073e-03, 2.681942417e-03,
+              2.667477049e-02, 8.512654752e-02),
+        1000: (-4.020463086e-01, -4.223719507e-01, 7.440460227e-01, 1.121438530e+00,
+               2.913453951e-02, 1.455883561e+00)},
+    'sampled': {
+        1: (-1.661314300e-05, -1.453996361e-06, 1.170573115e-11, 3.973951941e-14,
+            2.256196726e-06, 1.170615061e-08),
+        10: (-1.660405042e-03, -8.116999961e-04, 7.063179891e-07, 1.706866453e-08,
+             1.985576431e-03, 1.074832488e-04),
+        100: (-1.614892472e-01, -1.480696644e-01, 8.827414742e-03, 2.806082917e-03,
+              2.766898737e-02, 8.594991367e-02),
+        1000: (-4.020463086e-01, -4.223660923e-01, 7.435180419e-01, 1.122319598e+00,
+               3.012797754e-02, 1.452443843e+00)}}
+
+
+@pytest.mark.parametrize('form', VECTORS)
+def test_vectors_of_the_recursion(form):
+    u = np.repeat(lcg(12345, 2), 500)
+    angles, _ = servo(0.01, 0.3, 0.2, u, 0.01)
+    functions = OBSERVER.build(Gains(form=form, **PAPER), Circle(0.0))
+    states, coefficients, design = run(functions, angles, u, 0.01)
+    for sample, (y, position, *theta) in VECTORS[form].items():
+        found = functions.output(states[sample], coefficients, design, y, u[sample - 1])[0]
+        assert angles[sample] == pytest.approx(y, rel=1e-9)
+        # the reference prints ten digits
+        assert found == pytest.approx(position, rel=2e-9, abs=1e-15)
+        assert states[sample][2] == pytest.approx(theta, rel=2e-9)
+
+
+def test_the_paper_form_keeps_the_matrix_regressor():
+    """The rows of Upsilon that are not stored are those of (11), filtered entry by entry."""
+    a = (-22.0, -120.0)
+    matrix = np.array([[-22.0, 1.0], [-120.0, 0.0]])
+    made = companion(2)
+    f, g0, g1 = made.series(a, 12.0, 0.01)
+    e = expm(np.block([[matrix * 0.01, np.eye(2) * 0.01, np.zeros((2, 2))],
+                       [np.zeros((2, 4)), np.eye(2)], [np.zeros((2, 6))]]))
+    transition, held, rising = e[:2, :2], e[:2, 2:4], e[:2, 4:]
+    whole, row = np.zeros((2, 2)), (0.0, 0.0)
+    random = np.random.default_rng(1)
+    for y, change in random.normal(size=(200, 2)):
+        whole = transition @ whole + held * y + rising * change
+        row = tuple(np.add(made.left(row, made.rows(f, a)), y * np.array(g0)
+                           + change * np.array(g1)))
+    assert np.allclose(made.rows(row, a), whole, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize('gains', [{}, {'known': ('b1=0',)}, {'load': True},
+                                   {'bounds': ('b/J>=0',)}, {'observer_poles': (-40.0, -40.0)}])
+def test_parameters_and_velocity_on_jittered_stamps_and_a_wrapped_angle(gains):
+    u = excited(20000)
+    dt = 1e-3 * np.random.default_rng(2).uniform(0.5, 1.5, len(u))
+    load = 3.0 if gains.get('load') else 0.0
+    angles, velocity = servo(2.0, 5.0, 30.0, u, dt, load)
+    assert np.ptp(angles) > 4.0 * math.pi
+    made = joint(**gains, torque_constant=0.6)
+    wrapped = (angles + math.pi) % (2.0 * math.pi) - math.pi
+    out, _ = feed(made, wrapped, u, dt)
+    found = named(made)
+    # an angle that bends within a sample costs O(dt^2)
+    for name, value in (('b/J', 2.0), ('k/J', 5.0), ('Kv/J', 30.0), ('J', 0.02), ('b', 0.04)):
+        assert found[name].value == pytest.approx(value, rel=5e-4)
+    if load:
+        assert found['load/J'].value == pytest.approx(load, rel=1e-3)
+    late = slice(10000, None)
+    assert out.status[-1] == TRACKING
+    assert np.max(np.abs(out.velocity - velocity)[late]) < 1e-3 * np.std(velocity)
+    assert np.max(np.abs(out.position - wrapped)[late]) < 1e-3
+
+
+def test_orders_one_and_three():
+    u = excited(20000, hold=100)
+    for order in (1, 3):
+        poles = {1: [-4.0], 3: [-3.0, -5.0, -8.0]}[order]
+        a = np.diag(np.ones(order - 1), 1)
+        a[:, 0] = -np.poly(poles)[1:]
+        b = np.zeros(order)
+        b[-1] = 7.0
+        e = expm(np.block([[a, b[:, None]], [np.zeros((1, order + 1))]]) * 1e-3)
+        x = np.zeros(order)
+        angles, speeds = [0.0], [0.0]
+        for value in u:
+            x = e[:-1, :-1] @ x + e[:-1, -1] * value
+            angles.append(x[0])
+            speeds.append((a @ x + b * value)[0])
+        made = joint(0.0, order=order, model_poles=tuple(-1.0 - i for i in range(order)),
+                     known=tuple(f'b{i}=0' for i in range(1, order)))
+        out, _ = feed(made, np.array(angles), u)
+        theta = made.report().theta
+        learnt = np.array(made._design[2]) + theta[:order]
+        assert learnt == pytest.approx(a[:, 0], rel=2e-2)
+        assert np.abs(out.velocity - speeds)[15000:].max() < 1e-2 * np.std(speeds)
+
+
+def test_full_velocity_is_right_where_the_parameters_are_not():
+    """One sine identifies two numbers, not four (spec A5a): (38) is wrong, the full formula not."""
+    t = np.arange(150000) * 2e-3
+    u = np.sin(0.7 * t)
+    angles, velocity = servo(0.5, 0.5, 10.0, u, 2e-3)
+    rms = {}
+    for formula in ('full', 'paper'):
+        made = joint(0.0, law='gradient', observer_poles=(-4.0, -5.0), model_poles=(-1.0, -2.0),
+                     gamma=(10.0, 10.0, 1000.0, 1000.0), settle=0.0, gate='none',
+                     velocity=formula)
+        out, _ = feed(made, angles, u, 2e-3, fast=True)
+        rms[formula] = np.sqrt(np.mean((out.velocity - velocity)[-10000:] ** 2))
+    assert rms['paper'] > 5.0
+    assert rms['full'] < 0.01
+
+
+def rest_with_load(made, seconds, sigma=1e-3, seed=777):
+    """Rests for so long at -0.667 rad under a load; the phases seen and k/J after each second."""
+    count = round(seconds * 1000)
+    noise = np.random.default_rng(seed).uniform(-1.0, 1.0, count + 1) * math.sqrt(3.0) * sigma
+    last_ns = made.stamp_ns
+    return feed(made, -0.2 / 0.3 + noise, np.zeros(count), start_ns=last_ns + 10 ** 6,
+                fast=count > 10 ** 5)
+
+
+def trained(**gains):
+    """At the true parameters of example 4.2, settled, with the observer's default law."""
+    return joint(0.0, observer_poles=(-10.0, -12.0), model_poles=(-1.5, -2.5),
+                 theta=(3.99, 3.45, 0.0, 0.2), **gains)
+
+
+@pytest.mark.parametrize('gains', [{}, {'law': 'gradient', 'gate': 'gamma'}])
+@pytest.mark.parametrize('seconds', [30.0, pytest.param(600.0, marks=pytest.mark.slow)])
+def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains, seconds):
+    made = trained(**gains)
+    feed(made, np.full(3, -0.2 / 0.3), np.zeros(2))
+    rest_with_load(made, seconds)
+    assert made.report().phase == 'GATED'
+    for value, true in zip(made._track[6][2], (3.99, 3.45, 0.0, 0.2)):
+        assert value == pytest.approx(true, rel=5e-3)
+    without = trained(law='gradient', gate='none')
+    feed(without, np.full(3, -0.2 / 0.3), np.zeros(2))
+    rest_with_load(without, 60.0)
+    assert named(without)['k/J'].value < 0.1  # 0.3 is right: spec A5e, "plain"
+
+
+def test_without_excitation_nothing_is_presented_as_good():
+    made = joint()
+    random = np.random.default_rng(1)
+    out, _ = feed(made, 1.0 + 1e-4 * random.normal(size=20001), np.zeros(20000))
+    said = made.report()
+    assert said.phase == 'GATED' and 'excitation' in said.reason
+    assert out.status[-1] == NOT_OBSERVABLE
+    assert all(math.isinf(item.stddev) for item in said.parameters)
+    assert made._track[6][2] == (0.0,) * 4
+
+
+def test_freezing_holds_theta_and_unfreezing_is_bumpless():
+    u = excited(30000)
+    angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
+    made, always = joint(0.0), joint(0.0)
+    feed(always, angles, u)
+    parts = ((0, 10000, True), (10000, 20000, False), (20000, 30000, True))
+    held = None
+    for begin, end, adapt in parts:
+        made.set_gains(build(Gains, {'adapt': adapt}))
+        for k in range(begin, end):
+            made.update(10 ** 18 + k * 10 ** 6, float(angles[k]), float(u[k - 1]) if k else 0.0)
+            if k == 10000:
+                held = made._track[6][2]
+            if k > 10050:
+                assert abs(made.estimate()[1] - velocity[k]) < 0.01
+        if not adapt:
+            assert made._track[6][2] == held
+            assert made._track[6][8][0] == FROZEN
+            assert made.report().reason == (
+                "held by the user ('adapt' is false)")
+    assert made._track[6][8][0] == ADAPTING
+    assert named(made)['b/J'].value == pytest.approx(2.0, rel=5e-4)
+
+
+def test_starts_frozen_with_saved_parameters():
+    u = excited(4000)
+    angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3, start=(1.0, 3.0))
+    first = joint(0.0)
+    feed(first, *(lambda v: (servo(2.0, 5.0, 30.0, v, 1e-3)[0], v))(excited(20000, seed=4)))
+    saved = first.report().theta
+    made = joint(0.0, theta=saved, adapt=False)
+    out, _ = feed(made, angles, u)
+    assert made._track[6][2] == pytest.approx(saved, rel=0, abs=0)
+    assert np.abs(out.velocity - velocity)[1000:].max() < 0.01
+    assert out.status[-1] == TRACKING
+    assert all(item.stddev == 0.0 for item in named(made).values())
+
+
+@pytest.mark.parametrize('ahead', [10 ** 10, -10 ** 10])
+def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
+    u = excited(20000)
+    angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
+    made = joint(0.0)
+    feed(made, angles[:15001], u[:15000])
+    before, mean_dt = made._track[6][2], made.mean_dt
+    at = 10 ** 18 + 15000 * 10 ** 6 + ahead
+    for k in range(15001, 18000):
+        made.update(at + (k - 15000) * 10 ** 6, float(angles[k]), float(u[k - 1]))
+        if k == 15001:
+            assert abs(made.estimate()[1]) < 0.01 and made.estimate()[3] == INITIALISING
+        if k < 15100:
+            assert made._track[6][2] == before
+    assert made.mean_dt == pytest.approx(mean_dt)
+    assert made.estimate()[3] == TRACKING
+    assert made.estimate()[1] == pytest.approx(velocity[17999], abs=1e-3 * np.std(velocity))
+
+
+def test_a_gap_keeps_parameters_and_speed():
+    u = excited(20000)
+    angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
+    made = joint(0.0)
+    feed(made, angles[:15001], u[:15000])
+    before = made._track[6][2]
+    at = 10 ** 18 + 15000 * 10 ** 6
+    assert made.estimate()[3] == TRACKING
+    gap = 4 * 10 ** 8
+    made.update(at + gap, float(angles[15001]), float(u[15000]))
+    assert made.estimate()[1] == pytest.approx(velocity[15000], abs=0.05 * np.std(velocity))
+    assert made.estimate()[3] == COASTING and made._track[6][8][0] == INIT
+    for k in range(15002, 17000):
+        made.update(at + gap + (k - 15001) * 10 ** 6, float(angles[k]), float(u[k - 1]))
+        if k < 15100:
+            assert made._track[6][2] == before  # not adapted while the filters settle
+    assert made.estimate()[1] == pytest.approx(velocity[16999], abs=1e-3 * np.std(velocity))
+
+
+def test_known_and_bounded_parameters():
+    u = excited(8000)
+    angles, _ = servo(2.0, 0.0, 30.0, u, 1e-3)
+    made = joint(0.0, known=('k/J=0', 'b1=0'), bounds=('b/J>=2.5', 'Kv/J<=29'))
+    feed(made, angles, u)
+    found = named(made)
+    assert found['k/J'].value == pytest.approx(0.0, abs=1e-12) and found['k/J'].stddev == 0.0
+    assert found['b/J'].value >= 2.5 - 1e-12
+    assert found['Kv/J'].value <= 29.0
+    assert found['b1'].value == 0.0
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+@pytest.mark.parametrize('gains', [{}, {'form': 'paper', 'law': 'gradient', 'load': True},
+                                   pytest.param({'order': 3, 'bounds': ('l1>=-1',),
+                                                 'known': ('b1=0',)}, marks=pytest.mark.slow)])
+def test_plain_equals_compiled_per_step(gains):
+    functions = OBSERVER.build(build(Gains, gains), Circle())
+    twins = {name: compiled(getattr(functions, name))
+             for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')}
+    design = functions.design()
+    u = excited(400, hold=20)
+    angles, _ = servo(2.0, 5.0, 30.0, u, 1e-3)
+    state = functions.init(0.3, design)
+
+    def same(plain, twin):
+        if isinstance(plain, tuple):
+            assert len(plain) == len(twin)
+            for a, b in zip(plain, twin):
+                same(a, b)
+        else:
+            assert type(plain) in (int, float) and isinstance(twin, type(plain))
+            assert plain == twin or (math.isnan(plain) and math.isnan(twin)) or (
+                abs(plain - twin) <= 1e-12 * max(abs(plain), abs(twin)))
+
+    same(state, twins['init'](0.3, design))
+    for k, (angle, given) in enumerate(zip(angles[1:].tolist(), u.tolist())):
+        dt = 1e-3 * (1.0 + 0.3 * math.sin(k))
+        coefficients = functions.prepare(design, dt)
+        same(coefficients, twins['prepare'](design, dt))
+        after = functions.step(state, coefficients, design, angle, given)
+        same(after, twins['step'](state, coefficients, design, angle, given))
+        state = after
+        same(functions.output(state, coefficients, design, angle, given),
+             twins['output'](state, coefficients, design, angle, given))
+        same(functions.stddev(state, coefficients, design),
+             twins['stddev'](state, coefficients, design))
+        same(functions.resume(state, coefficients, design, angle),
+             twins['resume'](state, coefficients, design, angle))
+
+
+@pytest.mark.parametrize('gains, words', [
+    ({'gamma': (1.0, 2.0, 3.0)}, 'needs 1, 4 or 16 numbers'),
+    ({'gamma': (-1.0,)}, 'not positive definite'),
+    ({'gamma': (1.0, 2.0, 3.0, 0.0)}, 'not positive definite'),
+    ({'gamma': (*range(1, 17),)}, 'not symmetric'),
+    ({'observer_poles': (-1.0,)}, 'needs 2 poles'),
+    ({'observer_poles': (-1.0, 2.0)}, 'outside'),
+    ({'model_poles': (-1.0, 0.0)}, 'outside'),
+    ({'theta': (1.0, 2.0)}, 'needs 4 numbers (l1, l2, b1, b2)'),
+    ({'theta': (1.0, math.nan, 0.0, 0.0)}, 'finite'),
+    ({'known': ('b3=0',)}, "no parameter is called 'b3'"),
+    ({'known': ('b1>0',)}, 'not of the form b1=0'),
+    ({'known': ('l1=0', 'l2=0', 'b1=0', 'b2=1')}, 'nothing is left'),
+    ({'bounds': ('b2=1',)}, 'not of the form b/J>=0'),
+    ({'bounds': ('b2>=2', 'b2<=1')}, 'leaves no value for b2'),
+    ({'form': 'paper'}, 'gradient law only'),
+    ({'order': 7}, 'outside'),
+])
+def test_bad_gains_are_refused_in_one_line(gains, words):
+    with pytest.raises(UsageError) as caught:
+        joint(**gains)
+    assert words in str(caught.value) and '\n' not in str(caught.value)
+
+
+def test_euler_is_refused_where_it_is_unstable():
+    functions = OBSERVER.build(Gains(form='paper', **PAPER), Circle())
+    assert functions.limits(0.16) is None
+    assert '0.167' in functions.limits(0.17)
+    assert OBSERVER.build(Gains(), Circle()).limits(10.0) is None
+
+
+def test_gain_matrix_and_list_agree():
+    u = excited(3000)
+    angles, _ = servo(2.0, 5.0, 30.0, u, 1e-3)
+    thetas = []
+    for gamma in ((10.0, 20.0, 30.0, 40.0), tuple(np.diag([10.0, 20.0, 30.0, 40.0]).ravel())):
+        made = joint(0.0, law='gradient', gamma=gamma)
+        feed(made, angles, u)
+        thetas.append(made._track[6][2])
+    assert thetas[0] == pytest.approx(thetas[1], rel=1e-12)
+    whole = np.diag([10.0, 20.0, 30.0, 40.0])
+    whole[0, 1] = whole[1, 0] = 5.0
+    made = joint(0.0, law='gradient', gamma=tuple(whole.ravel()))
+    feed(made, angles, u)
+    assert made._track[6][2] != pytest.approx(thetas[0], rel=1e-3)
+
+
+def test_gate_opens_with_excitation():
+    made = trained()
+    rest_with_load(made, 5.0)
+    assert made._track[6][8][0] == GATED
+    u = excited(20000, size=20.0)
+    angles, _ = servo(0.01, 0.3, 0.2, u, 1e-3, start=(-0.2 / 0.3, 0.0))
+    feed(made, angles, u, start_ns=made.stamp_ns + 10 ** 6)
+    assert made._track[6][8][0] == ADAPTING
+
+
+# Numbers that run away
+
+
+def test_least_squares_that_forgets_does_not_run_away_while_nothing_moves():
+    """At rest without a gate P grows as exp(t/memory), past every float within 700 memories."""
+    made = joint(memory=0.04, gate='none', knock=0.0, noise=1e-4)
+    angle, _ = servo(2.0, 3.0, 5.0, excited(4000), 1e-3)
+    feed(made, angle, excited(4000))
+    rest = np.full(8000, angle[-1])  # 1000 memories
+    feed(made, rest, np.zeros(len(rest) - 1), dt=5e-3, start_ns=10 ** 18 + 10 ** 10)
+    theta, p = made._track[6][2], made._track[6][4]
+    assert all(map(math.isfinite, theta))
+    start = structure(made.gains).variance
+    assert all(0.0 < row[i] <= 1.2 * most for i, (row, most) in enumerate(zip(p, start)))
+    angle, velocity = servo(2.0, 3.0, 5.0, excited(8000, seed=2), 1e-3, start=(angle[-1], 0.0))
+    out, _ = feed(made, angle, excited(8000, seed=2), start_ns=10 ** 18 + 3 * 10 ** 12)
+    assert np.max(np.abs(out.velocity[-2000:] - velocity[-2000:])) < 0.01
+
+
+def test_a_memory_shorter_than_that_of_the_filters_is_refused():
+    with pytest.raises(UsageError, match=r"'memory' = 1e-05 s .* at least 0.03"):
+        joint(memory=1e-5)
+
+
+def test_an_observer_whose_numbers_ran_away_starts_again():
+    """Whatever made a parameter nan, no later sample could mend it."""
+    made = joint()
+    angle, velocity = servo(2.0, 3.0, 5.0, excited(6000), 1e-3)
+    feed(made, angle[:3000], excited(6000)[:2999])
+    track = list(made._track)
+    track[6] = (*track[6][:2], (math.nan,) * 4, *track[6][3:])
+    made._track = tuple(track)
+    out, _ = feed(made, angle[3000:], excited(6000)[3000:], start_ns=10 ** 18 + 3 * 10 ** 9)
+    assert out.status[1] == INITIALISING and out.status[-1] == TRACKING
+    assert np.max(np.abs(out.velocity[-500:] - velocity[-500:])) < 0.05

@@ -1,0 +1,365 @@
+"""hybrid_angle, the robust form: equations, streams, low speed, live changes; plain is compiled."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hybrid_cases import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
+
+from estimator_pkg.driver.batch import empty
+from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
+from estimator_pkg.observers.contract import COASTING, TRACKING
+from estimator_pkg.parameters import build
+
+# --- the robust form --------------------------------------------------------------------------
+
+def test_second_order_follows_the_spec_line_by_line():
+    """Spec 1.4 with tan: continued innovation, reset first, never past the measurement."""
+    epsilon, dt = 0.05, 0.01
+    correct = core_of(order=2, injection='tan', epsilon=epsilon).correct
+    coefficients = coefficients_of(dt, order=2, injection='tan', epsilon=epsilon)
+    z1, z2 = math.exp(-dt / epsilon), math.exp(-5.0 * dt / epsilon)
+    a, b = 1.0 - z1 * z2, (1.0 - z1) * (1.0 - z2)
+    random = np.random.default_rng(4)
+    resets = capped = 0
+    for _ in range(5000):
+        last, error, velocity = random.uniform(-3, 3), random.uniform(-2.9, 2.9), 10.0
+        y = last + velocity * dt + random.uniform(-0.7, 0.7)   # one sample is off by less than 1/8
+        p = last - error + dt * velocity
+        e = PHI['saw'](y - p)
+        continued = error + PHI['saw'](e - error)
+        if abs(continued) >= math.pi - MARGIN:
+            expected = (y, velocity)
+            resets += 1
+        else:
+            f = 2.0 * math.tan(0.5 * continued)
+            if abs(f) > abs(continued) / a:
+                f = math.copysign(abs(continued) / a, f)
+                capped += 1
+            expected = (y - (continued - a * f), velocity + b / dt * f)
+        (new_last, left, speed, _), innovation = correct((last, error, velocity, 0.0),
+                                                         coefficients, y)
+        assert innovation == pytest.approx(continued)
+        assert (new_last - left, speed) == pytest.approx(expected)
+    assert resets > 50 and capped > 50
+
+
+@pytest.mark.parametrize('name', ['saw', 'sat', 'sin'])
+def test_third_order_is_set_on_the_reading_before_it_is_half_a_turn_off(name):
+    """10 to -20 rad/s in 0.1 s at 0.5 Hz: the position slips, and each time it is put right (J2)
+    within 5 degrees of half a turn, instead of coming back from the other side.
+    """
+    t = 1e-3 * np.arange(6000)
+    speed = np.interp(t, (0.0, 2.0, 2.1, 6.0), (10.0, 10.0, -20.0, -20.0))
+    angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 1e-3))
+    out = make(bandwidth_hz=0.5, injection=name).run(stamps(t), wrapped(angle), fast=False)
+    off = np.abs(wrapped(out.position - angle))
+    assert np.max(off) < math.pi - MARGIN
+    slips = np.flatnonzero((off[:-1] > 2.9) & (off[1:] < 1e-9))
+    assert len(slips) > 1
+    before, after = out.velocity[slips], out.velocity[slips + 1]
+    gained = 1e-3 * out.acceleration[slips]   # the speed goes on as it was
+    assert after - before == pytest.approx(gained, abs=1e-9)
+
+
+def test_third_order_never_puts_the_position_past_the_measurement():
+    """tan grows without bound towards half a turn; what it injects is held back."""
+    dt = 0.01
+    correct = core_of(injection='tan', epsilon=0.05).correct
+    coefficients = coefficients_of(dt, injection='tan', epsilon=0.05)
+    random = np.random.default_rng(6)
+    capped = 0
+    for _ in range(3000):
+        error, push = random.uniform(-2.9, 2.9), random.uniform(-0.1, 0.1)
+        state = (1.0, error, 10.0, 0.0, 0.0)
+        (_, left, velocity, _, _), innovation = correct(state, coefficients, 1.0 + 10.0 * dt + push)
+        assert innovation == pytest.approx(error + push)
+        assert left * innovation >= -1e-12 and abs(left) <= abs(innovation)
+        assert (velocity - 10.0) * innovation >= 0.0
+        capped += abs(innovation) > 0.1 and abs(left) < 1e-12
+    assert capped > 300
+
+
+def test_injections_differ_at_large_errors_as_in_figure_4():
+    """10 to -20 rad/s in 50 ms, epsilon 0.7 s: the spec's RMS errors, and its order."""
+    t = 1e-3 * np.arange(8000)
+    speed = np.interp(t, (0.0, 2.0, 2.05, 8.0), (10.0, 10.0, -20.0, -20.0))
+    angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 1e-3))
+    for name, expected in {'tan': 8.104, 'saw': 8.227, 'sat': 12.498, 'sin': 13.992}.items():
+        out = make(order=2, epsilon=0.7, injection=name).run(stamps(t), wrapped(angle), fast=False)
+        assert math.sqrt(np.mean((out.velocity - speed)[2000:] ** 2)) == pytest.approx(
+            expected, rel=0.04), name
+
+
+def test_no_false_lock_where_the_wrapped_innovation_has_one():
+    """The spec's run-up at 300 rad/s^2 with saw and epsilon 0.4: a false 105 rad/s for ever."""
+    t = 0.01 * np.arange(800)
+    speed = 150.0 * (1.0 - np.exp(-t / 0.5))
+    angle = 150.0 * (t - 0.5 * (1.0 - np.exp(-t / 0.5)))
+    paper, robust = (make(form=form, order=2, epsilon=0.4).run(stamps(t), wrapped(angle),
+                                                               fast=False)
+                     for form in ('paper', 'robust'))
+    assert abs(speed - paper.velocity)[-1] == pytest.approx(104.8, abs=0.5)
+    assert paper.status[-1] != TRACKING
+    assert abs(speed - robust.velocity)[-1] < 0.2
+
+
+def test_the_speed_limit_holds():
+    t = 0.01 * np.arange(200)
+    for order in (2, 3):
+        joint = make(order=order, max_speed=5.0)
+        out = joint.run(stamps(t), wrapped(8.0 * t), fast=False)
+        assert np.max(np.abs(out.velocity)) <= 5.0
+        out = make(order=order, max_speed=5.0).run(stamps(t), wrapped(4.0 * t), fast=False)
+        assert out.velocity[-1] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize('bandwidth, settled', [(5.0, 0.35), (2.0, 0.9), (1.0, 1.8)])
+def test_no_acceleration_winds_up_at_the_speed_limit(bandwidth, settled):
+    """3 to 8 rad/s and back with a limit of 5: at the limit no acceleration is published, and the
+    speed is right again as soon as after any other ramp.
+    """
+    t = 0.01 * np.arange(1000)
+    speed = np.interp(t, (0.0, 1.0, 2.0, 4.0, 5.0, 10.0), (3.0, 3.0, 8.0, 8.0, 3.0, 3.0))
+    angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 0.01))
+    out = make(max_speed=5.0, bandwidth_hz=bandwidth).run(stamps(t), wrapped(angle), fast=False)
+    assert np.max(out.velocity) == 5.0
+    assert np.max(np.abs(out.acceleration[250:400])) < 1.0
+    late = (out.velocity > 4.9) & (t > 4.0)
+    assert t[late][-1] < 4.65 + 0.3 / bandwidth
+    assert np.max(np.abs(out.velocity - 3.0)[t > 5.0 + settled]) < 0.15
+
+
+def test_a_gap_re_initialises_the_position_and_keeps_the_speed():
+    t = np.concatenate((0.01 * np.arange(200), 0.01 * np.arange(240, 340)))
+    angle = 150.0 * t
+    joint = make(bandwidth_hz=5.0)
+    out = joint.run(stamps(t), wrapped(angle), fast=False)
+    assert joint.events() == {'gap': 1}
+    assert out.velocity[199:] == pytest.approx(150.0, abs=1e-5)
+    assert wrapped(out.position - angle)[199:] == pytest.approx(0.0, abs=1e-6)
+    assert out.status[199] == TRACKING and out.status[200] == COASTING
+    assert out.status[-1] == TRACKING
+
+
+def test_a_gap_after_which_the_speed_is_another():
+    t = np.concatenate((0.01 * np.arange(200), 0.01 * np.arange(300, 400)))
+    angle = np.where(t < 2.5, 150.0 * t, -40.0 * t)
+    out = make().run(stamps(t), wrapped(angle), fast=False)
+    wrong = np.abs(out.velocity[200:] + 40.0) > 4.0
+    assert not wrong[8:].any()
+    assert not np.any(wrong & (out.status[200:] == TRACKING))
+    assert out.status[-1] == TRACKING
+
+
+@pytest.mark.parametrize('order', [2, 3])
+def test_a_reading_that_skips_and_stays_does_not_kick_the_speed(order):
+    """2 rad at once, as where a belt jumps: the speed is held, and a new start finds it again."""
+    t = 1e-3 * np.arange(2000)
+    angle = 5.0 * t + np.where(t > 1.0, 2.0, 0.0)
+    out = make(order=order).run(stamps(t), wrapped(angle), fast=False)
+    assert out.velocity[500:] == pytest.approx(5.0, abs=1e-3)
+    assert wrapped(out.position - angle)[-500:] == pytest.approx(0.0, abs=1e-6)
+
+
+STREAMS = {   # max |e2|, RMS of the spec's table 3.5, column robust2; how far from it we may be
+    'clean': (0.00076, 0.00037), 'sampling jitter': (0.0015, 0.00051),
+    'stamp jitter': (1.11, 0.392), 'drops': (0.0013, 0.00040), 'gap 40 ms': (0.0008, None),
+    'gap 1.01 s': (0.0014, None), 'duplicates': (0.00076, 0.00037), 'outlier 0.5': (1.9, None),
+    'outlier 3.13': (0.001, None)}
+
+
+def stream(name):
+    """(times, stamps, angle) at 150 rad/s, 100 Hz."""
+    random = np.random.default_rng(7)
+    t = 0.01 * np.arange(1000)
+    if name == 'sampling jitter':
+        t = t + random.uniform(-1e-3, 1e-3, 1000)
+    stamped = t + random.uniform(-1e-3, 1e-3, 1000) if name == 'stamp jitter' else t
+    keep = np.arange(1000)
+    if name == 'drops':
+        keep = keep[random.random(1000) > 0.05]
+    elif name.startswith('gap'):
+        keep = np.delete(keep, np.arange(500, 503 if name == 'gap 40 ms' else 600))
+    elif name == 'duplicates':
+        keep = np.sort(np.concatenate((keep, keep[::50])))
+    return t[keep], stamped[keep]
+
+
+@pytest.mark.parametrize('name', STREAMS)
+def test_streams_of_the_spec(name):
+    quantum = TURN / 2 ** 14
+    times, stamped = stream(name)
+    angle = np.floor((0.2 + 150.0 * times) / quantum) * quantum
+    if name.startswith('outlier'):
+        angle[500] += float(name.split()[1])
+    joint = make(order=2, epsilon=0.1, quantum=quantum)
+    joint.set_settings(dataclasses.replace(joint.settings, timeout=2.0))
+    out = joint.run(stamps(stamped), wrapped(angle), fast=False)
+    error = (out.velocity - 150.0)[(times > 2.0) & (out.verdict < DUPLICATE)]
+    largest, rms = STREAMS[name]
+    assert 0.5 * largest < np.max(np.abs(error)) < 1.5 * largest
+    if rms is not None:
+        assert 0.75 * rms < math.sqrt(np.mean(error ** 2)) < 1.4 * rms
+    assert joint.received == joint.used + sum(joint.dropped().values()) == len(times)
+
+
+@pytest.mark.parametrize('period', [TURN / 7.0, 1.0, 360.0])
+def test_other_periods(period):
+    reach = make(period=period).functions.design()[0][3]   # from here on an error is reset
+    assert reach == pytest.approx((math.pi - MARGIN) * period / TURN)
+    t = 1e-3 * np.arange(2000)
+    speed = 20.0 * period / TURN
+    for gains in ({}, {'injection': 'tan', 'order': 2}, {'form': 'paper', 'bandwidth_hz': 10.0}):
+        out = make(period=period, **gains).run(stamps(t), (speed * t) % period, fast=False)
+        assert out.velocity[-1] == pytest.approx(speed, rel=1e-6)
+        assert out.status[-1] == TRACKING
+        assert np.all((out.position >= 0.0) & (out.position < period))
+
+
+@pytest.mark.parametrize('order, lag', [(2, 1.5), (3, 0.1)])
+def test_a_joint_without_a_circle_is_linear(order, lag):
+    t = 1e-3 * np.arange(1000)
+    position = 50.0 + 30.0 * np.sin(3.0 * t)   # metres; nothing wraps
+    out = make(period=0.0, order=order).run(stamps(t), position, fast=False)
+    assert out.velocity[500:] == pytest.approx((90.0 * np.cos(3.0 * t))[500:], abs=lag)
+    assert out.position[500:] == pytest.approx(position[500:], abs=1e-2 * lag)
+    jump = np.where(np.arange(1000) < 500, 0.0, 10.0)
+    out = make(period=0.0, order=order).run(stamps(t), jump, fast=False)
+    assert out.velocity[500] > 100.0            # followed at once: here it is no outlier
+
+
+def test_gains_change_live_without_losing_the_state():
+    t = 1e-3 * np.arange(1000)
+    y = wrapped(40.0 * t)
+    joint, ns = make(), stamps(t).tolist()
+    for k in range(500):
+        joint.update(ns[k], y[k])
+    joint.set_gains(build(OBSERVER.gains, {'bandwidth_hz': 5.0, 'M': 0.5, 'max_speed': 100.0}))
+    for k in range(500, 1000):
+        joint.update(ns[k], y[k])
+        assert joint.estimate()[1] == pytest.approx(40.0, abs=1e-6)
+        assert joint.estimate()[3] == TRACKING
+    slow = make(bandwidth_hz=5.0)
+    slow.run(stamps(t), y, fast=False)
+    assert joint.stddev()[0] >= 0.0
+    assert joint.functions.prepare(joint.functions.design(), 1e-3)[0][:3] == \
+        slow.functions.prepare(slow.functions.design(), 1e-3)[0][:3]
+
+
+# --- the low-speed bound ----------------------------------------------------------------------
+
+QUANTUM = TURN / 4096
+
+
+def low_speed(angle, **gains):
+    """(bounded, free) velocities [rad/s] of this quantised angle [rad] at 1 kHz."""
+    y = np.floor(angle / QUANTUM) * QUANTUM
+    ns = stamps(1e-3 * np.arange(len(y)))
+    return tuple(make(low_speed_bound=bound, **gains).run(ns, wrapped(y), fast=False).velocity
+                 for bound in (True, False))
+
+
+@pytest.mark.parametrize('quantum', [QUANTUM, 0.0])
+def test_a_standing_reading_bounds_the_speed(quantum):
+    """|v| <= (size of the last change, at least one quantum) / time since it."""
+    t = 1e-3 * np.arange(4000)
+    angle = np.where(t < 2.0, 0.3 * t, 0.6)
+    bounded, free = low_speed(angle, quantum=quantum, bandwidth_hz=2.0)
+    y = np.floor(angle / QUANTUM)
+    since = last = 0.0
+    cut = 0
+    for k in range(1, 4000):
+        if y[k] != y[k - 1]:
+            since, last = 0.0, abs(y[k] - y[k - 1]) * QUANTUM
+        else:
+            since += 1e-3
+        if since > 0.008 and last > 0.0:
+            assert abs(bounded[k]) <= max(last, quantum) / since * (1.0 + 1e-9)
+        cut += bounded[k] != free[k]
+    assert cut > 100
+    assert np.max(np.abs(free[2020:]) - 2.0 * np.abs(bounded[2020:])) > 0.0
+
+
+def test_a_stream_that_repeats_every_second_sample_is_not_slowed():
+    for hold in (2, 10):
+        angle = 3.0 * 1e-3 * (np.arange(4000) // hold * hold)
+        bounded, free = low_speed(angle, quantum=QUANTUM, bandwidth_hz=5.0)
+        np.testing.assert_array_equal(bounded, free)
+
+
+@pytest.mark.parametrize('noise', [None, 3.0 * QUANTUM])
+def test_the_bound_is_off_where_the_noise_exceeds_a_quantum(noise):
+    random = np.random.default_rng(9)
+    angle = 3.0 * 1e-3 * np.arange(20_000) + random.normal(0.0, 3.0 * QUANTUM, 20_000)
+    for quantum in (QUANTUM, 0.0):
+        bounded, free = low_speed(angle, quantum=quantum, noise=noise)
+        assert np.mean(bounded[500:] != free[500:]) < 1e-3
+
+
+def test_the_bound_never_reaches_the_state():
+    t = 1e-3 * np.arange(3000)
+    angle = np.where(t < 1.5, 0.02 * t, 0.03 + 20.0 * (t - 1.5))
+    bounded, free = low_speed(angle, quantum=QUANTUM, bandwidth_hz=2.0)
+    np.testing.assert_array_equal(bounded[1600:], free[1600:])
+
+
+# --- plain and compiled -----------------------------------------------------------------------
+
+STRUCTURES = {'default': {}, 'order 2, complex poles, sin': {'order': 2, 'k1': 1.0, 'k2': 1.0,
+                                                             'injection': 'sin'},
+              'order 3, three poles, tan': {'k1': 7.0, 'k2': 14.0, 'k3': 8.0, 'injection': 'tan',
+                                            'noise': 1e-3, 'max_speed': 60.0},
+              'order 3, complex poles, sat': {'k1': 4.0, 'k2': 6.0, 'k3': 4.0,
+                                              'injection': 'sat', 'M': 0.02},
+              'order 2, saw': {'order': 2, 'bandwidth_hz': 4.0},
+              'paper, tan': {'form': 'paper', 'injection': 'tan', 'bandwidth_hz': 5.0}}
+
+
+def hostile_stream(count=1500, seed=13):
+    """(stamps, readings): jitter, duplicates, gaps, late and zero stamps, outliers, NaN."""
+    random = np.random.default_rng(seed)
+    steps = random.uniform(2e-3, 8e-3, count)
+    steps[random.random(count) < 0.02] = 0.0
+    steps[random.random(count) < 0.01] = 0.35
+    steps[random.random(count) < 0.01] = -0.02
+    steps[700] = -5.0
+    t = 20.0 + np.cumsum(steps)
+    speed = 40.0 * np.sin(2.0 * t) * (np.sin(0.7 * t) > -0.3)
+    y = np.floor(np.cumsum(speed * np.maximum(steps, 0.0)) / QUANTUM) * QUANTUM
+    y[random.random(count) < 0.03] += 2.5
+    y[300:330] = random.uniform(-math.pi, math.pi, 30)
+    y[random.random(count) < 0.01] = math.nan
+    ns = stamps(t)
+    ns[::400] = 0
+    return ns, wrapped(y)
+
+
+def flat(value):
+    return [x for item in value for x in flat(item)] if isinstance(value, tuple) else [value]
+
+
+@pytest.mark.skipif(not available(), reason='needs the extra "fast"')
+@pytest.mark.parametrize('name', STRUCTURES)
+def test_plain_equals_compiled_per_step(name):
+    joint = make(quantum=QUANTUM, **STRUCTURES[name])
+    plain, fast = joint._batch, compiled(joint._batch)
+    ns, y = hostile_stream()
+    track, design, limits = joint._blank(joint._design), joint._design, joint._limits
+    given = np.zeros(1)
+    seen = set()
+    for k in range(len(ns)):
+        here, there = empty(1), empty(1)
+        sample = (ns[k:k + 1], y[k:k + 1], given)
+        compiled_track = fast(track, design, limits, *sample, *there)
+        track = plain(track, design, limits, *(part.tolist() for part in sample), *here)
+        seen.add((int(here.verdict[0]), int(here.status[0])))
+        assert here.verdict == there.verdict and here.status == there.status
+        for mine, other in zip(here[:5], there[:5]):
+            assert mine[0] == pytest.approx(other[0], rel=1e-12, abs=1e-12, nan_ok=True)
+        assert flat(track) == pytest.approx(flat(compiled_track), rel=1e-12, abs=1e-12)
+    assert {verdict for verdict, _ in seen} >= {0, 1, 2, 3, 6, 7, 8, 9}
+    assert {status for _, status in seen} == {0, 1, 2}

@@ -1,0 +1,239 @@
+"""The Kalman filter: against a textbook one, from the first samples, for hours, at any noise."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from observer_cases import make, stamps, wrapped
+from scipy.linalg import solve_discrete_are
+from test_frequency_response import transition
+
+from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.observers.maths import covariance
+from estimator_pkg.observers.maths.covariance import steady_gains_2, step_2, step_3
+from estimator_pkg.observers.maths.scatter import FINEST, begin_scatter, follow_scatter
+
+DT = 1e-3
+MODELS = {2: {'model': 'constant_velocity'}, 3: {}}
+DENSITY = {2: 'acceleration_psd', 3: 'jerk_psd'}
+orders = pytest.mark.parametrize('order', [2, 3])
+
+
+def process_noise(order, dt):
+    """The integral of F(s) G G' F(s)' over dt, by Gauss quadrature (exact for polynomials)."""
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    total = np.zeros((order, order))
+    for node, weight in zip(nodes, weights):
+        column = transition(order, 0.5 * dt * (node + 1.0))[:, -1]
+        total += 0.5 * dt * weight * np.outer(column, column)
+    return total
+
+
+def textbook(at, measured, order, density, variance):
+    """Velocities of a filter written with matrices, started without knowledge; no wrapping."""
+    x = np.zeros(order)
+    x[0] = measured[0]
+    p = np.diag([variance, 1e12 * variance, 1e18 * variance][:order])
+    velocities = [0.0]
+    for i in range(1, len(at)):
+        dt = (at[i] - at[i - 1]) * 1e-9
+        f = transition(order, dt)
+        x = f @ x
+        p = f @ p @ f.T + density * process_noise(order, dt)
+        gain = p[:, 0] / (p[0, 0] + variance)
+        x = x + gain * (measured[i] - x[0])
+        keep = np.eye(order) - np.outer(gain, np.eye(order)[0])
+        p = keep @ p @ keep.T + variance * np.outer(gain, gain)
+        velocities.append(x[1])
+    return np.array(velocities)
+
+
+@orders
+def test_equals_a_textbook_filter_with_jittered_stamps(order):
+    at = stamps(1500, DT, 3e-4)
+    t = (at - at[0]) * 1e-9
+    measured = 3.0 * np.sin(5.0 * t) + 9.0 * t + np.random.default_rng(1).normal(0.0, 1e-3, len(t))
+    density = {2: 5.0, 3: 2e3}[order]
+    joint = make('kalman', {**MODELS[order], DENSITY[order]: density, 'noise': 1e-3,
+                            'low_speed_bound': False})
+    out = joint.run(at, wrapped(measured), fast=False)
+    expected = textbook(at, measured, order, density, 1e-6)
+    np.testing.assert_allclose(out.velocity[30:], expected[30:], atol=2e-3)   # the priors differ
+    np.testing.assert_allclose(out.velocity[200:], expected[200:], atol=1e-6)
+
+
+@orders
+def test_process_noise_is_the_integral(order):
+    ours = (covariance.of_noise_2 if order == 2 else covariance.of_noise_3)(7.0, 0.013)
+    rows, columns = np.triu_indices(order)
+    np.testing.assert_allclose(ours, 7.0 * process_noise(order, 0.013)[rows, columns], rtol=1e-12)
+
+
+@pytest.mark.parametrize('speed', [-300.0, -10.0, 0.0, 10.0, 300.0])
+@orders
+def test_speed_is_right_from_the_second_sample_on(order, speed):
+    """At 100 Hz, from any angle: 300 rad/s are 3 rad per sample."""
+    for start in np.arange(72) * math.radians(5.0):
+        joint = make('kalman', MODELS[order])
+        for i in range(40):
+            joint.update(10 ** 9 + i * 10 ** 7, wrapped(start + speed * i * 1e-2).item())
+            if i > 0:
+                assert joint.estimate()[1] == pytest.approx(speed, abs=1e-6)
+        assert joint.estimate()[3] == TRACKING
+
+
+@orders
+def test_after_a_gap_the_kept_speed_tells_the_turn(order):
+    """4 rad per sample: two samples alone would say -2.28."""
+    joint = make('kalman', MODELS[order])
+    for i in range(600):  # run up from rest
+        joint.update(10 ** 9 + i * 10 ** 7, wrapped(0.5 * min(i, 400) ** 2 * 1e-2
+                                                    + 4.0 * max(i - 400, 0)).item())
+    assert joint.estimate()[1] == pytest.approx(400.0, rel=1e-3)
+    for i in range(640, 700):
+        joint.update(10 ** 9 + i * 10 ** 7, wrapped(800.0 + 4.0 * (i - 400)).item())
+        assert joint.estimate()[1] == pytest.approx(400.0, rel=1e-3)
+
+
+def many(step):
+    def loop(p, dt, added, count):
+        gain = 0.0
+        for _ in range(count):
+            p, left = step(p, dt, 1.0, added)
+            gain = 1.0 - left
+        return p, gain
+    return compiled(loop)
+
+
+@orders
+def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
+    step, of_noise, start = ((step_2, covariance.of_noise_2, covariance.start_2) if order == 2
+                             else (step_3, covariance.of_noise_3, covariance.start_3))
+    loop, dt = many(step), 1e-4
+    # per noise variance: slow, usual for an hour, nearly no filtering
+    for density, count in ((1e3, 300_000), (1e9, 36_000_000), (1e15, 300_000)):
+        p, gain = loop(start(dt), dt, of_noise(density, dt), count)
+        f = transition(order, 1.0)
+        q = process_noise(order, 1.0) * density * dt ** (2 * order - 1)
+        c = np.eye(order)[:1]
+        prior = solve_discrete_are(f.T, c.T, q, np.eye(1))
+        after = prior - np.outer(prior[0], prior[0]) / (prior[0, 0] + 1.0)
+        rows, columns = np.triu_indices(order)
+        scale = dt ** -(rows + columns).astype(float)
+        np.testing.assert_allclose(p, after[rows, columns] * scale, rtol=2e-4)
+        assert gain == pytest.approx(after[0, 0], rel=2e-4)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.floats(-3.0, 25.0), st.lists(st.floats(-6.0, 1.0), min_size=30, max_size=120),
+       st.sampled_from([2, 3]))
+def test_covariance_stays_positive_whatever_the_sample_times(exponent, times, order):
+    """Sample times from 1 us to 10 s in one run, process noise from none to all."""
+    step, of_noise, start = ((step_2, covariance.of_noise_2, covariance.start_2) if order == 2
+                             else (step_3, covariance.of_noise_3, covariance.start_3))
+    p = start(10.0 ** times[0])
+    for time in times[1:]:
+        dt = 10.0 ** time
+        p, left = step(p, dt, 1.0, of_noise(10.0 ** exponent, dt))
+        assert all(math.isfinite(value) for value in p)
+        assert 0.0 < left <= 1.0 and p[0] <= 1.0
+        full = np.zeros((order, order))
+        full[np.triu_indices(order)] = p
+        full += np.triu(full, 1).T
+        deviations = np.sqrt(np.diag(full))
+        assert np.linalg.eigvalsh(full / np.outer(deviations, deviations))[0] > -1e-6
+
+
+def test_a_burst_before_the_stream_does_no_harm():
+    """Two samples 1 us apart, then 1 kHz: the first difference says nothing."""
+    for order in (2, 3):
+        joint = make('kalman', MODELS[order])
+        random = np.random.default_rng(1)
+        for i, time in enumerate([0.0, 1e-6, *(np.arange(1, 1500) * 1e-3)]):
+            joint.update(10 ** 9 + round(time * 1e9),
+                         wrapped(3.0 * time + random.normal(0.0, 1e-3)).item())
+            if i > 300:
+                assert joint.estimate()[1] == pytest.approx(3.0, abs=0.5)
+                assert joint.estimate()[3] == TRACKING
+
+
+@given(st.floats(-2.0, 8.0))
+def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
+    density, dt = 10.0 ** exponent, 0.02
+    p = covariance.start_2(dt)
+    added = covariance.of_noise_2(density, dt)
+    for _ in range(2_000):
+        p, _ = step_2(p, dt, 1.0, added)
+    assert steady_gains_2(density, dt) == pytest.approx((p[0], p[1] * dt), rel=1e-9)
+
+
+# The noise that is not given
+
+
+def estimated(measured, dt=DT, at=None):
+    scatter = begin_scatter(float(measured[0]))
+    for i, value in enumerate(measured[1:].tolist(), 1):
+        passed = dt if at is None else (at[i] - at[i - 1]) * 1e-9
+        scatter = follow_scatter(scatter, value, passed, 2.0 * math.pi)
+    return math.sqrt(scatter[0])
+
+
+@pytest.mark.parametrize('noise', [1e-5, 1e-4, 1e-3, 1e-2])
+def test_noise_is_seen_through_fast_motion(noise):
+    t = np.arange(6000) * DT
+    motion = 2.0 * np.sin(2.0 * math.pi * 3.0 * t) + 30.0 * t  # 700 rad/s^2, 13 000 rad/s^3
+    measured = wrapped(motion + np.random.default_rng(2).normal(0.0, noise, len(t)))
+    assert estimated(measured) == pytest.approx(noise, rel=0.15)
+
+
+@pytest.mark.parametrize('speed', [0.02, 0.3, 3.0, 30.0])
+def test_quantisation_counts_as_its_uniform_noise(speed):
+    quantum = 2.0 * math.pi / 4096
+    # the turning speed varies a little, or the pattern of edges would repeat
+    angle = speed * np.arange(40_000) * DT + 0.3 * np.sin(np.arange(40_000) * 1e-4 * speed)
+    measured = wrapped(np.rint(angle / quantum) * quantum)
+    assert estimated(measured) == pytest.approx(quantum / math.sqrt(12.0), rel=0.35)
+
+
+def test_sampling_jitter_is_not_taken_for_noise():
+    """At 50 rad/s a jitter of 0.2 ms is 10 mrad; in it, 700 rad/s^2."""
+    at = stamps(6000, DT, 2e-4)
+    t = (at - at[0]) * 1e-9
+    motion = 50.0 * t + 2.0 * np.sin(6.0 * math.pi * t)
+    measured = wrapped(motion + np.random.default_rng(3).normal(0.0, 3e-5, 6000))
+    assert estimated(measured, at=at) == pytest.approx(3e-5, rel=0.25)
+
+
+def test_outliers_and_rest_do_not_spoil_the_noise():
+    measured = np.random.default_rng(4).normal(0.0, 1e-3, 4000)
+    measured[2000::400] += 2.0
+    assert estimated(measured) == pytest.approx(1e-3, rel=0.5)
+    still = np.concatenate((measured[:2000], np.full(5000, 0.5)))
+    assert estimated(still) == pytest.approx(1e-3, rel=0.2)  # no reading tells anything new
+    assert estimated(np.arange(2000) * 1e-3) >= math.sqrt(FINEST)
+
+
+@orders
+def test_noise_not_given_costs_little(order):
+    t = np.arange(8000) * DT
+    truth = 4.0 * np.cos(2.0 * math.pi * t) * 2.0 * math.pi
+    for noise in (1e-4, 3e-3):
+        measured = wrapped(4.0 * np.sin(2.0 * math.pi * t)
+                           + np.random.default_rng(5).normal(0.0, noise, len(t)))
+        rms = []
+        for given_noise in ({'noise': noise}, {}):
+            out = make('kalman', {**MODELS[order], **given_noise}).run(stamps(8000), measured,
+                                                                      fast=False)
+            rms.append(np.sqrt(np.mean((out.velocity - truth)[1000:] ** 2)))
+        assert rms[1] < 1.1 * rms[0]
+
+
+def test_bandwidth_goes_before_the_density():
+    gains = {'bandwidth_hz': 20.0, 'noise': 1e-3}
+    measured = wrapped(np.random.default_rng(6).normal(0.0, 1e-3, 500))
+    outs = [make('kalman', {**gains, 'jerk_psd': psd}).run(stamps(500), measured, fast=False)
+            for psd in (1.0, 1e6)]
+    np.testing.assert_array_equal(outs[0].velocity, outs[1].velocity)

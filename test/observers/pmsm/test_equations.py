@@ -1,0 +1,221 @@
+"""The mathematics of the sensorless observer: jump, exponential, scheme X, identifier, noise."""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm, solve_discrete_lyapunov
+
+from estimator_pkg.models.motor import clarke, phases
+from estimator_pkg.observers.pmsm.equations import (
+    emf,
+    flow,
+    flux_linkage,
+    reflect,
+    rotor_angle,
+    wants_reflection,
+)
+from estimator_pkg.observers.pmsm.identifier import credible, empty_registers, shift, solve
+from estimator_pkg.observers.pmsm.noise import prepare_noise
+from estimator_pkg.observers.pmsm.scheme import (
+    advance,
+    exponential,
+    prepare_scheme,
+    turned_emf,
+)
+
+R, L, FLUX = 0.06, 33.75e-6, 1.9e-3
+K_P, K_I, K_ETA, GAMMA = 2.18e4, 9.34e3, 95.7, 4582.0
+
+
+def unit(degrees):
+    return cmath.exp(1j * math.radians(degrees))
+
+
+def test_a_reset_mirrors_eta_and_leaves_the_static_frame_alone():
+    random = np.random.default_rng(1)
+    for _ in range(200):
+        z, rotor = unit(random.uniform(0, 360)), unit(random.uniform(0, 360))
+        chi = random.uniform(0.1, 9.0)
+        i = complex(*random.normal(size=2))
+        h = -1j * chi * z.conjugate() * rotor
+        new_i, new_h, new_z = reflect(i, h, z)
+        eta, new_eta = z.conjugate() * rotor, new_z.conjugate() * rotor
+        if eta.real <= 0.0:
+            assert abs(new_eta + eta.conjugate()) < 1e-12  # eta+ = -F eta
+            assert wants_reflection(h)
+        else:
+            assert (new_i, new_h, new_z) == (i, h, z)
+        # the misprinted row (h+ = G_f i) would change these
+        assert abs(new_z * new_i - z * i) < 1e-12
+        assert abs(new_z * new_h - z * h) < 1e-12
+        assert abs(emf(new_h, new_z) - emf(h, z)) < 1e-12
+    assert reflect(1j, 0j, 1 + 0j) == (1j, 0j, 1 + 0j)
+
+
+def test_a_converged_observer_stands_still_in_its_frame():
+    omega, i_q = 3000.0, 5.0
+    z = unit(40.0)
+    current = z * 1j * i_q
+    voltage = z * (1j * (R * i_q + omega * FLUX) - L * omega * i_q)
+    d_i, d_h, d_z, d_x = flow(1j * i_q, -1j * omega * FLUX, z, 1.0 / FLUX, current, voltage, R, L,
+                              K_P, K_I, K_ETA, GAMMA)
+    assert abs(d_i) < 1e-6 and abs(d_h) < 1e-9 and abs(d_x) < 1e-9
+    assert abs(d_z - 1j * omega * z) < 1e-9
+
+
+@pytest.mark.parametrize('dt', [1e-6, 5e-5, 1e-3])
+@pytest.mark.parametrize('k_p', [2.18e4, 300.0, 6e5])
+def test_the_exponential_is_exact(dt, k_p):
+    """Complex, nearly equal and real eigenvalues."""
+    a = np.array([[-(R / L + k_p), 1.0 / L], [-K_I, 0.0]])
+    ours = np.array(exponential(a[0, 0], a[0, 1], a[1, 0], 0.0, dt)).reshape(2, 2)
+    assert np.allclose(ours, expm(a * dt), rtol=1e-10, atol=1e-13 * np.abs(expm(a * dt)).max())
+
+
+@pytest.mark.parametrize('k_p', [1e6, 1e9])
+def test_the_exponential_of_a_strongly_damped_system_does_not_overflow(k_p):
+    """cosh(k_p dt/2) is beyond every float; the system is slow and fast, and stable."""
+    a = np.array([[-k_p, 3e4], [-9e3, 0.0]])
+    ours = np.array(exponential(a[0, 0], a[0, 1], a[1, 0], 0.0, 0.01)).reshape(2, 2)
+    slow = -3e4 * 9e3 / k_p * 0.01  # what is left: the slow pole
+    assert ours[1, 1] == pytest.approx(math.exp(slow), rel=1e-3)
+    assert np.all(np.isfinite(ours)) and abs(ours[0, 0]) < 1e-3
+
+
+@pytest.fixture
+def one_step_errors():
+    """Errors of (i, h, z, x) after one sample of dt against a fine solution of (16)."""
+    omega = 2200.0
+    z, i, h, x = unit(20.0), 0.5 - 1.0j, -0.6 - 3.9j, 500.0
+
+    def current(t):
+        return 4.0j * cmath.exp(1j * omega * t)
+
+    def voltage(t):
+        return 4.5j * cmath.exp(1j * (omega * t + 0.1))
+
+    def slope(t, s):
+        found = flow(complex(s[0], s[1]), complex(s[2], s[3]), complex(s[4], s[5]), s[6],
+                     current(t), voltage(t), R, L, K_P, K_I, K_ETA, GAMMA)
+        return [found[0].real, found[0].imag, found[1].real, found[1].imag, found[2].real,
+                found[2].imag, found[3]]
+
+    def of(dt):
+        exact = solve_ivp(slope, (0.0, dt), [i.real, i.imag, h.real, h.imag, z.real, z.imag, x],
+                          rtol=1e-12, atol=1e-13).y[:, -1]
+        half = 0.5 * omega * dt
+        mean = voltage(0.5 * dt) * math.sin(half) / half
+        ours = advance(i, h, z, x, current(0.0), current(dt), mean,
+                       prepare_scheme(R, L, K_P, K_I, dt), K_ETA, GAMMA, 0.0)
+        return np.array([abs(ours[0] - complex(exact[0], exact[1])),
+                         abs(ours[1] - complex(exact[2], exact[3])),
+                         abs(ours[2] - complex(exact[4], exact[5])), abs(ours[3] - exact[6])])
+
+    return of
+
+
+def test_scheme_x_solves_the_flow_to_second_order(one_step_errors):
+    coarse, fine = one_step_errors(5e-5), one_step_errors(1.25e-5)
+    assert np.all(coarse < [5e-2, 1e-2, 1e-2, 2e-2])
+    assert np.all(fine < coarse / 16.0)  # a local error of third order: 64
+
+
+def test_a_runaway_frame_stays_finite():
+    scheme = prepare_scheme(R, L, K_P, K_I, 5e-4)
+    i, h, z, x = 0j, 5.0 + 5.0j, 1.0 + 0.0j, 2500.0
+    for k in range(5000):
+        before, now = 20.0 * unit(100.0 * k), 20.0 * unit(100.0 * (k + 1))
+        i, h, z, x, speed = advance(i, h, z, x, before, now, 5.0 + 0j, scheme, K_ETA, GAMMA, 0.0)
+    assert all(math.isfinite(abs(value)) for value in (i, h, z, x))
+
+
+def test_the_integral_of_a_turning_emf_is_exact():
+    for turn in (1e-7, 0.3, -2.5):
+        before, omega = 3.0 * unit(20.0), turn / 1e-4
+        now = before * cmath.exp(1j * turn)
+        area, turned = turned_emf(before, now, 1e-4)
+        assert turned == pytest.approx(turn, rel=1e-6)
+        assert abs(area - (now - before) / (1j * omega)) < 1e-9
+    assert turned_emf(0j, 0j, 1e-4) == (0j, 0.0)
+
+
+def ticks(omega, period, count=5, noise=0.0, seed=1):
+    """Registers after `count` ticks of exact data at constant speed."""
+    random = np.random.default_rng(seed)
+    registers, chi = empty_registers(2), abs(omega) * FLUX
+    sign = 1.0 if omega > 0.0 else -1.0
+    for k in range(count):
+        y = sign * chi * cmath.exp(1j * omega * period * k)
+        integral = (y - y * cmath.exp(-1j * omega * period)) / (1j * omega)
+        registers = shift(registers, y + complex(*random.normal(0.0, noise, 2)), chi, integral)
+    return registers, chi
+
+
+@pytest.mark.parametrize('omega', [1000.0, -1000.0, 2513.27])
+def test_least_squares_finds_the_flux_and_the_sign(omega):
+    registers, chi = ticks(omega, 5e-3 if omega < 2000.0 else 4e-3)
+    assert solve(registers)[0] == pytest.approx(math.copysign(1.0 / FLUX, omega), rel=1e-9)
+
+
+GATES = {'least_chord': 0.3, 'largest_rest': 0.25, 'lowest': 200.0, 'highest': 1500.0,
+         'least_emf': 0.2}
+
+
+@pytest.mark.parametrize('gate', [None, *GATES])
+def test_each_gate_refuses_what_it_is_for(gate):
+    """Sound data passes all gates; then one of them is drawn tight."""
+    tight = {'least_chord': 1.3, 'largest_rest': 1e-4, 'lowest': 600.0, 'highest': 500.0,
+             'least_emf': 2.0}
+    found, _ = ticks(1000.0, 5e-3, noise=0.05)
+    gates = dict(GATES)
+    if gate:
+        gates[gate] = tight[gate]
+    assert credible(found, *solve(found), **gates) == (gate is None)
+
+
+def test_the_gates_refuse_whole_turns_per_tick():
+    """The printed identifier divides noise by nothing there."""
+    for seed in range(50):
+        found, _ = ticks(2.0 * math.pi / 5e-3, 5e-3, noise=0.01, seed=seed)
+        assert not credible(found, *solve(found), **GATES)
+    assert abs(solve(found)[0] - 1.0 / FLUX) > 270.0
+
+
+@pytest.mark.parametrize('omega', [0.0, 4000.0])
+def test_noise_gains_solve_the_lyapunov_equation(omega):
+    scheme = prepare_scheme(R, L, K_P, K_I, 5e-5)
+    (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
+    # state (i, h, n): the noise of the sample before is remembered
+    turn = 1j * omega
+    a = np.array([[e11, e12, ia - idd - turn * (iw - idw)],
+                  [e21, e22, ha - hdd - turn * (hw - hdw)], [0.0, 0.0, 0.0]])
+    b = np.array([[idd - turn * idw], [hdd - turn * hdw], [1.0]])
+    p = solve_discrete_lyapunov(a, b @ b.conj().T).real
+    of_h, of_innovation, of_integral = prepare_noise(L, K_P, K_I, scheme, omega)
+    assert of_h == pytest.approx(p[1, 1], rel=1e-9)
+    assert of_innovation == pytest.approx(p[0, 0] + 1.0 - 2.0 * p[0, 2], rel=1e-9)
+    way = np.array([1.0, -K_P / K_I]) * L
+    assert of_integral == pytest.approx(way @ p[:2, :2] @ way, rel=1e-9)
+
+
+def test_outputs():
+    assert rotor_angle(unit(30.0), 500.0) == pytest.approx(math.radians(30.0))
+    assert rotor_angle(unit(30.0), -500.0) == pytest.approx(math.radians(-150.0))
+    assert flux_linkage(500.0, 1e-3, 4e-3) == 1.0 / 500.0
+    assert flux_linkage(0.0, 1e-3, 4e-3) == 4e-3
+    assert flux_linkage(-1e9, 1e-3, 4e-3) == 1e-3
+
+
+def test_clarke_is_amplitude_invariant_and_drops_the_common_part():
+    angle = 0.7
+    a, b, c = (3.0 * math.cos(angle - k * 2.0 * math.pi / 3.0) + 5.0 for k in range(3))
+    alpha, beta = clarke(a, b, c)
+    assert (alpha, beta) == (pytest.approx(3.0 * math.cos(angle)),
+                             pytest.approx(3.0 * math.sin(angle)))
+    assert phases(alpha, beta) == (pytest.approx(a - 5.0), pytest.approx(b - 5.0),
+                                   pytest.approx(c - 5.0))

@@ -1,0 +1,417 @@
+"""The observer `pmsm`: tuning, convergence, honesty, rates, noise and delay."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from pmsm_cases import (
+    DT,
+    MOTOR,
+    RATE,
+    RESTING,
+    RPM,
+    STEADY,
+    angle_error,
+    estimates,
+    made,
+    noisy,
+    record,
+)
+
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import MISCONFIGURED, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.pmsm.gains import Gains, tuning
+from estimator_pkg.observers.pmsm.observer import OBSERVER, build
+from estimator_pkg.observers.pmsm.state import CLOCK, CORE, OUT
+from estimator_pkg.observers.pmsm.watch import (
+    FLUX_RANGE,
+    INCONSISTENT,
+    LOW_EMF,
+    MISALIGNED,
+    NO_VOLTAGE,
+    SEARCHING,
+    TOO_FAST,
+    begin_watch,
+    describe,
+    look,
+    prepare_watch,
+)
+from estimator_pkg.parameters import build as build_parameters
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.profiles import P1, Profile
+from sim_pkg.reproduce.pmsm.observer import run_log, start_state
+from sim_pkg.reproduce.pmsm.reference import signals
+
+# ---- tuning ----------------------------------------------------------------------------------
+
+def test_default_gains_are_those_of_the_paper():
+    found = tuning(build_parameters(Gains, MOTOR))
+    assert found.k_p == pytest.approx(2.18e4, rel=5e-3)
+    assert found.k_i == pytest.approx(9.34e3, rel=1e-3)
+    assert found.k_eta == pytest.approx(95.7, rel=1e-3)
+    assert found.gamma == pytest.approx(4582.0, rel=1e-3)
+
+
+def test_the_papers_symbols_win_over_what_follows():
+    found = tuning(build_parameters(Gains, {**MOTOR, 'k_p': 1e4, 'k_i': 5e3, 'k_eta': 50.0,
+                                            'gamma': 1000.0}))
+    assert (found.k_p, found.k_i, found.k_eta, found.gamma) == (1e4, 5e3, 50.0, 1000.0)
+
+
+def test_the_same_motor_in_other_units_behaves_the_same():
+    """Voltage and flux times ten, current times two: R, L times five. Nothing else to tune."""
+    samples = noisy(STEADY).samples
+    other = samples * np.array([2.0, 2.0, 10.0, 10.0])
+    first = estimates(made(), samples)
+    second = estimates(made(resistance=0.3, inductance=5 * 33.75e-6, flux=1.9e-2), other)
+    assert np.array_equal(first[0], second[0])
+    tracked = first[0] == TRACKING
+    assert np.allclose(first[2][tracked, :2], second[2][tracked, :2], rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize('missing', ['resistance', 'inductance', 'flux', 'pole_pairs'])
+def test_incomplete_motor_data_is_refused_by_name(missing):
+    with pytest.raises(UsageError, match=missing):
+        made(**{missing: None})
+    with pytest.raises(UsageError, match=missing):
+        made(**{missing: 0})
+    with pytest.raises(UsageError, match=missing):
+        made(**{missing: -1})
+    with pytest.raises(UsageError, match=missing):
+        build(dataclasses.replace(Gains(**MOTOR), **{missing: -1}), Circle(0.0))
+
+
+@pytest.mark.parametrize('gains, said', [
+    ({'epsilon': 0.05}, 'epsilon'), ({'clock_rate': 4000.0}, 'clock_rate'),
+    ({'flux_min': 1.0, 'flux_max': 0.5}, 'flux_min')])
+def test_gains_that_cannot_work_are_refused(gains, said):
+    with pytest.raises(UsageError, match=said):
+        made(**gains)
+
+
+def test_a_rate_below_two_samples_per_turn_is_refused_with_the_limit():
+    limits = made(speed_max=6000.0 * RPM).limits
+    assert limits(1.0 / 2000.0) is None
+    assert '1400 Hz is needed' in limits(1.0 / 1000.0)
+    joint = Joint(OBSERVER, build_parameters(Gains, {**MOTOR, 'speed_max': 6000.0 * RPM}),
+                  JointSettings())
+    for k in range(100):
+        joint.update(10 ** 9 + k * 10 ** 6, (0.0, 0.0, 0.0, 0.0))
+    assert joint.estimate()[3] == MISCONFIGURED and '1400 Hz' in joint.why()
+
+
+# ---- convergence -----------------------------------------------------------------------------
+
+@pytest.mark.parametrize('variant', ['identifier', 'hybrid', 'continuous'])
+@pytest.mark.parametrize('rpm', [3000.0, -3000.0])
+def test_a_spinning_motor_is_found_within_20_ms(variant, rpm):
+    seen = noisy(((0.06, rpm, rpm),))
+    status, _, rows, *_ = estimates(made(variant=variant), seen.samples)
+    assert np.argmax(status == TRACKING) < 400
+    assert np.all(status[400:] == TRACKING)
+    assert np.abs(angle_error(rows[400:, 0], seen.truth[401:, 1])).max() < 1.5
+    assert np.abs(rows[400:, 1] / (7.0 * seen.truth[401:, 0]) - 1.0).max() < 0.02
+    assert rows[-1, 2] == pytest.approx(1.9e-3, rel=0.01)
+
+
+@pytest.mark.parametrize('flux', [0.9e-3, 4.0e-3])
+def test_a_wrong_nominal_flux_is_corrected(flux):
+    seen = noisy(((0.15, 3000.0, 3000.0),))
+    status, _, rows, *_ = estimates(made(flux=flux), seen.samples)
+    assert status[-1] == TRACKING
+    assert rows[-1, 2] == pytest.approx(1.9e-3, rel=0.03)
+    tracked = status == TRACKING
+    assert np.abs(angle_error(rows[tracked, 0], seen.truth[1:][tracked, 1])).max() < 10.0
+
+
+def test_an_unknown_flux_is_identified():
+    seen = noisy(((0.08, 3000.0, 3000.0),))
+    status, _, rows, *_ = estimates(made(initial_flux=0.0), seen.samples)
+    assert status[-1] == TRACKING and np.argmax(status == TRACKING) < 1200
+    assert rows[-1, 2] == pytest.approx(1.9e-3, rel=0.01)
+
+
+def test_where_the_identifier_fires_the_frame_starts_aligned():
+    """At one turn per tick, where the slow loop alone would take 20 ms more."""
+    seen = noisy(((0.06, 1714.2857, 1714.2857),))
+    status, *_ = estimates(made(initial_flux=0.0), seen.samples)
+    assert 0 < np.argmax(status == TRACKING) < 800
+
+
+def test_power_invariant_vectors_give_the_same_estimates():
+    samples = noisy(STEADY).samples
+    first = estimates(made(), samples)
+    second = estimates(made(scaling='power'), samples * math.sqrt(1.5))
+    tracked = first[0] == TRACKING
+    assert np.array_equal(first[0], second[0])
+    assert np.allclose(first[2][tracked], second[2][tracked], rtol=1e-9)
+
+
+@pytest.mark.parametrize('delay', [1, 2])
+def test_a_voltage_reported_early_is_delayed(delay):
+    seen = record(((0.06, 6000.0, 6000.0),), voltage_delay=delay)
+    status, _, right, *_ = estimates(made(voltage_delay=float(delay)), seen.samples)
+    assert status[-1] == TRACKING
+    assert abs(np.mean(angle_error(right[-200:, 0], seen.truth[-200:, 1]))) < 0.3
+    wrong = estimates(made(), seen.samples)[2]
+    late = np.mean(angle_error(wrong[-200:, 0], seen.truth[-200:, 1]))
+    assert late == pytest.approx(delay * 12.6, abs=1.5)  # omega Ts
+
+
+@pytest.mark.parametrize('part', [0.25, 0.5, 0.75, 1.25])
+def test_a_part_of_a_sample_of_voltage_delay_lies_between(part):
+    samples = record(((0.06, 6000.0, 6000.0),)).samples.copy()
+    early = math.floor(part)
+    voltage = np.vstack((samples[early:, 2:], samples[-1 - early:, 2:]))
+    weight = part - early
+    count = len(samples)   # as if reported so much of a sample early
+    samples[:, 2:] = (1.0 - weight) * voltage[:count] + weight * voltage[1:count + 1]
+    truth = record(((0.06, 6000.0, 6000.0),)).truth
+    status, _, rows, *_ = estimates(made(voltage_delay=part), samples)
+    assert status[-1] == TRACKING
+    assert abs(np.mean(angle_error(rows[-200:, 0], truth[-200:, 1]))) < 0.5
+
+
+@pytest.mark.parametrize('every', [1, 4, 10])
+def test_it_works_from_2_to_20_khz(every):
+    """Decimated as a drive would: current at the edges, mean voltage between them."""
+    seen = noisy(P1)
+    count = len(seen.samples) // every
+    mean = seen.samples[1:(count - 1) * every + 1, 2:].reshape(count - 1, every, 2).mean(axis=1)
+    samples = np.column_stack((seen.samples[every:count * every:every, :2], mean))
+    truth = seen.truth[every:count * every:every]
+    status, _, rows, *_ = estimates(made(), samples, every * DT)
+    tracked = status == TRACKING
+    assert tracked.sum() * every * DT > 0.63
+    error = np.abs(angle_error(rows[tracked, 0], truth[1:][tracked, 1]))
+    assert error.max() < 3.0
+
+
+def test_aliasing_is_said_and_never_taken_for_tracking():
+    """P1 at 1 kHz: 1.4 half turns per sample at the top."""
+    seen = noisy(P1)
+    mean = seen.samples[1:13981, 2:].reshape(699, 20, 2).mean(axis=1)
+    samples = np.column_stack((seen.samples[20:14000:20, :2][:699], mean))
+    truth = seen.truth[20:14000:20][:699]
+    status, reasons, rows, *_ = estimates(made(), samples, 20 * DT)
+    assert (reasons & TOO_FAST).astype(bool).sum() > 100
+    tracked = status == TRACKING
+    assert not np.any(np.abs(angle_error(rows[tracked, 0], truth[1:][tracked, 1])) > 10.0)
+    assert 'sample rate' in describe(TOO_FAST)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_once_beyond_half_a_turn_per_sample_nothing_is_said_until_the_rotor_has_stood(sign, seed):
+    """There every sample is that of a rotor that turns the other way: the mean voltage too."""
+    seen = record(((0.1, sign * 3000.0, sign * 3000.0), (0.2, sign * 3000.0, sign * 6000.0),
+                   (0.2, sign * 6000.0, sign * 6000.0), (0.2, sign * 6000.0, 0.0),
+                   (0.1, 0.0, 0.0), (0.2, 0.0, sign * 3000.0), (0.2, sign * 3000.0, sign * 3000.0)),
+                  seed, current_noise=0.1)
+    mean = seen.samples[1:23981, 2:].reshape(1199, 20, 2).mean(axis=1)
+    samples = np.column_stack((seen.samples[20:24000:20, :2][:1199], mean))
+    status, reasons, rows, *_ = estimates(made(), samples, 20 * DT)
+    speed = seen.truth[20:24000:20, 0][1:1199]
+    beyond = slice(int(np.argmax(np.abs(speed) * 7.0 > 1.1 * math.pi / (20 * DT))), 600)
+    assert beyond.start < 250
+    assert np.all(status[beyond] == NOT_OBSERVABLE) and np.all(reasons[beyond] & TOO_FAST)
+    tracked = status == TRACKING
+    assert tracked[:100].any() and tracked[-150:].all()
+    assert np.abs(rows[tracked, 1] / (7.0 * speed[tracked]) - 1.0).max() < 0.1
+
+
+# ---- honesty ---------------------------------------------------------------------------------
+
+def test_at_rest_nothing_but_a_bound_is_given():
+    seen = noisy(RESTING)
+    functions = made()
+    status, reasons, rows, state, coefficients = estimates(functions, seen.samples)
+    assert np.all(status == NOT_OBSERVABLE)
+    assert np.all(np.isnan(rows[:, :2])) and np.all(rows[:, 3] == 0.0)
+    assert np.all(reasons[10:] & (LOW_EMF | SEARCHING) == LOW_EMF | SEARCHING)
+    bound = functions.speed_bound(state, coefficients, functions.design())
+    assert 100.0 * RPM < bound < 500.0 * RPM
+    assert functions.stddev(state, coefficients, functions.design())[1] == pytest.approx(
+        bound / math.sqrt(3.0))
+
+
+def test_while_not_observable_the_flux_is_frozen_and_the_registers_are_cleared():
+    stop = noisy(((0.05, 3000.0, 3000.0), (0.05, 3000.0, 0.0), (0.1, 0.0, 0.0)))
+    functions = made()
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = functions.init(tuple(stop.samples[0]), design)
+    blind = []
+    for row in stop.samples[1:].tolist():
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+        if functions.reasons(state) & LOW_EMF:
+            blind.append((state[CORE][3], state[CLOCK][3], state[OUT][0]))
+    xs, ticks, speeds = np.array(blind[40:]).T
+    assert len(xs) > 2000
+    assert np.all(xs == xs[0])
+    assert xs[0] == pytest.approx(526.3, rel=0.05)
+    assert np.all(ticks[200:] == 0)
+    assert np.all(speeds == 0.0)
+
+
+def test_the_speed_bound_holds():
+    seen = noisy(((0.05, 0.0, 0.0), (0.4, 0.0, 400.0)))
+    functions = made()
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = functions.init(tuple(seen.samples[0]), design)
+    checked = 0
+    for k, row in enumerate(seen.samples[1:].tolist(), 1):
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+        bound = functions.speed_bound(state, coefficients, design)
+        if bound < math.inf:
+            assert abs(seen.truth[k, 0]) <= bound
+            checked += 1
+    assert checked > 3000
+
+
+def test_zero_voltage_is_said():
+    samples = noisy(STEADY).samples.copy()
+    samples[600:, 2:] = 0.0
+    status, reasons, *_ = estimates(made(), samples)
+    assert status[598] == TRACKING
+    assert np.all(status[800:] == NOT_OBSERVABLE)
+    assert np.all(reasons[800:] & NO_VOLTAGE)
+    assert 'voltage connected' in describe(int(reasons[-1]))
+
+
+def test_a_wrong_resistance_out_of_all_proportion_is_seen():
+    """At 20 A and ten times R the flux leaves its range: never flagged as tracking."""
+    seen = record(((0.2, 1500.0, 1500.0),), load_constant=0.3)
+    status, reasons, *_ = estimates(made(resistance=0.6, inductance=33.75e-6, epsilon=5e-5),
+                                    seen.samples)
+    assert not np.any(status == TRACKING)
+    assert np.any(reasons & FLUX_RANGE) or np.any(reasons & LOW_EMF)
+
+
+def white(functions, rpm, seconds):
+    """Errors of angle [rad] and speed [rad/s] with white noise at constant speed, and a state."""
+    times = np.arange(round(seconds * RATE) + 1) / RATE
+    omega = rpm * RPM * 7
+    exact = signals(times, profile=Profile([(seconds, rpm, rpm)]))
+    half = 0.5 * omega * DT
+    mean = exact.voltage * np.exp(-1j * half) * math.sin(half) / half
+    noise = 0.1 * np.random.default_rng(5).standard_normal((len(times), 2))
+    samples = np.column_stack((exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1],
+                               mean.real, mean.imag))
+    start = start_state(functions, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3,
+                        seen=omega)
+    log = run_log(functions, samples, DT, start, fast=False)
+    design = functions.design()
+    coefficients = functions.prepare(design, DT)
+    state = start
+    for row in samples[1:4001].tolist():
+        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+    angle = np.angle(np.exp(1j * (log.angle - exact.theta[1:])))
+    late = slice(4000, None)
+    return angle[late], (log.speed - omega)[late], (state, coefficients, design)
+
+
+def test_the_intervals_hold_95_percent_of_the_errors():
+    functions = made()
+    angle, speed, at = white(functions, 4000.0, 1.0)
+    of_angle, of_speed, _ = functions.electrical_stddev(*at)
+    assert 0.9 < np.mean(np.abs(angle) < 1.96 * of_angle) < 0.99
+    assert 0.93 < np.mean(np.abs(speed) < 1.96 * of_speed) < 0.97
+    assert functions.stddev(*at) == (of_angle / 7.0, of_speed / 7.0)
+
+
+@pytest.mark.parametrize('rpm, gains', [
+    (500.0, {'speed_filter_hz': 100.0}), (2000.0, {'speed_filter_hz': 1000.0}),
+    (6000.0, {'speed_filter_hz': 300.0}), (6000.0, {'speed_filter_hz': 0.0}),
+    (2000.0, {'speed_filter_hz': 100.0, 'relative_bandwidth': 0.3, 'k_eta': 300.0})])
+def test_the_standard_deviations_are_those_of_the_errors(rpm, gains):
+    functions = made(current_noise=0.1, **gains)
+    angle, speed, at = white(functions, rpm, 1.5)
+    of_angle, of_speed, _ = functions.electrical_stddev(*at)
+    assert np.std(angle) == pytest.approx(of_angle, rel=0.12)
+    assert np.std(speed) == pytest.approx(of_speed, rel=0.1)
+
+
+@pytest.mark.parametrize('corner', [100.0, 1000.0])
+def test_the_declared_delay_is_that_of_the_speed_on_a_ramp(corner):
+    """(true speed - estimate) / acceleration in the middle of a straight ramp, without noise."""
+    functions = made(speed_filter_hz=corner)
+    profile = Profile([(0.2, 2000.0, 6000.0)], smooth=False)
+    seen = Drive(PmsmParameters(adc_bits=0), profile=profile, fast=False).run(4000)
+    rows = estimates(functions, seen.samples)[2]
+    lag = (seen.truth[1:, 0] - rows[:, 1] / 7.0)[2000:3500]
+    rise = np.gradient(seen.truth[1:, 0], DT)[2000:3500]
+    measured = float(np.mean(lag) / np.mean(rise))
+    assert measured == pytest.approx(functions.group_delay(DT), rel=0.06)
+
+
+def test_the_low_pass_on_the_speed_has_two_poles_and_its_corner_where_it_is_said():
+    """Without noise the frame's speed follows the true one; what is left is the low-pass."""
+    functions = made(speed_filter_hz=100.0)
+    first, second = (np.array(functions.prepare(functions.design(), DT).low_pass).reshape(2, 2),
+                     np.eye(2))
+    at = np.exp(2j * math.pi * np.array([20.0, 100.0, 1000.0]) * DT)
+    # off = velocity - speed obeys (off, slope)+ = A (off, slope); velocity = speed + off
+    gain = []
+    for z in at:
+        drive = (second - first) @ [1.0, 0.0]
+        gain.append(abs(np.linalg.solve(z * second - first, z * drive)[0]))
+    assert gain[1] == pytest.approx(math.sqrt(0.5), rel=0.01)
+    assert 1.0 < gain[0] < 1.05 and gain[2] < 0.02
+
+
+def test_a_voltage_that_stands_still_over_the_carriers_period_is_allowed_for():
+    seen = record(((0.06, 6000.0, 6000.0),), adc_bits=0)
+
+    def off(**gains):
+        rows = estimates(made(**gains), seen.samples)[2]
+        return float(np.mean(angle_error(rows[-200:, 0], seen.truth[-200:, 1])))
+
+    tilt = math.degrees(6000.0 * RPM * 7 * 0.06 * DT ** 2 / (12.0 * 33.75e-6))
+    assert off() == pytest.approx(tilt, rel=0.1)
+    assert abs(off(pwm_frequency=RATE)) < 0.1 * tilt
+
+
+def looked(**changes):
+    """Reasons after 20 ms of one and the same signal: converged at 2000 rad/s but for `changes`."""
+    omega = 2000.0
+    power = changes.pop('known_power', 1e-4)
+    signal = {'event': 0, 'h': -1j * omega * 1.9e-3, 'speed': omega, 'turning': omega,
+              'innovation': 0j, 'current': 1j, 'voltage': 4j, 'x': 1.0 / 1.9e-3, **changes}
+    signal['limits'] = prepare_watch(
+        (0.05, 0.01, 0.002), (0.1, 1.0, 0.0), window=5e-3, dt=DT, known_power=power, emf_min=0.14,
+        drop=0.024, xi_low=200.0, xi_high=1300.0, when_blind=SEARCHING)
+    watch = begin_watch(1e-4)
+    for _ in range(1500):
+        watch = look(watch, **signal)
+    return watch[7]
+
+
+@pytest.mark.parametrize('changes, reasons', [
+    ({}, 0), ({'x': -1.0 / 1.9e-3, 'speed': -2000.0, 'turning': -2000.0}, 0),
+    ({'h': 0.1j}, LOW_EMF | SEARCHING | MISALIGNED), ({'h': 3.8j}, MISALIGNED),
+    ({'h': -3.8j * np.exp(1j * math.radians(9.0))}, MISALIGNED),
+    ({'h': -3.8j * np.exp(1j * math.radians(7.0))}, 0),
+    ({'speed': 2300.0}, INCONSISTENT), ({'speed': -2000.0}, INCONSISTENT), ({'speed': 2050.0}, 0),
+    ({'x': 1400.0}, FLUX_RANGE), ({'x': 100.0}, FLUX_RANGE),
+    ({'x': 6000.0}, FLUX_RANGE | SEARCHING),
+    ({'voltage': 0j}, NO_VOLTAGE | SEARCHING),
+    ({'current': 200.0 + 0j}, LOW_EMF | SEARCHING),   # the resistance may falsify all of it
+    ({'known_power': 10.0}, LOW_EMF | SEARCHING),     # noise
+    ({'turning': 60000.0, 'speed': 60000.0}, TOO_FAST),
+    ({'speed': 60000.0}, INCONSISTENT), ({'event': 16}, 16)])
+def test_each_residual_gives_its_reason(changes, reasons):
+    assert looked(**dict(changes)) == reasons
+    assert (describe(reasons) == '') == (reasons == 0)
+
+
+def test_once_lost_twice_the_back_emf_is_needed():
+    assert looked(h=-0.2j, speed=105.0, turning=105.0, current=0j) == LOW_EMF | SEARCHING
+    assert looked(h=-0.3j, speed=158.0, turning=158.0, current=0j) == 0

@@ -1,0 +1,416 @@
+"""The hybrid observer: events, convergence, the checks of models."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from estimator_pkg import observers
+from estimator_pkg.driver.configuration import settings_of
+from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models import gripper
+from estimator_pkg.models.switched import check, load, trajectory
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.observers.switched.observer import OBSERVER, Gains
+from estimator_pkg.observers.switched.velocity import poles
+from estimator_pkg.parameters import build
+
+QUANTUM = 2.0 * math.pi / 65536
+RESTING = dataclasses.replace(gripper.MODEL, probe=lambda t: (0.0,), start=((0.0, 0.0), (2.0,) * 3))
+SHIFTED = dataclasses.replace(gripper.MODEL, lam=lambda zeta, u: ((u[0], zeta[1], 0.0),))
+MODES = {'close': None, 'same': gripper.SAME}
+
+
+def test_a_model_that_knows_its_own_modes_alone_names_a_typical_event():
+    """The checks simulate events, whose mode and v mean something to the user's code."""
+    strict = dataclasses.replace(gripper.MODEL, transition=lambda mode: MODES[mode],
+                                 offset=lambda mode, v, y: (0.0 * v[0], 0.0, 0.0))
+    with pytest.raises(UsageError, match=r"its code fails in '<lambda>', line \d+: KeyError: ''"):
+        check(strict)
+    assert check(dataclasses.replace(strict, event=('same', (1.0,)))) > 0.0
+    with pytest.raises(UsageError, match='KeyError'):
+        check(strict, None)  # Z is not reconstructed, but events come all the same
+    with pytest.raises(UsageError, match="'transition' has shape"):
+        check(dataclasses.replace(gripper.MODEL, transition=lambda mode: ((1.0, 0.0), (0.0, 1.0))))
+
+
+def gripped(count=4000, events=((2000, 'close'),), loads=((2000, gripper.CLOSED),)):
+    """(angles, velocities, torques) at 1 kHz with the load changing at these samples."""
+    x, z, states, torques = np.array(gripper.MODEL.start[0]), gripper.OPEN, [], []
+    changes = dict(loads)
+    for i in range(count + 1):
+        z = changes.get(i, z)
+        states.append(x)
+        u = gripper.torque((i + 0.5) * 1e-3)
+        torques.append(u)
+
+        def slope(at, z=z, u=u):
+            return np.array(gripper.dynamics(at, z, u))
+
+        middle = x + 5e-4 * slope(x)
+        middle = x + 5e-4 * slope(middle)
+        x = x + 1e-3 * slope(middle)
+    angle, velocity = np.array(states).T
+    return angle, velocity, torques
+
+
+def made(**gains):
+    return Joint(OBSERVER, build(Gains, gains), JointSettings())
+
+
+def run(joint, angles, torques, events=(), offset=0.0):
+    """Feed a wrapped, quantised angle; (Z, converged, velocity) after each sample."""
+    events = dict(events)
+    rows = []
+    for i, angle in enumerate(angles.tolist()):
+        reading = math.remainder(round((angle + offset) / QUANTUM) * QUANTUM, 2.0 * math.pi)
+        joint.update(10 ** 18 + i * 10 ** 6, (reading,), torques[i - 1] if i else (0.0,))
+        state = joint._track[6]
+        z, _, converged = joint.functions.discrete(state)
+        rows.append((z, converged, joint.estimate()[1]))
+        if i in events:
+            joint._track = (*joint._track[:6], joint.functions.jump(state, (events[i], ())),
+                            *joint._track[7:])
+    return rows
+
+
+def test_a_new_load_is_known_within_half_a_second():
+    angles, velocities, torques = gripped()
+    joint = made(quantum=QUANTUM)
+    rows = run(joint, angles, torques, [(2000, 'close')])
+    assert rows[1999][0] == pytest.approx(gripper.OPEN, rel=0.01) and rows[1999][1]
+    assert not any(converged for _, converged, _ in rows[2001:2290])
+    assert rows[2100][0] == pytest.approx(rows[2000][0])  # the prediction
+    for z, converged, _ in rows[2500:]:
+        assert converged and z == pytest.approx(gripper.CLOSED, rel=0.02)
+    errors = np.array([row[2] for row in rows]) - velocities
+    before, after = (np.sqrt(np.mean(np.square(errors[part])))
+                     for part in (slice(1500, 2000), slice(2000, 2500)))
+    assert after < 2.0 * before
+    assert joint.estimate()[3] == TRACKING
+
+
+def test_without_the_event_the_old_load_is_believed():
+    angles, _, torques = gripped()
+    rows = run(made(quantum=QUANTUM), angles, torques)
+    assert abs(rows[2500][0][0] / gripper.CLOSED[0] - 1.0) > 0.1
+
+
+def test_two_events_closer_than_the_settling_time_leave_the_prediction():
+    angles, _, torques = gripped(3200)
+    rows = run(made(quantum=QUANTUM), angles, torques, [(2000, 'close'), (2250, 'same')])
+    assert not any(converged for _, converged, _ in rows[2001:2540])
+    assert rows[2400][0] == pytest.approx(rows[1999][0], rel=1e-3)
+    assert rows[2600][1] and rows[2600][0] == pytest.approx(gripper.CLOSED, rel=0.03)
+
+
+def test_an_event_that_changes_nothing_loses_nothing():
+    angles, _, torques = gripped(3000, loads=())
+    rows = run(made(quantum=QUANTUM), angles, torques, [(2000, 'same')])
+    for z, _, _ in rows[1990:]:
+        assert z == pytest.approx(gripper.OPEN, rel=0.01)
+
+
+def test_the_angle_may_wrap():
+    angles, velocities, torques = gripped(2000, loads=())
+    plain = run(made(quantum=QUANTUM), angles, torques)
+    model = dataclasses.replace(gripper.MODEL)  # the same physics, seen past the seam
+    assert model.indices == (2,)
+    wrapped = run(made(quantum=QUANTUM), angles, torques, offset=2.0 * math.pi)
+    assert [row[2] for row in wrapped] == pytest.approx([row[2] for row in plain], abs=1e-6)
+
+
+def test_a_gap_keeps_what_was_learnt():
+    angles, velocities, torques = gripped(3000, loads=())
+    joint = made(quantum=QUANTUM)
+    run(joint, angles[:2001], torques)
+    for i in range(2400, 3000):
+        joint.update(10 ** 18 + i * 10 ** 6, (float(angles[i]),), torques[i - 1])
+    assert joint.functions.discrete(joint._track[6])[0] == pytest.approx(gripper.OPEN, rel=0.02)
+    assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
+
+
+@pytest.mark.parametrize('velocity', ['filtered', 'cascade'])
+def test_two_outputs_and_the_second_joint(velocity):
+    model = load('example')
+    times, states, z = trajectory(model, 6)
+    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
+                                     velocity=velocity), Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state = functions.init((1.0, 0.5), ())
+    for i in range(1, len(times)):
+        measured = (float(states[i, 0]), float(states[i, 2]))
+        state = functions.step(state, coefficients, (), measured, ())
+        if i % 500 == 0:
+            state = functions.jump(state, ('', ()))
+    (first, speed, _), (second, other, _) = functions.outputs(state, measured)
+    assert (first, second) == pytest.approx(measured, abs=1e-5)
+    zeta = model.zeta(states[-1], z[-1])
+    assert (speed, other) == pytest.approx((zeta[1], zeta[3]), abs=0.005)
+    assert functions.states(state) == pytest.approx(states[-1], abs=0.03)
+    assert functions.discrete(state)[0] == pytest.approx(z[-1], abs=0.02)
+    assert functions.discrete(state)[2]
+
+
+@pytest.mark.parametrize('name, words', [
+    ('grippr', "unknown switched model 'grippr'"),
+    ('nowhere.at:ALL', "cannot import 'nowhere.at'"),
+    ('estimator_pkg.models.gripper:OPEN', 'no SwitchedModel'),
+    ('test_switched_observer:RESTING', 'never reached'),
+    ('test_switched_observer:SHIFTED', 'the derivative of zeta[1]'),
+])
+def test_wrong_models_are_refused_before_running(name, words):
+    if 'grippr' in name:
+        with pytest.raises(UsageError):
+            build(Gains, {'model': name})
+        with pytest.raises(UsageError, match=words):
+            load(name)
+        return
+    with pytest.raises(UsageError) as caught:
+        OBSERVER.build(build(Gains, {'model': name}), Circle())
+    assert words in str(caught.value) and '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'names': ('a',)}, "'names'"), ({'bounds': ((1.0,),)}, "'bounds'"),
+    ({'start': ((0.0,), (1.0, 1.0, 1.0))}, 'start needs 2 and 3'),
+    ({'gamma': lambda zeta, u: (0.0, 0.0)}, "'gamma'"),
+    ({'phi': lambda x, z: (x[0], 2.0 * x[1])}, 'does not invert'),
+])
+def test_models_that_contradict_themselves(change, words):
+    with pytest.raises(UsageError, match=words):
+        check(dataclasses.replace(gripper.MODEL, **change))
+
+
+def test_the_misprint_of_the_paper_is_found():
+    model = load('example')
+    printed = dataclasses.replace(model, gamma=lambda zeta, u: (
+        model.gamma(zeta, u)[0], model.gamma(zeta, u)[1] - 1.0))
+    with pytest.raises(UsageError, match=r'zeta\[3\]'):
+        check(printed)
+    assert check(model) > 0.2
+
+
+def example_run(steps, z=(0.5, 0.5, 0.2), until=12):
+    """(Z as shown after each event, converged, true Z) of the paper's example at 1 ms."""
+    model = dataclasses.replace(load('example'), start=((1.0, 0.5, 0.5, 0.0), z))
+    times, states, true = trajectory(model, until)
+    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
+                                     steps=steps), Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
+    rows = []
+    for i in range(1, len(times)):
+        state = functions.step(state, coefficients, (),
+                               (float(states[i, 0]), float(states[i, 2])), ())
+        if i % 500 == 0:
+            state = functions.jump(state, ('', ()))
+            shown, _, converged = functions.discrete(state)
+            rows.append((shown, converged, true[i]))
+    return rows, state
+
+
+@pytest.mark.parametrize('steps', [1, 2, 3])
+def test_the_fifo_of_n_intervals_and_the_prediction_of_n_plus_1_steps(steps):
+    """Z(k+1) is right at event k+1, from the outputs of the intervals k-N .. k: not an event
+    earlier, as the prediction of N steps in print would be late by one.
+    """
+    rows, state = example_run(steps)
+    assert [converged for _, converged, _ in rows[:steps]] == [False] * steps
+    assert len(state.history) == steps + 1
+    for shown, converged, true in rows[steps:]:
+        assert converged and shown == pytest.approx(true, abs=0.05)
+
+
+def test_the_acceleration_is_right_at_once_after_a_known_event():
+    """Z jumps, and with it what ends the chains: in the example by 6 of their 10 units. With
+    `reset: all` the published acceleration jumps along before the stages could have settled.
+    """
+    model = load('example')
+    times, states, z = trajectory(model, 10)
+    worst = {}
+    for reset in ('all', 'states'):
+        functions = OBSERVER.build(Gains(model='example', settle=0.2, velocity='cascade',
+                                         reset=reset), Circle(0.0))
+        coefficients = functions.prepare((), 1e-3)
+        state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
+        off = []
+        for i in range(1, len(times)):
+            measured = (float(states[i, 0]), float(states[i, 2]))
+            state = functions.step(state, coefficients, (), measured, ())
+            if i % 500 == 0:
+                state = functions.jump(state, ('', ()))
+            if i > 3000 and 3 <= i % 500 < 10:
+                at = model.zeta(states[i], z[i])
+                true = model.gamma(at, ())[0] + np.dot(model.lam(at, ())[0], z[i])
+                off.append(abs(functions.outputs(state, measured)[0][2] - true))
+        worst[reset] = max(off)
+    assert worst['all'] < 2.0 < 5.0 < worst['states']
+
+
+def test_the_inversion_is_not_used_below_its_singular_value():
+    model = load('example')
+    times, states, true = trajectory(model, 4)
+    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
+                                     singular_value=20.0), Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state = functions.init((1.0, 0.5), ())
+    shown, beta = (0.0, 0.0, 0.0), (1.0, 0.5)
+    for i in range(1, len(times)):
+        state = functions.step(state, coefficients, (),
+                               (float(states[i, 0]), float(states[i, 2])), ())
+        if i % 500 == 0:
+            shown = np.array(model.transition('')) @ shown + model.offset('', (), beta)
+            beta = tuple(states[i, [0, 2]])
+            state = functions.jump(state, ('', ()))
+            # A_d Z + beta_d alone, and said to be so
+            assert not functions.discrete(state)[2]
+            assert functions.discrete(state)[0] == pytest.approx(shown, abs=1e-9)
+
+
+def test_every_output_has_a_standard_deviation_of_its_own():
+    _, state = example_run(1, until=2)
+    functions = OBSERVER.build(Gains(model='example', noise=1e-4, velocity='cascade'), Circle(0.0))
+    (first, speed), (second, other) = functions.deviations(state)
+    assert first == second == pytest.approx(1e-4)
+    assert speed == pytest.approx(math.sqrt(120.0 * 1e-4))
+    assert other == pytest.approx(math.sqrt(60.0 * 1e-4))
+    assert functions.stddev(state, (), ()) == (first, speed)
+
+
+@pytest.mark.parametrize('counts, bandwidth, rms', [(65536, 48.0, 0.0031), (4096, 30.0, 0.024)])
+def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
+    """At most the error of `hybrid_angle`, the loads' two changes included, without delay; the
+    stages of the paper lag by half an interval and step with the encoder.
+    """
+    angles, velocities, torques = gripped(
+        5000, loads=((2000, gripper.CLOSED), (4000, gripper.OPEN)))
+    quantum = 2.0 * math.pi / counts
+    readings = np.remainder(np.round(angles / quantum) * quantum + math.pi, 2.0 * math.pi) - math.pi
+    switched = SwitchedJoint(OBSERVER, build(Gains, {
+        'quantum': quantum, 'bandwidth_hz': bandwidth}), JointSettings())
+    other = observers.find('hybrid_angle')
+    angle_only = Joint(other, build(other.gains, {'quantum': quantum}), JointSettings())
+    found = []
+    for i, reading in enumerate(readings.tolist()):
+        stamp = 10 ** 18 + i * 10 ** 6
+        switched.update(stamp, (reading,), torques[i - 1] if i else (0.0,))
+        angle_only.update(stamp, reading)
+        found.append((switched.estimate()[1], switched.stddev()[1], angle_only.estimate()[1]))
+        if i in (2000, 4000):
+            assert switched.event(stamp, 'close') == 'applied'
+    speed, stddev, peer = np.array(found)[500:].T
+    true, acceleration = velocities[500:], np.gradient(velocities, 1e-3)[500:]
+    error = speed - true
+    assert 0.5 * rms < np.sqrt(np.mean(error ** 2)) < rms
+    assert np.sqrt(np.mean(error ** 2)) < np.sqrt(np.mean((peer - true) ** 2))
+    delay = -np.dot(error, acceleration) / np.dot(acceleration, acceleration)
+    assert abs(delay) < 1e-4
+    assert 0.93 < np.mean(np.abs(error) < 1.96 * stddev) < 0.995
+
+
+def test_the_cascade_belongs_to_the_stamp_too():
+    """With exact angles the stages slide, and half an interval later they are exact."""
+    angles, velocities, torques = gripped(1500, loads=())
+    joint = made(velocity='cascade')
+    for i, angle in enumerate(angles.tolist()):
+        joint.update(10 ** 18 + i * 10 ** 6, (angle,), torques[i - 1] if i else (0.0,))
+        if i > 500:
+            assert joint.estimate()[1] == pytest.approx(velocities[i], abs=2e-3)
+
+
+def test_a_start_at_speed_locks_on_a_coarse_encoder():
+    """From 200 rad/s with steps beyond the gate of the stages: published from 20 time constants on,
+    and right from the first.
+    """
+    quantum = 2.0 * math.pi / 4096
+    joint = made(quantum=quantum)
+    published = []
+    for i in range(600):
+        reading = math.remainder(round(0.2 * i / quantum) * quantum, 2.0 * math.pi)
+        joint.update(10 ** 18 + i * 10 ** 6, (reading,), (0.0,))
+        _, velocity, _, status = joint.estimate()
+        if status == TRACKING:
+            published.append(i)
+            assert velocity == pytest.approx(200.0, abs=0.3)
+    assert published == list(range(published[0], 600)) and 90 < published[0] < 130
+
+
+def test_a_bandwidth_is_the_one_from_true_to_estimated_velocity():
+    """A sine at the bandwidth, which the model knows nothing of, comes at -3 dB."""
+    functions = OBSERVER.build(Gains(bandwidth_hz=5.0), Circle(0.0))
+    coefficients = functions.prepare((), 1e-4)
+    state, speeds = functions.init((0.0,), ()), []
+    for i in range(1, 10000):
+        angle = 1e-5 * math.sin(2.0 * math.pi * 5.0 * i * 1e-4)
+        state = functions.step(state, coefficients, (), (angle,), (0.0,))
+        speeds.append(state.observed[0][1] / (1e-5 * 2.0 * math.pi * 5.0))
+    assert max(speeds[6000:]) == pytest.approx(math.sqrt(0.5), rel=0.01)
+
+
+def test_the_noise_of_the_velocity_is_as_computed():
+    random = np.random.default_rng(3)
+    functions = OBSERVER.build(Gains(), Circle(0.0))
+    coefficients = functions.prepare((), 1e-3)
+    state, found = functions.init((0.0,), ()), []
+    for noise in (1e-6 * random.standard_normal(8000)).tolist():
+        state = functions.step(state, coefficients, (), (noise,), (0.0,))
+        found.append(state.observed[0])
+    position, velocity, _ = state.noises[0]
+    spread = np.std(np.array(found)[500:], axis=0) / 1e-6
+    assert spread[:2] == pytest.approx([math.sqrt(position), math.sqrt(velocity)], rel=0.1)
+    assert math.sqrt(state.powers[0]) == pytest.approx(1e-6, rel=0.4)
+
+
+@pytest.mark.parametrize('length', [1, 2, 3, 5])
+def test_all_poles_are_in_one_place(length):
+    made_of = poles(length, 20.0)
+    for dt in (1e-4, 1e-2):
+        gains, factors, _ = made_of.at(dt)
+        n = length + 1
+        a = np.array([[factors[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
+        kept = np.eye(n)
+        kept[:, 0] -= gains
+        scale = np.diag([dt ** i for i in range(n)])
+        wanted = np.poly([math.exp(-made_of.pole * dt)] * n)
+        assert np.poly(scale @ kept @ a @ np.linalg.inv(scale)) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
+    settings = build(settings_of(OBSERVER), {'wrap_period': 0.0})
+    system = SwitchedJoint(OBSERVER, build(Gains, {'model': 'example', 'noise': 1e-4}), settings)
+    bank = SwitchedBank(system, ('y1', 'y2'))
+    _, states, _ = trajectory(load('example'), 1)
+    for i, (x1, _, x3, _) in enumerate(states.tolist()):
+        found = bank.take(10 ** 18 + i * 10 ** 6, ('y2', 'other', 'y1'), (x3, 0.0, x1), ())
+    assert [each[0] for each in found] == pytest.approx(states[-1, [0, 2]], abs=1e-3)
+    assert all(math.isfinite(each[2]) for each in found)
+    assert bank.deviations() == system.functions.deviations(system._track[6])
+    assert [round(speed, 3) for _, speed in bank.deviations()] == [0.010, 0.010]
+
+
+def test_the_deviation_of_the_velocity_is_that_of_the_errors():
+    angles, velocities, torques = gripped(4000, loads=())
+    joint = made(quantum=QUANTUM)
+    rows = run(joint, angles, torques)
+    error = np.sqrt(np.mean(np.square([row[2] for row in rows] - velocities)[1000:]))
+    assert 0.4 < error / joint.stddev()[1] < 2.5
+
+
+def test_the_acceleration_is_that_of_the_model_once_it_is_known():
+    angles, velocities, torques = gripped(4000, loads=())
+    joint = made(quantum=QUANTUM)
+    found = []
+    for i, angle in enumerate(angles.tolist()):
+        reading = math.remainder(round(angle / QUANTUM) * QUANTUM, 2.0 * math.pi)
+        joint.update(10 ** 18 + i * 10 ** 6, (reading,), torques[i - 1] if i else (0.0,))
+        found.append(joint.estimate()[2])
+    true = [gripper.dynamics(x, gripper.OPEN, torques[i - 1])[1]
+            for i, x in enumerate(zip(angles, velocities))]
+    error = np.array(found) - true
+    assert np.sqrt(np.mean(error[2000:] ** 2)) < 0.02 * np.std(true)
+    assert math.isfinite(found[100])  # from the chain, before Z is known

@@ -1,0 +1,254 @@
+"""The motor simulator: exact plant, inverter, sensors, controller, profiles, repeatability."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.integrate import solve_ivp
+
+from estimator_pkg.driver.compiled import available
+from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.observers.pmsm.gains import Gains
+from estimator_pkg.observers.pmsm.observer import build as build_observer
+from estimator_pkg.parameters import build, declared
+from sim_pkg.pmsm.control import current_control, speed_control
+from sim_pkg.pmsm.drive import Drive, quantised
+from sim_pkg.pmsm.inverter import dead_time_error, edges, limited, switch
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.plant import electric, move, resisting, torque
+from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
+from sim_pkg.pmsm.sensorless import RUNNING, begin, make_feedback
+from sim_pkg.reproduce.pmsm.observer import judge, run_log
+
+RPM = math.pi / 30.0
+PLANT = PmsmParameters(viscous=1e-5).plant()
+SERVO = Path(__file__).parents[3] / 'config' / 'pmsm_motor_servo_400w.yaml'
+
+
+def fine(current, voltage, theta, speed, load, plant, time):
+    """The plant by a solver that knows nothing of the closed form."""
+    resistance, inductance, flux, poles, inertia = plant[:5]
+
+    def slope(_, s):
+        i = complex(s[0], s[1])
+        e = 1j * poles * s[3] * flux * np.exp(1j * s[2])
+        d = (voltage - resistance * i - e) / inductance
+        t = 1.5 * poles * flux * (i * np.exp(-1j * s[2])).imag
+        return [d.real, d.imag, poles * s[3], (t - resisting(s[3], load, plant)) / inertia]
+
+    s = solve_ivp(slope, (0.0, time), [current.real, current.imag, theta, speed], rtol=1e-11,
+                  atol=1e-12).y[:, -1]
+    return complex(s[0], s[1]), s[2], s[3]
+
+
+def test_the_current_is_exact_at_constant_speed():
+    stiff = (*PLANT[:4], 1e9, *PLANT[5:])
+    for time in (1e-6, 5e-5, 1e-3):
+        exact = fine(2.0 - 1.0j, 5.0 + 3.0j, 0.4, 600.0, 0.0, stiff, time)[0]
+        ours = electric(2.0 - 1.0j, 5.0 + 3.0j, 0.4, 7 * 600.0, stiff, time)
+        assert abs(ours - exact) < 1e-7
+
+
+def test_motion_is_of_second_order():
+    start = (2.0 - 15.0j, 5.0 + 3.0j, 0.4, 300.0, 0.01)
+
+    def error(parts):
+        current, voltage, theta, speed, load = start
+        for _ in range(parts):
+            current, theta, speed = move(current, voltage, theta, speed, load, PLANT, 1e-4 / parts)
+        exact = fine(*start, PLANT, 1e-4)
+        return np.array([abs(current - exact[0]), abs(theta - exact[1]), abs(speed - exact[2])])
+
+    assert np.all(error(2) < [1e-2, 1e-4, 1e-2])
+    assert np.all(error(8) < error(2) / 8.0)
+
+
+def test_a_load_does_not_drive_a_rotor_at_rest():
+    current, theta, speed = 0j, 0.3, 0.0
+    for _ in range(1000):
+        current, theta, speed = move(current, 0j, theta, speed, 0.05, PLANT, 5e-5)
+    assert speed == 0.0 and theta == 0.3
+
+
+def test_torque_balances_power():
+    """Electrical power into the back-EMF is mechanical power: 3/2 Re(e conj(i)) = T w."""
+    current, theta, speed = 3.0 + 4.0j, 1.1, 200.0
+    e = 1j * 7 * speed * PLANT[2] * np.exp(1j * theta)
+    assert torque(current, theta, PLANT) * speed == pytest.approx(
+        1.5 * (e * current.conjugate()).real)
+
+
+def test_the_bridge_makes_the_mean_voltage():
+    """The current after a switched period is that of the mean voltage, but for the ripple."""
+    voltage = 4.0 + 3.0j
+    _, theta, speed = 0j, 0.2, 100.0
+    mean = move(1j, voltage, theta, speed, 0.0, PLANT, 5e-5)
+    switched = switch(1j, theta, speed, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.0, 1.0)
+    assert abs(switched[0] - mean[0]) < 0.02 * abs(voltage) * 5e-5 / PLANT[1]
+    parts = switch(1j, theta, speed, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.0, 0.37)
+    parts = switch(*parts, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.37, 1.0)
+    assert abs(parts[0] - switched[0]) < 1e-4
+
+
+def test_dead_time_takes_the_same_from_edges_and_mean():
+    voltage, current, part = 4.0 + 3.0j, 5.0 - 2.0j, 0.02
+    with_it = edges(voltage, current, 24.0, part)
+    without = edges(voltage, current, 24.0, 0.0)
+    lost = [24.0 * ((without[k + 1] - without[k]) - (with_it[k + 1] - with_it[k]))
+            for k in (0, 2, 4)]
+    a, b, c = lost
+    assert dead_time_error(current, 24.0, part) == pytest.approx(
+        complex((2 * a - b - c) / 3.0, (b - c) / math.sqrt(3.0)))
+    # i_a > 0 > i_b, i_c: 4/3 of V_dc t_d/T along a
+    assert dead_time_error(5.0 + 0j, 24.0, part) == pytest.approx(24.0 * part * 4.0 / 3.0)
+
+
+def test_limits_and_quantisation():
+    assert limited(3.0 + 4.0j, 24.0) == 3.0 + 4.0j
+    assert abs(limited(30.0 + 40.0j, 24.0)) == pytest.approx(24.0 / math.sqrt(3.0))
+    assert quantised(1.26, 0.5, 60.0) == 1.5
+    assert quantised(99.0, 0.5, 60.0) == 60.0
+    assert quantised(1.26, 0.0, 60.0) == 1.26
+
+
+def test_a_command_is_turned_to_the_middle_of_its_period():
+    control = PmsmParameters().control()
+    voltage, _ = current_control(0j, 0.0, 0.4, 4000.0, 0j, control)
+    assert voltage == pytest.approx(4000.0j * 1.9e-3 * np.exp(1j * (0.4 + 1.5 * 4000.0 * 5e-5)))
+
+
+def test_speed_control_stops_integrating_at_the_limit():
+    control = PmsmParameters().control()
+    assert speed_control(1000.0, 0.0, 0.0, 0.1, control) == (30.0, 0.1)
+    assert speed_control(-1000.0, 0.0, 0.0, 0.1, control) == (-30.0, 0.1)
+    i_q, integral = speed_control(101.0, 0.0, 100.0, 0.1, control)
+    assert 0.1 / control[4] < i_q < 30.0 and integral > 0.1
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_profiles_are_continuous_and_consistent(name):
+    profile = named(name, 6000.0, 1.0)
+    times = np.linspace(0.0, 2.3, 23001)
+    motion = profile.at(times)
+    assert np.abs(np.diff(motion.speed)).max() < 1e-4 * 2e4 + 1e-9
+    middle = 0.5 * (motion.speed[1:] + motion.speed[:-1]) * 1e-4
+    assert np.abs(np.diff(motion.angle) - middle).max() < 1e-3
+    assert np.abs(motion.speed).max() == pytest.approx(6000.0 * RPM, rel=1e-3)
+    if name == 'reversal':
+        assert motion.speed.min() == pytest.approx(-6000.0 * RPM, rel=1e-3)
+    if name == 'standstill':
+        assert (motion.speed == 0.0).sum() > 4000
+
+
+def test_bad_profiles_and_parameters_are_refused():
+    with pytest.raises(UsageError):
+        named('p2', 1.0, 1.0)
+    with pytest.raises(UsageError):
+        Profile([(0.0, 1.0, 2.0)])
+    with pytest.raises(UsageError, match='back-EMF'):
+        PmsmParameters(speed_rpm=20000.0)
+    with pytest.raises(UsageError, match='dead_time'):
+        PmsmParameters(dead_time=1e-5, sample_rate=100000.0, speed_rpm=10.0)
+    for one in declared(PmsmParameters).values():
+        assert one.description and one.structural
+
+
+def test_the_controller_follows_p1():
+    record = Drive(PmsmParameters(), fast=False).run(14000)
+    speed, wanted = record.truth[:, 0], record.truth[:, 4]
+    assert np.abs(speed - wanted).max() < 100.0 * RPM
+    assert np.sqrt(np.mean((speed - wanted) ** 2)) < 40.0 * RPM
+    assert np.abs(record.truth[:, 3]).max() < 20.0
+
+
+@pytest.mark.parametrize('plant', [{}, {'inverter': 'switched', 'dead_time': 1e-6,
+                                        'sampling_offset': 0.1, 'voltage_delay': 1}])
+def test_one_seed_gives_one_run_in_whatever_chunks(plant):
+    parameters = PmsmParameters(current_noise=0.1, temperature_rise=50.0, temperature_time=0.05,
+                                **plant)
+    whole = Drive(parameters, 7, fast=False).run(700)
+    drive = Drive(parameters, 7, fast=False)
+    parts = [drive.run(size) for size in (1, 199, 333, 167)]
+    assert np.array_equal(whole.samples, np.concatenate([part.samples for part in parts]))
+    assert np.array_equal(whole.truth, np.concatenate([part.truth for part in parts]))
+    other = Drive(parameters, 8, fast=False).run(700)
+    assert not np.array_equal(whole.samples, other.samples)
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+def test_plain_equals_compiled():
+    parameters = PmsmParameters(current_noise=0.1)
+    plain = Drive(parameters, 3, fast=False).run(600)
+    twin = Drive(parameters, 3, fast=True).run(600)
+    assert np.allclose(plain.truth, twin.truth, rtol=1e-9, atol=1e-9)
+    assert np.allclose(plain.samples, twin.samples, rtol=1e-9, atol=1e-9)
+
+
+def test_the_reported_voltage_is_the_one_of_the_interval():
+    """Kirchhoff over one period, for each delay; -1 lags, 1 and 2 lead."""
+    for delay in (-1, 0, 1, 2):
+        parameters = PmsmParameters(adc_bits=0, voltage_delay=delay)
+        record = Drive(parameters, fast=False).run(400)
+        told = record.samples[:, 2] + 1j * record.samples[:, 3]
+        current = record.samples[:, 0] + 1j * record.samples[:, 1]
+        k = np.arange(100, 300)
+        theta, speed = record.truth[k, 1], record.truth[k, 0]
+        middle = theta + 0.5 * 7 * speed * parameters.period
+        emf = 1j * 7 * speed * 1.9e-3 * np.exp(1j * middle)
+        u = (33.75e-6 * (current[k + 1] - current[k]) / parameters.period
+             + 0.06 * 0.5 * (current[k] + current[k + 1]) + emf)
+        assert np.abs(told[k + 1 - delay] - u).max() < 0.05
+
+
+def test_warming_changes_resistance_and_flux():
+    parameters = PmsmParameters(temperature_rise=100.0, temperature_time=10.0,
+                                resistance_error=0.1)
+    cold, warm = parameters.plant(0.0), parameters.plant(100.0)
+    assert cold[0] == pytest.approx(0.066)
+    assert warm[0] == pytest.approx(0.066 * 1.39, rel=1e-3)
+    assert warm[2] == pytest.approx(1.9e-3 * 0.89, rel=1e-3)
+
+
+def test_the_servo_of_the_configuration_runs_and_is_tracked():
+    """Another size of motor with the same tuning: half a reversal."""
+    with open(SERVO, encoding='utf-8') as file:
+        nodes = yaml.safe_load(file)
+    parameters = build(PmsmParameters, nodes['pmsm_sim']['ros__parameters'])
+    functions = build_observer(build(Gains, nodes['pmsm_observer']['ros__parameters']), Circle())
+    profile = Profile([(0.1, 3000.0, 3000.0), (0.15, 3000.0, -3000.0), (0.1, -3000.0, -3000.0)])
+    record = Drive(parameters, 1, profile=profile, fast=False).run(7000)
+    assert np.abs(record.truth[:, 0] - record.truth[:, 4]).max() < 150.0 * RPM
+    first = functions.init(tuple(record.samples[0].tolist()), functions.design())
+    log = run_log(functions, record.samples, 5e-5, first, fast=False)
+    found = judge(log, record.truth[1:, 1], record.truth[1:, 0], 5e-5)
+    assert found.wrong == 0.0 and found.withheld < 40.0 and found.tracking > 290.0
+
+
+@pytest.mark.parametrize('forced', [False, True])
+def test_the_controller_runs_on_the_observer(forced):
+    parameters = PmsmParameters(current_noise=0.1)
+    functions = build_observer(Gains(resistance=0.06, inductance=33.75e-6, flux=1.9e-3,
+                                     pole_pairs=7), Circle())
+    speed = 1500.0 if not forced else 700.0
+    drive = Drive(parameters, 3, feedback=make_feedback(functions), fast=False,
+                  held=begin(functions, parameters, forced=forced),
+                  profile=Profile([(1.0, speed, speed)]), start_speed=0.0 if forced else 1500 * RPM)
+    drive.run(4000)
+    assert drive.held[3] == RUNNING
+    errors = []
+    for _ in range(40):
+        truth = drive.run(10).truth[-1]
+        errors.append(math.remainder(drive.held[4] - truth[1], 2.0 * math.pi))
+    assert np.abs(errors).max() < math.radians(2.0)
+    assert truth[0] == pytest.approx(speed * RPM, rel=0.03)
+    assert functions.output(drive.held[0], drive.held[2], drive.held[1], (), 0.0)[3] == TRACKING
+
+
+def test_p1_is_that_of_the_specification():
+    assert sum(part for part, _, _ in P1) == pytest.approx(0.70)
