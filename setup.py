@@ -11,20 +11,33 @@ from setuptools import find_packages, setup
 NAME = 'velocity_estimator'
 
 EXTRAS = {
-    'ros': ['ros-jazzy-rclpy>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6',
-            'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9'],
+    'ros': [
+        'ros-jazzy-rclpy>=7.1,<8',
+        'ros-jazzy-common-interfaces>=5.3,<6',
+        'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
+    ],
     'fast': ['numba>=0.61,<1'],
     'report': ['matplotlib>=3.8,<4', 'bokeh>=3.4,<4'],
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
     'peers': ['pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
-    'test': ['pytest>=8,<10', 'pytest-timeout>=2.3,<3', 'pytest-rerunfailures>=14,<17',
-             'pytest-xdist>=3.5,<4',
-             'hypothesis>=6.100,<7', 'scipy>=1.11,<2',
-             'filterpy>=1.4,<3', 'psutil>=5.9,<8', 'selenium>=4.20,<5', 'ruff>=0.6,<1',
-             'mypy>=1.10,<3',
-             'motulator>=0.5,<0.6', 'types-PyYAML', 'colcon-common-extensions>=0.3,<1'],
+    'test': [
+        'pytest>=8,<10',
+        'pytest-timeout>=2.3,<3',
+        'pytest-rerunfailures>=14,<17',
+        'pytest-xdist>=3.5,<4',
+        'hypothesis>=6.100,<7',
+        'scipy>=1.11,<2',
+        'filterpy>=1.4,<3',
+        'psutil>=5.9,<8',
+        'selenium>=4.20,<5',
+        'ruff>=0.6,<1',
+        'mypy>=1.10,<3',
+        'motulator>=0.5,<0.6',
+        'types-PyYAML',
+        'colcon-common-extensions>=0.3,<1',
+    ],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
 EXTRAS['mutants'] = ['cosmic-ray>=8.3,<9', 'coverage>=7.5,<8']  # of make mutants alone
@@ -40,8 +53,13 @@ setup(
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
     ],
-    install_requires=['numpy>=1.26,<3', 'PyYAML>=6,<7', 'rosbags>=0.10,<0.12', 'mcap>=1.2,<2',
-                      'rich>=13,<16'],
+    install_requires=[
+        'numpy>=1.26,<3',
+        'PyYAML>=6,<7',
+        'rosbags>=0.10,<0.12',
+        'mcap>=1.2,<2',
+        'rich>=13,<16',
+    ],
     extras_require=EXTRAS,
     python_requires='>=3.10',
     zip_safe=True,

@@ -38,8 +38,10 @@ class Columns(NamedTuple):
 
 PENDULUM = (Columns('pendulum', 'position', 'velocity', 'torque'),)
 DOUBLE = (Columns('shoulder', 'pos1', 'vel1', 'tau1'), Columns('elbow', 'pos2', 'vel2', 'tau2'))
-MEASURED = (Columns('shoulder', 'pos_meas1', 'vel_meas1', 'tau_meas1'),
-            Columns('elbow', 'pos_meas2', 'vel_meas2', 'tau_meas2'))
+MEASURED = (
+    Columns('shoulder', 'pos_meas1', 'vel_meas1', 'tau_meas1'),
+    Columns('elbow', 'pos_meas2', 'vel_meas2', 'tau_meas2'),
+)
 
 CSV = {
     'dfki_simple_pendulum/energy_shaping_200hz': PENDULUM,
@@ -51,26 +53,81 @@ CSV = {
     'dfki_double_pendulum/trajectory_665hz': MEASURED,
 }
 COPIED = ('vicon/yawbag', 'vicon/flybag', 'vicon/yx2bag', 'joint_state_one_message/array_msgs')
-DRIVE = ['--set', 'publish_rate=5000', '--set', 'batch=50', '--set', 'current_noise=0.05',
-         '--set', 'true_samples=false']
+DRIVE = [
+    '--set',
+    'publish_rate=5000',
+    '--set',
+    'batch=50',
+    '--set',
+    'current_noise=0.05',
+    '--set',
+    'true_samples=false',
+]
 SIMULATED: dict[str, list[str]] = {
     'simulated/sine_12bit': ['--duration', '5', '--seed', '1', '--set', 'profile=sine'],
     'simulated/random_with_faults': [
-        '--duration', '6', '--seed', '2', '--set', 'profile=random', '--set', 'rate=500',
-        '--set', 'noise=0.001', '--set', 'stamp_jitter=1e-4', '--set', 'dropped=0.02',
-        '--set', 'duplicated=0.01', '--set', 'repeated=0.02', '--set', 'outliers=0.002',
-        '--set', 'gap_every=2'],
+        '--duration',
+        '6',
+        '--seed',
+        '2',
+        '--set',
+        'profile=random',
+        '--set',
+        'rate=500',
+        '--set',
+        'noise=0.001',
+        '--set',
+        'stamp_jitter=1e-4',
+        '--set',
+        'dropped=0.02',
+        '--set',
+        'duplicated=0.01',
+        '--set',
+        'repeated=0.02',
+        '--set',
+        'outliers=0.002',
+        '--set',
+        'gap_every=2',
+    ],
     'simulated/trapezoid_raw_counts': [
-        '--duration', '4', '--seed', '3', '--set', 'profile=trapezoid', '--set', 'rate=500',
-        '--set', 'convention=raw_counts'],
+        '--duration',
+        '4',
+        '--seed',
+        '3',
+        '--set',
+        'profile=trapezoid',
+        '--set',
+        'rate=500',
+        '--set',
+        'convention=raw_counts',
+    ],
 }
 DRIVES: dict[str, list[str]] = {
     'simulated/drive_startup': [
-        '--duration', '1', '--seed', '1', '--set', 'profile=standstill', *DRIVE],
+        '--duration',
+        '1',
+        '--seed',
+        '1',
+        '--set',
+        'profile=standstill',
+        *DRIVE,
+    ],
     'simulated/drive_profile': ['--duration', '0.7', '--seed', '2', *DRIVE],
     'simulated/drive_reversal': [
-        '--duration', '1', '--seed', '3', '--set', 'profile=reversal', *DRIVE,
-        '--set', 'speed_rpm=3000', '--set', 'lost=0.05', '--set', 'repeated=0.05'],
+        '--duration',
+        '1',
+        '--seed',
+        '3',
+        '--set',
+        'profile=reversal',
+        *DRIVE,
+        '--set',
+        'speed_rpm=3000',
+        '--set',
+        'lost=0.05',
+        '--set',
+        'repeated=0.05',
+    ],
 }
 
 
@@ -114,16 +171,19 @@ def convert(source: Path, target: Path, joints: tuple[Columns, ...]) -> None:
     stamps = START_NS + np.round(column['time'] * 1e9).astype(np.int64)
     positions, velocities, torques = (
         np.stack([column[getattr(joint, what)] for joint in joints], axis=1).tolist()
-        for what in ('position', 'velocity', 'torque'))
+        for what in ('position', 'velocity', 'torque')
+    )
     names = [joint.joint for joint in joints]
     measured, true = Encoder(), Encoder()
     with BagWriter(target) as bag:
         bag.add_topic(MEASUREMENT, TYPE)
         bag.add_topic(TRUTH, TYPE)
-        for stamp_ns, position, velocity, torque in zip(stamps.tolist(), positions, velocities,
-                                                        torques):
-            bag.write(MEASUREMENT, stamp_ns,
-                      measured.encode(stamp_ns, '', names, position, (), torque))
+        for stamp_ns, position, velocity, torque in zip(
+            stamps.tolist(), positions, velocities, torques
+        ):
+            bag.write(
+                MEASUREMENT, stamp_ns, measured.encode(stamp_ns, '', names, position, (), torque)
+            )
             bag.write(TRUTH, stamp_ns, true.encode(stamp_ns, '', names, (), velocity))
 
 

@@ -27,42 +27,67 @@ from estimator_pkg.evaluation.text import number, table
 PROGRAM = 'python -m benchmarks'
 SPEED, ACCURACY = 'speed', 'accuracy'
 QUICK_MESSAGES = 50_000
-ERRORS = ('rpm', 'deg')     # units of the drive's errors; the rest of its rows are costs
+ERRORS = ('rpm', 'deg')  # units of the drive's errors; the rest of its rows are costs
 SHARED, RECORDED = 'the shared set', 'the recordings'
 SPEED_PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
     'update': lambda quick, messages: updates(5 if quick else 15),
     'batch': lambda quick, messages: batches(300_000 if quick else 2_000_000, 3 if quick else 7),
     'mechanism': lambda quick, messages: mechanisms(3 if quick else 7),
     'replay': lambda quick, messages: replays(
-        messages or (QUICK_MESSAGES if quick else MESSAGES), 1 if quick else 2),
+        messages or (QUICK_MESSAGES if quick else MESSAGES), 1 if quick else 2
+    ),
     'live': lambda quick, messages: live(),
     'start': lambda quick, messages: starts(1 if quick else 5),
     'latency': lambda quick, messages: latencies(1 if quick else 3),
-    'drive': lambda quick, messages: [row for row in drives(3 if quick else 7)
-                                      if row['unit'] not in ERRORS],
+    'drive': lambda quick, messages: [
+        row for row in drives(3 if quick else 7) if row['unit'] not in ERRORS
+    ],
 }
 ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'drive')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument('group', nargs='?', choices=(SPEED, ACCURACY),
-                        help='which group; default: both')
-    parser.add_argument('--part', action='append', default=[],
-                        choices=tuple(dict.fromkeys((*SPEED_PARTS, *ACCURACY_PARTS))),
-                        help=f'only this part (may be repeated); of speed: '
-                             f'{", ".join(SPEED_PARTS)}; of accuracy: {", ".join(ACCURACY_PARTS)}')
-    parser.add_argument('--draws', type=_positive, metavar='N',
-                        help='of accuracy, also N random phases and speeds per column')
-    parser.add_argument('--bags', metavar='FOLDER', default='bags',
-                        help='of accuracy, where the recordings are (default: bags)')
-    parser.add_argument('--plot', metavar='FILE',
-                        help='draw the field, and beside it FILE with _recordings in its name')
+    parser.add_argument(
+        'group', nargs='?', choices=(SPEED, ACCURACY), help='which group; default: both'
+    )
+    parser.add_argument(
+        '--part',
+        action='append',
+        default=[],
+        choices=tuple(dict.fromkeys((*SPEED_PARTS, *ACCURACY_PARTS))),
+        help=f'only this part (may be repeated); of speed: '
+        f'{", ".join(SPEED_PARTS)}; of accuracy: {", ".join(ACCURACY_PARTS)}',
+    )
+    parser.add_argument(
+        '--draws',
+        type=_positive,
+        metavar='N',
+        help='of accuracy, also N random phases and speeds per column',
+    )
+    parser.add_argument(
+        '--bags',
+        metavar='FOLDER',
+        default='bags',
+        help='of accuracy, where the recordings are (default: bags)',
+    )
+    parser.add_argument(
+        '--plot',
+        metavar='FILE',
+        help='draw the field, and beside it FILE with _recordings in its name',
+    )
     parser.add_argument('--markdown', action='store_true', help='the tables of the field as such')
-    parser.add_argument('--quick', action='store_true',
-                        help='a look, not a measurement: fewer rounds, shorter bags, no sweeps')
-    parser.add_argument('--messages', type=_positive, metavar='N',
-                        help=f'length of the replayed bag (default {MESSAGES})')
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help='a look, not a measurement: fewer rounds, shorter bags, no sweeps',
+    )
+    parser.add_argument(
+        '--messages',
+        type=_positive,
+        metavar='N',
+        help=f'length of the replayed bag (default {MESSAGES})',
+    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -126,13 +151,17 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
             columns, refused = recorded(Path(parsed.bags))
         except UserError as error:
             why = f'{error} (say where they are with --bags)'
-            if 'recordings' in parsed.part:     # asked for by name
+            if 'recordings' in parsed.part:  # asked for by name
                 raise UserError(why) from error
             print(f'{RECORDED}: not run: {why}\n')
         else:
             result['recordings'] = {**field.run(columns, label=RECORDED), 'refused': refused}
-            _tell(parsed, result['recordings'], RECORDED,
-                  str(beside.with_stem(f'{beside.stem}_recordings')) if beside else None)
+            _tell(
+                parsed,
+                result['recordings'],
+                RECORDED,
+                str(beside.with_stem(f'{beside.stem}_recordings')) if beside else None,
+            )
     if 'drive' in parts:
         rows = [row for row in drives(1) if row['unit'] in ERRORS or row['value'] is None]
         result['drive'] = {'rows': rows}
@@ -156,16 +185,21 @@ def describe(rows: list[dict[str, Any]]) -> str:
         required = ''
         if row['limit'] is not None:
             required = f'{row["required"]} {number(row["limit"])}: ' + (
-                'yes' if row['ok'] else 'NO')
-        lines.append((row['name'], number(row['value']), number(row.get('median')), row['unit'],
-                      required))
+                'yes' if row['ok'] else 'NO'
+            )
+        lines.append(
+            (row['name'], number(row['value']), number(row.get('median')), row['unit'], required)
+        )
     return table(('', 'value', 'median', 'unit', 'required'), lines)
 
 
 def machine() -> dict[str, str]:
     """Where this was measured."""
-    return {'Python': platform.python_version(), 'on': f'{platform.system()} {platform.machine()}',
-            'cores': str(os.cpu_count())}
+    return {
+        'Python': platform.python_version(),
+        'on': f'{platform.system()} {platform.machine()}',
+        'cores': str(os.cpu_count()),
+    }
 
 
 def _positive(text: str) -> int:

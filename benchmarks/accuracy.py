@@ -27,7 +27,7 @@ DRAWS = 100
 # the textbook filter: our low-speed bound would throttle it where noise makes readings repeat
 YARDSTICK = Entry('kalman acceleration', 'kalman', (('low_speed_bound', False),))
 DRAWN = (YARDSTICK, Entry('edge_adaptive', 'edge_adaptive'))
-SHARE = 1.05        # worse than the yardstick by more than this counts
+SHARE = 1.05  # worse than the yardstick by more than this counts
 
 
 def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
@@ -41,14 +41,14 @@ def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
     out = joint.run(samples.stamps, samples.angle)
     time = (samples.stamps - samples.stamps[0]) * 1e-9
     counted = time >= SKIPPED
-    valid = (counted & (out.verdict < DUPLICATE)
-             & ((out.status == TRACKING) | (out.status == COASTING)))
+    valid = (
+        counted & (out.verdict < DUPLICATE) & ((out.status == TRACKING) | (out.status == COASTING))
+    )
     numbers = metrics.velocity(time[valid], out.velocity[valid], samples.velocity[valid])
     return {**numbers, 'published': float(np.count_nonzero(valid) / np.count_nonzero(counted))}
 
 
-def run(rows: Iterable[Entry] | None = None, signals: tuple[Signal, ...] = ALL
-        ) -> dict[str, Any]:
+def run(rows: Iterable[Entry] | None = None, signals: tuple[Signal, ...] = ALL) -> dict[str, Any]:
     """The table as data: one result per entry and signal."""
     chosen = list(at_defaults() if rows is None else rows)
     results = []
@@ -56,8 +56,14 @@ def run(rows: Iterable[Entry] | None = None, signals: tuple[Signal, ...] = ALL
         for signal in signals:
             samples = signal.samples()
             for entry in chosen:
-                results.append({'observer': entry.label, 'tuning': entry.tuning,
-                                'signal': signal.name, **measure(entry, samples)})
+                results.append(
+                    {
+                        'observer': entry.label,
+                        'tuning': entry.tuning,
+                        'signal': signal.name,
+                        **measure(entry, samples),
+                    }
+                )
                 advance(1)
     return {'signals': {signal.name: signal.summary for signal in signals}, 'results': results}
 
@@ -71,17 +77,26 @@ def describe(found: dict[str, Any]) -> str:
         if result['published'] < 0.999:
             text += f' ({result["published"]:.0%} published)'
         cells.setdefault((result['observer'], result['tuning']), {})[result['signal']] = text
-    rows = [(observer, tuning, *(row.get(name, '-') for name in names))
-            for (observer, tuning), row in cells.items()]
+    rows = [
+        (observer, tuning, *(row.get(name, '-') for name in names))
+        for (observer, tuning), row in cells.items()
+    ]
     legend = '\n'.join(f'  {name}: {summary}' for name, summary in found['signals'].items())
     body = table(('observer', 'gains', *names), rows, left=2)
-    return ('velocity rms error [rad/s] and delay [ms] at 1 kHz, 4096 counts but where the column '
-            f'says otherwise; wrapped, first second skipped\n{legend}\n{body}')
+    return (
+        'velocity rms error [rad/s] and delay [ms] at 1 kHz, 4096 counts but where the column '
+        f'says otherwise; wrapped, first second skipped\n{legend}\n{body}'
+    )
 
 
-def spread(entries: Iterable[Entry] = DRAWN, signals: tuple[Signal, ...] = ALL,
-           draws: int = DRAWS, duration: float = 6.0, *, fast: bool | None = None
-           ) -> dict[str, Any]:
+def spread(
+    entries: Iterable[Entry] = DRAWN,
+    signals: tuple[Signal, ...] = ALL,
+    draws: int = DRAWS,
+    duration: float = 6.0,
+    *,
+    fast: bool | None = None,
+) -> dict[str, Any]:
     """Each column `draws` times, each time at another phase or speed, the quantum given.
 
     Returns
@@ -101,14 +116,21 @@ def spread(entries: Iterable[Entry] = DRAWN, signals: tuple[Signal, ...] = ALL,
                 rms = np.array(errors)
                 if entry == YARDSTICK:
                     yard = rms
-                row = {'observer': entry.label, 'signal': signal.name, 'draws': draws,
-                       'pooled': float(np.sqrt(np.mean(rms * rms))),
-                       'median': float(np.median(rms)), 'worst': float(np.max(rms)),
-                       'coverage': float(np.mean(covered))}
+                row = {
+                    'observer': entry.label,
+                    'signal': signal.name,
+                    'draws': draws,
+                    'pooled': float(np.sqrt(np.mean(rms * rms))),
+                    'median': float(np.median(rms)),
+                    'worst': float(np.max(rms)),
+                    'coverage': float(np.mean(covered)),
+                }
                 if yard is not None:
                     ratio = rms / np.maximum(yard, 1e-12)
-                    row |= {'worst_ratio': float(np.max(ratio)),
-                            'worse': int(np.count_nonzero(ratio > SHARE))}
+                    row |= {
+                        'worst_ratio': float(np.max(ratio)),
+                        'worse': int(np.count_nonzero(ratio > SHARE)),
+                    }
                 rows.append(row)
                 advance(1)
     return {'signals': {signal.name: signal.summary for signal in signals}, 'rows': rows}
@@ -131,12 +153,36 @@ def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, flo
 
 def describe_spread(found: dict[str, Any]) -> str:
     """The table of `spread` as text."""
-    rows = [(row['observer'], row['signal'], number(row['pooled'], 3), number(row['median'], 3),
-             number(row['worst'], 3), fixed(100.0 * row['coverage'], 1),
-             fixed(row.get('worst_ratio', np.nan), 3), str(row.get('worse', '-')))
-            for row in found['rows']]
+    rows = [
+        (
+            row['observer'],
+            row['signal'],
+            number(row['pooled'], 3),
+            number(row['median'], 3),
+            number(row['worst'], 3),
+            fixed(100.0 * row['coverage'], 1),
+            fixed(row.get('worst_ratio', np.nan), 3),
+            str(row.get('worse', '-')),
+        )
+        for row in found['rows']
+    ]
     draws = found['rows'][0]['draws'] if found['rows'] else 0
-    return (f'{draws} random phases and speeds per column, quantum given: velocity rms error '
-            f'[rad/s], coverage of the 95 % interval [%], and beside {YARDSTICK.label} on the same '
-            f'samples\n' + table(('observer', 'signal', 'pooled', 'median', 'worst', 'covered',
-                                  'worst ratio', f'above {SHARE:g}'), rows, left=2))
+    return (
+        f'{draws} random phases and speeds per column, quantum given: velocity rms error '
+        f'[rad/s], coverage of the 95 % interval [%], and beside {YARDSTICK.label} on the same '
+        f'samples\n'
+        + table(
+            (
+                'observer',
+                'signal',
+                'pooled',
+                'median',
+                'worst',
+                'covered',
+                'worst ratio',
+                f'above {SHARE:g}',
+            ),
+            rows,
+            left=2,
+        )
+    )

@@ -11,11 +11,15 @@ from benchmarks.ours import AHEAD, OURS, PEERS, TOLD
 from estimator_pkg.evaluation.report.plot import check
 
 COLOURS = {OURS: '#1b6ca8', PEERS: '#c8553d', TOLD: '#3f8f5b', AHEAD: '#8a8a8a'}
-MEANING = {OURS: 'ours', PEERS: 'installed libraries, looking at no future',
-           TOLD: 'told the torque too', AHEAD: 'the referee: sees the future'}
-ACROSS = 7              # panels in a row at most
-NARROW = 30.0           # times: a narrower span has ticks between the powers of ten
-LEAST = 1e-5            # [rad/s] errors below are drawn there
+MEANING = {
+    OURS: 'ours',
+    PEERS: 'installed libraries, looking at no future',
+    TOLD: 'told the torque too',
+    AHEAD: 'the referee: sees the future',
+}
+ACROSS = 7  # panels in a row at most
+NARROW = 30.0  # times: a narrower span has ticks between the powers of ten
+LEAST = 1e-5  # [rad/s] errors below are drawn there
 WIDTH, LINE = 2.15, 0.21  # [in] of a panel, and of a line in it
 
 
@@ -30,36 +34,58 @@ def draw(found: dict[str, Any], path: str, title: str) -> None:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
     from matplotlib.lines import Line2D
+
     names, places = list(found['columns']), _places(found['rows'])
     down = -(-len(names) // ACROSS)
     across = -(-len(names) // down)
     lines = max(places.values()) + 1.0
-    figure = Figure(figsize=(2.6 + WIDTH * across, 1.4 + down * (0.75 + LINE * lines)),
-                    layout=ConstrainedLayoutEngine(wspace=0.04))
+    figure = Figure(
+        figsize=(2.6 + WIDTH * across, 1.4 + down * (0.75 + LINE * lines)),
+        layout=ConstrainedLayoutEngine(wspace=0.04),
+    )
     axes = figure.subplots(down, across, squeeze=False, sharey=True)
     for axis, name in zip(axes.flat, names):
         _panel(axis, found, name, places)
-    for axis in list(axes.flat)[len(names):]:
+    for axis in list(axes.flat)[len(names) :]:
         axis.set_visible(False)
     for row in axes:
-        row[0].set_yticks([places[row_['name']] for row_ in found['rows']],
-                          [row_['name'] for row_ in found['rows']], fontsize=8)
+        row[0].set_yticks(
+            [places[row_['name']] for row_ in found['rows']],
+            [row_['name'] for row_ in found['rows']],
+            fontsize=8,
+        )
         for label, row_ in zip(row[0].get_yticklabels(), found['rows']):
             label.set_color(COLOURS[row_['group']])
         row[0].set_ylim(lines - 0.4, -1.3)
     groups = [group for group in COLOURS if any(r['group'] == group for r in found['rows'])]
-    handles = [Line2D([], [], color=COLOURS[group], marker='o', linestyle='', label=MEANING[group])
-               for group in groups]
-    handles += [Line2D([], [], color='#444444', marker='o', linestyle='',
-                       label='one setting for all columns'),
-                Line2D([], [], color='#444444', marker='o', markerfacecolor='white', linestyle='',
-                       label='best setting for this column')]
+    handles = [
+        Line2D([], [], color=COLOURS[group], marker='o', linestyle='', label=MEANING[group])
+        for group in groups
+    ]
+    handles += [
+        Line2D(
+            [], [], color='#444444', marker='o', linestyle='', label='one setting for all columns'
+        ),
+        Line2D(
+            [],
+            [],
+            color='#444444',
+            marker='o',
+            markerfacecolor='white',
+            linestyle='',
+            label='best setting for this column',
+        ),
+    ]
     if any(column['noise'] > 0.0 for column in found['columns'].values()):
-        handles.append(Line2D([], [], color='#e8e3d3', linewidth=8,
-                              label='below what the reference can tell'))
+        handles.append(
+            Line2D([], [], color='#e8e3d3', linewidth=8, label='below what the reference can tell')
+        )
     figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False, fontsize=8.5)
-    figure.suptitle(f'{title}: velocity rms error [rad/s]; in grey, at the one setting, its delay '
-                    '[ms] and (how much is published)', fontsize=11)
+    figure.suptitle(
+        f'{title}: velocity rms error [rad/s]; in grey, at the one setting, its delay '
+        '[ms] and (how much is published)',
+        fontsize=11,
+    )
     figure.savefig(path, dpi=110)
 
 
@@ -86,20 +112,43 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
         if len(ends) == 2:
             axis.plot(ends, [at, at], color=colour, linewidth=1.1, alpha=0.55)
         if best['rms'] is not None:
-            axis.plot(max(best['rms'], LEAST), at, 'o', color=colour, markersize=4.5,
-                      markerfacecolor='white')
+            axis.plot(
+                max(best['rms'], LEAST),
+                at,
+                'o',
+                color=colour,
+                markersize=4.5,
+                markerfacecolor='white',
+            )
         if one['rms'] is not None:
             axis.plot(max(one['rms'], LEAST), at, 'o', color=colour, markersize=4.5)
-        axis.text(1.0, at, _delay(one, row['group'] in here), color='#777777', fontsize=6.5,
-                  transform=axis.get_yaxis_transform(), ha='right', va='center')
+        axis.text(
+            1.0,
+            at,
+            _delay(one, row['group'] in here),
+            color='#777777',
+            fontsize=6.5,
+            transform=axis.get_yaxis_transform(),
+            ha='right',
+            va='center',
+        )
     low = min(each for each in shown if each > LEAST) if len(shown) > 1 else LEAST
     high = max(shown)
-    low = LEAST if min(shown[1:], default=LEAST) <= 3.0 * LEAST else 10.0 ** (
-        math.log10(low) - 0.25)
+    low = (
+        LEAST if min(shown[1:], default=LEAST) <= 3.0 * LEAST else 10.0 ** (math.log10(low) - 0.25)
+    )
     # room for the delays at the right
     axis.set_xlim(0.6 * low, 10.0 ** (math.log10(high) + 0.22 * math.log10(high / low) + 0.15))
-    axis.text(1.0, -0.95, 'ms', transform=axis.get_yaxis_transform(), fontsize=6.5,
-              color='#777777', ha='right', va='center')
+    axis.text(
+        1.0,
+        -0.95,
+        'ms',
+        transform=axis.get_yaxis_transform(),
+        fontsize=6.5,
+        color='#777777',
+        ha='right',
+        va='center',
+    )
     if column['noise'] > 0.0:
         axis.axvspan(0.6 * low, max(column['noise'], 0.6 * low), color='#e8e3d3', zorder=-1)
     _ticks(axis, high / low)
@@ -117,6 +166,7 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
 def _ticks(axis: Any, span: float) -> None:
     """Powers of ten; where there are too few of them, 1, 2 and 5 in plain numbers."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
     if span < NARROW:
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.xaxis.set_major_formatter(FormatStrFormatter('%g'))

@@ -18,10 +18,10 @@ from benchmarks.signals import SIGNALS, SKIPPED, Samples, Signal
 
 Array = NDArray[np.float64]
 
-DURATION = 6.0      # [s] of each signal
-EDGE = 0.1          # [s] left out at the end: what looks ahead does not see it whole
-FLOOR = 0.01        # [rad/s] errors below this are as good as none when one setting is chosen
-INERTIA = 0.1       # [kg m^2] of the joint that makes the signals' motion
+DURATION = 6.0  # [s] of each signal
+EDGE = 0.1  # [s] left out at the end: what looks ahead does not see it whole
+FLOOR = 0.01  # [rad/s] errors below this are as good as none when one setting is chosen
+INERTIA = 0.1  # [kg m^2] of the joint that makes the signals' motion
 
 
 class Cleaned(NamedTuple):
@@ -68,8 +68,9 @@ class Column:
     def counted(self) -> NDArray[np.bool_]:
         """Which samples are judged."""
         time = self.time
-        return ((time >= self.skip) & (time <= np.max(time) - EDGE)
-                & np.isfinite(self.samples.velocity))
+        return (
+            (time >= self.skip) & (time <= np.max(time) - EDGE) & np.isfinite(self.samples.velocity)
+        )
 
     @property
     def floor(self) -> float:
@@ -95,8 +96,14 @@ def of_signal(signal: Signal, duration: float = DURATION) -> Column:
     samples = signal.samples(duration=duration)
     steps = np.diff(samples.stamps) * 1e-9
     torque = np.concatenate([[0.0], INERTIA * np.diff(samples.velocity) / steps])
-    return Column(signal.name, signal.summary, samples, signal.quantum, torque=torque,
-                  joint={'inertia': INERTIA})
+    return Column(
+        signal.name,
+        signal.summary,
+        samples,
+        signal.quantum,
+        torque=torque,
+        joint={'inertia': INERTIA},
+    )
 
 
 def shared(signals: Sequence[Signal] = SIGNALS, duration: float = DURATION) -> list[Column]:

@@ -30,21 +30,27 @@ from estimator_pkg.progress import progress
 Array = NDArray[np.float64]
 
 BANDWIDTH_HZ = 100.0
-NOISE = 0.1            # A
-SETTLED = 0.3          # s left out at the start
-RATE = 20000.0         # Hz
-FASTER = 10.0          # our compiled cost per sample is to be so many times lower
-FLUX_ERROR = 1.2       # of the nominal flux that ours is told, over the true one
+NOISE = 0.1  # A
+SETTLED = 0.3  # s left out at the start
+RATE = 20000.0  # Hz
+FASTER = 10.0  # our compiled cost per sample is to be so many times lower
+FLUX_ERROR = 1.2  # of the nominal flux that ours is told, over the true one
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 TOLD = FLUX_ERROR * MOTOR['flux']
 # The loop of the angle raises the gain at 100 Hz a little: with this low-pass all is -3 dB there.
-QUIET = {'relative_bandwidth': 0.3, 'k_eta': 0.8 / TOLD, 'epsilon': 150e-6, 'pwm_frequency': RATE,
-         'speed_filter_hz': 0.99 * BANDWIDTH_HZ}
+QUIET = {
+    'relative_bandwidth': 0.3,
+    'k_eta': 0.8 / TOLD,
+    'epsilon': 150e-6,
+    'pwm_frequency': RATE,
+    'speed_filter_hz': 0.99 * BANDWIDTH_HZ,
+}
 CASES: dict[str, dict[str, Any]] = {
     '500 rpm': {'profile': 'constant', 'speed_rpm': 500.0},
     '2000 rpm': {'profile': 'constant', 'speed_rpm': 2000.0},
     '6000 rpm': {'profile': 'constant', 'speed_rpm': 6000.0},
-    'P1': {'profile': 'p1'}}
+    'P1': {'profile': 'p1'},
+}
 DURATION = {'P1': 0.7}
 # |a^2/(s + a)^2| = 1/sqrt(2) at s = j a sqrt(sqrt(2) - 1): motulator's speed from the true one
 ALPHA = 2.0 * math.pi * BANDWIDTH_HZ / math.sqrt(math.sqrt(2.0) - 1.0)
@@ -74,16 +80,20 @@ class Estimate(NamedTuple):
 def simulate(values: dict[str, Any], duration: float = 1.0, seed: int = 1) -> Signal:
     """A run of the simulator ``pmsm``."""
     simulator = registry.find(registry.SIMULATORS, 'pmsm')
-    parameters = build(simulator.parameters, {
-        'current_noise': NOISE, 'sample_rate': RATE, **MOTOR, **values})
+    parameters = build(
+        simulator.parameters, {'current_noise': NOISE, 'sample_rate': RATE, **MOTOR, **values}
+    )
     batches: dict[str, list[drive_samples.Batch]] = {}
     for chunk in simulator.generate(parameters, duration, seed):
         for message in chunk:
             if message.topic.endswith('samples'):
                 batches.setdefault(message.topic, []).append(
-                    drive_samples.decode(message.encode(10 ** 18)))
-    measured, true = (np.concatenate([batch.values for batch in batches[topic]])
-                      for topic in ('drive_samples', 'ground_truth/samples'))
+                    drive_samples.decode(message.encode(10**18))
+                )
+    measured, true = (
+        np.concatenate([batch.values for batch in batches[topic]])
+        for topic in ('drive_samples', 'ground_truth/samples')
+    )
     stamps = np.concatenate([batch.stamps_ns for batch in batches['drive_samples']])
     return Signal(stamps, measured, true[:, 0], true[:, 1])
 
@@ -117,22 +127,32 @@ def _both(i: Array, u: Array) -> tuple[Array, Array]:
 
 
 TIMINGS: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
-    'reported': _reported, 'ahead': _ahead, 'at the sample': _both}
+    'reported': _reported,
+    'ahead': _ahead,
+    'at the sample': _both,
+}
 
 
-def motulator(signal: Signal, timing: str = 'reported', count: int | None = None,
-              alpha: float = ALPHA) -> Estimate:
+def motulator(
+    signal: Signal, timing: str = 'reported', count: int | None = None, alpha: float = ALPHA
+) -> Estimate:
     """motulator's estimate; raises ImportError where it is not installed."""
     from motulator.drive.control.sm._common import Observer, ObserverCfg
     from motulator.drive.utils import SynchronousMachinePars
 
     machine = SynchronousMachinePars(
-        n_p=MOTOR['pole_pairs'], R_s=MOTOR['resistance'], L_d=MOTOR['inductance'],
-        L_q=MOTOR['inductance'], psi_f=MOTOR['flux'])
+        n_p=MOTOR['pole_pairs'],
+        R_s=MOTOR['resistance'],
+        L_d=MOTOR['inductance'],
+        L_q=MOTOR['inductance'],
+        psi_f=MOTOR['flux'],
+    )
     observer = Observer(ObserverCfg(machine, sensorless=True, alpha_o=alpha))
     observer.est.theta_m, observer.est.w_m = float(signal.angle[0]), float(signal.speed[0])
-    i, u = TIMINGS[timing](signal.samples[:, 0] + 1j * signal.samples[:, 1],
-                           signal.samples[:, 2] + 1j * signal.samples[:, 3])
+    i, u = TIMINGS[timing](
+        signal.samples[:, 0] + 1j * signal.samples[:, 1],
+        signal.samples[:, 2] + 1j * signal.samples[:, 3],
+    )
     count = len(i) if count is None else count
     angle, speed = np.empty(count), np.empty(count)
     output, update, period = observer.output, observer.update, 1.0 / RATE
@@ -149,7 +169,7 @@ def errors(signal: Signal, estimate: Estimate) -> tuple[float, float]:
     off = estimate.angle[late] - signal.angle[late]
     off = np.degrees((off + math.pi) % (2.0 * math.pi) - math.pi)
     speed = (estimate.speed[late] - signal.speed[late]) * 30.0 / math.pi / MOTOR['pole_pairs']
-    return float(np.sqrt(np.mean(speed ** 2))), float(np.sqrt(np.mean(off ** 2)))
+    return float(np.sqrt(np.mean(speed**2))), float(np.sqrt(np.mean(off**2)))
 
 
 def drives(rounds: int = 7) -> list[dict[str, Any]]:
@@ -171,10 +191,16 @@ def drives(rounds: int = 7) -> list[dict[str, Any]]:
             for index, (what, unit) in enumerate((('speed', 'rpm'), ('angle', 'deg'))):
                 best = min(each[index] for each in theirs)
                 timing = list(TIMINGS)[[each[index] for each in theirs].index(best)]
-                rows.append(row(f'{what} rms, {name}', mine[index], unit, limit=best,
-                                peer={timing: each[index]
-                                      for timing, each in zip(TIMINGS, theirs)},
-                                why=f'motulator at its best: voltage {timing}'))
+                rows.append(
+                    row(
+                        f'{what} rms, {name}',
+                        mine[index],
+                        unit,
+                        limit=best,
+                        peer={timing: each[index] for timing, each in zip(TIMINGS, theirs)},
+                        why=f'motulator at its best: voltage {timing}',
+                    )
+                )
     return rows + _costs(rounds)
 
 
@@ -191,6 +217,7 @@ def _costs(rounds: int) -> list[dict[str, Any]]:
             start = time.thread_time()
             which.take(signal.stamps[:count], signal.samples[:count])
             return (time.thread_time() - start) / count
+
         return side
 
     def theirs(number: int) -> float:
@@ -198,13 +225,25 @@ def _costs(rounds: int) -> list[dict[str, Any]]:
         motulator(signal, count=few)
         return (time.thread_time() - start) / few
 
-    times = interleave({'ours': own(joint, len(signal.stamps)), 'plain': own(plain, few),
-                        'motulator': theirs}, rounds)
-    rows = [row('motulator, one sample', 1e6 * min(times['motulator']), 'us'),
-            row('ours in plain Python, one sample', 1e6 * min(times['plain']), 'us'),
-            row('motulator / plain', ratio(times['motulator'], times['plain']), 'times')]
+    times = interleave(
+        {'ours': own(joint, len(signal.stamps)), 'plain': own(plain, few), 'motulator': theirs},
+        rounds,
+    )
+    rows = [
+        row('motulator, one sample', 1e6 * min(times['motulator']), 'us'),
+        row('ours in plain Python, one sample', 1e6 * min(times['plain']), 'us'),
+        row('motulator / plain', ratio(times['motulator'], times['plain']), 'times'),
+    ]
     if not available():
         return [*rows, not_run('compiled', 'Numba is not installed')]
-    return [*rows, row('ours compiled, one sample', 1e6 * min(times['ours']), 'us'),
-            row('motulator / compiled', ratio(times['motulator'], times['ours']), 'times',
-                limit=FASTER, at_least=True)]
+    return [
+        *rows,
+        row('ours compiled, one sample', 1e6 * min(times['ours']), 'us'),
+        row(
+            'motulator / compiled',
+            ratio(times['motulator'], times['ours']),
+            'times',
+            limit=FASTER,
+            at_least=True,
+        ),
+    ]

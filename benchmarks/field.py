@@ -32,12 +32,16 @@ from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
-LEAST = 0.25        # an estimator that publishes less of a column has no error there
-WHOLE = 0.95        # one that publishes less than this is marked with its share
-FAILED = 1e3        # an error times this stands for none, when one setting is chosen
-TELLS = 1.1         # the reference tells errors above so many times its own
-GROUPS = {OURS: 'see the readings alone', PEERS: 'installed libraries, looking at no future',
-          TOLD: 'know the torque as well', AHEAD: 'the referee: see the future too'}
+LEAST = 0.25  # an estimator that publishes less of a column has no error there
+WHOLE = 0.95  # one that publishes less than this is marked with its share
+FAILED = 1e3  # an error times this stands for none, when one setting is chosen
+TELLS = 1.1  # the reference tells errors above so many times its own
+GROUPS = {
+    OURS: 'see the readings alone',
+    PEERS: 'installed libraries, looking at no future',
+    TOLD: 'know the torque as well',
+    AHEAD: 'the referee: see the future too',
+}
 
 
 def everyone() -> tuple[list[Estimator], list[str]]:
@@ -47,8 +51,11 @@ def everyone() -> tuple[list[Estimator], list[str]]:
     return [each for group in GROUPS for each in every if each.group == group], missing
 
 
-def run(columns: Sequence[Column], estimators: Sequence[Estimator] | None = None,
-        label: str = 'the field') -> dict[str, Any]:
+def run(
+    columns: Sequence[Column],
+    estimators: Sequence[Estimator] | None = None,
+    label: str = 'the field',
+) -> dict[str, Any]:
     """The table as data: one row per estimator.
 
     Returns
@@ -64,9 +71,19 @@ def run(columns: Sequence[Column], estimators: Sequence[Estimator] | None = None
     with progress(label, sum(len(each.values) for each in estimators)) as advance:
         for each in estimators:
             rows.append(_row(each, columns, advance))
-    return {'columns': {column.name: {'summary': column.summary, 'reference': column.reference,
-                                      'noise': column.noise} for column in columns},
-            'rows': rows, 'not_installed': missing, 'not_here': NOT_HERE}
+    return {
+        'columns': {
+            column.name: {
+                'summary': column.summary,
+                'reference': column.reference,
+                'noise': column.noise,
+            }
+            for column in columns
+        },
+        'rows': rows,
+        'not_installed': missing,
+        'not_here': NOT_HERE,
+    }
 
 
 def _row(estimator: Estimator, columns: Sequence[Column], advance: Any) -> dict[str, Any]:
@@ -74,18 +91,24 @@ def _row(estimator: Estimator, columns: Sequence[Column], advance: Any) -> dict[
     for value in estimator.values:
         found.append([_estimate(estimator, column, value) for column in columns])
         advance(1)
-    errors = np.array([[_error(velocity, column)[0] for velocity, column in zip(each, columns)]
-                       for each in found])
+    errors = np.array(
+        [[_error(velocity, column)[0] for velocity, column in zip(each, columns)] for each in found]
+    )
     one = choose(errors, np.array([column.floor for column in columns]))
 
     def cell(j: int, at: int) -> dict[str, Any]:
         return {**_cell(found[at][j], columns[j]), 'setting': estimator.values[at]}
 
     best = np.argmin(errors, axis=0).tolist()
-    return {'name': estimator.name, 'group': estimator.group, 'told': estimator.told,
-            'gain': estimator.gain, 'setting': estimator.values[one],
-            'one': {column.name: cell(j, one) for j, column in enumerate(columns)},
-            'best': {column.name: cell(j, best[j]) for j, column in enumerate(columns)}}
+    return {
+        'name': estimator.name,
+        'group': estimator.group,
+        'told': estimator.told,
+        'gain': estimator.gain,
+        'setting': estimator.values[one],
+        'one': {column.name: cell(j, one) for j, column in enumerate(columns)},
+        'best': {column.name: cell(j, best[j]) for j, column in enumerate(columns)},
+    }
 
 
 def choose(errors: Array, floors: Array) -> int:
@@ -97,8 +120,9 @@ def choose(errors: Array, floors: Array) -> int:
     floors : shape (columns,); errors below these are as good as none.
     """
     judged = np.isfinite(np.min(errors, axis=0))
-    over = (errors[:, judged] + floors[judged]) / (np.min(errors[:, judged], axis=0)
-                                                   + floors[judged])
+    over = (errors[:, judged] + floors[judged]) / (
+        np.min(errors[:, judged], axis=0) + floors[judged]
+    )
     over = np.where(np.isfinite(over), over, FAILED)
     return int(np.argmin(np.mean(np.log(over), axis=1))) if judged.any() else 0
 
@@ -125,25 +149,38 @@ def _cell(velocity: Array, column: Column) -> dict[str, Any]:
         return {'rms': None, 'delay_s': None, 'published': share, 'cannot_tell': False}
     rows = np.flatnonzero(column.counted & np.isfinite(velocity))
     rows = rows[np.concatenate([[True], np.diff(column.time[rows]) > 0.0])]
-    found = metrics.velocity(column.time[rows], velocity[rows], column.samples.velocity[rows],
-                             column.noise)
-    return {'rms': rms, 'delay_s': found['delay_s'], 'published': share,
-            'cannot_tell': column.noise > 0.0 and rms <= TELLS * column.noise}
+    found = metrics.velocity(
+        column.time[rows], velocity[rows], column.samples.velocity[rows], column.noise
+    )
+    return {
+        'rms': rms,
+        'delay_s': found['delay_s'],
+        'published': share,
+        'cannot_tell': column.noise > 0.0 and rms <= TELLS * column.noise,
+    }
 
 
 def describe(found: dict[str, Any], title: str, as_markdown: bool = False) -> str:
     """Two tables: at one setting, and at the best of each column."""
     names = list(found['columns'])
     parts = [f'{title}: velocity rms error [rad/s], delay [ms]']
-    for which, heading in (('one', 'each at one setting for all columns'),
-                           ('best', 'each at its best per column')):
+    for which, heading in (
+        ('one', 'each at one setting for all columns'),
+        ('best', 'each at its best per column'),
+    ):
         lines = []
         for group, meaning in GROUPS.items():
             mine = [row for row in found['rows'] if row['group'] == group]
             if mine:
                 lines.append((f'{group}: {meaning}', '', *('' for _ in names)))
-            lines += [(row['name'], _setting(row) if which == 'one' else '',
-                       *(_text(row[which][name]) for name in names)) for row in mine]
+            lines += [
+                (
+                    row['name'],
+                    _setting(row) if which == 'one' else '',
+                    *(_text(row[which][name]) for name in names),
+                )
+                for row in mine
+            ]
         header = ('estimator', 'setting' if which == 'one' else '', *names)
         parts.append(f'{heading}\n\n' + (markdown if as_markdown else table)(header, lines))
     return '\n\n'.join([*parts, _legend(found)])
@@ -171,9 +208,15 @@ def milliseconds(seconds: float) -> str:
 
 
 def _legend(found: dict[str, Any]) -> str:
-    lines = [f'{name}: {column["summary"]}' + (
-        f'; {column["reference"]}, {number(column["noise"], 2)} rad/s' if column['noise'] else '')
-        for name, column in found['columns'].items()]
+    lines = [
+        f'{name}: {column["summary"]}'
+        + (
+            f'; {column["reference"]}, {number(column["noise"], 2)} rad/s'
+            if column['noise']
+            else ''
+        )
+        for name, column in found['columns'].items()
+    ]
     if any(cell['cannot_tell'] for row in found['rows'] for cell in row['one'].values()):
         lines.append('*: the reference cannot tell, the error is no larger than its own')
     lines.append('(n %): so much of the column is published, and judged; -: less than a quarter')

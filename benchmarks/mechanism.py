@@ -24,11 +24,11 @@ from estimator_pkg.optional import needs
 
 Array = NDArray[np.float64]
 
-STEPS = 2000            # per round, in plain Python
+STEPS = 2000  # per round, in plain Python
 COMPILED_STEPS = 300_000
-PLAIN_LIMIT = 15.0      # us
-NUMPY_LIMIT = 200.0     # us
-COMPILED_LIMIT = 3.0    # million steps/s
+PLAIN_LIMIT = 15.0  # us
+NUMPY_LIMIT = 200.0  # us
+COMPILED_LIMIT = 3.0  # million steps/s
 BUILT_IN = 'cart_pendulum'
 NUMPY = f'{__name__}:NumpyCartPendulum'
 
@@ -65,7 +65,7 @@ def _functions(model: str) -> MechanicalFunctions:
 def _samples(count: int) -> tuple[NDArray[np.int64], Array, Array]:
     """(stamps [ns], readings, shape (N, 2), force, shape (N, 1))."""
     random = np.random.default_rng(1)
-    stamps = 10 ** 12 + np.cumsum(np.round(1e6 * random.uniform(0.6, 1.4, count))).astype(np.int64)
+    stamps = 10**12 + np.cumsum(np.round(1e6 * random.uniform(0.6, 1.4, count))).astype(np.int64)
     phase = (stamps - stamps[0]) * 1e-9
     readings = np.column_stack([0.4 * np.sin(6.0 * phase), 0.1 * np.sin(4.0 * phase)])
     return stamps, readings, np.sin(4.0 * phase)[:, None]
@@ -75,7 +75,7 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
     """Steps and updates [us], compiled steps [million/s]."""
     stamps, readings, force = _samples((rounds + 1) * STEPS)
     rows_of = [tuple(each) for each in readings.tolist()], [tuple(each) for each in force.tolist()]
-    steps = np.diff(stamps, prepend=stamps[0] - 10 ** 6) * 1e-9
+    steps = np.diff(stamps, prepend=stamps[0] - 10**6) * 1e-9
 
     def step_side(model: str) -> Any:
         functions = _functions(model)
@@ -91,6 +91,7 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
                 state = step(state, coefficients, design, rows_of[0][k], rows_of[1][k])
                 output(state, coefficients, design, rows_of[0][k], rows_of[1][k])
             return (time.thread_time() - begun) / STEPS
+
         return side
 
     def update_side(model: str) -> Any:
@@ -104,24 +105,37 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
                 joint.update(whole[k], rows_of[0][k], rows_of[1][k])
                 joint.estimate()
             return (time.thread_time() - begun) / STEPS
+
         return side
 
-    sides = {'step, built-in model': step_side(BUILT_IN),
-             'update with guard, built-in model': update_side(BUILT_IN),
-             "step, a user's numpy model": step_side(NUMPY)}
+    sides = {
+        'step, built-in model': step_side(BUILT_IN),
+        'update with guard, built-in model': update_side(BUILT_IN),
+        "step, a user's numpy model": step_side(NUMPY),
+    }
     limits = dict(zip(sides, (PLAIN_LIMIT, PLAIN_LIMIT, NUMPY_LIMIT)))
     times = interleave(sides, rounds)
     rows = []
     for name, limit in limits.items():
         least, median = best_and_median(times[name])
-        rows.append(row(f'geso, 2 positions, {name}', least * 1e6, 'us', limit=limit,
-                        median=median * 1e6))
+        rows.append(
+            row(f'geso, 2 positions, {name}', least * 1e6, 'us', limit=limit, median=median * 1e6)
+        )
     name = 'geso, 2 positions, compiled steps'
     if not available():
         return [*rows, not_run(name, needs('numba'))]
     least, median = best_and_median(_compiled_times(rounds))
-    return [*rows, row(name, 1e-6 / least, 'million steps/s', limit=COMPILED_LIMIT, at_least=True,
-                       median=1e-6 / median)]
+    return [
+        *rows,
+        row(
+            name,
+            1e-6 / least,
+            'million steps/s',
+            limit=COMPILED_LIMIT,
+            at_least=True,
+            median=1e-6 / median,
+        ),
+    ]
 
 
 def _compiled_times(rounds: int) -> list[float]:
@@ -141,7 +155,7 @@ def _compiled_times(rounds: int) -> list[float]:
         return state
 
     stamps, readings, force = _samples(COMPILED_STEPS)
-    steps = np.diff(stamps, prepend=stamps[0] - 10 ** 6) * 1e-9
+    steps = np.diff(stamps, prepend=stamps[0] - 10**6) * 1e-9
     design, out = functions.design(), np.zeros_like(readings)
     start = functions.init((float(readings[0, 0]), float(readings[0, 1])), design)
     twin = compiled(walk)

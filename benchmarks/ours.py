@@ -27,13 +27,14 @@ Array = NDArray[np.float64]
 Run = Callable[[Column, Any], Array]
 
 OURS, TOLD, PEERS, AHEAD = 'ours', 'told more', 'peers', 'looks ahead'
-GRID = 13           # settings of an observer of an angle,
-TOLD_GRID = 7       # and of one that is told more, which runs as ordinary Python
+GRID = 13  # settings of an observer of an angle,
+TOLD_GRID = 7  # and of one that is told more, which runs as ordinary Python
 PUBLISHED = (TRACKING, COASTING)
 
 NOT_HERE = {
     'pmsm': 'takes stator currents and voltages: the drive beside motulator',
-    'adaptive on pendulums': 'takes a linear joint; gravity is not linear in the angle'}
+    'adaptive on pendulums': 'takes a linear joint; gravity is not linear in the angle',
+}
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ def _runner(entry: Entry, gain: str) -> Run:
         joint = entry.joint(**({gain: value} if gain else {}))
         out = joint.run(column.samples.stamps, column.samples.angle, fast=True)
         return _published(out.velocity, out.status, out.verdict)
+
     return run
 
 
@@ -97,13 +99,35 @@ def told() -> list[Estimator]:
     found = []
     for name in _mechanisms():
         gain, values = SWEPT.get(name, ('bandwidth_hz', grid(0.5, 50.0, TOLD_GRID)))
-        found.append(Estimator(name, _mechanical(name, gain), values, gain, TOLD,
-                               'torque and the numbers of the joint'))
-    return [*found,
-            Estimator('adaptive', _adaptive, grid(1.0, 30.0, TOLD_GRID), 'bandwidth_hz', TOLD,
-                      'torque, and that it acts on an inertia with viscous friction'),
-            Estimator('switched', _switched, grid(0.5, 50.0, TOLD_GRID), 'bandwidth_hz', TOLD,
-                      'torque, and the form of the equation of motion')]
+        found.append(
+            Estimator(
+                name,
+                _mechanical(name, gain),
+                values,
+                gain,
+                TOLD,
+                'torque and the numbers of the joint',
+            )
+        )
+    return [
+        *found,
+        Estimator(
+            'adaptive',
+            _adaptive,
+            grid(1.0, 30.0, TOLD_GRID),
+            'bandwidth_hz',
+            TOLD,
+            'torque, and that it acts on an inertia with viscous friction',
+        ),
+        Estimator(
+            'switched',
+            _switched,
+            grid(0.5, 50.0, TOLD_GRID),
+            'bandwidth_hz',
+            TOLD,
+            'torque, and the form of the equation of motion',
+        ),
+    ]
 
 
 def _mechanisms() -> Iterable[str]:
@@ -121,9 +145,11 @@ def _mechanical(name: str, gain: str) -> Run:
         if column.torque is None or not column.joint:
             return _nothing(column)
         numbers = tuple(f'{key}={each:.9g}' for key, each in column.joint.items())
-        joint = Joint(observer, build(observer.gains, {gain: value,
-                                                       'model_parameters': numbers}),
-                      JointSettings())
+        joint = Joint(
+            observer,
+            build(observer.gains, {gain: value, 'model_parameters': numbers}),
+            JointSettings(),
+        )
         velocity = _nothing(column)
         for i, (stamp, angle, torque) in enumerate(_rows(column)):
             if joint.update(stamp, (angle,), (torque,)):
@@ -131,6 +157,7 @@ def _mechanical(name: str, gain: str) -> Run:
                 if status in PUBLISHED:
                     velocity[i] = speeds[0]  # type: ignore[index]  # a tuple: one per position
         return velocity
+
     return run
 
 
@@ -138,8 +165,11 @@ def _adaptive(column: Column, value: float) -> Array:
     if column.torque is None or not column.joint or column.joint.get('gravity'):
         return _nothing(column)
     observer = registry.find(registry.OBSERVERS, 'adaptive')
-    joint = Joint(observer, build(observer.gains, {'bandwidth_hz': value,
-                                                   'known': ('b1=0', 'k/J=0')}), JointSettings())
+    joint = Joint(
+        observer,
+        build(observer.gains, {'bandwidth_hz': value, 'known': ('b1=0', 'k/J=0')}),
+        JointSettings(),
+    )
     out = joint.run(column.samples.stamps, column.samples.angle, column.torque, fast=True)
     return _published(out.velocity, out.status, out.verdict)
 
@@ -148,8 +178,11 @@ def _switched(column: Column, value: float) -> Array:
     if column.torque is None or not column.joint:
         return _nothing(column)
     observer = registry.find(registry.OBSERVERS, 'switched')
-    joint = SwitchedJoint(observer, build(observer.gains, {
-        'bandwidth_hz': value, 'quantum': column.quantum}), JointSettings())
+    joint = SwitchedJoint(
+        observer,
+        build(observer.gains, {'bandwidth_hz': value, 'quantum': column.quantum}),
+        JointSettings(),
+    )
     functions: Any = joint.functions
     velocity = _nothing(column)
     for i, (stamp, angle, torque) in enumerate(_rows(column)):
@@ -160,5 +193,6 @@ def _switched(column: Column, value: float) -> Array:
 
 def _rows(column: Column) -> Iterable[tuple[int, float, float]]:
     assert column.torque is not None
-    return zip(column.samples.stamps.tolist(), column.samples.angle.tolist(),
-               column.torque.tolist())
+    return zip(
+        column.samples.stamps.tolist(), column.samples.angle.tolist(), column.torque.tolist()
+    )

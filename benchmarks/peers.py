@@ -24,9 +24,9 @@ from benchmarks.ours import AHEAD, PEERS, TOLD, Estimator, Run, grid
 Array = NDArray[np.float64]
 
 JERK, ACCELERATION = 'variance of the jerk', 'variance of the acceleration'
-COUNT = 9           # settings of each
-LOOSE = np.diag([1e-6, 1e3, 1e5])   # variances at the start
-LONGEST = 1000      # predictions without a correction in a hole
+COUNT = 9  # settings of each
+LOOSE = np.diag([1e-6, 1e3, 1e5])  # variances at the start
+LONGEST = 1000  # predictions without a correction in a hole
 
 
 def peers() -> tuple[list[Estimator], list[str]]:
@@ -87,10 +87,19 @@ def _filterpy() -> list[Estimator]:
             velocity[i] = kalman.x[1, 0]
         return column.spread(rows, velocity)
 
-    return [Estimator('filterpy KalmanFilter', acceleration, grid(1e-2, 1e6, COUNT),
-                      ACCELERATION, PEERS),
-            Estimator('filterpy KalmanFilter, driven', driven, grid(1e-4, 1e4, COUNT),
-                      ACCELERATION, TOLD, 'torque and the numbers of the joint')]
+    return [
+        Estimator(
+            'filterpy KalmanFilter', acceleration, grid(1e-2, 1e6, COUNT), ACCELERATION, PEERS
+        ),
+        Estimator(
+            'filterpy KalmanFilter, driven',
+            driven,
+            grid(1e-4, 1e4, COUNT),
+            ACCELERATION,
+            TOLD,
+            'torque and the numbers of the joint',
+        ),
+    ]
 
 
 def _control() -> list[Estimator]:
@@ -99,11 +108,20 @@ def _control() -> list[Estimator]:
     def estimator(column: Column, intensity: float) -> Array:
         rows, time, angle = column.cleaned()
         h = float(np.median(np.diff(time)))
-        system = control.ss(_transition(h), np.array([[h ** 3 / 6.0], [h * h / 2.0], [h]]),
-                            np.array([[1.0, 0.0, 0.0]]), 0.0, h)
+        system = control.ss(
+            _transition(h),
+            np.array([[h**3 / 6.0], [h * h / 2.0], [h]]),
+            np.array([[1.0, 0.0, 0.0]]),
+            0.0,
+            h,
+        )
         made = control.create_estimator_iosystem(
-            system, np.array([[intensity]]), np.array([[_reading_variance(column)]]), LOOSE,
-            disturbance_indices=1)
+            system,
+            np.array([[intensity]]),
+            np.array([[_reading_variance(column)]]),
+            LOOSE,
+            disturbance_indices=1,
+        )
         state = np.concatenate([[angle[0], 0.0, 0.0], LOOSE.ravel()])
         # ticks that no sample came for; how far a sample is from its tick it cannot be told
         ticks = np.rint((time - time[0]) / h)
@@ -116,8 +134,7 @@ def _control() -> list[Estimator]:
                 state = made.dynamics(i, state, nothing, without)
         return column.spread(rows, velocity)
 
-    return [Estimator('python-control estimator', estimator, grid(1e1, 1e11, COUNT), JERK,
-                      PEERS)]
+    return [Estimator('python-control estimator', estimator, grid(1e1, 1e11, COUNT), JERK, PEERS)]
 
 
 def _even(column: Column, method: Callable[[Array, float], Array]) -> Array:
@@ -141,6 +158,7 @@ def _pynumdiff() -> list[Estimator]:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore')
                 return _even(column, lambda angle, h: call(angle, h, value)[1])
+
         return run
 
     def uneven(call: Callable[[Array, Array, Any], Any]) -> Run:
@@ -149,6 +167,7 @@ def _pynumdiff() -> list[Estimator]:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore')
                 return column.spread(rows, call(angle, time - time[0], value)[1])
+
         return run
 
     def kalman(column: Column, variance: float, both_ways: bool) -> Array:
@@ -157,14 +176,22 @@ def _pynumdiff() -> list[Estimator]:
         steps = np.diff(time)
         moves = np.tile(np.eye(3), (len(steps), 1, 1))
         moves[:, 0, 1] = moves[:, 1, 2] = steps
-        moves[:, 0, 2] = 0.5 * steps ** 2
-        pushed = np.column_stack([steps ** 3 / 6.0, steps ** 2 / 2.0, steps])
+        moves[:, 0, 2] = 0.5 * steps**2
+        pushed = np.column_stack([steps**3 / 6.0, steps**2 / 2.0, steps])
         forward = pynumdiff.kalman_filter(
-            angle, np.array([angle[0], 0.0, 0.0]), LOOSE, moves,
-            variance * np.einsum('ni,nj->nij', pushed, pushed), np.array([[1.0, 0.0, 0.0]]),
-            np.array([[_reading_variance(column)]]))
-        states = pynumdiff.rts_smooth(moves, *forward, compute_P_smooth=False) if (
-            both_ways) else forward[1]
+            angle,
+            np.array([angle[0], 0.0, 0.0]),
+            LOOSE,
+            moves,
+            variance * np.einsum('ni,nj->nij', pushed, pushed),
+            np.array([[1.0, 0.0, 0.0]]),
+            np.array([[_reading_variance(column)]]),
+        )
+        states = (
+            pynumdiff.rts_smooth(moves, *forward, compute_P_smooth=False)
+            if (both_ways)
+            else forward[1]
+        )
         return column.spread(rows, states[:, 1])
 
     def odd(low: float, high: float) -> tuple[int, ...]:
@@ -176,19 +203,46 @@ def _pynumdiff() -> list[Estimator]:
     p = pynumdiff
     wide, jerks = odd(5, 301), grid(1e1, 1e11, COUNT)
     return [
-        Estimator('PyNumDiff kalman_filter', lambda column, v: kalman(column, v, False), jerks,
-                  JERK, PEERS),
-        ahead('finitediff', even(lambda x, h, n: p.finitediff(x, h, n, 2)),
-              (1, 3, 10, 30, 100, 300), 'iterations'),
-        ahead('kerneldiff', even(lambda x, h, n: p.kerneldiff(x, h, 'friedrichs', n)), wide,
-              'window'),
-        ahead('butterdiff', even(lambda x, h, c: p.butterdiff(x, h, 2, c)), grid(.004, .4, COUNT),
-              'cutoff'),
+        Estimator(
+            'PyNumDiff kalman_filter',
+            lambda column, v: kalman(column, v, False),
+            jerks,
+            JERK,
+            PEERS,
+        ),
+        ahead(
+            'finitediff',
+            even(lambda x, h, n: p.finitediff(x, h, n, 2)),
+            (1, 3, 10, 30, 100, 300),
+            'iterations',
+        ),
+        ahead(
+            'kerneldiff', even(lambda x, h, n: p.kerneldiff(x, h, 'friedrichs', n)), wide, 'window'
+        ),
+        ahead(
+            'butterdiff',
+            even(lambda x, h, c: p.butterdiff(x, h, 2, c)),
+            grid(0.004, 0.4, COUNT),
+            'cutoff',
+        ),
         ahead('savgoldiff', even(lambda x, h, n: p.savgoldiff(x, h, 3, n, n)), wide, 'window'),
-        ahead('polydiff', uneven(lambda x, t, n: p.polydiff(x, t, 3, n, stride=max(1, n // 8))),
-              odd(21, 301), 'window'),
-        ahead('spectraldiff', even(lambda x, h, c: p.spectraldiff(x, h, c)), grid(.004, .4, COUNT),
-              'cutoff'),
-        ahead('waveletdiff', even(lambda x, h, s: p.waveletdiff(x, h, threshold=s)),
-              grid(0.1, 30.0, COUNT), 'threshold'),
-        ahead('rts_smooth', lambda column, v: kalman(column, v, True), jerks, JERK)]
+        ahead(
+            'polydiff',
+            uneven(lambda x, t, n: p.polydiff(x, t, 3, n, stride=max(1, n // 8))),
+            odd(21, 301),
+            'window',
+        ),
+        ahead(
+            'spectraldiff',
+            even(lambda x, h, c: p.spectraldiff(x, h, c)),
+            grid(0.004, 0.4, COUNT),
+            'cutoff',
+        ),
+        ahead(
+            'waveletdiff',
+            even(lambda x, h, s: p.waveletdiff(x, h, threshold=s)),
+            grid(0.1, 30.0, COUNT),
+            'threshold',
+        ),
+        ahead('rts_smooth', lambda column, v: kalman(column, v, True), jerks, JERK),
+    ]

@@ -29,8 +29,8 @@ from estimator_pkg.evaluation.text import fixed, markdown, table
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 
-SKIPPED = 0.5       # [s] at the beginning that does not count
-MARGIN = 1.15       # a fresh bound is this many times what was measured
+SKIPPED = 0.5  # [s] at the beginning that does not count
+MARGIN = 1.15  # a fresh bound is this many times what was measured
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))
 MAIN = 'hybrid_angle'
 RIVALS = ('kalman acceleration', RAW.label)
@@ -55,8 +55,9 @@ def recordings(folder: Path) -> list[Path]:
 
 def measure(bag: Path, entries: Sequence[Entry]) -> Comparison:
     """The observers on one recording."""
-    return compare(str(bag), Options(observers=tuple(entries), skip=SKIPPED,
-                                     correct_reference=True))
+    return compare(
+        str(bag), Options(observers=tuple(entries), skip=SKIPPED, correct_reference=True)
+    )
 
 
 def case(bag: Path, joint: str) -> str:
@@ -79,10 +80,16 @@ def rows(folder: Path, entries: Sequence[Entry] | None = None) -> list[dict[str,
             found = measure(bag, chosen)
             for row in found.rows:
                 noise = found.references[row.joint].noise
-                result.append({'case': case(bag, row.joint), 'observer': row.source,
-                               **row.velocity, 'own': own_error(row.velocity['rms'], noise),
-                               'reference_noise': noise,
-                               'reference_cannot_tell': row.reference_cannot_tell})
+                result.append(
+                    {
+                        'case': case(bag, row.joint),
+                        'observer': row.source,
+                        **row.velocity,
+                        'own': own_error(row.velocity['rms'], noise),
+                        'reference_noise': noise,
+                        'reference_cannot_tell': row.reference_cannot_tell,
+                    }
+                )
             advance(1)
     return result
 
@@ -92,7 +99,8 @@ def bounds(measured: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[float
     fresh: dict[str, dict[str, list[float]]] = {}
     for row in measured:
         fresh.setdefault(row['case'], {})[row['observer']] = [
-            float(f'{MARGIN * row[name]:.3g}') for name in ('rms', 'max_abs')]
+            float(f'{MARGIN * row[name]:.3g}') for name in ('rms', 'max_abs')
+        ]
     return fresh
 
 
@@ -114,16 +122,30 @@ def describe(measured: Sequence[dict[str, Any]], as_markdown: bool = False) -> s
     lines = []
     for name, found in cases.items():
         noise = next(iter(found.values()))['reference_noise']
-        cells = [fixed(row['rms'], 3) + (' *' if row['reference_cannot_tell'] else '')
-                 for row in found.values()]
-        lines.append((name, fixed(noise, 3), *cells,
-                      *(fixed(found[MAIN]['rms'] / found[rival]['rms'], 2) for rival in RIVALS)))
-    header = ('recording/joint', 'reference noise', *observers,
-              *(f'{MAIN} / {rival}' for rival in RIVALS))
+        cells = [
+            fixed(row['rms'], 3) + (' *' if row['reference_cannot_tell'] else '')
+            for row in found.values()
+        ]
+        lines.append(
+            (
+                name,
+                fixed(noise, 3),
+                *cells,
+                *(fixed(found[MAIN]['rms'] / found[rival]['rms'], 2) for rival in RIVALS),
+            )
+        )
+    header = (
+        'recording/joint',
+        'reference noise',
+        *observers,
+        *(f'{MAIN} / {rival}' for rival in RIVALS),
+    )
     text = (markdown if as_markdown else table)(header, lines)
-    return (f'{text}\n\nVelocity rms error [rad/s] at zero shift, the first {SKIPPED:g} s left '
-            "out, the reference's own lag and bias\ntaken off. *: the reference cannot tell: the "
-            'error is no larger than its own noise.')
+    return (
+        f'{text}\n\nVelocity rms error [rad/s] at zero shift, the first {SKIPPED:g} s left '
+        "out, the reference's own lag and bias\ntaken off. *: the reference cannot tell: the "
+        'error is no larger than its own noise.'
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -37,11 +37,11 @@ Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
 PENDULUM = 'dfki_simple_pendulum'
 IDENTIFIED_ON = 'system_identification_300hz'
-FRICTION_WIDTH = 0.05   # [rad/s] of the change of sign of the Coulomb friction
+FRICTION_WIDTH = 0.05  # [rad/s] of the change of sign of the Coulomb friction
 # motion capture: bags, topic, number in its messages
 CAPTURED = ('vicon/flybag', 'vicon/yawbag', 'vicon/yx2bag')
 POSE, YAW = '/vicon/Group466CF/Group466CF/pose', 'pose.orientation.yaw'
-JUDGES = 0.2            # of the motion: a smoother that may be off by more judges nobody
+JUDGES = 0.2  # of the motion: a smoother that may be off by more judges nobody
 
 
 def recorded(folder: Path) -> tuple[list[Column], dict[str, str]]:
@@ -69,9 +69,11 @@ def recorded(folder: Path) -> tuple[list[Column], dict[str, str]]:
         if column.noise <= JUDGES * motion:
             found.append(column)
         else:
-            refused[column.name] = (f'the smoother may itself be wrong by {column.noise:.2g} '
-                                    f'rad/s; nine tenths of the speeds are below '
-                                    f'{motion:.2g} rad/s')
+            refused[column.name] = (
+                f'the smoother may itself be wrong by {column.noise:.2g} '
+                f'rad/s; nine tenths of the speeds are below '
+                f'{motion:.2g} rad/s'
+            )
     return found, refused
 
 
@@ -88,12 +90,19 @@ def _of_bag(path: Path, bag: Bag, joint: dict[str, float], delay: float) -> list
         velocity[at.rows] = at.velocity
         noise = true.references[name].noise
         use = path.parent.name == PENDULUM and path.name != IDENTIFIED_ON
-        found.append(Column(
-            f'{path.name}/{name}', f'{path.parent.name}, {len(velocity)} samples',
-            Samples(series.stamps_ns, series.position, velocity), quantum(series.position),
-            SKIPPED, float(noise) if np.isfinite(noise) else 0.0,
-            _torque(series, delay) if use and joint else None, joint if use else {},
-            reference=true.name))
+        found.append(
+            Column(
+                f'{path.name}/{name}',
+                f'{path.parent.name}, {len(velocity)} samples',
+                Samples(series.stamps_ns, series.position, velocity),
+                quantum(series.position),
+                SKIPPED,
+                float(noise) if np.isfinite(noise) else 0.0,
+                _torque(series, delay) if use and joint else None,
+                joint if use else {},
+                reference=true.name,
+            )
+        )
     return found
 
 
@@ -123,13 +132,18 @@ def _captured(path: Path) -> Column:
     """The yaw that motion capture saw."""
     with open_bag(path) as bag:
         setup = settled(AngleStream, bag, {}, Request(angle=f'{POSE}:{YAW}'))
-        (stamp, angle, *_), = measured(bag, setup).values()
+        ((stamp, angle, *_),) = measured(bag, setup).values()
     smoothed = smooth(stamp, angle, TURN)
     firm = smoothed.firm
-    at = match(stamp, smoothed.stamps[firm], smoothed.velocity[firm], smoothed.position[firm],
-               TURN)
+    at = match(stamp, smoothed.stamps[firm], smoothed.velocity[firm], smoothed.position[firm], TURN)
     velocity = np.full(len(stamp), np.nan)
     velocity[at.rows] = at.velocity
-    return Column(f'{path.name}/yaw', f'motion capture, {len(stamp)} samples',
-                  Samples(stamp, angle, velocity), quantum(angle), SKIPPED, smoothed.uncertainty,
-                  reference='the off-line smoother')
+    return Column(
+        f'{path.name}/yaw',
+        f'motion capture, {len(stamp)} samples',
+        Samples(stamp, angle, velocity),
+        quantum(angle),
+        SKIPPED,
+        smoothed.uncertainty,
+        reference='the off-line smoother',
+    )

@@ -31,9 +31,9 @@ from estimator_pkg.progress import progress
 MESSAGES = 1_000_000
 JOINTS = 7
 ROUNDS = 2
-READ_FACTOR = 3.0       # reading and estimating against rosbags' reading
-WRITE_FACTOR = 1.0      # the same with --out
-FLAT = 1.1              # peak memory at full length against that at a quarter of it
+READ_FACTOR = 3.0  # reading and estimating against rosbags' reading
+WRITE_FACTOR = 1.0  # the same with --out
+FLAT = 1.1  # peak memory at full length against that at a quarter of it
 CHUNK = 10_000
 
 PEER = """
@@ -86,8 +86,9 @@ def write_bag(path: Path, messages: int, joints: int = JOINTS) -> None:
             steps = first + 1 + np.arange(count) + random.uniform(-0.4, 0.4, count)
             stamps = np.rint(steps * (1e9 / RATE)).astype(np.int64)
             turned = motion(stamps.astype(np.float64) * 1e-9)[0]
-            positions = np.stack([encoder(turned * (1.0 + 0.1 * i) + i) for i in range(joints)],
-                                 axis=1)
+            positions = np.stack(
+                [encoder(turned * (1.0 + 0.1 * i) + i) for i in range(joints)], axis=1
+            )
             for stamp, row_of in zip((stamps + START_NS).tolist(), positions.tolist()):
                 bag.write(MEASUREMENT, stamp, message.encode(stamp, 'base', names, row_of))
             advance(count)
@@ -102,9 +103,12 @@ def run_process(code: str, *arguments: str) -> Cost:
     """
     begun = time.perf_counter()
     with tempfile.TemporaryFile() as said, tempfile.NamedTemporaryFile('r') as weighed:
-        child = subprocess.Popen([sys.executable, '-c', WEIGHED + code, *arguments],
-                                 stdout=subprocess.DEVNULL, stderr=said,
-                                 env={**os.environ, WEIGHED_FILE: weighed.name})
+        child = subprocess.Popen(
+            [sys.executable, '-c', WEIGHED + code, *arguments],
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            env={**os.environ, WEIGHED_FILE: weighed.name},
+        )
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         wall = time.perf_counter() - begun
@@ -137,25 +141,53 @@ def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, An
                     _remove(out)
                 costs.setdefault(label, []).append(cost)
                 return cost.cpu
+
             return timed
 
         replay = (REPLAY, 'replay', str(bag), '--observer', MAIN)
-        sides = {'without': side('without', *replay), 'with': side('with', *replay),
-                 'peer': side('peer', PEER, str(bag))}
+        sides = {
+            'without': side('without', *replay),
+            'with': side('with', *replay),
+            'peer': side('peer', PEER, str(bag)),
+        }
         with progress('replay', (rounds + 1) * len(sides)) as advance:
             times = interleave(sides, rounds, advance)
         out = folder / 'quarter_out'
         short = run_process(REPLAY, 'replay', str(quarter), '--observer', MAIN, '--out', str(out))
     rows = []
-    for label, title in (('without', 'replay without --out'), ('with', 'replay with --out'),
-                         ('peer', 'rosbags reads and deserialises')):
+    for label, title in (
+        ('without', 'replay without --out'),
+        ('with', 'replay with --out'),
+        ('peer', 'rosbags reads and deserialises'),
+    ):
         least, median = best_and_median(times[label])
-        rows.append(row(title, messages / least, 'messages/s of CPU', median=messages / median,
-                        wall_s=min(cost.wall for cost in costs[label])))
-    rows.append(row('rosbags / replay without --out', ratio(times['peer'], times['without']),
-                    'times', limit=READ_FACTOR, at_least=True))
-    rows.append(row('rosbags / replay with --out', ratio(times['peer'], times['with']), 'times',
-                    limit=WRITE_FACTOR, at_least=True))
+        rows.append(
+            row(
+                title,
+                messages / least,
+                'messages/s of CPU',
+                median=messages / median,
+                wall_s=min(cost.wall for cost in costs[label]),
+            )
+        )
+    rows.append(
+        row(
+            'rosbags / replay without --out',
+            ratio(times['peer'], times['without']),
+            'times',
+            limit=READ_FACTOR,
+            at_least=True,
+        )
+    )
+    rows.append(
+        row(
+            'rosbags / replay with --out',
+            ratio(times['peer'], times['with']),
+            'times',
+            limit=WRITE_FACTOR,
+            at_least=True,
+        )
+    )
     full = max(cost.memory for cost in costs['with'])
     rows.append(row(f'peak memory with --out, {messages} messages', full, 'MB'))
     rows.append(row(f'peak memory with --out, {messages // 4} messages', short.memory, 'MB'))

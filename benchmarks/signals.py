@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array]]
 Draw = Callable[[np.random.Generator], Motion]
 
-RATE = 1000.0           # [Hz]
+RATE = 1000.0  # [Hz]
 COUNTS = 4096
-SKIPPED = 1.0           # [s] at the beginning that does not count
-DURATION = 11.0         # [s]
+SKIPPED = 1.0  # [s] at the beginning that does not count
+DURATION = 11.0  # [s]
 START_NS = 1_700_000_000_123_456_789
-START_ANGLE = 0.3       # [rad]
+START_ANGLE = 0.3  # [rad]
 
 
 class Samples(NamedTuple):
@@ -72,8 +72,9 @@ class Signal:
         motion = self.motion if self.draw is None else self.draw(random)
         return self._sampled(motion, start, random, duration)
 
-    def _sampled(self, motion: Motion, start: float, random: np.random.Generator,
-                 duration: float) -> Samples:
+    def _sampled(
+        self, motion: Motion, start: float, random: np.random.Generator, duration: float
+    ) -> Samples:
         count = round(duration * self.rate)
         steps = np.arange(count) + self.jitter * random.uniform(-1.0, 1.0, count)
         kept = random.random(count) >= self.dropped
@@ -99,8 +100,10 @@ def constant(speed: float) -> Motion:
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Motion:
     """A velocity of this amplitude [rad/s], frequency [Hz] and phase [rad]."""
     pulsation = 2.0 * math.pi * frequency
-    return lambda time: (-amplitude / pulsation * np.cos(pulsation * time + phase),
-                         amplitude * np.sin(pulsation * time + phase))
+    return lambda time: (
+        -amplitude / pulsation * np.cos(pulsation * time + phase),
+        amplitude * np.sin(pulsation * time + phase),
+    )
 
 
 def trapezoid(speed: float, acceleration: float, hold: float, phase: float = 0.0) -> Motion:
@@ -111,8 +114,9 @@ def trapezoid(speed: float, acceleration: float, hold: float, phase: float = 0.0
     rise = speed / acceleration
     corners = np.cumsum([0.0, hold, rise, hold, rise])
     speeds = np.array([0.0, 0.0, speed, speed, 0.0])
-    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1])
-                                                 * np.diff(corners))])
+    travelled = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(corners))]
+    )
     change = np.array([0.0, acceleration, 0.0, -acceleration])
 
     def motion(time: Array) -> tuple[Array, Array]:
@@ -148,6 +152,7 @@ def beat(whole: int, over: int, off: float) -> Motion:
 
 def some_beat(least: float, most: float) -> Draw:
     """Within 4 % of a sixth to a whole count per sample, the whole part between two bounds."""
+
     def draw(random: np.random.Generator) -> Motion:
         over = int(random.integers(1, 7))
         whole = int(random.integers(max(1, round(least * over)), max(2, round(most * over) + 1)))
@@ -160,8 +165,12 @@ SINE, SOME_SINE = sine(5.0, 2.0), some_sine(5.0, 2.0)
 SIGNALS = (
     Signal('slow', '0.02 rad/s', constant(0.02), draw=some_speed(0.02)),
     Signal('sine', '5 rad/s sine at 2 Hz', SINE, draw=SOME_SINE),
-    Signal('trapezoid', '0 to 20 rad/s at 100 rad/s^2', trapezoid(20.0, 100.0, 0.8),
-           draw=some_trapezoid(20.0, 100.0, 0.8)),
+    Signal(
+        'trapezoid',
+        '0 to 20 rad/s at 100 rad/s^2',
+        trapezoid(20.0, 100.0, 0.8),
+        draw=some_trapezoid(20.0, 100.0, 0.8),
+    ),
     Signal('fast', '200 rad/s', constant(200.0), draw=some_speed(200.0)),
     Signal('jitter', 'the sine, sampled with +-40 % jitter', SINE, jitter=0.4, draw=SOME_SINE),
     Signal('drops', 'the sine, 10 % of the samples lost', SINE, dropped=0.1, draw=SOME_SINE),
@@ -171,17 +180,29 @@ FURTHER = (
     Signal('creep', '0.005 rad/s', constant(0.005), draw=some_speed(0.005)),
     Signal('reversal', '0.1 rad/s sine at 0.5 Hz', sine(0.1, 0.5), draw=some_sine(0.1, 0.5)),
     Signal('256', '0.5 rad/s with 256 counts', constant(0.5), counts=256, draw=some_speed(0.5)),
-    Signal('1024', '0.5 rad/s with 1024 counts', constant(0.5), counts=1024,
-           draw=some_speed(0.5)),
-    Signal('65536', '0.5 rad/s with 65536 counts', constant(0.5), counts=65536,
-           draw=some_speed(0.5)),
-    Signal('steps', '0 to 30 rad/s at 300 rad/s^2', trapezoid(30.0, 300.0, 0.3),
-           draw=some_trapezoid(30.0, 300.0, 0.3)),
+    Signal('1024', '0.5 rad/s with 1024 counts', constant(0.5), counts=1024, draw=some_speed(0.5)),
+    Signal(
+        '65536', '0.5 rad/s with 65536 counts', constant(0.5), counts=65536, draw=some_speed(0.5)
+    ),
+    Signal(
+        'steps',
+        '0 to 30 rad/s at 300 rad/s^2',
+        trapezoid(30.0, 300.0, 0.3),
+        draw=some_trapezoid(30.0, 300.0, 0.3),
+    ),
     Signal('noise', 'the sine with 1 mrad of white noise', SINE, noise=1e-3, draw=SOME_SINE),
-    Signal('beat', 'beside p/q <= 1 count per sample, q <= 6', beat(1, 1, 0.01),
-           draw=some_beat(0.0, 1.0)),
-    Signal('fast beat', 'the same at 20 to 130 counts per sample', beat(261, 2, 0.01),
-           draw=some_beat(20.0, 130.0)),
+    Signal(
+        'beat',
+        'beside p/q <= 1 count per sample, q <= 6',
+        beat(1, 1, 0.01),
+        draw=some_beat(0.0, 1.0),
+    ),
+    Signal(
+        'fast beat',
+        'the same at 20 to 130 counts per sample',
+        beat(261, 2, 0.01),
+        draw=some_beat(20.0, 130.0),
+    ),
     Signal('100 Hz', 'the sine at 100 Hz', SINE, rate=100.0, draw=SOME_SINE),
     Signal('200 Hz', 'the sine at 200 Hz', SINE, rate=200.0, draw=SOME_SINE),
     Signal('10 kHz', 'the sine at 10 kHz', SINE, rate=10_000.0, draw=SOME_SINE),

@@ -31,16 +31,16 @@ from estimator_pkg.progress import progress
 
 SIGNAL = Signal('update', 'the sine, sampled with +-40 % jitter', sine(5.0, 2.0), jitter=0.4)
 ROUNDS = 15
-UPDATES = 4000              # per round
-BATCH = 2_000_000           # samples per round
-UPDATE_LIMIT = 2.5          # [us]
+UPDATES = 4000  # per round
+BATCH = 2_000_000  # samples per round
+UPDATE_LIMIT = 2.5  # [us]
 FILTERPY_FACTOR = 10.0
 ADAPTIVE = 'edge_adaptive'  # it may cost more, in exchange for what need not be tuned:
-ADAPTIVE_UPDATE = 4.0       # [us]
+ADAPTIVE_UPDATE = 4.0  # [us]
 SAME_WORK = 'filterpy, same work'
 BARE = 'filterpy, bare'
 TURN = 2.0 * math.pi
-MAIN = 'hybrid_angle'       # the observer of which the batch's speed is required
+MAIN = 'hybrid_angle'  # the observer of which the batch's speed is required
 BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 4.0}  # million samples/s
 
 
@@ -63,6 +63,7 @@ def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
                 estimate()
                 stddev()
             return (time.thread_time() - start) / UPDATES
+
         return side
 
     sides = {entry.label: observer_side(entry.joint()) for entry in at_defaults()}
@@ -74,12 +75,26 @@ def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
     rows = []
     for name in names:
         least, median = best_and_median(times[name])
-        rows.append(row(f'update {name}', least * 1e6, 'us', median=median * 1e6,
-                        limit=ADAPTIVE_UPDATE if name == ADAPTIVE else UPDATE_LIMIT))
+        rows.append(
+            row(
+                f'update {name}',
+                least * 1e6,
+                'us',
+                median=median * 1e6,
+                limit=ADAPTIVE_UPDATE if name == ADAPTIVE else UPDATE_LIMIT,
+            )
+        )
         for peer in peers:
             asked = peer == SAME_WORK and name != ADAPTIVE
-            rows.append(row(f'{peer} / {name}', ratio(times[peer], times[name]), 'times',
-                            limit=FILTERPY_FACTOR if asked else None, at_least=True))
+            rows.append(
+                row(
+                    f'{peer} / {name}',
+                    ratio(times[peer], times[name]),
+                    'times',
+                    limit=FILTERPY_FACTOR if asked else None,
+                    at_least=True,
+                )
+            )
     for peer in peers:
         least, median = best_and_median(times[peer])
         rows.append(row(f'update {peer}', least * 1e6, 'us', median=median * 1e6))
@@ -155,6 +170,7 @@ def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
             start = time.thread_time()
             joint.run(signal.stamps, signal.angle, fast=True)
             return time.thread_time() - start
+
         return side
 
     entries = at_defaults()
@@ -177,8 +193,16 @@ def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
     for name in [*names, *(['lfilter'] if peer is not None else [])]:
         least, median = best_and_median(times[name])
         title = 'scipy.signal.lfilter, second order' if name == 'lfilter' else f'batch {name}'
-        rows.append(row(title, speed(least), 'million samples/s', limit=BATCH_LIMITS.get(name),
-                        at_least=True, median=speed(median)))
+        rows.append(
+            row(
+                title,
+                speed(least),
+                'million samples/s',
+                limit=BATCH_LIMITS.get(name),
+                at_least=True,
+                median=speed(median),
+            )
+        )
     if peer is None:
         rows.append(not_run('scipy.signal.lfilter', 'scipy is not installed'))
     return rows
@@ -196,4 +220,5 @@ def _lfilter(angle: np.ndarray) -> Side | None:
         start = time.thread_time()
         lfilter(numerator, denominator, angle)
         return time.thread_time() - start
+
     return side

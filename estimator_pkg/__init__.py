@@ -32,6 +32,7 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     from estimator_pkg import estimator
+
     return getattr(estimator, name)
 
 

@@ -23,7 +23,7 @@ from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import PrintableStream, printable, show
 
-INTERRUPTED = 128   # and the number of the signal: exit code of what a signal ended
+INTERRUPTED = 128  # and the number of the signal: exit code of what a signal ended
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,10 @@ def guarded(task: Callable[[], int], prog: str) -> int:
     prog : name that begins the line of an error.
     """
     with contextlib.ExitStack() as stack:
-        for stream, redirect in ((sys.stdout, contextlib.redirect_stdout),
-                                 (sys.stderr, contextlib.redirect_stderr)):
+        for stream, redirect in (
+            (sys.stdout, contextlib.redirect_stdout),
+            (sys.stderr, contextlib.redirect_stderr),
+        ):
             if stream is not None and not isinstance(stream, PrintableStream):
                 stack.enter_context(redirect(PrintableStream(stream)))
         stack.enter_context(interrupts.handled())
@@ -115,8 +117,11 @@ def _find_and_run(words: list[str], prog: str) -> int:
         return 0
     name = words[0]
     if name not in registry.names(registry.COMMANDS):
-        show(f"velocity_estimator: unknown command '{name}': "
-             f'{suggestion(name, registry.names(registry.COMMANDS))}', file=sys.stderr)
+        show(
+            f"velocity_estimator: unknown command '{name}': "
+            f'{suggestion(name, registry.names(registry.COMMANDS))}',
+            file=sys.stderr,
+        )
         return 2
     return run(registry.find(registry.COMMANDS, name), words[1:], prog)
 
@@ -125,8 +130,9 @@ def run(command: Command, words: Sequence[str], prog: str) -> int:
     """Parse the arguments of a command and run it; returns the exit code."""
     parser = _Parser(prog=prog, description=command.summary)
     command.arguments(parser)
-    parser.add_argument('--json', metavar='FILE',
-                        help="the result as JSON ('-': to stdout, and the text to stderr)")
+    parser.add_argument(
+        '--json', metavar='FILE', help="the result as JSON ('-': to stdout, and the text to stderr)"
+    )
     parsed = parser.parse_args(words)
     to_stdout = parsed.json == STDOUT
     destination.check_apart(parsed)

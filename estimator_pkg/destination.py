@@ -11,11 +11,11 @@ from pathlib import Path
 
 from estimator_pkg.errors import UsageError, UserError
 
-STDOUT = '-'    # in place of a file's name
-OUTPUTS = ('out', 'html', 'data', 'plot', 'json')   # options that name what a command writes
-INPUTS = ('bag', 'bags', 'judge', 'recover')        # and the bags that it reads
+STDOUT = '-'  # in place of a file's name
+OUTPUTS = ('out', 'html', 'data', 'plot', 'json')  # options that name what a command writes
+INPUTS = ('bag', 'bags', 'judge', 'recover')  # and the bags that it reads
 METADATA = 'metadata.yaml'
-OF_BAGS = ('.mcap', '.db3', '.zstd')    # files in the folder of a bag, beside it
+OF_BAGS = ('.mcap', '.db3', '.zstd')  # files in the folder of a bag, beside it
 
 
 def check(path: str | Path) -> None:
@@ -36,20 +36,26 @@ def check(path: str | Path) -> None:
 
 def check_apart(parsed: argparse.Namespace) -> None:
     """Raise UsageError where two options of a command name one file, or one the command's input."""
-    outputs = [(f'--{name}', Path(value)) for name in OUTPUTS
-               if isinstance(value := getattr(parsed, name, None), str) and value
-               and not (name == 'json' and value == STDOUT)]
+    outputs = [
+        (f'--{name}', Path(value))
+        for name in OUTPUTS
+        if isinstance(value := getattr(parsed, name, None), str)
+        and value
+        and not (name == 'json' and value == STDOUT)
+    ]
     for number, (option, path) in enumerate(outputs):
         for other, taken in outputs[:number]:
             if _same(path, taken):
-                raise UsageError(f'{other} and {option} name the same file {path}: give each a '
-                                 'name of its own')
+                raise UsageError(
+                    f'{other} and {option} name the same file {path}: give each a name of its own'
+                )
         for name in INPUTS:
             value = getattr(parsed, name, None)
             for read in [value] if isinstance(value, str) else value or ():
                 if _same(path, Path(read)) or _within(path, Path(read)):
-                    raise UsageError(f'{option} {path} would overwrite what is read: name another '
-                                     'file')
+                    raise UsageError(
+                        f'{option} {path} would overwrite what is read: name another file'
+                    )
 
 
 def _same(one: Path, other: Path) -> bool:
@@ -61,8 +67,12 @@ def _same(one: Path, other: Path) -> bool:
 
 def _within(path: Path, bag: Path) -> bool:
     """True if a file that is there belongs to the bag in this folder."""
-    return ((path.suffix in OF_BAGS or path.name == METADATA) and path.is_file() and bag.is_dir()
-            and Path(os.path.realpath(path)).is_relative_to(os.path.realpath(bag)))
+    return (
+        (path.suffix in OF_BAGS or path.name == METADATA)
+        and path.is_file()
+        and bag.is_dir()
+        and Path(os.path.realpath(path)).is_relative_to(os.path.realpath(bag))
+    )
 
 
 @contextmanager
@@ -76,7 +86,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     ------
     OSError : it cannot be written.
     """
-    place = Path(os.path.realpath(path))    # a link stays one
+    place = Path(os.path.realpath(path))  # a link stays one
     if place.exists() and not (place.is_file() and os.access(place.parent, os.W_OK)):
         yield Path(path)
         return

@@ -29,8 +29,10 @@ def first_line(error: BaseException) -> str:
 def where(error: BaseException) -> str:
     """What a caught error says, in one line, and the line of the file that raised it."""
     place = extract_tb(error.__traceback__)[-1]
-    return (f'{type(error).__name__}: {first_line(error)} (line {place.lineno} of '
-            f'{Path(place.filename).name})')
+    return (
+        f'{type(error).__name__}: {first_line(error)} (line {place.lineno} of '
+        f'{Path(place.filename).name})'
+    )
 
 
 @contextmanager

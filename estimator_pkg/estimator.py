@@ -105,8 +105,10 @@ class VelocityEstimator:
     def __init__(self, observer: str = 'hybrid_angle', /, **parameters: Any) -> None:
         self._observer = observers.find(str(observer))
         if self._observer.kind != 'angle':
-            raise UsageError(f"observer '{observer}' needs more inputs than an angle: use its node "
-                             f"or one of {', '.join(observers.of_kind('angle'))}")
+            raise UsageError(
+                f"observer '{observer}' needs more inputs than an angle: use its node "
+                f'or one of {", ".join(observers.of_kind("angle"))}'
+            )
         self._configuration = Configuration(self._observer, parameters)
         self._joint = self._make(self._configuration)
         self._last = NO_ESTIMATE
@@ -130,14 +132,23 @@ class VelocityEstimator:
         try:
             stamp_ns, angle = operator.index(stamp_ns), float(angle)
         except (TypeError, ValueError) as error:
-            raise UsageError('update needs an integer stamp [ns] and a number [rad or m], not '
-                             f'{stamp_ns!r} and {angle!r}: int(1e9 * seconds) makes a stamp'
-                             ) from error
+            raise UsageError(
+                'update needs an integer stamp [ns] and a number [rad or m], not '
+                f'{stamp_ns!r} and {angle!r}: int(1e9 * seconds) makes a stamp'
+            ) from error
         joint = self._joint
         if joint.update(stamp_ns, angle):
             position, velocity, acceleration, status = joint.estimate()
-            self._last = Estimate(stamp_ns, position, velocity, acceleration, *joint.stddev(),
-                                  STATUS_NAMES[status], True, '')
+            self._last = Estimate(
+                stamp_ns,
+                position,
+                velocity,
+                acceleration,
+                *joint.stddev(),
+                STATUS_NAMES[status],
+                True,
+                '',
+            )
             return self._last
         why = VERDICTS[joint.verdict]
         if joint.verdict == MISCONFIGURED:
@@ -146,8 +157,9 @@ class VelocityEstimator:
             self._last = self._last._replace(used=False, dropped=why)
         return self._last
 
-    def run(self, stamps_ns: ArrayLike, angles: ArrayLike, *, fast: bool | None = None
-            ) -> EstimateArrays:
+    def run(
+        self, stamps_ns: ArrayLike, angles: ArrayLike, *, fast: bool | None = None
+    ) -> EstimateArrays:
         """Take many samples and return all estimates, the same as those of `update`.
 
         Parameters
@@ -163,8 +175,9 @@ class VelocityEstimator:
         stamps = _array(stamps_ns, np.int64, 'iu', 'stamps_ns must be integers [ns]')
         positions = _array(angles, np.float64, 'iuf', 'angles must be numbers [rad or m]')
         if stamps.ndim != 1 or stamps.shape != positions.shape:
-            raise UsageError('run needs two arrays of one shape (n,), not '
-                             f'{stamps.shape} and {positions.shape}')
+            raise UsageError(
+                f'run needs two arrays of one shape (n,), not {stamps.shape} and {positions.shape}'
+            )
         found = self._joint.run(stamps, positions, fast=fast)
         verdict = found.verdict
         answered = (verdict < DUPLICATE) | (verdict == MISCONFIGURED)
@@ -172,8 +185,10 @@ class VelocityEstimator:
         # row 0 is the last estimate before these samples; a dropped sample repeats the row before
         row = np.maximum.accumulate(np.where(answered, np.arange(1, len(stamps) + 1), 0))
         columns = (stamps, *found[:5], np.array(STATUS_NAMES)[status])
-        rows: Any = [np.concatenate((np.array([before]), column))[row]
-                     for before, column in zip(self._last, columns)]
+        rows: Any = [
+            np.concatenate((np.array([before]), column))[row]
+            for before, column in zip(self._last, columns)
+        ]
         out = EstimateArrays._make([*rows, verdict < DUPLICATE, REASONS[verdict]])
         if len(row):
             self._last = Estimate(*(column[-1].item() for column in out))
@@ -242,8 +257,9 @@ class VelocityEstimator:
         return self._joint.why()
 
     def __repr__(self) -> str:
-        values = ''.join(f', {name}={value!r}'
-                         for name, value in self._configuration.common.items())
+        values = ''.join(
+            f', {name}={value!r}' for name, value in self._configuration.common.items()
+        )
         return f'VelocityEstimator({self.observer!r}{values})'
 
     def _make(self, configuration: Configuration) -> Joint:

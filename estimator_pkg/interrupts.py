@@ -18,8 +18,9 @@ from types import FrameType
 
 from estimator_pkg.printable import printable
 
-NUMBERS = tuple(getattr(signal, name) for name in ('SIGINT', 'SIGTERM', 'SIGHUP')
-                if hasattr(signal, name))
+NUMBERS = tuple(
+    getattr(signal, name) for name in ('SIGINT', 'SIGTERM', 'SIGHUP') if hasattr(signal, name)
+)
 HANGUP = getattr(signal, 'SIGHUP', None)
 ONE_WISH = 1.0  # [s] signals so close together mean the same: launchers pass Ctrl-C on
 
@@ -27,10 +28,10 @@ ONE_WISH = 1.0  # [s] signals so close together mean the same: launchers pass Ct
 class _State:
     """Of the process, which has one handler for each signal."""
 
-    depth = 0                   # of `handled`
-    gentle = 0                  # of `gently`
-    number = 0                  # the first signal that came; 0: none
-    at = 0.0                    # when [s]
+    depth = 0  # of `handled`
+    gentle = 0  # of `gently`
+    number = 0  # the first signal that came; 0: none
+    at = 0.0  # when [s]
     terminals: tuple[int, ...] = ()
 
 
@@ -55,8 +56,11 @@ def handled() -> Iterator[None]:
         return
     _State.depth, _State.number, _State.gentle = 1, 0, 0
     _State.terminals = tuple(number for number in (1, 2) if os.isatty(number))
-    before = {number: signal.signal(number, _take) for number in NUMBERS
-              if signal.getsignal(number) != signal.SIG_IGN}
+    before = {
+        number: signal.signal(number, _take)
+        for number in NUMBERS
+        if signal.getsignal(number) != signal.SIG_IGN
+    }
     try:
         yield
     finally:
@@ -74,8 +78,11 @@ def gently(background: bool = False) -> Iterator[None]:
     background : take INT too where a shell ignores it for a job in the background.
     """
     with handled():
-        ignored = (background and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-                   and threading.current_thread() is threading.main_thread())
+        ignored = (
+            background
+            and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+            and threading.current_thread() is threading.main_thread()
+        )
         if ignored:
             signal.signal(signal.SIGINT, _take)
         _State.gentle += 1
@@ -100,7 +107,7 @@ def _take(number: int, frame: FrameType | None) -> None:
         if not _State.gentle:
             raise KeyboardInterrupt
     elif number == signal.SIGINT and time.monotonic() > _State.at + ONE_WISH:
-        raise KeyboardInterrupt     # Ctrl-C again: at once
+        raise KeyboardInterrupt  # Ctrl-C again: at once
 
 
 def _leave_terminal() -> None:

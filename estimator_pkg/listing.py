@@ -75,8 +75,14 @@ def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
 
 
 SETTINGS = 'velocity_estimator.settings'
-TYPE_NAMES = {float: 'float', int: 'int', bool: 'bool', str: 'text', tuple: 'list of text',
-              list: 'list of float'}
+TYPE_NAMES = {
+    float: 'float',
+    int: 'int',
+    bool: 'bool',
+    str: 'text',
+    tuple: 'list of text',
+    list: 'list of float',
+}
 
 
 @dataclass(frozen=True)
@@ -91,24 +97,46 @@ class Item:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-        return {'summary': self.summary, 'reference': self.reference,
-                'parameters': {p.name: {
-                    'type': TYPE_NAMES[p.kind], 'default': p.default, 'unit': p.unit,
-                    'minimum': p.minimum, 'maximum': p.maximum, 'choices': list(p.choices),
-                    'description': p.description, 'equation': p.equation,
-                    'live': not p.structural, 'advanced': p.advanced}
-                    for p in self.parameters}}
+        return {
+            'summary': self.summary,
+            'reference': self.reference,
+            'parameters': {
+                p.name: {
+                    'type': TYPE_NAMES[p.kind],
+                    'default': p.default,
+                    'unit': p.unit,
+                    'minimum': p.minimum,
+                    'maximum': p.maximum,
+                    'choices': list(p.choices),
+                    'description': p.description,
+                    'equation': p.equation,
+                    'live': not p.structural,
+                    'advanced': p.advanced,
+                }
+                for p in self.parameters
+            },
+        }
 
 
 def catalogue() -> dict[str, list[Item]]:
     """Everything there is, by kind; what cannot be imported says so in its summary."""
     return {
         'observers': _entries(registry.OBSERVERS, 'gains'),
-        'settings of each joint': [Item(
-            'joint', 'what is set per joint beside the gains, of whichever observer',
-            parameters=tuple(declared(JointSettings).values()))],
-        'nodes': [Item('joint_observer', 'estimates velocity live, for any number of joints',
-                       parameters=tuple(declared(AngleSettings).values())), *_further_settings()],
+        'settings of each joint': [
+            Item(
+                'joint',
+                'what is set per joint beside the gains, of whichever observer',
+                parameters=tuple(declared(JointSettings).values()),
+            )
+        ],
+        'nodes': [
+            Item(
+                'joint_observer',
+                'estimates velocity live, for any number of joints',
+                parameters=tuple(declared(AngleSettings).values()),
+            ),
+            *_further_settings(),
+        ],
         'models': _entries(registry.MODELS, 'parameters'),
         'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
         'reproductions': _entries(registry.REPRODUCTIONS, ''),
@@ -126,8 +154,15 @@ def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
             items.append(Item(name, f'({error})'))
             continue
         cls = getattr(record, declaring, None) if declaring else None
-        items.append(Item(name, getattr(record, 'summary', ''), getattr(record, 'reference', ''),
-                          tuple(declared(cls).values()) if cls is not None else (), live))
+        items.append(
+            Item(
+                name,
+                getattr(record, 'summary', ''),
+                getattr(record, 'reference', ''),
+                tuple(declared(cls).values()) if cls is not None else (),
+                live,
+            )
+        )
     return items
 
 
@@ -137,8 +172,14 @@ def _further_settings() -> list[Item]:
     for name in registry.names(SETTINGS):
         cls = registry.find(SETTINGS, name)
         summary = (cls.__doc__ or '').strip().partition('\n')[0].rstrip('.')
-        items.append(Item(name, summary[:1].lower() + summary[1:],
-                          parameters=tuple(declared(cls).values()), live=False))
+        items.append(
+            Item(
+                name,
+                summary[:1].lower() + summary[1:],
+                parameters=tuple(declared(cls).values()),
+                live=False,
+            )
+        )
     return items
 
 
@@ -177,8 +218,9 @@ def describe(item: Item, width: int) -> str:
         lines.append(f'  from: {item.reference}')
     for p in item.parameters:
         lines.append(f'  {p.name} = {_with_unit(p)}, {p.range_text()}')
-        lines += textwrap.wrap(meaning(p, item.live), width, initial_indent='      ',
-                               subsequent_indent='      ')
+        lines += textwrap.wrap(
+            meaning(p, item.live), width, initial_indent='      ', subsequent_indent='      '
+        )
     return '\n'.join(lines)
 
 
@@ -186,23 +228,37 @@ def overview(item: Item, width: int) -> str:
     """The item in brief: its parameters with their defaults, without what they mean."""
     lines = [f'{item.name}: {item.summary}']
     # a value stays with its name and its unit
-    given = [f'{p.name} = {"unset" if p.default is None else _with_unit(p)}'.replace(' ', '\0')
-             for p in item.parameters]
-    lines += [line.replace('\0', ' ') for line in textwrap.wrap(
-        ', '.join(given), width, initial_indent='    ', subsequent_indent='    ',
-        break_long_words=False, break_on_hyphens=False)]
+    given = [
+        f'{p.name} = {"unset" if p.default is None else _with_unit(p)}'.replace(' ', '\0')
+        for p in item.parameters
+    ]
+    lines += [
+        line.replace('\0', ' ')
+        for line in textwrap.wrap(
+            ', '.join(given),
+            width,
+            initial_indent='    ',
+            subsequent_indent='    ',
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    ]
     return '\n'.join(lines)
 
 
 def markdown_tables(kinds: dict[str, list[Item]]) -> str:
     """docs/parameters.md."""
-    parts = ['# Parameters', '',
-             "Made from the declarations in the code by `velocity_estimator list --markdown`; "
-             'change them there.', '',
-             'In a parameter file of a node (`/**` or its name, then `ros__parameters`) each has '
-             'its plain name; `joints.<joint>.<parameter>` overrides one for one joint. On the '
-             'command line it is `--set name=value`. "unset" follows from the others or from the '
-             'data.']
+    parts = [
+        '# Parameters',
+        '',
+        'Made from the declarations in the code by `velocity_estimator list --markdown`; '
+        'change them there.',
+        '',
+        'In a parameter file of a node (`/**` or its name, then `ros__parameters`) each has '
+        'its plain name; `joints.<joint>.<parameter>` overrides one for one joint. On the '
+        'command line it is `--set name=value`. "unset" follows from the others or from the '
+        'data.',
+    ]
     for kind, items in kinds.items():
         with_parameters = [item for item in items if item.parameters]
         if not with_parameters:
@@ -212,22 +268,45 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
             parts += ['', f'### {item.name}', '', f'{item.summary[0].upper()}{item.summary[1:]}.']
             if item.reference:
                 parts += ['', f'From: {item.reference}.']
-            parts += ['', markdown(('name', 'default', 'unit', 'range', 'meaning'), [
-                (f'`{p.name}`', default_text(p), p.unit, p.range_text(),
-                 meaning(p, item.live))
-                for p in item.parameters])]
+            parts += [
+                '',
+                markdown(
+                    ('name', 'default', 'unit', 'range', 'meaning'),
+                    [
+                        (
+                            f'`{p.name}`',
+                            default_text(p),
+                            p.unit,
+                            p.range_text(),
+                            meaning(p, item.live),
+                        )
+                        for p in item.parameters
+                    ],
+                ),
+            ]
     return '\n'.join(parts)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('name', nargs='?', help='only this one, and what each parameter means')
-    parser.add_argument('--markdown', action='store_true',
-                        help='the parameter tables as in docs/parameters.md')
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
-                        help='for an observer of mechanisms: say what these gains mean')
-    parser.add_argument('--rate', metavar='HZ', type=float, default=1000.0,
-                        help='the samples per second for which that is said (1000)')
+    parser.add_argument(
+        '--markdown', action='store_true', help='the parameter tables as in docs/parameters.md'
+    )
+    parser.add_argument(
+        '--set',
+        metavar='KEY=VALUE',
+        action='append',
+        default=[],
+        help='for an observer of mechanisms: say what these gains mean',
+    )
+    parser.add_argument(
+        '--rate',
+        metavar='HZ',
+        type=float,
+        default=1000.0,
+        help='the samples per second for which that is said (1000)',
+    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -235,8 +314,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     kinds = catalogue()
     if parsed.name is not None:
         kinds = _only(kinds, parsed.name)
-    result: dict[str, Any] = {kind: {item.name: item.as_dict() for item in items}
-                              for kind, items in kinds.items()}
+    result: dict[str, Any] = {
+        kind: {item.name: item.as_dict() for item in items} for kind, items in kinds.items()
+    }
     values = parse_assignments(parsed.set)
     if values and parsed.name is None:
         raise UsageError('name the observer that --set is for')
@@ -253,8 +333,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 
 def _only(kinds: dict[str, list[Item]], name: str) -> dict[str, list[Item]]:
-    chosen = {kind: [item for item in items if item.name == name]
-              for kind, items in kinds.items()}
+    chosen = {kind: [item for item in items if item.name == name] for kind, items in kinds.items()}
     chosen = {kind: items for kind, items in chosen.items() if items}
     if not chosen:
         known = {item.name for items in kinds.values() for item in items}
@@ -270,5 +349,6 @@ def _print(kinds: dict[str, list[Item]], show: Callable[[Item, int], str]) -> No
         print((apart.join(show(item, width) for item in items) or 'none') + '\n')
 
 
-COMMAND = Command('observers, models and simulators with their parameters; commands',
-                  arguments, run)
+COMMAND = Command(
+    'observers, models and simulators with their parameters; commands', arguments, run
+)

@@ -18,11 +18,19 @@ from typing import Any
 PACKAGE = 'velocity_estimator'
 OWN = ('estimator_pkg', 'sim_pkg')
 # What comes with a requirement of ours, and requirements that are used only together.
-COMES_WITH = {'lz4': 'mcap', 'zstandard': 'mcap', 'apsw': 'rosbags', 'dask': 'distributed',
-              'yaml': 'PyYAML', 'ament_index_python': 'ros-jazzy-rclpy'}
+COMES_WITH = {
+    'lz4': 'mcap',
+    'zstandard': 'mcap',
+    'apsw': 'rosbags',
+    'dask': 'distributed',
+    'yaml': 'PyYAML',
+    'ament_index_python': 'ros-jazzy-rclpy',
+}
 ROS = ('ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp')
-OF_ROS = re.compile(r'rclpy|rmw.*|rpyutils|ament_index_python|builtin_interfaces|\w+_(msgs|srvs)'
-                    r'|\w+_interfaces')
+OF_ROS = re.compile(
+    r'rclpy|rmw.*|rpyutils|ament_index_python|builtin_interfaces|\w+_(msgs|srvs)'
+    r'|\w+_interfaces'
+)
 BAGS = ('mcap', 'rosbags', 'rich')  # what every command that reads or writes bags needs
 PLACE = '~/velocity_estimator_venv'
 
@@ -66,8 +74,10 @@ def needs(module: str) -> str:
     ranges = _ranges()
     if OF_ROS.fullmatch(module):
         names = [ranges[name] for name in ROS if name in ranges] or list(ROS)
-        return (f'{line}: source the setup file of ROS (/opt/ros/jazzy/setup.bash), or without ROS '
-                f'on this machine: {install(*names)}')
+        return (
+            f'{line}: source the setup file of ROS (/opt/ros/jazzy/setup.bash), or without ROS '
+            f'on this machine: {install(*names)}'
+        )
     name = COMES_WITH.get(module, module)
     if name not in ranges:  # of a user's own module: a guessed name may be another's package
         return f'{line} for {sys.executable}'
@@ -86,9 +96,11 @@ def install(*requirements: str) -> str:
     words = ' '.join(map(shlex.quote, requirements))
     if not externally_managed():
         return f'{shlex.quote(sys.executable)} -m pip install {words}'
-    return (f'{shlex.quote(sys.executable)} -m venv --system-site-packages {PLACE} && '
-            f'{PLACE}/bin/pip install {words} (the system manages this Python); then run '
-            f'{PLACE}/bin/python -m estimator_pkg.cli in place of {PACKAGE}')
+    return (
+        f'{shlex.quote(sys.executable)} -m venv --system-site-packages {PLACE} && '
+        f'{PLACE}/bin/pip install {words} (the system manages this Python); then run '
+        f'{PLACE}/bin/python -m estimator_pkg.cli in place of {PACKAGE}'
+    )
 
 
 def externally_managed() -> bool:
@@ -110,5 +122,19 @@ def _ranges() -> dict[str, str]:
     return {**{name: name for name in KNOWN}, **named}
 
 
-KNOWN = ('numpy', 'PyYAML', *BAGS, 'numba', 'matplotlib', 'bokeh', 'optuna', 'distributed', 'scipy',
-         'pynumdiff', 'control', 'filterpy', 'motulator', 'psutil')
+KNOWN = (
+    'numpy',
+    'PyYAML',
+    *BAGS,
+    'numba',
+    'matplotlib',
+    'bokeh',
+    'optuna',
+    'distributed',
+    'scipy',
+    'pynumdiff',
+    'control',
+    'filterpy',
+    'motulator',
+    'psutil',
+)

@@ -73,20 +73,28 @@ class Parameter:
         if self.kind is str:
             if not isinstance(value, str):
                 kind = f'text, one of {", ".join(self.choices)}' if self.choices else 'text'
-                raise UsageError(f"parameter '{self.name}' must be {kind}, not {value!r}"
-                                 + self._quotes(value))
+                raise UsageError(
+                    f"parameter '{self.name}' must be {kind}, not {value!r}" + self._quotes(value)
+                )
             if value in self.formerly:
                 _renamed(self.name, str(value), self.formerly[value])
                 return self.formerly[value]
-            if (self.choices and value not in self.choices and value != self.default
-                    and not self._open_choice(value)):
-                raise UsageError(f"parameter '{self.name}': '{value}' is not one of "
-                                 f'{", ".join(self.choices)}')
+            if (
+                self.choices
+                and value not in self.choices
+                and value != self.default
+                and not self._open_choice(value)
+            ):
+                raise UsageError(
+                    f"parameter '{self.name}': '{value}' is not one of {', '.join(self.choices)}"
+                )
             return str(value)
         if self.kind is tuple:
             if not isinstance(value, (list, tuple)) or not all(isinstance(v, str) for v in value):
-                raise UsageError(f"parameter '{self.name}' must be a list of texts, not {value!r}"
-                                 + self._quotes(value))
+                raise UsageError(
+                    f"parameter '{self.name}' must be a list of texts, not {value!r}"
+                    + self._quotes(value)
+                )
             return tuple(map(str, value))
         if self.kind is list:
             one = dataclasses.replace(self, kind=float, default=0.0)
@@ -121,11 +129,16 @@ class Parameter:
             new = [word for old, word in self.formerly.items() if Word(old).truth is found[0]]
             texts = [(new or [self.default or self.choices[0]])[0]]
         else:
-            texts = [each if isinstance(each, str) else _text_of(each)
-                     for each in (value if many else found)]
+            texts = [
+                each if isinstance(each, str) else _text_of(each)
+                for each in (value if many else found)
+            ]
         said = ', '.join(f"'{text}'" for text in texts)
-        why = ('y, n, yes, no, on and off are booleans in YAML'
-               if any(isinstance(each, bool) for each in found) else 'YAML reads a number')
+        why = (
+            'y, n, yes, no, on and off are booleans in YAML'
+            if any(isinstance(each, bool) for each in found)
+            else 'YAML reads a number'
+        )
         if many or self.kind is tuple:
             said = f'[{said}]'
         return f': {why}; write texts in quotes, {self.name}: {said}'
@@ -146,22 +159,41 @@ class Parameter:
         return f'{each}[{low}, {high}]'
 
 
-def parameter(default: Any, *, unit: str, description: str,
-              range: tuple[float | None, float | None] | None = None,
-              choices: tuple[str, ...] = (), equation: str = '', structural: bool = False,
-              advanced: bool = False, search: tuple[float, float] | None = None,
-              among: tuple[str, ...] = (), kind: type | None = None,
-              formerly: Mapping[str, str] | None = None) -> Any:
+def parameter(
+    default: Any,
+    *,
+    unit: str,
+    description: str,
+    range: tuple[float | None, float | None] | None = None,
+    choices: tuple[str, ...] = (),
+    equation: str = '',
+    structural: bool = False,
+    advanced: bool = False,
+    search: tuple[float, float] | None = None,
+    among: tuple[str, ...] = (),
+    kind: type | None = None,
+    formerly: Mapping[str, str] | None = None,
+) -> Any:
     """A dataclass field that carries its declaration (see `Parameter`).
 
     ``kind`` is needed only where the default is None (a value that follows from others).
     """
     low, high = range or (None, None)
-    declared = {'kind': kind or (float if default is None else type(default)), 'default': default,
-                    'unit': unit, 'description': description, 'minimum': low, 'maximum': high,
-                    'choices': choices, 'equation': equation, 'structural': structural,
-                    'advanced': advanced, 'search': search, 'among': among,
-                    'formerly': formerly or {}}
+    declared = {
+        'kind': kind or (float if default is None else type(default)),
+        'default': default,
+        'unit': unit,
+        'description': description,
+        'minimum': low,
+        'maximum': high,
+        'choices': choices,
+        'equation': equation,
+        'structural': structural,
+        'advanced': advanced,
+        'search': search,
+        'among': among,
+        'formerly': formerly or {},
+    }
     return dataclasses.field(default=default, metadata={'parameter': declared})
 
 
@@ -172,8 +204,11 @@ def declared(cls: type) -> dict[str, Parameter]:
     """
     own = inspect.get_annotations(cls)
     fields = sorted(dataclasses.fields(cls), key=lambda field: field.name not in own)
-    return {field.name: Parameter(name=field.name, **field.metadata['parameter'])
-            for field in fields if 'parameter' in field.metadata}
+    return {
+        field.name: Parameter(name=field.name, **field.metadata['parameter'])
+        for field in fields
+        if 'parameter' in field.metadata
+    }
 
 
 def build(cls: type[T], values: Mapping[str, Any], *, owner: str = '') -> T:
@@ -201,8 +236,11 @@ def _text_of(value: bool | float) -> str:
 @lru_cache
 def _renamed(name: str, old: str, new: str) -> None:
     """Report once that a choice has another word now."""
-    print(f"parameter '{name}': '{old}' is called '{new}' now; the next release no longer knows "
-          f"'{old}'", file=sys.stderr)
+    print(
+        f"parameter '{name}': '{old}' is called '{new}' now; the next release no longer knows "
+        f"'{old}'",
+        file=sys.stderr,
+    )
 
 
 def parse_assignments(pairs: list[str]) -> dict[str, Any]:

@@ -37,8 +37,10 @@ def load(path: str | Path, node_name: str = 'joint_observer') -> dict[str, Any]:
             values.update(_flat(section, ''))
     if not found:
         there = ', '.join(f"'{name}'" for name, _ in matching)
-        raise UsageError(f"{path} has no section for '{node_name}'; " + (
-            f'it has {there}' if there else f"no '{KEY}' at all"))
+        raise UsageError(
+            f"{path} has no section for '{node_name}'; "
+            + (f'it has {there}' if there else f"no '{KEY}' at all")
+        )
     return values
 
 
@@ -69,8 +71,7 @@ def _content(path: str | Path, node_name: str) -> Mapping:
         what = getattr(error, 'problem', None) or first_line(error)
         raise UsageError(f'{path} is no YAML{line}: {what}') from error
     if not isinstance(content, Mapping):
-        raise UsageError(f'{path} is no parameter file: it has no section '
-                         f"'{node_name}: {KEY}:'")
+        raise UsageError(f"{path} is no parameter file: it has no section '{node_name}: {KEY}:'")
     try:
         _flat(content, '')
     except RecursionError as error:
@@ -102,9 +103,14 @@ def parameter_of(name: str) -> str:
 
 def of_this_node(values: Mapping[str, Any]) -> dict[str, Any]:
     """`values` without what ROS gives to every node."""
-    return {name: value for name, value in values.items()
-            if not any(name == known or (known.endswith('.') and name.startswith(known))
-                       for known in OF_EVERY_NODE)}
+    return {
+        name: value
+        for name, value in values.items()
+        if not any(
+            name == known or (known.endswith('.') and name.startswith(known))
+            for known in OF_EVERY_NODE
+        )
+    }
 
 
 def _sections(path: str | Path, content: Mapping, prefix: str) -> list[tuple[str, Mapping]]:

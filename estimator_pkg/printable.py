@@ -18,8 +18,9 @@ def printable(text: object) -> str:
     line = str(text)
     if line.isprintable():
         return line
-    return ''.join(each if each.isprintable() else each.encode('unicode_escape').decode()
-                   for each in line)
+    return ''.join(
+        each if each.isprintable() else each.encode('unicode_escape').decode() for each in line
+    )
 
 
 def show(*lines: object, file: TextIO | None = None) -> None:
@@ -63,8 +64,9 @@ class PrintableStream:
     def write(self, text: str) -> int:
         """Write `text`; everything but line ends and tabs goes through `printable`."""
         if not text.isprintable():
-            text = '\n'.join('\t'.join(map(printable, line.split('\t')))
-                             for line in text.split('\n'))
+            text = '\n'.join(
+                '\t'.join(map(printable, line.split('\t'))) for line in text.split('\n')
+            )
         try:
             self.terminal.write(text)
         except UnicodeEncodeError:  # a terminal that is not UTF-8

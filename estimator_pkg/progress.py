@@ -24,8 +24,14 @@ def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
         return
     from rich import progress as rich
     from rich.console import Console
-    with rich.Progress(rich.TextColumn('{task.description}', markup=False), rich.BarColumn(),
-                       rich.MofNCompleteColumn(), rich.TimeRemainingColumn(),
-                       console=Console(file=terminal(sys.stderr)), transient=True) as bar:
+
+    with rich.Progress(
+        rich.TextColumn('{task.description}', markup=False),
+        rich.BarColumn(),
+        rich.MofNCompleteColumn(),
+        rich.TimeRemainingColumn(),
+        console=Console(file=terminal(sys.stderr)),
+        transient=True,
+    ) as bar:
         task = bar.add_task(printable(label), total=total)
         yield lambda steps: bar.advance(task, steps)

@@ -66,6 +66,7 @@ def load(path: str) -> Any:
         raise UsageError(f"cannot import '{module_name}': {error}") from error
     if not hasattr(module, attribute):
         public = [name for name in vars(module) if not name.startswith('_')]
-        raise UsageError(f"module '{module_name}' has no '{attribute}': "
-                         f'{suggestion(attribute, public)}')
+        raise UsageError(
+            f"module '{module_name}' has no '{attribute}': {suggestion(attribute, public)}"
+        )
     return getattr(module, attribute)

@@ -16,14 +16,18 @@ import yaml
 from estimator_pkg.printable import printable
 
 _TAG = 'tag:yaml.org,2002:'
-TRUE = frozenset(form for word in ('y', 'yes', 'true', 'on')
-                 for form in (word, word.capitalize(), word.upper()))
-FALSE = frozenset(form for word in ('n', 'no', 'false', 'off')
-                  for form in (word, word.capitalize(), word.upper()))
+TRUE = frozenset(
+    form for word in ('y', 'yes', 'true', 'on') for form in (word, word.capitalize(), word.upper())
+)
+FALSE = frozenset(
+    form for word in ('n', 'no', 'false', 'off') for form in (word, word.capitalize(), word.upper())
+)
 NULL = frozenset(('', '~', 'null', 'Null', 'NULL'))
 _WHOLE = re.compile(r'[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)')
-_NUMBER = re.compile(r'[-+]?((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|'
-                     r'\.?inf|\.?Inf|\.?INF|infinity)|\.?nan|\.?NaN|\.?NAN')
+_NUMBER = re.compile(
+    r'[-+]?((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|'
+    r'\.?inf|\.?Inf|\.?INF|infinity)|\.?nan|\.?NaN|\.?NAN'
+)
 
 
 class Word(str):
@@ -37,8 +41,10 @@ class Word(str):
 
 def is_text(word: str) -> bool:
     """True if YAML reads `word` as a text without quotes, in ROS and by YAML 1.1."""
-    return (yaml.SafeLoader('').resolve(yaml.ScalarNode, word, (True, False)) == f'{_TAG}str'
-            and _tag(word) == f'{_TAG}str')
+    return (
+        yaml.SafeLoader('').resolve(yaml.ScalarNode, word, (True, False)) == f'{_TAG}str'
+        and _tag(word) == f'{_TAG}str'
+    )
 
 
 def _tag(word: str) -> str:
@@ -68,7 +74,8 @@ class Loader(yaml.SafeLoader):
             if isinstance(key, yaml.ScalarNode) and key.tag != f'{_TAG}merge':
                 if key.value in seen:
                     raise yaml.constructor.ConstructorError(
-                        None, None, f"'{key.value}' comes twice", key.start_mark)
+                        None, None, f"'{key.value}' comes twice", key.start_mark
+                    )
                 seen.add(key.value)
                 key.tag = f'{_TAG}str'  # ROS: a joint y is no boolean here
         return super().construct_mapping(node, deep)
@@ -78,8 +85,10 @@ def _constructor(tag: str, made: Callable[[str], Any]) -> Callable[[Any, Any], A
     def construct(loader: Any, node: Any) -> Any:
         if not isinstance(node, yaml.ScalarNode) or _tag(node.value) != tag:
             raise yaml.constructor.ConstructorError(
-                None, None, f'{node.value!r} is not a {tag[len(_TAG):]}', node.start_mark)
+                None, None, f'{node.value!r} is not a {tag[len(_TAG) :]}', node.start_mark
+            )
         return made(node.value)
+
     return construct
 
 
@@ -177,8 +186,9 @@ def key(name: str) -> str:
 
 def block(values: Any) -> str:
     """Return `values` as YAML in several lines, lists of numbers in one line each."""
-    return yaml.dump(values, Dumper=_Dumper, default_flow_style=None, width=math.inf,
-                     sort_keys=False)
+    return yaml.dump(
+        values, Dumper=_Dumper, default_flow_style=None, width=math.inf, sort_keys=False
+    )
 
 
 def comment(text: str) -> str:

@@ -75,12 +75,16 @@ class Simulator:
 def followed(rate: float) -> None:
     """Raises UsageError where the fastest rate [1/s] of a plant is more than `FASTEST`."""
     if not rate <= FASTEST:
-        raise UsageError(f'the plant has a time constant of {1.0 / rate:.2g} s, but none below '
-                         f'{1.0 / FASTEST:g} s can be followed: its inertia is too small for its '
-                         'damping or stiffness')
+        raise UsageError(
+            f'the plant has a time constant of {1.0 / rate:.2g} s, but none below '
+            f'{1.0 / FASTEST:g} s can be followed: its inertia is too small for its '
+            'damping or stiffness'
+        )
 
 
 def ran_away(time: float) -> UserError:
     """What is told of a plant whose numbers grew beyond all bounds at `time` [s]."""
-    return UserError(f'the simulated plant ran away at {time:.3g} s: it is unstable, or quicker '
-                     'than the simulator can follow')
+    return UserError(
+        f'the simulated plant ran away at {time:.3g} s: it is unstable, or quicker '
+        'than the simulator can follow'
+    )

@@ -16,8 +16,8 @@ from sim_pkg.contract import Simulator
 from sim_pkg.nodes.settings import FOREVER, RunSettings
 
 START_NS = 1_000_000_000 * 1_000_000_000  # when every simulated bag begins (in 2001)
-DURATION = 10.0                           # where nothing else is said [s]
-LONGEST = 1e7                             # [s]
+DURATION = 10.0  # where nothing else is said [s]
+LONGEST = 1e7  # [s]
 NOT_IN_BAGS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
@@ -25,23 +25,34 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('plant', metavar='PLANT', help="a simulator ('velocity_estimator list')")
     parser.add_argument('--out', metavar='BAG', required=True, help='folder of the bag to make')
-    parser.add_argument('--duration', metavar='S', type=float,
-                        help=f'simulated seconds (default {DURATION:g})')
-    parser.add_argument('--seed', metavar='N', type=int,
-                        help=f'which run (default {RunSettings().seed})')
+    parser.add_argument(
+        '--duration', metavar='S', type=float, help=f'simulated seconds (default {DURATION:g})'
+    )
+    parser.add_argument(
+        '--seed', metavar='N', type=int, help=f'which run (default {RunSettings().seed})'
+    )
     parser.add_argument('--params', metavar='YAML', help='parameter file of its node')
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
-                        help='set a parameter (may be repeated)')
+    parser.add_argument(
+        '--set',
+        metavar='KEY=VALUE',
+        action='append',
+        default=[],
+        help='set a parameter (may be repeated)',
+    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Simulates, writes the bag, says what is in it."""
     simulator: Simulator = registry.find(registry.SIMULATORS, parsed.plant)
     values = {**_from_file(parsed.params, simulator), **parse_assignments(parsed.set)}
-    in_file = {name: values.pop(name) for name in declared(RunSettings) if name in values
-               and name not in declared(simulator.parameters)}
-    settings = build(RunSettings, {**in_file, **({} if parsed.seed is None
-                                                 else {'seed': parsed.seed})})
+    in_file = {
+        name: values.pop(name)
+        for name in declared(RunSettings)
+        if name in values and name not in declared(simulator.parameters)
+    }
+    settings = build(
+        RunSettings, {**in_file, **({} if parsed.seed is None else {'seed': parsed.seed})}
+    )
     duration = parsed.duration
     if duration is None:
         duration = DURATION if settings.duration == FOREVER else settings.duration
@@ -50,20 +61,33 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     parameters: Any = build(simulator.parameters, values, owner=f"simulator '{simulator.name}'")
     counts, written = write_bag(simulator, parameters, duration, settings.seed, parsed.out)
     ended = written < duration
-    show(f'{parsed.out}: {written:g} s of {simulator.name}, seed {settings.seed}'
-          + (f'; interrupted: {duration:g} s were requested' if ended else ''))
+    show(
+        f'{parsed.out}: {written:g} s of {simulator.name}, seed {settings.seed}'
+        + (f'; interrupted: {duration:g} s were requested' if ended else '')
+    )
     for topic in simulator.topics(parameters):
         of = 'truth' if topic.truth else 'measurement'
         show(f'  /{topic.name}  {counts[topic.name]} messages of {topic.type} ({of})')
-    return {'bag': parsed.out, 'simulator': simulator.name, 'duration': written,
-            'interrupted': ended, 'seed': settings.seed,
-            'topics': {f'/{topic.name}': {'type': topic.type, 'truth': topic.truth,
-                                          'messages': counts[topic.name]}
-                       for topic in simulator.topics(parameters)}}
+    return {
+        'bag': parsed.out,
+        'simulator': simulator.name,
+        'duration': written,
+        'interrupted': ended,
+        'seed': settings.seed,
+        'topics': {
+            f'/{topic.name}': {
+                'type': topic.type,
+                'truth': topic.truth,
+                'messages': counts[topic.name],
+            }
+            for topic in simulator.topics(parameters)
+        },
+    }
 
 
-def write_bag(simulator: Simulator, parameters: Any, duration: float, seed: int, path: str
-              ) -> tuple[Counter[str], float]:
+def write_bag(
+    simulator: Simulator, parameters: Any, duration: float, seed: int, path: str
+) -> tuple[Counter[str], float]:
     """Simulate into a new bag; a signal ends it with what is simulated by then.
 
     Parameters
@@ -87,14 +111,16 @@ def write_bag(simulator: Simulator, parameters: Any, duration: float, seed: int,
 
     counts: Counter[str] = Counter()
     done_ns = 0
-    with interrupts.gently(), BagWriter(path) as bag, progress(
-            'simulating', round(duration * 1e3)) as advance:
+    with (
+        interrupts.gently(),
+        BagWriter(path) as bag,
+        progress('simulating', round(duration * 1e3)) as advance,
+    ):
         for topic in simulator.topics(parameters):
             bag.add_topic(f'/{topic.name}', topic.type)
         for chunk in simulator.generate(parameters, duration, seed):
             for message in chunk:
-                bag.write(f'/{message.topic}', START_NS + message.due_ns,
-                          message.encode(START_NS))
+                bag.write(f'/{message.topic}', START_NS + message.due_ns, message.encode(START_NS))
                 counts[message.topic] += 1
             if chunk:
                 passed = max(0, (chunk[-1].due_ns - done_ns) // 1_000_000)
@@ -113,8 +139,11 @@ def _from_file(path: str | None, simulator: Simulator) -> dict[str, Any]:
         return {}
     from estimator_pkg.params_file import load
 
-    return {name: value for name, value in load(path, f'{simulator.name}_sim').items()
-            if not name.startswith(NOT_IN_BAGS)}
+    return {
+        name: value
+        for name, value in load(path, f'{simulator.name}_sim').items()
+        if not name.startswith(NOT_IN_BAGS)
+    }
 
 
 COMMAND = Command('a bag with measurement and truth from a simulated plant', arguments, run)

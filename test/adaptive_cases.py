@@ -17,8 +17,8 @@ from estimator_pkg.parameters import build
 def lcg(seed, count):
     values = []
     for _ in range(count):
-        seed = (1664525 * seed + 1013904223) % 2 ** 32
-        values.append(math.sqrt(3.0) * (2.0 * seed / 2 ** 32 - 1.0))
+        seed = (1664525 * seed + 1013904223) % 2**32
+        values.append(math.sqrt(3.0) * (2.0 * seed / 2**32 - 1.0))
     return np.array(values)
 
 
@@ -60,16 +60,18 @@ def joint(period=2.0 * math.pi, **gains):
     return AdaptiveJoint(OBSERVER, build(Gains, gains), JointSettings(wrap_period=period))
 
 
-def feed(made, angles, inputs, dt=1e-3, start_ns=10 ** 18, fast=False):
+def feed(made, angles, inputs, dt=1e-3, start_ns=10**18, fast=False):
     """A stream through the driver; stamps from `start_ns` on."""
-    stamps = start_ns + np.rint(np.concatenate(
-        [[0.0], np.cumsum(np.broadcast_to(dt, len(inputs)))]) * 1e9).astype(np.int64)
+    stamps = start_ns + np.rint(
+        np.concatenate([[0.0], np.cumsum(np.broadcast_to(dt, len(inputs)))]) * 1e9
+    ).astype(np.int64)
     return made.run(stamps, angles, np.concatenate([[0.0], inputs]), fast=fast), stamps
 
 
 def excited(count, hold=200, seed=1, size=5.0):
-    return size * np.repeat(np.random.default_rng(seed).normal(size=count // hold + 1),
-                            hold)[:count]
+    return (
+        size * np.repeat(np.random.default_rng(seed).normal(size=count // hold + 1), hold)[:count]
+    )
 
 
 def named(made):

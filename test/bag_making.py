@@ -51,12 +51,26 @@ def ours(path: Path, messages) -> Path:
     return path
 
 
-def mcap(path: Path, messages, *, compression=CompressionType.ZSTD, chunk_size=1 << 20,
-         chunks=True, index=IndexType.ALL, publish_ns=None, encoding='cdr') -> Path:
+def mcap(
+    path: Path,
+    messages,
+    *,
+    compression=CompressionType.ZSTD,
+    chunk_size=1 << 20,
+    chunks=True,
+    index=IndexType.ALL,
+    publish_ns=None,
+    encoding='cdr',
+) -> Path:
     """A single MCAP file by the mcap library."""
     with open(path, 'wb') as stream:
-        writer = McapWriter(stream, compression=compression, chunk_size=chunk_size,
-                            use_chunking=chunks, index_types=index)
+        writer = McapWriter(
+            stream,
+            compression=compression,
+            chunk_size=chunk_size,
+            use_chunking=chunks,
+            index_types=index,
+        )
         writer.start('ros2', 'a test')
         channels = {}
         for topic, kind in types(messages).items():
@@ -64,20 +78,24 @@ def mcap(path: Path, messages, *, compression=CompressionType.ZSTD, chunk_size=1
             schema = writer.register_schema(kind, 'ros2msg', definition.encode())
             channels[topic] = writer.register_channel(topic, encoding, schema)
         for topic, log_ns, raw in messages:
-            writer.add_message(channels[topic], log_ns, raw,
-                               log_ns if publish_ns is None else publish_ns)
+            writer.add_message(
+                channels[topic], log_ns, raw, log_ns if publish_ns is None else publish_ns
+            )
         writer.finish()
     return path
 
 
-def rosbags(path: Path, messages, *, plugin=StoragePlugin.SQLITE3, mode=CompressionMode.NONE,
-            version=9) -> Path:
+def rosbags(
+    path: Path, messages, *, plugin=StoragePlugin.SQLITE3, mode=CompressionMode.NONE, version=9
+) -> Path:
     """A rosbag2 folder by rosbags."""
     writer = RosbagsWriter(path, version=version, storage_plugin=plugin)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
-        connections = {topic: writer.add_connection(topic, kind, typestore=STORE)
-                       for topic, kind in types(messages).items()}
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=STORE)
+            for topic, kind in types(messages).items()
+        }
         for topic, log_ns, raw in messages:
             writer.write(connections[topic], log_ns, raw)
     return path
@@ -89,46 +107,72 @@ def split(path: Path, messages, make, parts: int = 3) -> Path:
     size = -(-len(messages) // parts)
     names = []
     for part in range(parts):
-        single = make(path.with_name(f'{path.name}_single_{part}'),
-                      messages[part * size:(part + 1) * size])
-        files = [single] if single.is_file() else [
-            file for file in single.iterdir() if file.suffix in ('.mcap', '.db3')]
+        single = make(
+            path.with_name(f'{path.name}_single_{part}'), messages[part * size : (part + 1) * size]
+        )
+        files = (
+            [single]
+            if single.is_file()
+            else [file for file in single.iterdir() if file.suffix in ('.mcap', '.db3')]
+        )
         names.append(f'{path.name}_{part}{".db3" if files[0].suffix == ".db3" else ".mcap"}')
         shutil.move(files[0], path / names[-1])
-    (path / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': {
-        'version': 5, 'storage_identifier': 'sqlite3' if names[0].endswith('db3') else 'mcap',
-        'relative_file_paths': names, 'duration': {'nanoseconds': 1},
-        'starting_time': {'nanoseconds_since_epoch': START}, 'message_count': len(messages),
-        'topics_with_message_count': [], 'compression_format': '', 'compression_mode': ''}}))
+    (path / 'metadata.yaml').write_text(
+        yaml.safe_dump(
+            {
+                'rosbag2_bagfile_information': {
+                    'version': 5,
+                    'storage_identifier': 'sqlite3' if names[0].endswith('db3') else 'mcap',
+                    'relative_file_paths': names,
+                    'duration': {'nanoseconds': 1},
+                    'starting_time': {'nanoseconds_since_epoch': START},
+                    'message_count': len(messages),
+                    'topics_with_message_count': [],
+                    'compression_format': '',
+                    'compression_mode': '',
+                }
+            }
+        )
+    )
     return path
 
 
 KINDS = {
     'ours': ours,
     'mcap zstd': lambda path, messages: mcap(path.with_suffix('.mcap'), messages),
-    'mcap lz4': lambda path, messages: mcap(path.with_suffix('.mcap'), messages,
-                                            compression=CompressionType.LZ4),
-    'mcap plain': lambda path, messages: mcap(path.with_suffix('.mcap'), messages,
-                                              compression=CompressionType.NONE),
-    'mcap small chunks': lambda path, messages: mcap(path.with_suffix('.mcap'), messages,
-                                                     chunk_size=600),
-    'mcap without index': lambda path, messages: mcap(path.with_suffix('.mcap'), messages,
-                                                      index=IndexType.NONE, chunk_size=900),
+    'mcap lz4': lambda path, messages: mcap(
+        path.with_suffix('.mcap'), messages, compression=CompressionType.LZ4
+    ),
+    'mcap plain': lambda path, messages: mcap(
+        path.with_suffix('.mcap'), messages, compression=CompressionType.NONE
+    ),
+    'mcap small chunks': lambda path, messages: mcap(
+        path.with_suffix('.mcap'), messages, chunk_size=600
+    ),
+    'mcap without index': lambda path, messages: mcap(
+        path.with_suffix('.mcap'), messages, index=IndexType.NONE, chunk_size=900
+    ),
     'mcap without message index': lambda path, messages: mcap(
-        path.with_suffix('.mcap'), messages, index=IndexType.CHUNK, chunk_size=900),
-    'mcap without chunks': lambda path, messages: mcap(path.with_suffix('.mcap'), messages,
-                                                       chunks=False),
+        path.with_suffix('.mcap'), messages, index=IndexType.CHUNK, chunk_size=900
+    ),
+    'mcap without chunks': lambda path, messages: mcap(
+        path.with_suffix('.mcap'), messages, chunks=False
+    ),
     'mcap folder': lambda path, messages: rosbags(path, messages, plugin=StoragePlugin.MCAP),
     'mcap folder, zstd': lambda path, messages: rosbags(
-        path, messages, plugin=StoragePlugin.MCAP, mode=CompressionMode.STORAGE),
+        path, messages, plugin=StoragePlugin.MCAP, mode=CompressionMode.STORAGE
+    ),
     'mcap folder, file compressed': lambda path, messages: rosbags(
-        path, messages, plugin=StoragePlugin.MCAP, mode=CompressionMode.FILE),
+        path, messages, plugin=StoragePlugin.MCAP, mode=CompressionMode.FILE
+    ),
     'sqlite3': rosbags,
     'sqlite3, older': lambda path, messages: rosbags(path, messages, version=8),
-    'sqlite3, file compressed': lambda path, messages: rosbags(path, messages,
-                                                               mode=CompressionMode.FILE),
-    'sqlite3, messages compressed': lambda path, messages: rosbags(path, messages,
-                                                                   mode=CompressionMode.MESSAGE),
+    'sqlite3, file compressed': lambda path, messages: rosbags(
+        path, messages, mode=CompressionMode.FILE
+    ),
+    'sqlite3, messages compressed': lambda path, messages: rosbags(
+        path, messages, mode=CompressionMode.MESSAGE
+    ),
     'mcap split': lambda path, messages: split(path, messages, KINDS['mcap zstd']),
     'sqlite3 split': lambda path, messages: split(path, messages, rosbags),
 }

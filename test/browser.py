@@ -5,8 +5,9 @@ import shutil
 import pytest
 
 DRIVER = shutil.which('chromedriver')
-BROWSER = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
-    'google-chrome')
+BROWSER = (
+    shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+)
 
 
 def start():
@@ -16,10 +17,17 @@ def start():
     selenium = pytest.importorskip('selenium', reason='not run: selenium is not installed')
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
+
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for flag in ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage',
-                 '--window-size=1200,1600', '--host-resolver-rules=MAP * ~NOTFOUND'):
+    for flag in (
+        '--headless=new',
+        '--no-sandbox',
+        '--disable-gpu',
+        '--disable-dev-shm-usage',
+        '--window-size=1200,1600',
+        '--host-resolver-rules=MAP * ~NOTFOUND',
+    ):
         options.add_argument(flag)
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
     try:

@@ -43,8 +43,12 @@ class NodeProcess:
 
     def __init__(self, module: str, *arguments: str) -> None:
         self._child = subprocess.Popen(
-            [sys.executable, '-m', *module.split(), *arguments], text=True, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+            [sys.executable, '-m', *module.split(), *arguments],
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        )
         self._lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -113,6 +117,7 @@ class Probe:
 
     def __init__(self) -> None:
         import rclpy
+
         rclpy.init(domain_id=DOMAIN)
         self.node = rclpy.create_node('probe')
         self.executor = runtime.make_executor()
@@ -121,6 +126,7 @@ class Probe:
 
     def close(self) -> None:
         import rclpy
+
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
@@ -168,8 +174,15 @@ class Observer:
 
     process: NodeProcess
 
-    def __init__(self, probe: Probe, name: str = '/joint_observer', topic: str = '/joint_states',
-                 *, reliable: bool = True, sim_time: bool = False) -> None:
+    def __init__(
+        self,
+        probe: Probe,
+        name: str = '/joint_observer',
+        topic: str = '/joint_states',
+        *,
+        reliable: bool = True,
+        sim_time: bool = False,
+    ) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import JointState
@@ -177,9 +190,9 @@ class Observer:
         from estimator_pkg.messages.joint_state import Decoder, Encoder
 
         self.probe, self.name, self._sim_time = probe, name, sim_time
-        self.answers: list[Any] = []           # decoded JointStates of ~/estimate
-        self.raw_answers: list[bytes] = []     # and as they came
-        self.statuses: dict[str, Any] = {}     # newest ~/status, by joint
+        self.answers: list[Any] = []  # decoded JointStates of ~/estimate
+        self.raw_answers: list[bytes] = []  # and as they came
+        self.statuses: dict[str, Any] = {}  # newest ~/status, by joint
         self.diagnostics: dict[str, Any] = {}  # newest /diagnostics of this node, by entry
         self.reports = 0
         self.stamp_of_diagnostics = 0  # [ns]
@@ -188,11 +201,13 @@ class Observer:
         reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         node = probe.node
         self.publisher = node.create_publisher(
-            JointState, topic, QoSProfile(depth=50, reliability=reliability))
+            JointState, topic, QoSProfile(depth=50, reliability=reliability)
+        )
         self._subscriptions = [
             node.create_subscription(JointState, f'{name}/estimate', self._answer, 1000, raw=True),
             node.create_subscription(DiagnosticArray, f'{name}/status', self._status, latched),
-            node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 50)]
+            node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 50),
+        ]
 
     def __enter__(self) -> Observer:
         return self
@@ -204,8 +219,12 @@ class Observer:
 
     def connect(self) -> Observer:
         """Wait until the node is there and connected."""
-        self.probe.until(lambda: self.publisher.get_subscription_count()
-                         and all(map(self._connected, self._subscriptions)))
+        self.probe.until(
+            lambda: (
+                self.publisher.get_subscription_count()
+                and all(map(self._connected, self._subscriptions))
+            )
+        )
         self.probe.spin(0.3)  # the node's side of the connections
         return self
 
@@ -221,16 +240,25 @@ class Observer:
         self.statuses = {status.name: status for status in message.status}
 
     def _diagnosed(self, message: Any) -> None:
-        own = {status.name: status for status in message.status
-               if status.name == self.name or status.name.startswith(f'{self.name}: ')}
+        own = {
+            status.name: status
+            for status in message.status
+            if status.name == self.name or status.name.startswith(f'{self.name}: ')
+        }
         if own:
             self.reports += 1
-            self.stamp_of_diagnostics = (message.header.stamp.sec * 1_000_000_000
-                                         + message.header.stamp.nanosec)
+            self.stamp_of_diagnostics = (
+                message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+            )
             self.diagnostics.update(own)
 
-    def encode(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
-               frame_id: str = 'base') -> bytes:
+    def encode(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float],
+        frame_id: str = 'base',
+    ) -> bytes:
         return self._encode(stamp_ns, frame_id, names, positions)
 
     def feed(self, messages: Iterable[bytes]) -> list[Any]:
@@ -251,10 +279,13 @@ class Observer:
     def next_report(self) -> dict[str, dict[str, str]]:
         """The values of the next /diagnostics that counts all up to now, by entry."""
         reports, now = self.reports, time.time_ns()
-        self.probe.until(lambda: self.reports > reports
-                         and (self._sim_time or self.stamp_of_diagnostics >= now))
-        return {name: {item.key: item.value for item in status.values}
-                for name, status in self.diagnostics.items()}
+        self.probe.until(
+            lambda: self.reports > reports and (self._sim_time or self.stamp_of_diagnostics >= now)
+        )
+        return {
+            name: {item.key: item.value for item in status.values}
+            for name, status in self.diagnostics.items()
+        }
 
     def status(self, joint: str) -> str:
         """The newest status of a joint, '' while there is none."""
@@ -269,9 +300,11 @@ class Observer:
         request = SetParametersAtomically.Request()
         request.parameters = [
             Parameter(key.replace('__', '.'), value=given).to_parameter_msg()
-            for key, given in values.items()]
-        return self.probe.call(SetParametersAtomically, f'{self.name}/set_parameters_atomically',
-                               request).result
+            for key, given in values.items()
+        ]
+        return self.probe.call(
+            SetParametersAtomically, f'{self.name}/set_parameters_atomically', request
+        ).result
 
     def get(self, name: str) -> Any:
         """The value of a parameter."""
@@ -284,16 +317,22 @@ class Observer:
 
 
 @contextmanager
-def commanded(probe: Probe, node: str, name: str, kind: type, *parameters: str
-              ) -> Iterator[tuple[Observer, Any]]:
+def commanded(
+    probe: Probe, node: str, name: str, kind: type, *parameters: str
+) -> Iterator[tuple[Observer, Any]]:
     """A node whose efforts come by a topic of their own: (observer, publisher of efforts).
 
     It reads /<name> and /<name>_command, of type `kind`.
     """
-    words = ros_args('input:=effort_command', *parameters,
-                     remap=(f'joint_states:=/{name}', f'effort_command:=/{name}_command'))
-    with NodeProcess(f'estimator_pkg.nodes.executables {node}', *words) as process, \
-            Observer(probe, f'/{node}', f'/{name}') as observer:
+    words = ros_args(
+        'input:=effort_command',
+        *parameters,
+        remap=(f'joint_states:=/{name}', f'effort_command:=/{name}_command'),
+    )
+    with (
+        NodeProcess(f'estimator_pkg.nodes.executables {node}', *words) as process,
+        Observer(probe, f'/{node}', f'/{name}') as observer,
+    ):
         observer.process = process
         efforts = probe.node.create_publisher(kind, f'/{name}_command', 10)
         observer.connect()

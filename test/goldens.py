@@ -72,24 +72,44 @@ SHIPPED = {
     'joint_state_one_message/array_msgs': (),
     'simulated/random_with_faults': (),
     'simulated/sine_12bit': (),
-    'simulated/trapezoid_raw_counts': ('--angle', '/angle:data', '--set',
-                                       'counts_per_revolution=4096'),
-    **{f'vicon/{name}': ('--angle', POSE + 'orientation.yaw')
-       for name in ('yawbag', 'flybag', 'yx2bag')},
+    'simulated/trapezoid_raw_counts': (
+        '--angle',
+        '/angle:data',
+        '--set',
+        'counts_per_revolution=4096',
+    ),
+    **{
+        f'vicon/{name}': ('--angle', POSE + 'orientation.yaw')
+        for name in ('yawbag', 'flybag', 'yx2bag')
+    },
     'vicon/flybag/../flybag': ('--angle', POSE + 'position.z', '--set', 'wrap_period=0'),
 }
-TOGETHER = {'super_twisting': ('order=1; form=implicit', 'order=3; form=taylor'),
-            'hybrid_angle': ('form=paper; order=2', 'injection=sat; order=2'),
-            'adaptive': ('form=paper; law=gradient', 'load=true; memory=5')}
+TOGETHER = {
+    'super_twisting': ('order=1; form=implicit', 'order=3; form=taylor'),
+    'hybrid_angle': ('form=paper; order=2', 'injection=sat; order=2'),
+    'adaptive': ('form=paper; law=gradient', 'load=true; memory=5'),
+}
 DRIVES = ('drive_profile', 'drive_reversal', 'drive_startup')
 # made here: name -> (plant, seconds, settings)
 MADE = {
     'encoder': ('encoder', 4, ()),
     'encoder two joints': ('encoder', 4, ('joints=[left, right]', 'profile=random')),
     'encoder chirp': ('encoder', 6, ('profile=chirp', 'counts_per_revolution=1024')),
-    'encoder faults': ('encoder', 6, (
-        'profile=random', 'noise=0.002', 'outliers=0.005', 'repeated=0.05', 'dropped=0.05',
-        'duplicated=0.02', 'stamp_jitter=0.0002', 'gap_every=1.5', 'burst_every=2')),
+    'encoder faults': (
+        'encoder',
+        6,
+        (
+            'profile=random',
+            'noise=0.002',
+            'outliers=0.005',
+            'repeated=0.05',
+            'dropped=0.05',
+            'duplicated=0.02',
+            'stamp_jitter=0.0002',
+            'gap_every=1.5',
+            'burst_every=2',
+        ),
+    ),
     'encoder slow': ('encoder', 20, ('rate=5', 'amplitude=1')),
     'encoder repeats': ('encoder', 4, ('update_every=2', 'rate=224')),
     'dc_motor': ('dc_motor', 6, ()),
@@ -100,15 +120,22 @@ MADE = {
     'pendulum': ('pendulum', 8, ()),
     'pmsm': ('pmsm', 1, ()),
     'pmsm pairs': ('pmsm', 0.5, ('publish=single', 'publish_rate=2000', 'dead_time=1e-6')),
-    'pmsm faults': ('pmsm', 0.5, ('lost=0.01', 'repeated=0.01', 'overtaken=0.01',
-                                  'profile=reversal')),
+    'pmsm faults': (
+        'pmsm',
+        0.5,
+        ('lost=0.01', 'repeated=0.01', 'overtaken=0.01', 'profile=reversal'),
+    ),
 }
-COUNTED = ('pole_pairs', 'steps', 'periods')     # varied by hand, or of the plant
-MODELS = {'cart_pendulum': ('model=cart_pendulum',), 'robotic_leg': ('model=robotic_leg',),
-          'pendulum': ('model=single_joint', 'joints=[joint]')}
+COUNTED = ('pole_pairs', 'steps', 'periods')  # varied by hand, or of the plant
+MODELS = {
+    'cart_pendulum': ('model=cart_pendulum',),
+    'robotic_leg': ('model=robotic_leg',),
+    'pendulum': ('model=single_joint', 'joints=[joint]'),
+}
 
 
 # ---- the package's inside: this function alone knows of it --------------------------------------
+
 
 def compile_from(samples: float) -> None:
     """Observers are compiled from so many samples on: 0 always, inf never (where replay chooses).
@@ -124,16 +151,19 @@ def compile_from(samples: float) -> None:
                 found.COMPILE_FROM = samples  # type: ignore[attr-defined]
                 told += 1
     if not told:
-        raise RuntimeError('no module has COMPILE_FROM: tell goldens.py how replay is made to '
-                           'compile')
+        raise RuntimeError(
+            'no module has COMPILE_FROM: tell goldens.py how replay is made to compile'
+        )
 
 
 # ---- running and hashing ------------------------------------------------------------------------
+
 
 def command(*words: str) -> tuple[int, str, str]:
     """(exit code, stdout, stderr) of `velocity_estimator` with these words, in this process."""
     if words[0] == 'bench':
         from benchmarks.__main__ import main
+
         words = words[1:]
     else:
         main = next(iter(entry_points(group='console_scripts', name='velocity_estimator'))).load()
@@ -172,7 +202,8 @@ def text(value: Any) -> str:
 def topics(bag: str) -> dict[str, list[tuple[int, bytes, str]]]:
     """Topic -> (log time, payload, type) of a bag of one MCAP file, read by the mcap library."""
     from mcap.reader import make_reader
-    path, = Path(bag).glob('*.mcap')
+
+    (path,) = Path(bag).glob('*.mcap')
     found: dict[str, list[tuple[int, bytes, str]]] = {}
     with path.open('rb') as file:
         for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
@@ -183,8 +214,9 @@ def topics(bag: str) -> dict[str, list[tuple[int, bytes, str]]]:
 
 def of_topic(messages: list[tuple[int, bytes, str]]) -> str:
     """Number of messages, and the hash of their log times and payloads in order."""
-    return f'{len(messages)} ' + short(*(
-        part for time_ns, data, _ in messages for part in (struct.pack('<q', time_ns), data)))
+    return f'{len(messages)} ' + short(
+        *(part for time_ns, data, _ in messages for part in (struct.pack('<q', time_ns), data))
+    )
 
 
 class Cdr:
@@ -197,13 +229,13 @@ class Cdr:
         """The next uint32."""
         self.at += -self.at % 4
         self.at += 4
-        return int.from_bytes(self.data[self.at - 4:self.at], 'little')
+        return int.from_bytes(self.data[self.at - 4 : self.at], 'little')
 
     def string(self) -> str:
         """The next string."""
         length = self.uint32()
         self.at += length
-        return self.data[self.at - length:self.at - 1].decode()
+        return self.data[self.at - length : self.at - 1].decode()
 
     def doubles(self) -> tuple[float, ...]:
         """The next sequence of doubles."""
@@ -211,7 +243,7 @@ class Cdr:
         if count:
             self.at += -self.at % 8
         self.at += 8 * count
-        return struct.unpack(f'<{count}d', self.data[self.at - 8 * count:self.at])
+        return struct.unpack(f'<{count}d', self.data[self.at - 8 * count : self.at])
 
 
 def joints(messages: list[tuple[int, bytes, str]]) -> dict[str, list[tuple[int, float, float]]]:
@@ -230,9 +262,13 @@ def joints(messages: list[tuple[int, bytes, str]]) -> dict[str, list[tuple[int, 
 
 def by_joint(found: dict[str, list[tuple[int, float, float]]]) -> str:
     """Number of estimates, and their hash, joint by joint."""
-    return f'{sum(map(len, found.values()))} ' + short(*(
-        part for name in sorted(found)
-        for part in (name.encode(), *(struct.pack('<qdd', *row) for row in found[name]))))
+    return f'{sum(map(len, found.values()))} ' + short(
+        *(
+            part
+            for name in sorted(found)
+            for part in (name.encode(), *(struct.pack('<qdd', *row) for row in found[name]))
+        )
+    )
 
 
 Found = tuple[dict[str, str], dict[str, float | None]]
@@ -240,14 +276,25 @@ Found = tuple[dict[str, str], dict[str, float | None]]
 
 # ---- jobs: each gives its part of both tables ---------------------------------------------------
 
+
 def simulate(name: str) -> Found:
     """A bag that is made here; its topics."""
     plant, seconds, settings = MADE[name]
     out = f'made/{name}'
-    done('simulate', plant, '--duration', str(seconds), '--seed', SEED, '--out', out,
-         *setting(settings))
-    return {f'simulate/{name}{topic}': of_topic(messages)
-            for topic, messages in topics(out).items()}, {}
+    done(
+        'simulate',
+        plant,
+        '--duration',
+        str(seconds),
+        '--seed',
+        SEED,
+        '--out',
+        out,
+        *setting(settings),
+    )
+    return {
+        f'simulate/{name}{topic}': of_topic(messages) for topic, messages in topics(out).items()
+    }, {}
 
 
 def setting(values: tuple[str, ...]) -> list[str]:
@@ -255,16 +302,24 @@ def setting(values: tuple[str, ...]) -> list[str]:
     return [word for value in values for word in ('--set', value)]
 
 
-def replay(label: str, bag: str, words: tuple[str, ...], compiled: bool, sigma: bool = False,
-           copied: bool = False) -> Found:
+def replay(
+    label: str,
+    bag: str,
+    words: tuple[str, ...],
+    compiled: bool,
+    sigma: bool = False,
+    copied: bool = False,
+) -> Found:
     """What replay writes and says."""
     import numpy as np
+
     compile_from(0 if compiled else math.inf)
     where = f'replay/{label}'
     with tempfile.TemporaryDirectory(dir='.') as folder:
         out, said = f'{folder}/out', f'{folder}/said.json'
-        code, _, err = command('replay', bag, *words, '--out', out, '--json', said,
-                               *(() if copied else ('--copy',)))
+        code, _, err = command(
+            'replay', bag, *words, '--out', out, '--json', said, *(() if copied else ('--copy',))
+        )
         if code:
             return {f'{where}/refused': f'{code} {text(err.replace(folder, ""))}'}, {}
         summary = json.loads(Path(said).read_text())
@@ -282,7 +337,8 @@ def replay(label: str, bag: str, words: tuple[str, ...], compiled: bool, sigma: 
                 if sigma and own == '/estimate_stddev':
                     for name, rows in found.items():
                         numeric[f'sigma/{label.rsplit("/", 1)[0]}/{name}'] = float(
-                            np.median([velocity for _, _, velocity in rows]))
+                            np.median([velocity for _, _, velocity in rows])
+                        )
     return exact, numeric
 
 
@@ -290,8 +346,9 @@ def evaluate(label: str, bag: str, words: tuple[str, ...]) -> Found:
     """Errors of all angle observers at their defaults."""
     compile_from(math.inf)
     with tempfile.TemporaryDirectory(dir='.') as folder:
-        code, _, err = command('evaluate', bag, '--observer', 'all', *words, '--json',
-                               f'{folder}/e.json')
+        code, _, err = command(
+            'evaluate', bag, '--observer', 'all', *words, '--json', f'{folder}/e.json'
+        )
         if code:
             return {f'evaluate/{label}/refused': f'{code} {text(err.replace(folder, ""))}'}, {}
         result = json.loads(Path(f'{folder}/e.json').read_text())
@@ -300,18 +357,21 @@ def evaluate(label: str, bag: str, words: tuple[str, ...]) -> Found:
         for observer, estimates in one['estimates'].items():
             for joint, numbers in estimates['joints'].items():
                 for key in ('rms', 'mean_abs', 'delay_s'):
-                    numeric[f'evaluate/{label}/{observer}/{joint}/{key}'] = \
-                        numbers['velocity'][key]
-                numeric[f'evaluate/{label}/{observer}/{joint}/coverage_95'] = \
-                    numbers.get('coverage_95')
+                    numeric[f'evaluate/{label}/{observer}/{joint}/{key}'] = numbers['velocity'][key]
+                numeric[f'evaluate/{label}/{observer}/{joint}/coverage_95'] = numbers.get(
+                    'coverage_95'
+                )
     return {}, numeric
 
 
 def words_of_the_package() -> Found:
     """Help, lists, and the parameter files."""
     known = json.loads(done('list', '--json', '-'))
-    exact = {'help/velocity_estimator': text(done('--help')), 'list': text(done('list')),
-             'list --json': text(known)}
+    exact = {
+        'help/velocity_estimator': text(done('--help')),
+        'list': text(done('list')),
+        'list --json': text(known),
+    }
     for name in known['commands']:
         exact[f'help/{name}'] = text(done(name, '--help'))
     for part, entries in known.items():
@@ -348,9 +408,14 @@ def figures(data: Any, path: str = '') -> Iterator[tuple[str, float]]:
     elif isinstance(data, list):
         seen: dict[str, int] = {}
         for entry in data:
-            label = ' '.join(str(entry[key]) for key in (
-                'observer', 'name', 'told', 'gain', 'tuning', 'signal', 'column')
-                if isinstance(entry, dict) and entry.get(key)) or '-'
+            label = (
+                ' '.join(
+                    str(entry[key])
+                    for key in ('observer', 'name', 'told', 'gain', 'tuning', 'signal', 'column')
+                    if isinstance(entry, dict) and entry.get(key)
+                )
+                or '-'
+            )
             seen[label] = seen.get(label, 0) + 1
             again = f' ({seen[label]})' if seen[label] > 1 else ''
             yield from figures(entry, f'{path}/{label}{again}')
@@ -381,8 +446,7 @@ def plan(full: bool, known: dict[str, Any]) -> list[Job]:
     jobs: list[Job] = []
     if full:
         jobs += [(bench, ('recordings',)), (bench, ('field',))]
-    jobs += [(bench, ('defaults', '--draws', '4')), (bench, ('drive',)),
-             (words_of_the_package, ())]
+    jobs += [(bench, ('defaults', '--draws', '4')), (bench, ('drive',)), (words_of_the_package, ())]
     angles = {name: (f'bags/{name}', words) for name, words in SHIPPED.items()}
     angles |= {name: (f'made/{name}', ()) for name in MADE if name.startswith('encoder')}
     angles['dc_motor'] = ('made/dc_motor', ())
@@ -391,23 +455,47 @@ def plan(full: bool, known: dict[str, Any]) -> list[Job]:
         jobs.append((evaluate, (label, bag, words)))
         for observer in ANGLES:
             for way in ('plain', 'compiled'):
-                jobs.append((replay, (f'{label}/{observer}/{way}', bag,
-                                      ('--observer', observer, *words), way == 'compiled',
-                                      way == 'plain')))
-    settings = ('unwrap=true', 'wrap_period=0', 'quantum=0.0015339807878856412',
-                'gap_max=0.01', 'bandwidth_hz=20')
+                jobs.append(
+                    (
+                        replay,
+                        (
+                            f'{label}/{observer}/{way}',
+                            bag,
+                            ('--observer', observer, *words),
+                            way == 'compiled',
+                            way == 'plain',
+                        ),
+                    )
+                )
+    settings = (
+        'unwrap=true',
+        'wrap_period=0',
+        'quantum=0.0015339807878856412',
+        'gap_max=0.01',
+        'bandwidth_hz=20',
+    )
     for name in ('simulated/random_with_faults', 'dfki_simple_pendulum/sac_200hz_multiturn'):
         for observer in ANGLES:
             for value in (*variants(observer, known), *settings, *TOGETHER.get(observer, ())):
                 told = ('--observer', observer, *setting(tuple(value.split('; '))))
                 for way in ('plain', 'compiled'):
-                    jobs.append((replay, (f'{name}/{observer} {value}/{way}', f'bags/{name}', told,
-                                          way == 'compiled')))
+                    jobs.append(
+                        (
+                            replay,
+                            (
+                                f'{name}/{observer} {value}/{way}',
+                                f'bags/{name}',
+                                told,
+                                way == 'compiled',
+                            ),
+                        )
+                    )
 
     def driven(name: str, observer: str, *values: str, bag: str = '', note: str = '') -> None:
         told = ('--observer', observer, *setting(values))
-        jobs.append((replay, (f'{name}/{observer}{note}/plain', bag or f'made/{name}', told, False,
-                              True)))
+        jobs.append(
+            (replay, (f'{name}/{observer}{note}/plain', bag or f'made/{name}', told, False, True))
+        )
 
     for name, values in MODELS.items():
         for observer in MECHANICAL:
@@ -416,12 +504,22 @@ def plan(full: bool, known: dict[str, Any]) -> list[Job]:
                 driven(name, observer, *values, value, note=f' {value}')
         driven(name, 'geso', *values, 'disturbance_hz=1', note=' disturbance_hz=1')
     for observer in MECHANICAL[1:]:
-        driven('dfki_double_pendulum/sys_id_500hz', observer, 'model=two_links',
-               'joints=[shoulder, elbow]', bag='bags/dfki_double_pendulum/sys_id_500hz')
+        driven(
+            'dfki_double_pendulum/sys_id_500hz',
+            observer,
+            'model=two_links',
+            'joints=[shoulder, elbow]',
+            bag='bags/dfki_double_pendulum/sys_id_500hz',
+        )
     for name in ('dc_motor', 'dc_motor load'):
         driven(name, 'adaptive')
-        for value in (*variants('adaptive', known), 'memory=5', "known=['k/J=0']",
-                      'torque_constant=0.6', *TOGETHER['adaptive']):
+        for value in (
+            *variants('adaptive', known),
+            'memory=5',
+            "known=['k/J=0']",
+            'torque_constant=0.6',
+            *TOGETHER['adaptive'],
+        ):
             driven(name, 'adaptive', *value.split('; '), note=f' {value}')
     for name in ('dfki_simple_pendulum/sac_200hz_multiturn', 'dfki_double_pendulum/sys_id_500hz'):
         driven(name, 'adaptive', 'gravity=true', bag=f'bags/{name}', note=' gravity=true')
@@ -432,37 +530,106 @@ def plan(full: bool, known: dict[str, Any]) -> list[Job]:
     for name in (*DRIVES, 'pmsm', 'pmsm pairs', 'pmsm faults'):
         bag = f'bags/simulated/{name}' if name in DRIVES else f'made/{name}'
         told = ('input=current_voltage',) if name == 'pmsm pairs' else ()
-        for value in ('', *(variants('pmsm', known) if name in ('drive_startup', 'pmsm pairs')
-                            else ())):
-            for way in ('plain', 'compiled')[:1 if name == 'pmsm pairs' else 2]:
-                values = (*MOTOR, *told, *((value,) if value else ()),
-                          f'compile={str(way == "compiled").lower()}')
-                jobs.append((replay, (f'{name}/pmsm{" " * bool(value)}{value}/{way}', bag,
-                                      ('--observer', 'pmsm', *setting(values)), False,
-                                      not value and way == 'plain')))
+        for value in (
+            '',
+            *(variants('pmsm', known) if name in ('drive_startup', 'pmsm pairs') else ()),
+        ):
+            for way in ('plain', 'compiled')[: 1 if name == 'pmsm pairs' else 2]:
+                values = (
+                    *MOTOR,
+                    *told,
+                    *((value,) if value else ()),
+                    f'compile={str(way == "compiled").lower()}',
+                )
+                jobs.append(
+                    (
+                        replay,
+                        (
+                            f'{name}/pmsm{" " * bool(value)}{value}/{way}',
+                            bag,
+                            ('--observer', 'pmsm', *setting(values)),
+                            False,
+                            not value and way == 'plain',
+                        ),
+                    )
+                )
     # with the messages of the bag copied, by file, by joint, under another name
     short_bag = 'bags/dfki_double_pendulum/at_rest_500hz_duplicate_stamp'
     jobs.append((replay, ('copied', short_bag, (), False, False, True)))
-    jobs.append((replay, ('joint and name', short_bag, ('--joint', 'elbow', '--name', 'arm/own'),
-                          False, False, True)))
+    jobs.append(
+        (
+            replay,
+            (
+                'joint and name',
+                short_bag,
+                ('--joint', 'elbow', '--name', 'arm/own'),
+                False,
+                False,
+                True,
+            ),
+        )
+    )
     for name in ('joint_observer', 'adaptive_observer', 'switched_observer', 'pmsm_observer'):
-        bag = {'joint_observer': short_bag, 'adaptive_observer': 'made/dc_motor',
-               'switched_observer': 'made/gripper',
-               'pmsm_observer': 'bags/simulated/drive_startup'}[name]
-        jobs.append((replay, (f'by config/{name}', bag, ('--params', f'config/{name}.yaml'),
-                              False)))
+        bag = {
+            'joint_observer': short_bag,
+            'adaptive_observer': 'made/dc_motor',
+            'switched_observer': 'made/gripper',
+            'pmsm_observer': 'bags/simulated/drive_startup',
+        }[name]
+        jobs.append(
+            (replay, (f'by config/{name}', bag, ('--params', f'config/{name}.yaml'), False))
+        )
     record = 'bags/dfki_simple_pendulum/system_identification_300hz'
-    jobs += [(written, ('tune kalman', 'tune', record, '--observer', 'kalman', '--trials', '8',
-                        '--seed', '1', '--jobs', '1')),
-             (written, ('tune hybrid_angle', 'tune', record, '--observer', 'hybrid_angle',
-                        '--trials', '8', '--seed', '1', '--jobs', '1')),
-             (written, ('identify pendulum', 'identify', 'made/pendulum')),
-             (written, ('identify cart_pendulum', 'identify', 'made/cart_pendulum', '--model',
-                        'cart_pendulum'))]
+    jobs += [
+        (
+            written,
+            (
+                'tune kalman',
+                'tune',
+                record,
+                '--observer',
+                'kalman',
+                '--trials',
+                '8',
+                '--seed',
+                '1',
+                '--jobs',
+                '1',
+            ),
+        ),
+        (
+            written,
+            (
+                'tune hybrid_angle',
+                'tune',
+                record,
+                '--observer',
+                'hybrid_angle',
+                '--trials',
+                '8',
+                '--seed',
+                '1',
+                '--jobs',
+                '1',
+            ),
+        ),
+        (written, ('identify pendulum', 'identify', 'made/pendulum')),
+        (
+            written,
+            (
+                'identify cart_pendulum',
+                'identify',
+                'made/cart_pendulum',
+                '--model',
+                'cart_pendulum',
+            ),
+        ),
+    ]
     return jobs
 
 
 # ---- all of it ----------------------------------------------------------------------------------
+
 
 def named(job: Job) -> str:
     """How a job is called for --only."""
@@ -482,15 +649,25 @@ def run(job: Job) -> tuple[str, Found, float]:
     try:
         return named(job), function(*given), time.perf_counter() - begun
     except Exception as error:
-        return named(job), ({f'failed/{named(job)}': f'{type(error).__name__}: {error}'[:300]},
-                            {}), time.perf_counter() - begun
+        return (
+            named(job),
+            ({f'failed/{named(job)}': f'{type(error).__name__}: {error}'[:300]}, {}),
+            time.perf_counter() - begun,
+        )
 
 
 def compute(parsed: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """Both tables."""
     begun = time.perf_counter()
-    os.environ.update(COLUMNS='80', LINES='50', NO_COLOR='1', TERM='dumb', LC_ALL='C.UTF-8',
-                      OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
+    os.environ.update(
+        COLUMNS='80',
+        LINES='50',
+        NO_COLOR='1',
+        TERM='dumb',
+        LC_ALL='C.UTF-8',
+        OMP_NUM_THREADS='1',
+        OPENBLAS_NUM_THREADS='1',
+    )
     exact: dict[str, Any] = {}
     numeric: dict[str, Any] = {}
     folder = tempfile.mkdtemp(prefix='goldens')
@@ -501,11 +678,14 @@ def compute(parsed: argparse.Namespace) -> dict[str, dict[str, Any]]:
         os.mkdir(f'{folder}/made')
         with ProcessPoolExecutor(parsed.jobs, get_context('spawn'), start, (folder,)) as pool:
             known = json.loads(pool.submit(done, 'list', '--json', '-').result())
-            jobs = [job for job in plan(parsed.full, known)
-                    if re.search(parsed.only, named(job))]
-            bags = [name for name in MADE if not parsed.only or any(
-                f'made/{name}' in job[1] or 'identify' in job[1] for job in jobs)
-                or re.search(parsed.only, f'simulate/{name}')]
+            jobs = [job for job in plan(parsed.full, known) if re.search(parsed.only, named(job))]
+            bags = [
+                name
+                for name in MADE
+                if not parsed.only
+                or any(f'made/{name}' in job[1] or 'identify' in job[1] for job in jobs)
+                or re.search(parsed.only, f'simulate/{name}')
+            ]
             slow = []
             for group in ([(simulate, (name,)) for name in bags], jobs):
                 waiting = [pool.submit(run, job) for job in group]
@@ -521,8 +701,10 @@ def compute(parsed: argparse.Namespace) -> dict[str, dict[str, Any]]:
     if parsed.times:
         for seconds, name in sorted(slow, reverse=True)[:25]:
             print(f'{seconds:7.2f} s  {name}', file=sys.stderr)
-    print(f'{len(exact)} hashes and {len(numeric)} figures in '
-          f'{time.perf_counter() - begun:.0f} s', file=sys.stderr)
+    print(
+        f'{len(exact)} hashes and {len(numeric)} figures in {time.perf_counter() - begun:.0f} s',
+        file=sys.stderr,
+    )
     return {'exact': dict(sorted(folded(exact).items())), 'numeric': dict(sorted(numeric.items()))}
 
 
@@ -539,8 +721,11 @@ def folded(exact: dict[str, str]) -> dict[str, str]:
 
 def unfolded(exact: dict[str, str]) -> dict[str, str]:
     """As before `folded`."""
-    return {key.replace('/both/', f'/{way}/'): value for key, value in exact.items()
-            for way in (('plain', 'compiled') if '/both/' in key else ('both',))}
+    return {
+        key.replace('/both/', f'/{way}/'): value
+        for key, value in exact.items()
+        for way in (('plain', 'compiled') if '/both/' in key else ('both',))
+    }
 
 
 def apart(old: float | None, new: float | None, key: str) -> float:
@@ -555,19 +740,23 @@ def apart(old: float | None, new: float | None, key: str) -> float:
 
 def compare(old: dict[str, dict], new: dict[str, dict], parsed: argparse.Namespace) -> int:
     """Lists the differences; how many there are. Only ids that were asked for are compared."""
+
     def asked(key: str) -> bool:
         long = key.startswith(('bench/field', 'bench/recordings')) and not parsed.full
-        there = all(key in table['numeric'] for table in (old, new))    # or it was not computed
+        there = all(key in table['numeric'] for table in (old, new))  # or it was not computed
         return (not long or there) and bool(re.search(parsed.only, key))
 
     total = 0
     old, new = ({**table, 'exact': unfolded(table['exact'])} for table in (old, new))
-    failed = [key for key in sorted(new['exact'].keys() - old['exact'].keys()) if asked(key)
-              and (key.startswith('failed/') or key.endswith('/refused'))] * parsed.numeric
-    for key in failed:      # its figures are not there to be compared
-        print(f"{key}: {new['exact'][key]}")
+    failed = [
+        key
+        for key in sorted(new['exact'].keys() - old['exact'].keys())
+        if asked(key) and (key.startswith('failed/') or key.endswith('/refused'))
+    ] * parsed.numeric
+    for key in failed:  # its figures are not there to be compared
+        print(f'{key}: {new["exact"][key]}')
     total += len(failed)
-    for part in ('exact', 'numeric')[parsed.numeric:]:
+    for part in ('exact', 'numeric')[parsed.numeric :]:
         keys = sorted(filter(asked, old[part].keys() | new[part].keys()))
         lines: list[tuple[float, str, str]] = []
         for key in keys:
@@ -581,8 +770,9 @@ def compare(old: dict[str, dict], new: dict[str, dict], parsed: argparse.Namespa
             else:
                 change = apart(old[part][key], new[part][key], key)
                 if change > parsed.tolerance:
-                    lines.append((change, key, f'{old[part][key]!r} -> {new[part][key]!r}'
-                                               f' ({change:.2%})'))
+                    lines.append(
+                        (change, key, f'{old[part][key]!r} -> {new[part][key]!r} ({change:.2%})')
+                    )
         total += len(lines)
         print(f'{part}: {len(lines)} of {len(keys)} differ')
         if part == 'exact' and not parsed.all:
@@ -591,8 +781,9 @@ def compare(old: dict[str, dict], new: dict[str, dict], parsed: argparse.Namespa
                 group, _, output = key.rpartition('/')
                 counts = {word.split()[0] for word in change.split(' -> ') if ' ' in word}
                 tables.setdefault(group, []).append(
-                    output + (f' ({change})' if change in ('new', 'gone') or len(counts) > 1
-                              else ''))
+                    output
+                    + (f' ({change})' if change in ('new', 'gone') or len(counts) > 1 else '')
+                )
             for group, outputs in tables.items():
                 print(f'  {group}: {", ".join(outputs)}')
         else:
@@ -606,17 +797,29 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0])
     parser.add_argument('verb', choices=('make', 'check'))
     parser.add_argument('file', metavar='FILE.json', type=Path)
-    parser.add_argument('--tolerance', type=float, default=1e-9, metavar='R',
-                        help='relative change of a figure that is no difference (default 1e-9)')
+    parser.add_argument(
+        '--tolerance',
+        type=float,
+        default=1e-9,
+        metavar='R',
+        help='relative change of a figure that is no difference (default 1e-9)',
+    )
     parser.add_argument('--numeric', action='store_true', help='compare the figures alone')
     parser.add_argument('--only', default='', metavar='REGEX', help='jobs and ids with this alone')
-    parser.add_argument('--with', dest='other', type=Path, metavar='OTHER.json',
-                        help='compare with this file, and compute nothing')
-    parser.add_argument('--full', action='store_true',
-                        help='the benchmarks of minutes too: field and recordings')
+    parser.add_argument(
+        '--with',
+        dest='other',
+        type=Path,
+        metavar='OTHER.json',
+        help='compare with this file, and compute nothing',
+    )
+    parser.add_argument(
+        '--full', action='store_true', help='the benchmarks of minutes too: field and recordings'
+    )
     parser.add_argument('--jobs', type=int, default=2, metavar='N', help='processes (default 2)')
-    parser.add_argument('--all', action='store_true', help='list every id that differs, with both '
-                                                           'values')
+    parser.add_argument(
+        '--all', action='store_true', help='list every id that differs, with both values'
+    )
     parser.add_argument('--times', action='store_true', help='tell what takes long')
     parsed = parser.parse_args()
     if parsed.verb == 'make':

@@ -9,9 +9,12 @@ from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.parameters import build
 
 TURN = 2.0 * math.pi
-PHI = {'sin': math.sin, 'tan': lambda e: 2.0 * math.tan(0.5 * e),
-       'saw': lambda e: (e + math.pi) % TURN - math.pi,
-       'sat': lambda e: max(-1.0, min(1.0, (e + math.pi) % TURN - math.pi))}
+PHI = {
+    'sin': math.sin,
+    'tan': lambda e: 2.0 * math.tan(0.5 * e),
+    'saw': lambda e: (e + math.pi) % TURN - math.pi,
+    'sat': lambda e: max(-1.0, min(1.0, (e + math.pi) % TURN - math.pi)),
+}
 MARGIN = math.radians(5.0)
 
 
@@ -24,7 +27,7 @@ def wrapped(angle, period=TURN):
 
 
 def stamps(times):
-    return 10 ** 18 + np.rint(np.asarray(times) * 1e9).astype(np.int64)
+    return 10**18 + np.rint(np.asarray(times) * 1e9).astype(np.int64)
 
 
 def coefficients_of(dt, **gains):
@@ -35,6 +38,7 @@ def coefficients_of(dt, **gains):
 def core_of(**gains):
     """The core that `build` hands to `around`."""
     import estimator_pkg.observers.angle.hybrid.observer as module
+
     seen = []
     original = module.around
     module.around = lambda core, *rest: seen.append(core) or original(core, *rest)

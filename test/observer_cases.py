@@ -14,8 +14,11 @@ from estimator_pkg.parameters import build
 
 UNTUNED = {'edge_adaptive'}
 STRUCTURES = {
-    'hybrid_angle': [{'order': 2}, {'form': 'paper', 'bandwidth_hz': 20.0},
-                     {'injection': 'tan', 'order': 2}],
+    'hybrid_angle': [
+        {'order': 2},
+        {'form': 'paper', 'bandwidth_hz': 20.0},
+        {'injection': 'tan', 'order': 2},
+    ],
     'kalman': [{'model': 'constant_velocity'}],
 }
 
@@ -36,8 +39,9 @@ def angle_observers():
 
 def variants():
     """(observer's name, gains) of each angle observer found here: its defaults, and variants."""
-    return [(name, gains) for name in angle_observers()
-            for gains in ({}, *STRUCTURES.get(name, ()))]
+    return [
+        (name, gains) for name in angle_observers() for gains in ({}, *STRUCTURES.get(name, ()))
+    ]
 
 
 def tunable_variants():
@@ -74,12 +78,12 @@ def stream(seed, count=400, noise=3e-3):
     t = (at - at[0]) * 1e-9
     angle = 2.0 + 40.0 * t + 3.0 * np.sin(20.0 * t) + random.normal(0.0, noise, count)
     angle = np.rint(wrapped(angle) / 1e-3) * 1e-3
-    at[150:] += 300_000_000                     # a gap
-    at[250] = at[249]                           # a duplicate
-    at[270] = at[268]                           # late
-    at[300] += 10 ** 15                         # the far future
-    angle[200] = angle[199]                     # a repeat
-    angle[320] += 3.0                           # outliers
+    at[150:] += 300_000_000  # a gap
+    at[250] = at[249]  # a duplicate
+    at[270] = at[268]  # late
+    at[300] += 10**15  # the far future
+    angle[200] = angle[199]  # a repeat
+    angle[320] += 3.0  # outliers
     angle[321] = math.nan
-    angle[340:352] = angle[340]                 # a stuck sensor
+    angle[340:352] = angle[340]  # a stuck sensor
     return at, angle

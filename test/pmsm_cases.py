@@ -29,7 +29,8 @@ def made(**gains):
 def record(segments, seed=1, **plant):
     profile = Profile(segments)
     return Drive(PmsmParameters(**plant), seed, profile=profile, fast=False).run(
-        round(profile.duration * RATE))
+        round(profile.duration * RATE)
+    )
 
 
 def noisy(segments, **plant):

@@ -17,10 +17,10 @@ from observer_cases import make, stamps, variants, wrapped
 from estimator_pkg.observers.contract import TRACKING
 from sim_pkg.joints.profiles import ProfileParameters, make_profile
 
-REST = 0.5      # [s] the shaft stands before it moves
-AROUND = 0.2    # [s] after the first changed reading: the start
-LENGTH = 1.2    # [s] of motion
-PHASES = 30     # of a start against the sampling
+REST = 0.5  # [s] the shaft stands before it moves
+AROUND = 0.2  # [s] after the first changed reading: the start
+LENGTH = 1.2  # [s] of motion
+PHASES = 30  # of a start against the sampling
 
 # Every profile of the simulator; what is at once has no ramp.
 MOTIONS = {
@@ -53,7 +53,7 @@ class Case(NamedTuple):
 
     @property
     def quantum(self) -> float:
-        return 2.0 * math.pi / 2.0 ** self.bits
+        return 2.0 * math.pi / 2.0**self.bits
 
 
 class Found(NamedTuple):
@@ -72,7 +72,7 @@ def stream(case: Case):
     """(stamps, readings, true velocity, index of the first sample in motion)."""
     own = MOTIONS[case.motion]
     held = own.get('hold_time', 1.0)
-    late = held if own['profile'] in ('steps', 'trapezoid') else 0.0   # both begin with a rest
+    late = held if own['profile'] in ('steps', 'trapezoid') else 0.0  # both begin with a rest
     random = np.random.default_rng(case.seed)
     profile = make_profile(ProfileParameters(**own), random)
     count = round((REST + LENGTH) * case.rate)
@@ -105,19 +105,29 @@ def measure(name, gains, case):
     last = min(len(read), first + round(AROUND * case.rate) + 1)
     part = slice(first, last)
     told = out.status[part] >= TRACKING
-    ratio = np.divide(error[part], sigma[part], out=np.full(last - first, np.inf),
-                      where=sigma[part] > 0.0)
+    ratio = np.divide(
+        error[part], sigma[part], out=np.full(last - first, np.inf), where=sigma[part] > 0.0
+    )
     ratio = np.where(error[part] < 1e-12, 0.0, ratio)
     worst = float(np.max(ratio[told], initial=0.0))
     where = int(np.argmax(np.where(told, ratio, 0.0)))
-    steady = float(np.median(sigma[first + round(0.5 * case.rate):first + round(0.65 * case.rate)]))
-    changed = np.cumsum(np.diff(read[first - 1:last]) != 0.0)
+    steady = float(
+        np.median(sigma[first + round(0.5 * case.rate) : first + round(0.65 * case.rate)])
+    )
+    changed = np.cumsum(np.diff(read[first - 1 : last]) != 0.0)
     wide = np.flatnonzero(sigma[part] > 2.0 * steady)
     far = np.flatnonzero(error[part] > 10.0 * steady)
-    return Found(worst, int(changed[wide[-1]]) if len(wide) else 0,
-                 int(changed[far[-1]]) if len(far) else 0, steady,
-                 int(np.count_nonzero(out.velocity_stddev == 0.0)
-                     + np.count_nonzero(out.position_stddev == 0.0)), where)
+    return Found(
+        worst,
+        int(changed[wide[-1]]) if len(wide) else 0,
+        int(changed[far[-1]]) if len(far) else 0,
+        steady,
+        int(
+            np.count_nonzero(out.velocity_stddev == 0.0)
+            + np.count_nonzero(out.position_stddev == 0.0)
+        ),
+        where,
+    )
 
 
 def readings_of_error(name, gains, known):
@@ -131,7 +141,7 @@ def readings_of_error(name, gains, known):
         own = {**gains, 'quantum': case.quantum} if known else gains
         out = make(name, own, wrap_period=case.period).run(at, read, fast=False)
         changed = np.flatnonzero(np.diff(read) != 0.0) + 1
-        steady.append(np.median(out.velocity_stddev[changed[0] + 500:changed[0] + 650]))
+        steady.append(np.median(out.velocity_stddev[changed[0] + 500 : changed[0] + 650]))
         errors.append((out.velocity - velocity)[changed[:150]])
     wide = np.flatnonzero(np.sqrt(np.mean(np.square(errors), 0)) > 2.0 * np.median(steady))
     return int(wide[-1]) + 1 if len(wide) else 0
@@ -151,28 +161,39 @@ def main():
     quick = 'quick' in wanted
     detail = 'detail' in wanted
     for name, gains in variants():
-        if name == 'edge_adaptive' or (len(wanted) and not any(w in name for w in wanted
-                                       if w not in ('quick', 'detail')) and
-                                       set(wanted) - {'quick', 'detail'}):
+        if name == 'edge_adaptive' or (
+            len(wanted)
+            and not any(w in name for w in wanted if w not in ('quick', 'detail'))
+            and set(wanted) - {'quick', 'detail'}
+        ):
             continue
         print(f'{name} {gains}')
         worst = {}
         for case in cases(quick):
             found = measure(name, gains, case)
-            for key in (('motion', case.motion), ('rate', case.rate), ('bits', case.bits),
-                        ('noise', case.noise), ('known', case.known)):
+            for key in (
+                ('motion', case.motion),
+                ('rate', case.rate),
+                ('bits', case.bits),
+                ('noise', case.noise),
+                ('known', case.known),
+            ):
                 worst.setdefault(key, []).append((found, case))
             if detail and (found.worst > 5.0):
-                print(f'   {case.motion:18} {case.rate:5g} Hz {case.bits} bits noise {case.noise}'
-                      f' {"known" if case.known else "-":5} {found.worst:9.3g} at {found.at}'
-                      f'  calm {found.calm} needed {found.needed} steady {found.steady:.2g}')
+                print(
+                    f'   {case.motion:18} {case.rate:5g} Hz {case.bits} bits noise {case.noise}'
+                    f' {"known" if case.known else "-":5} {found.worst:9.3g} at {found.at}'
+                    f'  calm {found.calm} needed {found.needed} steady {found.steady:.2g}'
+                )
         for (kind, value), rows in worst.items():
             ratios = np.array([row.worst for row, _ in rows])
             calm = [row.calm for row, _ in rows]
             late = np.mean([row.calm > max(20, row.needed) for row, _ in rows])
-            print(f'  {kind:7} {value!s:18} worst {max(ratios):9.3g}  beyond 5: '
-                  f'{np.mean(ratios > 5.0):6.1%}  calm {int(np.median(calm)):3} late {late:6.1%} '
-                  f'zeros {sum(row.zeros for row, _ in rows)}')
+            print(
+                f'  {kind:7} {value!s:18} worst {max(ratios):9.3g}  beyond 5: '
+                f'{np.mean(ratios > 5.0):6.1%}  calm {int(np.median(calm)):3} late {late:6.1%} '
+                f'zeros {sum(row.zeros for row, _ in rows)}'
+            )
 
 
 if __name__ == '__main__':

@@ -24,14 +24,19 @@ from estimator_pkg.streams.angle import AngleSettings
 
 ROOT = Path(__file__).parent.parent
 # https://yaml.org/type: bool, null, int, float, timestamp, merge and value of YAML 1.1
-YAML_1_1 = [re.compile(pattern) for pattern in (
-    r'y|Y|yes|Yes|YES|n|N|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF',
-    r'~|null|Null|NULL|',
-    r'[-+]?0b[0-1_]+|[-+]?0[0-7_]+|[-+]?(0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+'
-    r'|[-+]?[1-9][0-9_]*(:[0-5]?[0-9])+',
-    r'[-+]?([0-9][0-9_]*)?\.[0-9.]*([eE][-+]?[0-9]+)?|[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*'
-    r'|[-+]?\.?(inf|Inf|INF)|\.?(nan|NaN|NAN)|[-+]?[0-9]+[eE][-+]?[0-9]+|infinity',
-    r'\d\d\d\d-\d\d?-\d\d?.*', r'<<|=')]
+YAML_1_1 = [
+    re.compile(pattern)
+    for pattern in (
+        r'y|Y|yes|Yes|YES|n|N|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF',
+        r'~|null|Null|NULL|',
+        r'[-+]?0b[0-1_]+|[-+]?0[0-7_]+|[-+]?(0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+'
+        r'|[-+]?[1-9][0-9_]*(:[0-5]?[0-9])+',
+        r'[-+]?([0-9][0-9_]*)?\.[0-9.]*([eE][-+]?[0-9]+)?|[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*'
+        r'|[-+]?\.?(inf|Inf|INF)|\.?(nan|NaN|NAN)|[-+]?[0-9]+[eE][-+]?[0-9]+|infinity',
+        r'\d\d\d\d-\d\d?-\d\d?.*',
+        r'<<|=',
+    )
+]
 
 
 def declaring():
@@ -49,7 +54,8 @@ def declaring():
                 continue
             for _, cls in inspect.getmembers(module, inspect.isclass):
                 if dataclasses.is_dataclass(cls) and any(
-                        'parameter' in field.metadata for field in dataclasses.fields(cls)):
+                    'parameter' in field.metadata for field in dataclasses.fields(cls)
+                ):
                     found[f'{cls.__module__}.{cls.__qualname__}'] = cls
     return found
 
@@ -83,10 +89,38 @@ def test_no_choice_of_a_command_is_one_either():
     assert seen > 5
 
 
-@pytest.mark.parametrize('word', [
-    'y', 'Y', 'yes', 'n', 'N', 'No', 'on', 'OFF', 'off', 'true', 'FALSE', '~', 'null', '', '1',
-    '017', '0x1F', '1_000', '1:30', '190:20:30.15', '1e3', '.5', '.inf', 'nan', 'inf', '2026-01-01',
-    '-1'])
+@pytest.mark.parametrize(
+    'word',
+    [
+        'y',
+        'Y',
+        'yes',
+        'n',
+        'N',
+        'No',
+        'on',
+        'OFF',
+        'off',
+        'true',
+        'FALSE',
+        '~',
+        'null',
+        '',
+        '1',
+        '017',
+        '0x1F',
+        '1_000',
+        '1:30',
+        '190:20:30.15',
+        '1e3',
+        '.5',
+        '.inf',
+        'nan',
+        'inf',
+        '2026-01-01',
+        '-1',
+    ],
+)
 def test_words_that_need_quotes_are_known(word):
     assert not yaml_text.is_text(word)
     assert any(pattern.fullmatch(word) for pattern in YAML_1_1)
@@ -104,9 +138,16 @@ def test_a_choice_that_comes_as_a_boolean_shows_the_quoting():
         build(AngleSettings, {'angle_joint': 3})
 
 
-@pytest.mark.parametrize('value, shown', [
-    ([True], "['y']"), ([True, False], "['y', 'n']"), ([1, 2], "['1', '2']"),
-    (['x', True, 'z'], "['x', 'y', 'z']"), (True, "['y']")])
+@pytest.mark.parametrize(
+    'value, shown',
+    [
+        ([True], "['y']"),
+        ([True, False], "['y', 'n']"),
+        ([1, 2], "['1', '2']"),
+        (['x', True, 'z'], "['x', 'y', 'z']"),
+        (True, "['y']"),
+    ],
+)
 def test_names_that_come_as_booleans_or_numbers_show_the_quoting(value, shown):
     with pytest.raises(UsageError) as caught:
         build(AngleSettings, {'joints': value})
@@ -114,8 +155,9 @@ def test_names_that_come_as_booleans_or_numbers_show_the_quoting(value, shown):
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize('values', [{'gate': 'off'}, parse_assignments(['gate=off']),
-                                    parse_assignments(["gate='off'"])])
+@pytest.mark.parametrize(
+    'values', [{'gate': 'off'}, parse_assignments(['gate=off']), parse_assignments(["gate='off'"])]
+)
 def test_the_word_of_the_last_release_is_still_read(values):
     gains = build(Gains, values)
     assert gains.gate == 'none' and type(gains.gate) is str
@@ -124,7 +166,11 @@ def test_the_word_of_the_last_release_is_still_read(values):
 def test_the_old_word_is_reported_with_the_new_one(capsys):
     parse = declared(DrivenSettings)['input_unit']
     assert [parse.check(unit) for unit in ('', 'N m', 'newton', 'N')] == [
-        '', 'N m', 'newton', 'newton']
+        '',
+        'N m',
+        'newton',
+        'newton',
+    ]
     told = capsys.readouterr().err
     assert told.count("'N' is called 'newton' now") == told.count('\n') == 1
     with pytest.raises(UsageError, match="input_unit: 'newton'"):
@@ -140,10 +186,30 @@ def test_words_of_the_command_line_need_no_quotes():
 
 
 # What the parser of rcl gave for each of these words on ROS 2 Jazzy.
-OF_ROS = {'y': True, 'N': False, 'off': False, 'Yes': True, '1:30': '1:30', '1_000': '1_000',
-          '2026-01-01': '2026-01-01', '017': 15, '0x1F': 31, '1e3': 1000.0, '08': 8.0,
-          '0b11': '0b11', '0o17': '0o17', '+1': 1, '1.': 1.0, '.5': 0.5, '"y"': 'y', "''": '',
-          '!!str y': 'y', 'inf': float('inf'), '-.inf': float('-inf'), 'infinity': float('inf')}
+OF_ROS = {
+    'y': True,
+    'N': False,
+    'off': False,
+    'Yes': True,
+    '1:30': '1:30',
+    '1_000': '1_000',
+    '2026-01-01': '2026-01-01',
+    '017': 15,
+    '0x1F': 31,
+    '1e3': 1000.0,
+    '08': 8.0,
+    '0b11': '0b11',
+    '0o17': '0o17',
+    '+1': 1,
+    '1.': 1.0,
+    '.5': 0.5,
+    '"y"': 'y',
+    "''": '',
+    '!!str y': 'y',
+    'inf': float('inf'),
+    '-.inf': float('-inf'),
+    'infinity': float('inf'),
+}
 
 
 @pytest.mark.parametrize('word', OF_ROS)
@@ -160,8 +226,18 @@ def test_names_of_joints_may_be_keys_without_quotes(tmp_path):
     assert params_file.load(path) == {'joints.y.noise': 1.0, 'joints.1.noise': 2.0}
 
 
-@pytest.mark.parametrize('word', ['!!bool a', '!!int a', '!!float a', '!!timestamp a',
-                                  '!!python/name:os.system ""', '!!binary 3', '!!int [1]'])
+@pytest.mark.parametrize(
+    'word',
+    [
+        '!!bool a',
+        '!!int a',
+        '!!float a',
+        '!!timestamp a',
+        '!!python/name:os.system ""',
+        '!!binary 3',
+        '!!int [1]',
+    ],
+)
 def test_wrong_tags_are_one_line(word, tmp_path):
     path = tmp_path / 'params.yaml'
     path.write_text(f'/**:\n  ros__parameters:\n    p: {word}\n')
@@ -170,19 +246,53 @@ def test_wrong_tags_are_one_line(word, tmp_path):
     assert '\n' not in str(caught.value)
 
 
-HOSTILE = ['y', "it's", 'a\nb', 'x: !!python/name:os.system ""', '# no', '\u2028- a', '\x85',
-           '\u202eabc', 'ä', '"', "'", '\\', '\x1b[2J', '- a', '&a', '*a', '{a: b}', ' ', '',
-           '%TAG', '\ufeff', '\ud800', '1', '~', '...', '--- a', 'a' * 300 + ' b' * 300]
+HOSTILE = [
+    'y',
+    "it's",
+    'a\nb',
+    'x: !!python/name:os.system ""',
+    '# no',
+    '\u2028- a',
+    '\x85',
+    '\u202eabc',
+    'ä',
+    '"',
+    "'",
+    '\\',
+    '\x1b[2J',
+    '- a',
+    '&a',
+    '*a',
+    '{a: b}',
+    ' ',
+    '',
+    '%TAG',
+    '\ufeff',
+    '\ud800',
+    '1',
+    '~',
+    '...',
+    '--- a',
+    'a' * 300 + ' b' * 300,
+]
 
 
 @pytest.mark.parametrize('text', HOSTILE)
 def test_texts_stay_texts_in_what_is_written(text):
-    for written in (yaml_text.scalar(text), f'{{{yaml_text.scalar(text)}: 1}}',
-                    yaml_text.scalar([text]), yaml_text.block({text: [text, 1.0]})):
+    for written in (
+        yaml_text.scalar(text),
+        f'{{{yaml_text.scalar(text)}: 1}}',
+        yaml_text.scalar([text]),
+        yaml_text.block({text: [text, 1.0]}),
+    ):
         assert written.strip().isprintable() or '\n' in written.strip()
         for loader in (yaml.SafeLoader, yaml_text.Loader):
             assert yaml.load(written, Loader=loader) in (
-                text, {text: 1}, [text], {text: [text, 1.0]})
+                text,
+                {text: 1},
+                [text],
+                {text: [text, 1.0]},
+            )
     line = yaml_text.comment(text)
     assert line.startswith('# ') and line.isprintable() and yaml.safe_load(line) is None
 
@@ -191,6 +301,7 @@ def test_the_files_that_we_ship_quote_names_of_joints():
     """A user edits the example: y in place of 'shoulder' would be a boolean."""
     for path in (ROOT / 'config').glob('*.yaml'):
         text = path.read_text(encoding='utf-8')
-        for value in re.findall(r'^ +#?(?:[\w.]+\.)?(?:joints?|angle_joint|mechanisms): (.*)$',
-                                text, re.MULTILINE):
+        for value in re.findall(
+            r'^ +#?(?:[\w.]+\.)?(?:joints?|angle_joint|mechanisms): (.*)$', text, re.MULTILINE
+        ):
             assert re.fullmatch(r"\[?('[\w]+'(, )?)+\]?", value), (path.name, value)

@@ -17,8 +17,15 @@ COMMAND = [sys.executable, '-m', 'estimator_pkg.cli']
 def run(words, stdout, buffered=True):
     """(exit code, stderr); whether Python buffers its output decides when a write fails."""
     environment = {**os.environ, 'PYTHONUNBUFFERED': '' if buffered else '1'}
-    done = subprocess.run([*COMMAND, *words], stdout=stdout, stderr=subprocess.PIPE, text=True,
-                          env=environment, timeout=60, check=False)
+    done = subprocess.run(
+        [*COMMAND, *words],
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        timeout=60,
+        check=False,
+    )
     return done.returncode, done.stderr
 
 

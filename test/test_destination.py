@@ -21,8 +21,10 @@ def evaluate(*words):
 
 
 def test_a_page_overwrites_no_data(tmp_path, capsys):
-    mine = {name: tmp_path / name for name in ('r.npz', 'r.png', 'r.json', '.r.html.part',
-                                               '.r.npz.part')}
+    mine = {
+        name: tmp_path / name
+        for name in ('r.npz', 'r.png', 'r.json', '.r.html.part', '.r.npz.part')
+    }
     for path in mine.values():
         path.write_text('mine')
     assert evaluate('--html', tmp_path / 'r.html') == 0
@@ -32,12 +34,12 @@ def test_a_page_overwrites_no_data(tmp_path, capsys):
 
 
 def test_the_data_are_written_where_they_are_requested(tmp_path, capsys):
-    assert evaluate('--data', tmp_path / 'numbers') == 0      # without a page, with any name
+    assert evaluate('--data', tmp_path / 'numbers') == 0  # without a page, with any name
     with np.load(tmp_path / 'numbers') as data:
         assert any(name.endswith('/velocity') for name in data)
     assert [path.name for path in tmp_path.iterdir()] == ['numbers']
     assert f'data: {tmp_path / "numbers"}' in capsys.readouterr().out
-    assert evaluate('--html', tmp_path / 'out.npz') == 0      # it does not overwrite itself
+    assert evaluate('--html', tmp_path / 'out.npz') == 0  # it does not overwrite itself
     assert (tmp_path / 'out.npz').read_text().startswith('<!DOCTYPE html>')
     assert evaluate('--data', tmp_path / 'no' / 'numbers') == 1
     assert 'there is no folder' in capsys.readouterr().err
@@ -52,19 +54,25 @@ def test_tune_writes_the_gains_alone(tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['gains.png', 'gains.yaml']
 
 
-@pytest.mark.parametrize(('words', 'options'), [
-    (['evaluate', 'BAG', '--html', 'X', '--json', 'X'], '--html and --json'),
-    (['evaluate', 'BAG', '--html', 'X', '--plot', 'X'], '--html and --plot'),
-    (['evaluate', 'BAG', '--html', 'X', '--data', 'X'], '--html and --data'),
-    (['evaluate', 'BAG', '--data', 'X', '--json', './X'], '--data and --json'),
-    (['tune', 'BAG', '--observer', 'pll', '--out', 'X', '--json', 'X'], '--out and --json'),
-    (['tune', 'BAG', '--observer', 'pll', '--out', 'X', '--plot', 'sub/../X'], '--out and --plot'),
-    (['identify', 'BAG', '--out', 'X', '--json', 'X'], '--out and --json'),
-    (['replay', 'BAG', '--out', 'X', '--json', 'X'], '--out and --json'),
-    (['simulate', 'encoder', '--out', 'X', '--json', 'X'], '--out and --json'),
-    (['record', '/x', '--out', 'X', '--json', 'link'], '--out and --json')])
-def test_two_outputs_with_one_name_are_a_usage_error(words, options, tmp_path, monkeypatch,
-                                                     capsys):
+@pytest.mark.parametrize(
+    ('words', 'options'),
+    [
+        (['evaluate', 'BAG', '--html', 'X', '--json', 'X'], '--html and --json'),
+        (['evaluate', 'BAG', '--html', 'X', '--plot', 'X'], '--html and --plot'),
+        (['evaluate', 'BAG', '--html', 'X', '--data', 'X'], '--html and --data'),
+        (['evaluate', 'BAG', '--data', 'X', '--json', './X'], '--data and --json'),
+        (['tune', 'BAG', '--observer', 'pll', '--out', 'X', '--json', 'X'], '--out and --json'),
+        (
+            ['tune', 'BAG', '--observer', 'pll', '--out', 'X', '--plot', 'sub/../X'],
+            '--out and --plot',
+        ),
+        (['identify', 'BAG', '--out', 'X', '--json', 'X'], '--out and --json'),
+        (['replay', 'BAG', '--out', 'X', '--json', 'X'], '--out and --json'),
+        (['simulate', 'encoder', '--out', 'X', '--json', 'X'], '--out and --json'),
+        (['record', '/x', '--out', 'X', '--json', 'link'], '--out and --json'),
+    ],
+)
+def test_two_outputs_with_one_name_are_a_usage_error(words, options, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'sub').mkdir()
     (tmp_path / 'link').symlink_to('X')
@@ -74,13 +82,18 @@ def test_two_outputs_with_one_name_are_a_usage_error(words, options, tmp_path, m
     assert not (tmp_path / 'X').exists()
 
 
-@pytest.mark.parametrize('words', [
-    ['evaluate', 'B', '--observer', 'pll', '--json', 'B/metadata.yaml'],
-    ['evaluate', 'B', '--html', 'B/B_0.mcap'], ['replay', 'B/B_0.mcap', '--json', 'B/B_0.mcap'],
-    ['evaluate', 'B', 'B/B_0.mcap', '--data', 'B/B_0.mcap'],
-    ['tune', 'B', '--observer', 'pll', '--out', 'B/metadata.yaml'],
-    ['play', 'B', '--json', 'B/metadata.yaml'],
-    ['record', '--recover', 'B/B_0.mcap', '--out', 'x', '--json', 'hard']])
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['evaluate', 'B', '--observer', 'pll', '--json', 'B/metadata.yaml'],
+        ['evaluate', 'B', '--html', 'B/B_0.mcap'],
+        ['replay', 'B/B_0.mcap', '--json', 'B/B_0.mcap'],
+        ['evaluate', 'B', 'B/B_0.mcap', '--data', 'B/B_0.mcap'],
+        ['tune', 'B', '--observer', 'pll', '--out', 'B/metadata.yaml'],
+        ['play', 'B', '--json', 'B/metadata.yaml'],
+        ['record', '--recover', 'B/B_0.mcap', '--out', 'x', '--json', 'hard'],
+    ],
+)
 def test_no_output_overwrites_the_bag_that_is_read(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', 'encoder', '--duration', '0.1', '--out', 'B']) == 0
@@ -95,7 +108,7 @@ def test_no_output_overwrites_the_bag_that_is_read(words, tmp_path, monkeypatch,
 def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', 'encoder', '--duration', '0.5', '--out', 'B']) == 0
-    for _ in range(2):      # and be replaced
+    for _ in range(2):  # and be replaced
         assert main(['evaluate', 'B', *SHORT, '--json', 'B/result.json']) == 0
 
 
@@ -108,7 +121,7 @@ def test_a_file_is_replaced_as_a_whole(tmp_path):
     assert path.read_text() == 'before'
     assert list(tmp_path.iterdir()) == [path]
     with destination.replacing(path) as one, destination.replacing(path) as other:
-        assert one != other     # two commands at once
+        assert one != other  # two commands at once
     destination.write_text(path, 'after')
     assert path.read_text() == 'after'
 

@@ -64,12 +64,15 @@ def test_the_tables_come_from_the_declarations():
 
 
 def matrix():
-    return [line for line in (DOCS / 'choosing.md').read_text().splitlines()
-            if line.startswith('| [')]
+    return [
+        line for line in (DOCS / 'choosing.md').read_text().splitlines() if line.startswith('| [')
+    ]
 
 
 def test_the_matrix_has_a_cell_for_everything():
-    assert {line[3:line.index(']')] for line in matrix()} == set(registry.names(registry.OBSERVERS))
+    assert {line[3 : line.index(']')] for line in matrix()} == set(
+        registry.names(registry.OBSERVERS)
+    )
     for line in matrix():
         cells = [cell.strip() for cell in line.strip('|').split('|')]
         assert len(cells) == 10 and all(cells)
@@ -99,6 +102,7 @@ def test_cost_and_delay_can_be_measured(capsys, monkeypatch):
 
 
 # ---------------------------------------------------------------- links, pictures, commands
+
 
 def pages():
     return [ROOT / 'README.md', ROOT / 'bags' / 'README.md', *sorted(DOCS.glob('**/*.md'))]
@@ -175,10 +179,25 @@ def test_modules_and_nodes_in_the_documentation_exist():
 
 def test_the_site_is_built(tmp_path):
     pytest.importorskip('mkdocs', reason='not run: mkdocs is not installed')
-    done = subprocess.run([sys.executable, '-m', 'mkdocs', 'build', '--strict', '--quiet',
-                           '--config-file', str(ROOT / 'mkdocs.yml'), '--site-dir',
-                           str(tmp_path / 'site')], capture_output=True, text=True, cwd=tmp_path,
-                          timeout=120, check=False)
+    done = subprocess.run(
+        [
+            sys.executable,
+            '-m',
+            'mkdocs',
+            'build',
+            '--strict',
+            '--quiet',
+            '--config-file',
+            str(ROOT / 'mkdocs.yml'),
+            '--site-dir',
+            str(tmp_path / 'site'),
+        ],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=120,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     page = (tmp_path / 'site' / 'observers' / 'pll' / 'index.html').read_text()
     assert 'bandwidth_hz' in page and '{{ parameters' not in page

@@ -8,15 +8,28 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'estimator_pkg'
-FILES = sorted(path for pattern in (
-    'observers/convention.py', 'observers/adaptive/*.py', 'observers/mechanism/*.py',
-    'observers/pmsm/*.py', 'observers/switched/*.py', 'observers/angle/hybrid/injections.py',
-    'observers/maths/*.py', 'driver/drive.py', 'driver/joint.py', 'driver/switched.py',
-    'driver/track.py')
-    for path in PACKAGE.glob(pattern))
+FILES = sorted(
+    path
+    for pattern in (
+        'observers/convention.py',
+        'observers/adaptive/*.py',
+        'observers/mechanism/*.py',
+        'observers/pmsm/*.py',
+        'observers/switched/*.py',
+        'observers/angle/hybrid/injections.py',
+        'observers/maths/*.py',
+        'driver/drive.py',
+        'driver/joint.py',
+        'driver/switched.py',
+        'driver/track.py',
+    )
+    for path in PACKAGE.glob(pattern)
+)
 # a number, or a constant that stands for one
-INDEX = re.compile(r'\b(?:design|state|coefficients|_?track|core|watch|out|clear|lock|convention'
-                   r'|scatter|limits)\[-?(?:\d|[A-Z]+\b)')
+INDEX = re.compile(
+    r'\b(?:design|state|coefficients|_?track|core|watch|out|clear|lock|convention'
+    r'|scatter|limits)\[-?(?:\d|[A-Z]+\b)'
+)
 
 
 def found_in(text: str) -> list[str]:
@@ -31,7 +44,10 @@ def test_fields_are_called_by_name(path):
 
 def test_numbers_are_found():
     assert found_in('x = state[2]\ny = self._track[STATE]\nz = design[10][1]\nw = rows[k]') == [
-        'x = state[2]', 'y = self._track[STATE]', 'z = design[10][1]']
+        'x = state[2]',
+        'y = self._track[STATE]',
+        'z = design[10][1]',
+    ]
 
 
 def test_all_families_are_looked_at():

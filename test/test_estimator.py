@@ -24,17 +24,17 @@ ANGLE_OBSERVERS = observers.of_kind('angle')
 def samples(count=600, rate=500.0, period=2.0 * math.pi):
     """Stamps [ns] and a wrapped, quantised angle [rad] of a swing, with every kind of fault."""
     time = np.arange(count) / rate
-    stamps = 10 ** 9 + np.round(time * 1e9).astype(np.int64)
+    stamps = 10**9 + np.round(time * 1e9).astype(np.int64)
     angle = 4.0 * np.sin(5.0 * time)
     angle = np.floor(angle / QUANTUM) * QUANTUM
     if period:
         angle = (angle + 0.5 * period) % period - 0.5 * period
-    stamps[50] = stamps[49]            # duplicate
-    stamps[80] = stamps[70]            # late
-    angle[100] = math.nan              # not finite
-    stamps[120] = 0                    # no stamp
-    stamps[300:] += 10 ** 9            # an outage
-    stamps[450:] -= 3 * 10 ** 9        # a clock that jumps back
+    stamps[50] = stamps[49]  # duplicate
+    stamps[80] = stamps[70]  # late
+    angle[100] = math.nan  # not finite
+    stamps[120] = 0  # no stamp
+    stamps[300:] += 10**9  # an outage
+    stamps[450:] -= 3 * 10**9  # a clock that jumps back
     return stamps, angle
 
 
@@ -76,23 +76,32 @@ def test_the_estimates_are_those_of_the_driver(name):
     assert estimator.why == joint.why()
 
 
-@pytest.mark.parametrize(('name', 'fast'), [
-    *((name, False) for name in ANGLE_OBSERVERS),
-    pytest.param('hybrid_angle', True, marks=pytest.mark.skipif(
-        not available(), reason='Numba is not installed'))])
+@pytest.mark.parametrize(
+    ('name', 'fast'),
+    [
+        *((name, False) for name in ANGLE_OBSERVERS),
+        pytest.param(
+            'hybrid_angle',
+            True,
+            marks=pytest.mark.skipif(not available(), reason='Numba is not installed'),
+        ),
+    ],
+)
 def test_arrays_are_the_single_estimates(name, fast):
     stamps, angle = samples()
     one_by_one, at_once = VelocityEstimator(name), VelocityEstimator(name)
     wanted = stack([one_by_one.update(stamp, reading) for stamp, reading in zip(stamps, angle)])
     # in two parts, the second of which begins with a dropped sample
-    parts = [at_once.run(stamps[part], angle[part], fast=fast)
-             for part in (slice(0, 50), slice(50, None))]
+    parts = [
+        at_once.run(stamps[part], angle[part], fast=fast)
+        for part in (slice(0, 50), slice(50, None))
+    ]
     found = EstimateArrays(*(np.concatenate(pair) for pair in zip(*parts)))
     if fast:  # where libm differs
-        for field in ('position', 'velocity', 'acceleration', 'position_stddev',
-                      'velocity_stddev'):
-            np.testing.assert_allclose(getattr(found, field), getattr(wanted, field), rtol=1e-9,
-                                       atol=1e-12)
+        for field in ('position', 'velocity', 'acceleration', 'position_stddev', 'velocity_stddev'):
+            np.testing.assert_allclose(
+                getattr(found, field), getattr(wanted, field), rtol=1e-9, atol=1e-12
+            )
         assert found.status.tolist() == wanted.status.tolist()
         assert found.dropped.tolist() == wanted.dropped.tolist()
     else:
@@ -101,7 +110,8 @@ def test_arrays_are_the_single_estimates(name, fast):
     assert found.valid.tolist() == [each in ('tracking', 'coasting') for each in found.status]
     stamp, reading = int(stamps[-1]) + 2_000_000, float(angle[-1])
     assert at_once.update(stamp, reading).velocity == pytest.approx(
-        one_by_one.update(stamp, reading).velocity, rel=1e-9)
+        one_by_one.update(stamp, reading).velocity, rel=1e-9
+    )
 
 
 def test_a_dropped_sample_gives_the_estimate_before_it_and_the_reason():
@@ -112,9 +122,11 @@ def test_a_dropped_sample_gives_the_estimate_before_it_and_the_reason():
     for i in range(1, 200):
         before = estimator.update(i * 2_000_000, 0.004 * i)
     assert before.valid and before.used and before.velocity == pytest.approx(2.0, abs=0.05)
-    for stamp, reading, reason in ((199 * 2_000_000, 0.8, 'duplicate'),
-                                   (198 * 2_000_000, 0.8, 'late'),
-                                   (200 * 2_000_000, math.inf, 'non_finite')):
+    for stamp, reading, reason in (
+        (199 * 2_000_000, 0.8, 'duplicate'),
+        (198 * 2_000_000, 0.8, 'late'),
+        (200 * 2_000_000, math.inf, 'non_finite'),
+    ):
         again = estimator.update(stamp, reading)
         assert again == before._replace(used=False, dropped=reason)
         assert again == estimator.estimate
@@ -126,7 +138,7 @@ def test_a_dropped_sample_gives_the_estimate_before_it_and_the_reason():
 
 
 def test_gains_that_cannot_work_at_the_rate_give_no_numbers_and_say_why():
-    stamps = 10 ** 9 + np.arange(40) * 50_000_000
+    stamps = 10**9 + np.arange(40) * 50_000_000
     one, many = (VelocityEstimator(form='paper', bandwidth_hz=200.0) for _ in range(2))
     single = stack([one.update(stamp, 0.0) for stamp in stamps])
     last = one.estimate
@@ -137,7 +149,7 @@ def test_gains_that_cannot_work_at_the_rate_give_no_numbers_and_say_why():
 
 def test_acceleration_where_the_observer_estimates_it():
     time = np.arange(1000) * 1e-3
-    stamps, angle = 10 ** 9 + np.arange(1000) * 1_000_000, 1.5 * time * time
+    stamps, angle = 10**9 + np.arange(1000) * 1_000_000, 1.5 * time * time
     with_it = VelocityEstimator('kalman', model='constant_acceleration', wrap_period=0.0)
     assert with_it.run(stamps, angle).acceleration[-1] == pytest.approx(3.0, rel=0.02)
     without = VelocityEstimator('kalman', model='constant_velocity', wrap_period=0.0)
@@ -146,7 +158,7 @@ def test_acceleration_where_the_observer_estimates_it():
 
 def test_unwrap_counts_turns():
     time = np.arange(1000) * 1e-3
-    stamps = 10 ** 9 + np.arange(1000) * 1_000_000
+    stamps = 10**9 + np.arange(1000) * 1_000_000
     wrapped = (20.0 * time + np.pi) % (2.0 * np.pi) - np.pi
     turns = VelocityEstimator(unwrap=True).run(stamps, wrapped)
     assert turns.position[-1] == pytest.approx(20.0 * time[-1], abs=0.05)
@@ -171,11 +183,13 @@ def test_what_cannot_be_set_changes_nothing():
     for i in range(1, 300):
         estimator.update(i * 20_000_000, 0.0)
     before = estimator.parameters
-    for change, said in (({'bandwith_hz': 5.0}, "did you mean 'bandwidth_hz'"),
-                         ({'bandwidth_hz': -5.0}, 'outside'),
-                         ({'unwrap': True}, "'unwrap' is structural"),
-                         ({'wrap_period': 0.0}, "'wrap_period' is structural"),
-                         ({'gap_max': 0.1, 'bandwidth_hz': 1000.0}, 'Hz')):
+    for change, said in (
+        ({'bandwith_hz': 5.0}, "did you mean 'bandwidth_hz'"),
+        ({'bandwidth_hz': -5.0}, 'outside'),
+        ({'unwrap': True}, "'unwrap' is structural"),
+        ({'wrap_period': 0.0}, "'wrap_period' is structural"),
+        ({'gap_max': 0.1, 'bandwidth_hz': 1000.0}, 'Hz'),
+    ):
         with pytest.raises(UsageError, match=said):
             estimator.set(**change)
         assert estimator.parameters == before
@@ -183,7 +197,7 @@ def test_what_cannot_be_set_changes_nothing():
 
 
 def test_reset_starts_again_and_keeps_counting():
-    stamps, angle = 10 ** 9 + np.arange(300) * 2_000_000, 0.004 * np.arange(300)
+    stamps, angle = 10**9 + np.arange(300) * 2_000_000, 0.004 * np.arange(300)
     estimator = VelocityEstimator()
     first = estimator.run(stamps, angle)
     estimator.reset()
@@ -192,22 +206,28 @@ def test_reset_starts_again_and_keeps_counting():
     assert estimator.received == estimator.used == 600
 
 
-@pytest.mark.parametrize(('words', 'parameters', 'said'), [
-    (('hybrid_angel',), {}, "did you mean 'hybrid_angle'"),
-    (('hybrid_angle',), {'bandwith_hz': 20.0}, "did you mean 'bandwidth_hz'"),
-    (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
-    (('hybrid_angle',), {'bandwidth_hz': 'fast'}, 'must be a number'),
-    (('kalman',), {'model': 'constant_jerk'}, 'is not one of'),
-    (('geso',), {}, 'needs more inputs than an angle'),
-    (('pmsm',), {}, 'needs more inputs than an angle'),
-    ((3,), {}, 'unknown observer')])
+@pytest.mark.parametrize(
+    ('words', 'parameters', 'said'),
+    [
+        (('hybrid_angel',), {}, "did you mean 'hybrid_angle'"),
+        (('hybrid_angle',), {'bandwith_hz': 20.0}, "did you mean 'bandwidth_hz'"),
+        (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
+        (('hybrid_angle',), {'bandwidth_hz': 'fast'}, 'must be a number'),
+        (('kalman',), {'model': 'constant_jerk'}, 'is not one of'),
+        (('geso',), {}, 'needs more inputs than an angle'),
+        (('pmsm',), {}, 'needs more inputs than an angle'),
+        ((3,), {}, 'unknown observer'),
+    ],
+)
 def test_errors_when_it_is_made(words, parameters, said):
     with pytest.raises(UsageError, match=re.escape(said)):
         VelocityEstimator(*words, **parameters)
 
 
-@pytest.mark.parametrize(('stamp', 'reading'), [
-    (1.5, 0.0), (None, 0.0), ('1', 0.0), (1, None), (1, 'a'), (1, (0.0,)), (1, 1j)])
+@pytest.mark.parametrize(
+    ('stamp', 'reading'),
+    [(1.5, 0.0), (None, 0.0), ('1', 0.0), (1, None), (1, 'a'), (1, (0.0,)), (1, 1j)],
+)
 def test_a_sample_that_is_no_sample_is_refused(stamp, reading):
     estimator = VelocityEstimator()
     with pytest.raises(UsageError, match='integer stamp'):
@@ -215,10 +235,20 @@ def test_a_sample_that_is_no_sample_is_refused(stamp, reading):
     assert estimator.received == 0
 
 
-@pytest.mark.parametrize(('stamps', 'angles', 'said'), [
-    ([1.5], [0.0], 'integers'), ([2 ** 63], [0.0], '64 bits'), ([2 ** 70], [0.0], 'integers'),
-    ([1, 2], [0.0], 'one shape'), ([[1]], [[0.0]], 'one shape'), (1, 0.0, 'one shape'),
-    ([1], ['a'], 'numbers'), ([1], [1j], 'numbers'), ([1, 2], [[1], [1, 2]], 'numbers')])
+@pytest.mark.parametrize(
+    ('stamps', 'angles', 'said'),
+    [
+        ([1.5], [0.0], 'integers'),
+        ([2**63], [0.0], '64 bits'),
+        ([2**70], [0.0], 'integers'),
+        ([1, 2], [0.0], 'one shape'),
+        ([[1]], [[0.0]], 'one shape'),
+        (1, 0.0, 'one shape'),
+        ([1], ['a'], 'numbers'),
+        ([1], [1j], 'numbers'),
+        ([1, 2], [[1], [1, 2]], 'numbers'),
+    ],
+)
 def test_arrays_that_are_no_samples_are_refused(stamps, angles, said):
     estimator = VelocityEstimator()
     with pytest.raises(UsageError, match=said):
@@ -231,22 +261,24 @@ def test_numpy_numbers_and_lists_serve_as_well():
     numpy = VelocityEstimator(bandwidth_hz=np.int64(20), unwrap=np.False_)
     assert numpy.parameters == plain.parameters
     for i in range(1, 20):
-        found = numpy.update(np.int64(i * 10 ** 6), np.float32(0.5))
-        assert found == plain.update(i * 10 ** 6, 0.5)
+        found = numpy.update(np.int64(i * 10**6), np.float32(0.5))
+        assert found == plain.update(i * 10**6, 0.5)
         assert type(found.stamp_ns) is int and type(found.velocity) is float
     assert len(numpy.run([], []).velocity) == 0
-    assert numpy.run([10 ** 8, 10 ** 8], [0.5, 0.5]).dropped.tolist() == ['', 'duplicate']
+    assert numpy.run([10**8, 10**8], [0.5, 0.5]).dropped.tolist() == ['', 'duplicate']
 
 
 def test_it_needs_no_ros_and_no_numba_and_the_package_alone_no_numpy():
-    code = ('import sys, estimator_pkg\n'
-            'assert "numpy" not in sys.modules\n'
-            'from estimator_pkg import VelocityEstimator\n'
-            'estimator = VelocityEstimator()\n'
-            'estimator.update(1, 0.0)\n'
-            'estimator.run([2, 3], [0.0, 0.0])\n'
-            'found = {name.partition(".")[0] for name in sys.modules}\n'
-            'print(*found & {"numba", "rclpy", "sensor_msgs", "rosbags", "mcap", "scipy"})\n')
+    code = (
+        'import sys, estimator_pkg\n'
+        'assert "numpy" not in sys.modules\n'
+        'from estimator_pkg import VelocityEstimator\n'
+        'estimator = VelocityEstimator()\n'
+        'estimator.update(1, 0.0)\n'
+        'estimator.run([2, 3], [0.0, 0.0])\n'
+        'found = {name.partition(".")[0] for name in sys.modules}\n'
+        'print(*found & {"numba", "rclpy", "sensor_msgs", "rosbags", "mcap", "scipy"})\n'
+    )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ''
 
@@ -260,7 +292,8 @@ def test_what_is_exported():
     assert (Path(estimator_pkg.__file__).parent / 'py.typed').is_file()
     assert Estimate._fields == EstimateArrays._fields
     assert repr(VelocityEstimator(bandwidth_hz=20.0)) == (
-        "VelocityEstimator('hybrid_angle', bandwidth_hz=20.0)")
+        "VelocityEstimator('hybrid_angle', bandwidth_hz=20.0)"
+    )
 
 
 def test_the_pages_example_prints_what_the_page_says(capsys):

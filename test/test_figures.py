@@ -10,9 +10,10 @@ from docs.tools import figures
 
 ROOT = Path(__file__).resolve().parents[1]
 LONG = (pytest.mark.slow, pytest.mark.timeout(7200))
-ENTRIES = [pytest.param(entry, marks=LONG if entry.get('slow') else (),
-                        id=f"{entry['page']}-{number}")
-           for number, entry in enumerate(figures.entries())]
+ENTRIES = [
+    pytest.param(entry, marks=LONG if entry.get('slow') else (), id=f'{entry["page"]}-{number}')
+    for number, entry in enumerate(figures.entries())
+]
 
 
 @pytest.mark.parametrize('entry', ENTRIES)

@@ -93,7 +93,7 @@ MODEL = '''
 
     MODEL = Model(name='slide', summary='a slide on a spring', parameters=Parameters, build=build)
 '''
-ENTRY_POINTS = '''
+ENTRY_POINTS = """
     [velocity_estimator.observers]
     mine = mine:OBSERVER
     broken = broken:OBSERVER
@@ -102,7 +102,7 @@ ENTRY_POINTS = '''
     [velocity_estimator.models]
     slide = slide:MODEL
     ruin = broken:MODEL
-'''
+"""
 
 
 @pytest.fixture(scope='module')
@@ -111,9 +111,13 @@ def foreign(tmp_path_factory):
     folder = tmp_path_factory.mktemp('site')
     about = folder / 'foreign-0.0.1.dist-info'
     about.mkdir()
-    for name, text in (('mine.py', OBSERVER), ('slide.py', MODEL), ('broken.py', 'def ('),
-                       (f'{about.name}/METADATA', 'Name: foreign\nVersion: 0.0.1\n'),
-                       (f'{about.name}/entry_points.txt', ENTRY_POINTS)):
+    for name, text in (
+        ('mine.py', OBSERVER),
+        ('slide.py', MODEL),
+        ('broken.py', 'def ('),
+        (f'{about.name}/METADATA', 'Name: foreign\nVersion: 0.0.1\n'),
+        (f'{about.name}/entry_points.txt', ENTRY_POINTS),
+    ):
         (folder / name).write_text(textwrap.dedent(text))
     return folder
 
@@ -121,9 +125,17 @@ def foreign(tmp_path_factory):
 def told(foreign, *words, code=0):
     """What `velocity_estimator` prints where that package is installed too."""
     done = subprocess.run(
-        [sys.executable, '-c', 'import sys; from estimator_pkg.cli import main; sys.exit(main())',
-         *map(str, words)], capture_output=True, text=True, timeout=120,
-        env={**os.environ, 'PYTHONPATH': str(foreign)})
+        [
+            sys.executable,
+            '-c',
+            'import sys; from estimator_pkg.cli import main; sys.exit(main())',
+            *map(str, words),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, 'PYTHONPATH': str(foreign)},
+    )
     assert done.returncode == code, done.stderr
     return done.stdout if code == 0 else done.stderr
 
@@ -137,27 +149,54 @@ def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
 
 
 def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path):
-    said = told(foreign, 'replay', BAG, '--observer', 'mine', '--set', 'alpha=0.2', '--out',
-                tmp_path / 'out')
+    said = told(
+        foreign,
+        'replay',
+        BAG,
+        '--observer',
+        'mine',
+        '--set',
+        'alpha=0.2',
+        '--out',
+        tmp_path / 'out',
+    )
     assert 'tracking' in said
     said = told(foreign, 'evaluate', BAG, '--observer', 'mine')
     assert 'mine' in said and 'rms' in said
 
 
 def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign, tmp_path):
-    said = told(foreign, 'list', 'geso', '--set', 'model=slide', '--set',
-                'model_parameters=[stiffness=5.0]')
+    said = told(
+        foreign, 'list', 'geso', '--set', 'model=slide', '--set', 'model_parameters=[stiffness=5.0]'
+    )
     assert 'what the gains mean' in said
-    said = told(foreign, 'replay', BAG, '--observer', 'geso', '--set', 'model=slide', '--set',
-                'joints=[pendulum]', '--out', tmp_path / 'out')
+    said = told(
+        foreign,
+        'replay',
+        BAG,
+        '--observer',
+        'geso',
+        '--set',
+        'model=slide',
+        '--set',
+        'joints=[pendulum]',
+        '--out',
+        tmp_path / 'out',
+    )
     assert 'received' in said
 
 
-@pytest.mark.parametrize('observer, model, wanted', [
-    ('broken', None, 'SyntaxError'), ('a_number', None, 'which is no Observer'),
-    ('geso', 'ruin', 'SyntaxError')])
+@pytest.mark.parametrize(
+    'observer, model, wanted',
+    [
+        ('broken', None, 'SyntaxError'),
+        ('a_number', None, 'which is no Observer'),
+        ('geso', 'ruin', 'SyntaxError'),
+    ],
+)
 def test_what_cannot_be_used_is_one_line(foreign, tmp_path, observer, model, wanted):
     words = () if model is None else ('--set', f'model={model}')
-    said = told(foreign, 'replay', BAG, '--observer', observer, *words, '--out', tmp_path / 'out',
-                code=1)
+    said = told(
+        foreign, 'replay', BAG, '--observer', observer, *words, '--out', tmp_path / 'out', code=1
+    )
     assert wanted in said and len(said.strip().splitlines()) == 1

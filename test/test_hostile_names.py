@@ -18,8 +18,22 @@ from estimator_pkg.evaluation.tuning import output
 from estimator_pkg.observers.adaptive import observer as adaptive
 
 IMPORTS = '\n    model: own_models:Arm\n    #'
-NAMES = ['y', IMPORTS, "arm'", 'a: !!python/name:os.system ""', 'x\u2028model: own:Arm\u2029',
-         '\x85x', '# no', 'a\rb', '\u202egnp', '\x1b[2J', '"', "it's\n", '- a', '{a: b}']
+NAMES = [
+    'y',
+    IMPORTS,
+    "arm'",
+    'a: !!python/name:os.system ""',
+    'x\u2028model: own:Arm\u2029',
+    '\x85x',
+    '# no',
+    'a\rb',
+    '\u202egnp',
+    '\x1b[2J',
+    '"',
+    "it's\n",
+    '- a',
+    '{a: b}',
+]
 
 
 def holds_only(text, names):
@@ -32,37 +46,69 @@ def holds_only(text, names):
 
 
 def trial(joint, bags):
-    found = {'error': 0.1, 'delay_s': 0.01, 'noise': 0.02, 'cost': 0.1,
-             'by_joint': {joint: {'error': 0.1, 'delay_s': 0.01, 'noise': 0.02, 'cost': 0.1},
-                          'b': {'error': 0.1, 'delay_s': 0.01, 'noise': 0.02, 'cost': 0.1}}}
-    return {'joint': joint, 'joints': [joint, 'b'], 'bags': bags, 'judged_on': bags,
-            'held_out': 0.3, 'evaluations': 3, 'interrupted': False, 'best': found,
-            'default': found, 'gains': {'bandwidth_hz': 20.0}, 'default_gains': {}, 'idle': [joint]}
+    found = {
+        'error': 0.1,
+        'delay_s': 0.01,
+        'noise': 0.02,
+        'cost': 0.1,
+        'by_joint': {
+            joint: {'error': 0.1, 'delay_s': 0.01, 'noise': 0.02, 'cost': 0.1},
+            'b': {'error': 0.1, 'delay_s': 0.01, 'noise': 0.02, 'cost': 0.1},
+        },
+    }
+    return {
+        'joint': joint,
+        'joints': [joint, 'b'],
+        'bags': bags,
+        'judged_on': bags,
+        'held_out': 0.3,
+        'evaluations': 3,
+        'interrupted': False,
+        'best': found,
+        'default': found,
+        'gains': {'bandwidth_hz': 20.0},
+        'default_gains': {},
+        'idle': [joint],
+    }
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_tune_writes_names_as_names(name):
     from estimator_pkg import observers
     from estimator_pkg.parameters import declared
-    wishes = SimpleNamespace(entry=SimpleNamespace(observer='pll'), preference=name,
-                             gains=declared(observers.find('pll').gains))
-    text = output.as_yaml(wishes, {'angle_joint': name, 'joints': (name,)},
-                          [trial(name, [name])], 0.3)
+
+    wishes = SimpleNamespace(
+        entry=SimpleNamespace(observer='pll'),
+        preference=name,
+        gains=declared(observers.find('pll').gains),
+    )
+    text = output.as_yaml(
+        wishes, {'angle_joint': name, 'joints': (name,)}, [trial(name, [name])], 0.3
+    )
     values = holds_only(text, ['/**'])['/**']['ros__parameters']
-    assert values == {'observer': 'pll', 'angle_joint': name, 'joints': [name],
-                      f'joints.{name}': {'bandwidth_hz': 20.0}}
+    assert values == {
+        'observer': 'pll',
+        'angle_joint': name,
+        'joints': [name],
+        f'joints.{name}': {'bandwidth_hz': 20.0},
+    }
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_identify_writes_names_as_names(name, tmp_path):
     import numpy as np
-    found = SimpleNamespace(names=('inertia',), deviations=[0.1], values=np.array([1.0]),
-                            explained_elsewhere=0.9)
+
+    found = SimpleNamespace(
+        names=('inertia',), deviations=[0.1], values=np.array([1.0]), explained_elsewhere=0.9
+    )
     out = tmp_path / 'x.yaml'
     identify._write(out, name, (name, 'b'), ('inertia=1.0',), found, f'bags/{name}')
     assert holds_only(out.read_text(), ['/**'])['/**']['ros__parameters'] == {
-        'model': name, 'joints': [name, 'b'], 'input_delay': 0.0,
-        'model_parameters': ['inertia=1.0']}
+        'model': name,
+        'joints': [name, 'b'],
+        'input_delay': 0.0,
+        'model_parameters': ['inertia=1.0'],
+    }
 
 
 class Said:
@@ -75,8 +121,9 @@ class Said:
 @pytest.mark.parametrize('name', NAMES)
 def test_save_writes_names_as_names(name, tmp_path):
     gains = adaptive.OBSERVER.gains()
-    bank = SimpleNamespace(reports=lambda: {name: Said},
-                           joints={name: SimpleNamespace(gains=gains)})
+    bank = SimpleNamespace(
+        reports=lambda: {name: Said}, joints={name: SimpleNamespace(gains=gains)}
+    )
     out = tmp_path / 'motor.yaml'
     assert adaptive_file.save(str(out), bank) == [name]
     holds_only(out.read_text(), ['adaptive_parameters', 'joints'])
@@ -84,13 +131,20 @@ def test_save_writes_names_as_names(name, tmp_path):
     assert adaptive_file.save(str(out), bank) == [name]
 
 
-@pytest.mark.parametrize('text, said', [
-    ('joints: [a, b]', "'joints' must hold each joint's name"), ('joints: 3', "'joints' must hold"),
-    ('joints: {a: 3}', "of joint 'a' are damaged"), ('joints: a', "'joints' must hold"),
-    ('joints: {y: {order: true, a: [1.0], b: [1.0]}}', "of joint 'y' are damaged"),
-    ('joints: {a: {order: 1, a: [1.0], b: [1.0], stddev: [1.0]}}', "of joint 'a' are damaged"),
-    ('joints: {a: {order: 1, a: [1.0], b: [1.0], trusted: 3}}', "of joint 'a' are damaged"),
-    ('joints: !!python/name:os.system ""', 'holds no parameters'), ('joints: {[a]: 1}', 'no para')])
+@pytest.mark.parametrize(
+    'text, said',
+    [
+        ('joints: [a, b]', "'joints' must hold each joint's name"),
+        ('joints: 3', "'joints' must hold"),
+        ('joints: {a: 3}', "of joint 'a' are damaged"),
+        ('joints: a', "'joints' must hold"),
+        ('joints: {y: {order: true, a: [1.0], b: [1.0]}}', "of joint 'y' are damaged"),
+        ('joints: {a: {order: 1, a: [1.0], b: [1.0], stddev: [1.0]}}', "of joint 'a' are damaged"),
+        ('joints: {a: {order: 1, a: [1.0], b: [1.0], trusted: 3}}', "of joint 'a' are damaged"),
+        ('joints: !!python/name:os.system ""', 'holds no parameters'),
+        ('joints: {[a]: 1}', 'no para'),
+    ],
+)
 def test_a_wrong_parameters_file_is_one_line(text, said, tmp_path):
     path = tmp_path / 'motor.yaml'
     path.write_text(f'adaptive_parameters: 1\n{text}\n')
@@ -117,15 +171,25 @@ def test_ros_reads_what_is_written(tmp_path):
     lines = [f'    p{number}: {yaml_text.scalar(name)}' for number, name in enumerate(NAMES)]
     lines += [f'    all: {yaml_text.scalar(NAMES)}', f'    {yaml_text.key("joints.y")}: {{a: 1}}']
     path.write_text('/**:\n  ros__parameters:\n' + '\n'.join(lines) + '\n')
-    done = subprocess.run([sys.executable, '-c', RCL, str(path)], capture_output=True, text=True,
-                          timeout=100)
+    done = subprocess.run(
+        [sys.executable, '-c', RCL, str(path)], capture_output=True, text=True, timeout=100
+    )
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == params_file.load(path) == {
-        **{f'p{number}': name for number, name in enumerate(NAMES)}, 'all': NAMES, 'joints.y.a': 1}
+    assert (
+        json.loads(done.stdout)
+        == params_file.load(path)
+        == {
+            **{f'p{number}': name for number, name in enumerate(NAMES)},
+            'all': NAMES,
+            'joints.y.a': 1,
+        }
+    )
 
 
-EVIL = ('evil\x1b[2J\x1b]0;title\x07\nfake: ok\r\u202egnp.\u2028$\\foo$ '
-        '<script>alert(1)</script> [/] \x9b')
+EVIL = (
+    'evil\x1b[2J\x1b]0;title\x07\nfake: ok\r\u202egnp.\u2028$\\foo$ '
+    '<script>alert(1)</script> [/] \x9b'
+)
 FRAME = 'frame\x1b[31m\nfake'
 
 
@@ -135,7 +199,8 @@ def hostile_bag(path):
 
     from estimator_pkg.bags.writer import BagWriter
     from estimator_pkg.messages.joint_state import TYPE, Encoder
-    encode, start = Encoder().encode, 10 ** 18
+
+    encode, start = Encoder().encode, 10**18
     with BagWriter(path) as bag:
         for topic in ('/joint_states', '/ground_truth/joint_states', f'/{EVIL}/estimate'):
             bag.add_topic(topic, TYPE)
@@ -157,8 +222,11 @@ def hostile(tmp_path_factory):
 
 def ran(*words, code=0):
     """What the command printed, which no terminal obeys and in which no name makes a line."""
-    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.cli', *map(str, words)],
-                          capture_output=True, timeout=250)
+    done = subprocess.run(
+        [sys.executable, '-m', 'estimator_pkg.cli', *map(str, words)],
+        capture_output=True,
+        timeout=250,
+    )
     assert done.returncode == code, done.stderr.decode()
     for text in (done.stdout.decode(), done.stderr.decode()):
         assert 'Traceback' not in text
@@ -170,13 +238,25 @@ def ran(*words, code=0):
 
 def test_evaluate_prints_names_as_names(hostile, tmp_path):
     page = tmp_path / 'r.html'
-    told, _ = ran('evaluate', hostile, '--observer', 'pll', '--html', page, '--plot',
-                  tmp_path / 'p.png', '--json', tmp_path / 'r.json')
+    told, _ = ran(
+        'evaluate',
+        hostile,
+        '--observer',
+        'pll',
+        '--html',
+        page,
+        '--plot',
+        tmp_path / 'p.png',
+        '--json',
+        tmp_path / 'r.json',
+    )
     assert r'evil\x1b[2J' in told and r'\u202egnp' in told
-    assert EVIL in (tmp_path / 'r.json').read_text() or json.dumps(EVIL)[1:-1] in (
-        tmp_path / 'r.json').read_text()
+    assert (
+        EVIL in (tmp_path / 'r.json').read_text()
+        or json.dumps(EVIL)[1:-1] in (tmp_path / 'r.json').read_text()
+    )
     html = page.read_text()
-    body = html[html.index('<h1>'):html.rindex('<p class="note">Made by')]
+    body = html[html.index('<h1>') : html.rindex('<p class="note">Made by')]
     assert '<script>alert' not in html and '\u202e' not in body and '\x1b' not in html
     assert r'evil\x1b[2J' in body and (tmp_path / 'p.png').stat().st_size
 
@@ -189,8 +269,17 @@ def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
     ran('replay', hostile, '--observer', 'pll', '--measurement', '/a\x1b\nfake', code=1)
     ran('identify', hostile, code=2)
     ran('identify', hostile, '--joint', EVIL, code=1)
-    told, _ = ran('tune', hostile, '--observer', 'pll', '--out', tmp_path / 'g.yaml', '--trials',
-                  '8', '--per-joint')
+    told, _ = ran(
+        'tune',
+        hostile,
+        '--observer',
+        'pll',
+        '--out',
+        tmp_path / 'g.yaml',
+        '--trials',
+        '8',
+        '--per-joint',
+    )
     assert r'evil\x1b[2J' in told
     text = (tmp_path / 'g.yaml').read_text()
     values = holds_only(text, ['/**'])['/**']['ros__parameters']
@@ -209,8 +298,11 @@ def test_what_a_user_names_is_printed_as_a_name(tmp_path):
     ran('com\x1b\nfake', code=2)
     ran('list', 'com\x1b\nfake', code=2)
     ran('simulate', 'encoder', '--out', tmp_path / 'b\x1b[2J\nfake', '--duration', '0.01')
-    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.cli', 'replay', b'/no/\xff\x1b'],
-                          capture_output=True, timeout=100)
+    done = subprocess.run(
+        [sys.executable, '-m', 'estimator_pkg.cli', 'replay', b'/no/\xff\x1b'],
+        capture_output=True,
+        timeout=100,
+    )
     assert done.returncode in (1, 2) and b'Traceback' not in done.stderr
     assert done.stderr.decode().strip().isprintable()
 
@@ -238,6 +330,7 @@ def test_a_stream_lets_line_ends_and_tabs_through_alone():
     import io
 
     from estimator_pkg.printable import PrintableStream, printable, show
+
     shown = io.StringIO()
     stream = PrintableStream(shown)
     print('a\tb\nä \x1b[2J\u202e\udc80', file=stream)
@@ -254,14 +347,18 @@ def test_a_stream_lets_line_ends_and_tabs_through_alone():
 @pytest.mark.dds
 def test_a_node_logs_names_as_names(tmp_path):
     import dds
+
     params = tmp_path / 'p.yaml'
-    params.write_text('/**:\n  ros__parameters:\n'
-                      f'    joints: {yaml_text.scalar(["b", EVIL])}\n'
-                      f'    {yaml_text.key("unknown" + EVIL)}: 3\n')
+    params.write_text(
+        '/**:\n  ros__parameters:\n'
+        f'    joints: {yaml_text.scalar(["b", EVIL])}\n'
+        f'    {yaml_text.key("unknown" + EVIL)}: 3\n'
+    )
     probe = dds.Probe()
     try:
-        with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer',
-                             *dds.ros_args(file=params)) as process:
+        with dds.NodeProcess(
+            'estimator_pkg.nodes.executables joint_observer', *dds.ros_args(file=params)
+        ) as process:
             process.prints('unknown parameter')
             text = process.output
     finally:

@@ -102,11 +102,18 @@ def test_what_cannot_be_imported_is_said_and_nothing_else_suffers(capsys, monkey
 
 def test_settings_that_others_declare_for_their_nodes_are_listed(capsys, monkeypatch):
     from sim_pkg.nodes.settings import RunSettings
+
     names, find = registry.names, registry.find
-    monkeypatch.setattr(registry, 'names', lambda group: (
-        ['all_simulators'] if group == listing.SETTINGS else names(group)))
-    monkeypatch.setattr(registry, 'find', lambda group, name: (
-        RunSettings if group == listing.SETTINGS else find(group, name)))
+    monkeypatch.setattr(
+        registry,
+        'names',
+        lambda group: ['all_simulators'] if group == listing.SETTINGS else names(group),
+    )
+    monkeypatch.setattr(
+        registry,
+        'find',
+        lambda group, name: RunSettings if group == listing.SETTINGS else find(group, name),
+    )
     out = listed(capsys, 'all_simulators')
     assert 'all_simulators: how long a simulator runs' in out
     assert '  seed = 1, [0, ' in out
@@ -118,9 +125,24 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     for words in ('single_joint', 'cart_pendulum', 'robotic_leg', 'at 1000 Hz', 'slowest pole'):
         assert words in out
     told = tmp_path / 'told.json'
-    out = listed(capsys, 'geso', '--rate', '112', '--set', 'model=single_joint', '--set', 'L=[50]',
-                 '--set', 'K=[600]', '--set', 'form=paper', '--set',
-                 "model_parameters=['inertia=0.1']", '--json', str(told))
+    out = listed(
+        capsys,
+        'geso',
+        '--rate',
+        '112',
+        '--set',
+        'model=single_joint',
+        '--set',
+        'L=[50]',
+        '--set',
+        'K=[600]',
+        '--set',
+        'form=paper',
+        '--set',
+        "model_parameters=['inertia=0.1']",
+        '--json',
+        str(told),
+    )
     assert 'cart_pendulum' not in out.partition('what the gains mean')[2]
     assert 'noise figure K^2/(2 L) [1/s^3]: 3600' in out
     assert 'poles of the error there [1/s]: -30, -20' in out
@@ -128,17 +150,22 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     assert 'guaranteed rate of decay, Proposition 4.1 as corrected [1/s]: 0.2564' in out
     found = json.loads(told.read_text())['gains']['single_joint']
     assert found['slowest_pole_over_range'] == '20' and 'refused' not in found
-    out = listed(capsys, 'hgo', '--rate', '10', '--set', 'form=paper', '--set', 'L=50', '--set',
-                 'K=600')
+    out = listed(
+        capsys, 'hgo', '--rate', '10', '--set', 'form=paper', '--set', 'L=50', '--set', 'K=600'
+    )
     assert 'as forward Euler needs: no' in out and 'refused: forward Euler' in out
     assert 'chattering' in listed(capsys, 'smo')
 
 
-@pytest.mark.parametrize('words, message', [
-    (['pll', '--set', 'model=x'], "for observers of mechanisms, not for 'pll'"),
-    (['--set', 'model=x'], 'name the observer'),
-    (['geso', '--set', 'modle=x'], "did you mean 'model'?"),
-    (['geso', '--rate', '0'], '--rate must be above 0')])
+@pytest.mark.parametrize(
+    'words, message',
+    [
+        (['pll', '--set', 'model=x'], "for observers of mechanisms, not for 'pll'"),
+        (['--set', 'model=x'], 'name the observer'),
+        (['geso', '--set', 'modle=x'], "did you mean 'model'?"),
+        (['geso', '--rate', '0'], '--rate must be above 0'),
+    ],
+)
 def test_gains_that_cannot_be_explained_are_refused_in_one_line(words, message, capsys):
     assert main(['list', *words]) == 2
     error = capsys.readouterr().err
@@ -147,17 +174,22 @@ def test_gains_that_cannot_be_explained_are_refused_in_one_line(words, message, 
 
 def test_docs_are_as_the_code_declares(capsys):
     assert DOCS.read_text(encoding='utf-8') == listed(capsys, '--markdown'), (
-        'docs/parameters.md is stale: velocity_estimator list --markdown > docs/parameters.md')
+        'docs/parameters.md is stale: velocity_estimator list --markdown > docs/parameters.md'
+    )
 
 
 def test_every_declared_parameter_has_a_row():
     rows = DOCS.read_text(encoding='utf-8').splitlines()
     classes = declaring_classes()
     assert len(classes) > 6
-    missing = [f'{name}.{parameter}' for name, cls in classes.items()
-               for parameter, about in declared(cls).items()
-               if not any(row.startswith(f'| `{parameter}` | {listing.default_text(about)} |')
-                          for row in rows)]
+    missing = [
+        f'{name}.{parameter}'
+        for name, cls in classes.items()
+        for parameter, about in declared(cls).items()
+        if not any(
+            row.startswith(f'| `{parameter}` | {listing.default_text(about)} |') for row in rows
+        )
+    ]
     assert not missing
 
 

@@ -13,10 +13,34 @@ import pytest
 
 from estimator_pkg import optional, registry
 
-LIBRARIES = ('mcap', 'rosbags', 'apsw', 'zstandard', 'lz4', 'rich', 'bokeh', 'matplotlib', 'optuna',
-             'numba', 'llvmlite', 'dask', 'distributed', 'scipy', 'pynumdiff', 'control',
-             'filterpy', 'motulator', 'psutil', 'pandas', 'rclpy', 'sensor_msgs', 'std_msgs',
-             'geometry_msgs', 'diagnostic_msgs', 'ament_index_python')
+LIBRARIES = (
+    'mcap',
+    'rosbags',
+    'apsw',
+    'zstandard',
+    'lz4',
+    'rich',
+    'bokeh',
+    'matplotlib',
+    'optuna',
+    'numba',
+    'llvmlite',
+    'dask',
+    'distributed',
+    'scipy',
+    'pynumdiff',
+    'control',
+    'filterpy',
+    'motulator',
+    'psutil',
+    'pandas',
+    'rclpy',
+    'sensor_msgs',
+    'std_msgs',
+    'geometry_msgs',
+    'diagnostic_msgs',
+    'ament_index_python',
+)
 # A process in which these cannot be imported, whether or not they are installed here.
 WITHOUT = """
     import importlib.util, sys
@@ -34,8 +58,14 @@ COMMANDS = registry.names(registry.COMMANDS)
 def without(names, *words, code=CLI, cwd=None):
     """What a process prints in which these libraries are not there."""
     script = textwrap.dedent(WITHOUT).format(names=tuple(names), code=code)
-    done = subprocess.run([sys.executable, '-c', script, *map(str, words)], capture_output=True,
-                          text=True, timeout=120, cwd=cwd, env={**os.environ, 'COLUMNS': '200'})
+    done = subprocess.run(
+        [sys.executable, '-c', script, *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=cwd,
+        env={**os.environ, 'COLUMNS': '200'},
+    )
     assert 'Traceback' not in done.stderr, done.stderr
     return done
 
@@ -52,11 +82,15 @@ def test_every_command_has_its_help(command):
     assert done.returncode == 0 and '--json' in done.stdout and not done.stderr
 
 
-@pytest.mark.parametrize(('module', 'main'), [
-    ('estimator_pkg.nodes.executables', 'joint_observer'),
-    ('estimator_pkg.nodes.executables', 'pmsm_observer'),
-    ('sim_pkg.nodes.executables', 'encoder_sim'),
-    ('sim_pkg.nodes.executables', 'cart_pendulum_sim')])
+@pytest.mark.parametrize(
+    ('module', 'main'),
+    [
+        ('estimator_pkg.nodes.executables', 'joint_observer'),
+        ('estimator_pkg.nodes.executables', 'pmsm_observer'),
+        ('sim_pkg.nodes.executables', 'encoder_sim'),
+        ('sim_pkg.nodes.executables', 'cart_pendulum_sim'),
+    ],
+)
 def test_every_node_has_its_help_and_names_ros(module, main):
     code = f'from {module} import {main} as main; sys.exit(main(sys.argv[1:]))'
     done = without(LIBRARIES, '--help', code=code)
@@ -66,26 +100,36 @@ def test_every_node_has_its_help_and_names_ros(module, main):
     assert "'rclpy' is not installed" in done.stderr and 'setup.bash' in done.stderr
 
 
-@pytest.mark.parametrize('library, words', [
-    ('mcap', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
-    ('zstandard', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
-    ('rosbags', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
-    ('mcap', ('replay', 'BAG', '--observer', 'pll')),
-    ('lz4', ('evaluate', 'BAG', '--observer', 'pll')),
-    ('rosbags', ('identify', 'BAG')), ('mcap', ('play', 'BAG')),
-    ('rclpy', ('play', 'BAG')), ('rosbags', ('record', '--out', 'OUT')),
-    ('rclpy', ('record', '--out', 'OUT')),
-    ('mcap', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
-    ('optuna', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
-    ('matplotlib', ('evaluate', 'BAG', '--observer', 'pll', '--plot', 'OUT.png')),
-    ('bokeh', ('evaluate', 'BAG', '--observer', 'pll', '--html', 'OUT.html')),
-    ('distributed', ('evaluate', 'BAG', '--observer', 'pll', '--scheduler', 'tcp://127.0.0.1:1')),
-    ('matplotlib', ('reproduce', 'adaptive', '--plot', 'OUT')),
-    ('rich', ('reproduce', 'hybrid_discrete', '--only', 'none'))])
+@pytest.mark.parametrize(
+    'library, words',
+    [
+        ('mcap', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
+        ('zstandard', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
+        ('rosbags', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
+        ('mcap', ('replay', 'BAG', '--observer', 'pll')),
+        ('lz4', ('evaluate', 'BAG', '--observer', 'pll')),
+        ('rosbags', ('identify', 'BAG')),
+        ('mcap', ('play', 'BAG')),
+        ('rclpy', ('play', 'BAG')),
+        ('rosbags', ('record', '--out', 'OUT')),
+        ('rclpy', ('record', '--out', 'OUT')),
+        ('mcap', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
+        ('optuna', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
+        ('matplotlib', ('evaluate', 'BAG', '--observer', 'pll', '--plot', 'OUT.png')),
+        ('bokeh', ('evaluate', 'BAG', '--observer', 'pll', '--html', 'OUT.html')),
+        (
+            'distributed',
+            ('evaluate', 'BAG', '--observer', 'pll', '--scheduler', 'tcp://127.0.0.1:1'),
+        ),
+        ('matplotlib', ('reproduce', 'adaptive', '--plot', 'OUT')),
+        ('rich', ('reproduce', 'hybrid_discrete', '--only', 'none')),
+    ],
+)
 def test_a_missing_library_is_one_line_with_the_command(library, words, tmp_path):
     bag = optional.Path(__file__).parent.parent / 'bags/simulated/sine_12bit'
-    words = [str(bag) if word == 'BAG' else word.replace('OUT', str(tmp_path / 'out'))
-             for word in words]
+    words = [
+        str(bag) if word == 'BAG' else word.replace('OUT', str(tmp_path / 'out')) for word in words
+    ]
     done = without([library], *words, cwd=tmp_path)
     assert done.returncode == 1, done.stdout + done.stderr
     assert done.stderr.count('\n') == 1, done.stderr
@@ -104,8 +148,9 @@ def test_the_command_has_the_ranges_of_setup():
     line = optional.needs('matplotlib')
     assert line.startswith("the library 'matplotlib' is not installed: ")
     assert set(shlex.split(line.partition(': ')[2])[4:]) <= named
-    assert any(each.startswith('mcap') for each in shlex.split(optional.needs('lz4'))
-               if each in named)
+    assert any(
+        each.startswith('mcap') for each in shlex.split(optional.needs('lz4')) if each in named
+    )
 
 
 def test_an_unknown_library_is_not_guessed():

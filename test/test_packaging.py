@@ -9,8 +9,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PARTS = ['setup.py', 'setup.cfg', 'pyproject.toml', 'package.xml', 'resource', 'launch', 'config',
-         'estimator_pkg', 'sim_pkg']
+PARTS = [
+    'setup.py',
+    'setup.cfg',
+    'pyproject.toml',
+    'package.xml',
+    'resource',
+    'launch',
+    'config',
+    'estimator_pkg',
+    'sim_pkg',
+]
 
 
 @pytest.fixture(scope='module')
@@ -40,16 +49,30 @@ def assert_share_is_found(prefix):
     assert launch == {path.name for path in (ROOT / 'launch').iterdir() if path.is_file()}
     config = {path.name for path in (share / 'config').iterdir()}
     assert config == {path.name for path in (ROOT / 'config').iterdir() if path.is_file()}
-    found = run(sys.executable, '-c',
-                'from ament_index_python.packages import get_package_share_directory as share\n'
-                "print(share('velocity_estimator'))",
-                env={**os.environ, 'AMENT_PREFIX_PATH': str(prefix)})
+    found = run(
+        sys.executable,
+        '-c',
+        'from ament_index_python.packages import get_package_share_directory as share\n'
+        "print(share('velocity_estimator'))",
+        env={**os.environ, 'AMENT_PREFIX_PATH': str(prefix)},
+    )
     assert Path(found.strip()) == share
 
 
 def test_pip_install_finds_share(source, tmp_path):
-    run(sys.executable, '-m', 'pip', 'install', '--quiet', '--no-deps',
-        '--ignore-installed', '--prefix', str(tmp_path), '.', cwd=source)
+    run(
+        sys.executable,
+        '-m',
+        'pip',
+        'install',
+        '--quiet',
+        '--no-deps',
+        '--ignore-installed',
+        '--prefix',
+        str(tmp_path),
+        '.',
+        cwd=source,
+    )
     assert_share_is_found(tmp_path)
     executables = {path.name for path in (tmp_path / 'bin').iterdir()}
     assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
@@ -57,12 +80,20 @@ def test_pip_install_finds_share(source, tmp_path):
 
 def test_colcon_builds_an_ament_python_package(source, tmp_path):
     environment = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
-    listed = run('colcon', '--log-base', str(tmp_path / 'log'), 'list', cwd=source,
-                 env=environment)
+    listed = run('colcon', '--log-base', str(tmp_path / 'log'), 'list', cwd=source, env=environment)
     assert listed.split() == ['velocity_estimator', '.', '(ros.ament_python)']
-    run('colcon', '--log-base', str(tmp_path / 'log'), 'build', '--build-base',
-        str(tmp_path / 'build'), '--install-base', str(tmp_path / 'install'), cwd=source,
-        env=environment)
+    run(
+        'colcon',
+        '--log-base',
+        str(tmp_path / 'log'),
+        'build',
+        '--build-base',
+        str(tmp_path / 'build'),
+        '--install-base',
+        str(tmp_path / 'install'),
+        cwd=source,
+        env=environment,
+    )
     prefix = tmp_path / 'install' / 'velocity_estimator'
     assert_share_is_found(prefix)
     executables = {path.name for path in (prefix / 'lib' / 'velocity_estimator').iterdir()}
@@ -71,7 +102,9 @@ def test_colcon_builds_an_ament_python_package(source, tmp_path):
 
 def test_every_package_folder_is_installed():
     setup = (ROOT / 'setup.py').read_text()
-    folders = {str(path.parent.relative_to(ROOT)).replace('/', '.')
-               for package in ('estimator_pkg', 'sim_pkg')
-               for path in (ROOT / package).rglob('__init__.py')}
+    folders = {
+        str(path.parent.relative_to(ROOT)).replace('/', '.')
+        for package in ('estimator_pkg', 'sim_pkg')
+        for path in (ROOT / package).rglob('__init__.py')
+    }
     assert folders == {name for name in folders if f"'{name}'" in setup}

@@ -17,12 +17,18 @@ from estimator_pkg.parameters import build, declared, parameter, parse_assignmen
 
 @dataclass(frozen=True)
 class Sample:
-    rate: float = parameter(10.0, unit='Hz', range=(0.1, 100.0), description='a number',
-                            search=(1.0, 50.0))
+    rate: float = parameter(
+        10.0, unit='Hz', range=(0.1, 100.0), description='a number', search=(1.0, 50.0)
+    )
     count: int = parameter(3, unit='', range=(1, 9), description='a whole number')
     on: bool = parameter(True, unit='', description='a flag')
-    form: str = parameter('one', unit='', choices=('one', 'two', 'package.module:name'),
-                          description='a choice', structural=True)
+    form: str = parameter(
+        'one',
+        unit='',
+        choices=('one', 'two', 'package.module:name'),
+        description='a choice',
+        structural=True,
+    )
     scale: float | None = parameter(None, unit='s', range=(1e-6, 1.0), description='follows')
     names: tuple = parameter((), unit='', description='texts')
 
@@ -38,27 +44,56 @@ def test_declaration_is_all_there_is():
     assert build(Sample, {}) == Sample()
 
 
-@pytest.mark.parametrize('name, given_value, value', [
-    ('rate', 20, 20.0), ('rate', 20.0, 20.0), ('rate', 0.1, 0.1), ('rate', 100, 100.0),
-    ('count', 4, 4), ('count', 4.0, 4), ('on', False, False), ('form', 'two', 'two'),
-    ('form', 'my.module:thing', 'my.module:thing'), ('scale', None, None), ('scale', 1, 1.0),
-    ('names', ['a', 'b'], ('a', 'b')), ('names', (), ()),
-])
+@pytest.mark.parametrize(
+    'name, given_value, value',
+    [
+        ('rate', 20, 20.0),
+        ('rate', 20.0, 20.0),
+        ('rate', 0.1, 0.1),
+        ('rate', 100, 100.0),
+        ('count', 4, 4),
+        ('count', 4.0, 4),
+        ('on', False, False),
+        ('form', 'two', 'two'),
+        ('form', 'my.module:thing', 'my.module:thing'),
+        ('scale', None, None),
+        ('scale', 1, 1.0),
+        ('names', ['a', 'b'], ('a', 'b')),
+        ('names', (), ()),
+    ],
+)
 def test_good_values_come_out_in_their_type(name, given_value, value):
     got = getattr(build(Sample, {name: given_value}), name)
     assert got == value and type(got) is type(value)
 
 
-@pytest.mark.parametrize('name, value, words', [
-    ('rate', 'fast', 'a number'), ('rate', True, 'a number'), ('rate', None, 'needs a value'),
-    ('rate', math.nan, 'finite'), ('rate', math.inf, 'finite'), ('rate', -math.inf, 'finite'),
-    ('rate', 10 ** 400, 'finite'), ('count', -10 ** 400, 'finite'),
-    ('rate', 0.0999, 'outside [0.1, 100]'), ('rate', 101, 'outside'), ('rate', [1.0], 'a number'),
-    ('count', 3.5, 'whole'), ('count', 10, 'outside [1, 9]'), ('count', True, 'a number'),
-    ('on', 1, 'true or false'), ('on', 'yes', 'true or false'), ('form', 'three', 'one, two'),
-    ('form', 3, 'text'), ('form', 'a:b:c', 'not one of'), ('scale', 2.0, 'outside'),
-    ('names', 'a', 'list of texts'), ('names', [1], 'list of texts'),
-])
+@pytest.mark.parametrize(
+    'name, value, words',
+    [
+        ('rate', 'fast', 'a number'),
+        ('rate', True, 'a number'),
+        ('rate', None, 'needs a value'),
+        ('rate', math.nan, 'finite'),
+        ('rate', math.inf, 'finite'),
+        ('rate', -math.inf, 'finite'),
+        ('rate', 10**400, 'finite'),
+        ('count', -(10**400), 'finite'),
+        ('rate', 0.0999, 'outside [0.1, 100]'),
+        ('rate', 101, 'outside'),
+        ('rate', [1.0], 'a number'),
+        ('count', 3.5, 'whole'),
+        ('count', 10, 'outside [1, 9]'),
+        ('count', True, 'a number'),
+        ('on', 1, 'true or false'),
+        ('on', 'yes', 'true or false'),
+        ('form', 'three', 'one, two'),
+        ('form', 3, 'text'),
+        ('form', 'a:b:c', 'not one of'),
+        ('scale', 2.0, 'outside'),
+        ('names', 'a', 'list of texts'),
+        ('names', [1], 'list of texts'),
+    ],
+)
 def test_bad_values_are_refused_in_one_line_that_says_why(name, value, words):
     with pytest.raises(UsageError) as caught:
         build(Sample, {name: value})
@@ -67,8 +102,16 @@ def test_bad_values_are_refused_in_one_line_that_says_why(name, value, words):
     assert caught.value.exit_code == 2
 
 
-@given(st.one_of(st.floats(), st.integers(), st.text(max_size=3), st.none(), st.booleans(),
-                 st.lists(st.integers(), max_size=2)))
+@given(
+    st.one_of(
+        st.floats(),
+        st.integers(),
+        st.text(max_size=3),
+        st.none(),
+        st.booleans(),
+        st.lists(st.integers(), max_size=2),
+    )
+)
 def test_whatever_comes_is_taken_as_declared_or_refused(value):
     for known in declared(Sample).values():
         try:
@@ -88,8 +131,7 @@ def test_whatever_comes_is_taken_as_declared_or_refused(value):
 def test_misspelt_names_suggest_the_nearest(written, near):
     with pytest.raises(UsageError) as caught:
         build(Sample, {written: 1.0}, owner='sample')
-    assert str(caught.value) == (
-        f"unknown parameter '{written}' of sample: did you mean '{near}'?")
+    assert str(caught.value) == (f"unknown parameter '{written}' of sample: did you mean '{near}'?")
 
 
 def test_names_that_are_like_none_list_all():
@@ -97,12 +139,26 @@ def test_names_that_are_like_none_list_all():
     assert suggestion('xyz', []) == 'none is known'
 
 
-@pytest.mark.parametrize('text, value', [
-    ('rate=20', 20), ('rate=2.5', 2.5), ('rate=1e-3', 1e-3), ('rate=1E3', 1000.0),
-    ('rate=-1', -1), ('form=one', 'one'), ('on=true', True), ('on=false', False),
-    ('scale=', None), ('scale=null', None), ('names=[a, b]', ['a', 'b']), ('form=a=b', 'a=b'),
-    ('form=a: b: c', 'a: b: c'), ('rate=.inf', math.inf), (' rate =3', 3),
-])
+@pytest.mark.parametrize(
+    'text, value',
+    [
+        ('rate=20', 20),
+        ('rate=2.5', 2.5),
+        ('rate=1e-3', 1e-3),
+        ('rate=1E3', 1000.0),
+        ('rate=-1', -1),
+        ('form=one', 'one'),
+        ('on=true', True),
+        ('on=false', False),
+        ('scale=', None),
+        ('scale=null', None),
+        ('names=[a, b]', ['a', 'b']),
+        ('form=a=b', 'a=b'),
+        ('form=a: b: c', 'a: b: c'),
+        ('rate=.inf', math.inf),
+        (' rate =3', 3),
+    ],
+)
 def test_assignments_are_read_as_yaml(text, value):
     (got,) = parse_assignments([text]).values()
     assert got == value and type(got) is type(value)
@@ -121,13 +177,19 @@ def test_the_last_of_two_assignments_counts():
 
 def test_admitted_values_are_said_for_people():
     texts = {name: known.range_text() for name, known in declared(Sample).items()}
-    assert texts == {'rate': '[0.1, 100]', 'count': '[1, 9]', 'on': 'true | false',
-                     'form': 'one | two | package.module:name', 'scale': '[1e-06, 1]',
-                     'names': 'a list of texts'}
+    assert texts == {
+        'rate': '[0.1, 100]',
+        'count': '[1, 9]',
+        'on': 'true | false',
+        'form': 'one | two | package.module:name',
+        'scale': '[1e-06, 1]',
+        'names': 'a list of texts',
+    }
 
 
-@pytest.mark.parametrize('cls', [JointSettings, GuardSettings,
-                                 *(observer.gains for observer in found().values())])
+@pytest.mark.parametrize(
+    'cls', [JointSettings, GuardSettings, *(observer.gains for observer in found().values())]
+)
 def test_every_declaring_class_declares_every_field(cls):
     known = declared(cls)
     assert set(known) == set(cls.__dataclass_fields__)

@@ -15,7 +15,9 @@ def write(tmp_path, text):
 
 
 def test_sections_for_this_node_win_over_those_for_all(tmp_path):
-    path = write(tmp_path, '''
+    path = write(
+        tmp_path,
+        """
 joint_observer: {ros__parameters: {order: 2}}
 /**:
   ros__parameters:
@@ -26,18 +28,36 @@ joint_observer: {ros__parameters: {order: 2}}
     joints:
       arm.left: {noise: 0.1, low_speed_bound: false}
 other: {ros__parameters: {order: 7}}
-''')
+""",
+    )
     values = load(path)
-    assert values == {'order': 2, 'form': 'robust', 'bandwidth_hz': 10.0, 'quantum': 0.0015,
-                      'joints.arm.left.noise': 0.1, 'joints.arm.left.low_speed_bound': False}
+    assert values == {
+        'order': 2,
+        'form': 'robust',
+        'bandwidth_hz': 10.0,
+        'quantum': 0.0015,
+        'joints.arm.left.noise': 0.1,
+        'joints.arm.left.low_speed_bound': False,
+    }
     assert split(values) == (
         {'order': 2, 'form': 'robust', 'bandwidth_hz': 10.0, 'quantum': 0.0015},
-        {'arm.left': {'noise': 0.1, 'low_speed_bound': False}})
+        {'arm.left': {'noise': 0.1, 'low_speed_bound': False}},
+    )
     assert load(path, 'other')['order'] == 7
 
 
-@pytest.mark.parametrize('section', ['/joint_observer', '/robot/joint_observer', '*', '/*', '/**',
-                                     '/**/joint_observer', 'joint_observer'])
+@pytest.mark.parametrize(
+    'section',
+    [
+        '/joint_observer',
+        '/robot/joint_observer',
+        '*',
+        '/*',
+        '/**',
+        '/**/joint_observer',
+        'joint_observer',
+    ],
+)
 def test_every_way_to_name_the_node(section, tmp_path):
     assert load(write(tmp_path, f"'{section}':\n  ros__parameters: {{a: 1}}")) == {'a': 1}
 
@@ -49,21 +69,26 @@ def test_namespaces_may_be_nested(tmp_path):
 
 def test_a_list_of_joints_is_no_override():
     assert split({'joints': ['a', 'b'], 'joints.a.order': 2}) == (
-        {'joints': ['a', 'b']}, {'a': {'order': 2}})
+        {'joints': ['a', 'b']},
+        {'a': {'order': 2}},
+    )
 
 
-@pytest.mark.parametrize('text, said', [
-    ('a: [1', 'is no YAML (line 1)'),
-    ('- 1', 'is no parameter file'),
-    ('/**: &a {ros__parameters: *a}', 'has an alias to what it is part of'),
-    ('/**: {ros__parameters: &a {b: *a}}', 'has an alias to what it is part of'),
-    ('', 'is no parameter file'),
-    ('bandwidth_hz: 3', "'bandwidth_hz' must hold 'ros__parameters:'"),
-    ('other: {ros__parameters: {a: 1}}', "no section for 'joint_observer'; it has 'other'"),
-    ('/**: {ros__parameters: 3}', 'must hold keys and values'),
-    ('/**: {ros__parameters: {a: 1, a: 2}}', "'a' comes twice"),
-    ('/**: {a: {b: {}}}', "no 'ros__parameters' at all"),
-])
+@pytest.mark.parametrize(
+    'text, said',
+    [
+        ('a: [1', 'is no YAML (line 1)'),
+        ('- 1', 'is no parameter file'),
+        ('/**: &a {ros__parameters: *a}', 'has an alias to what it is part of'),
+        ('/**: {ros__parameters: &a {b: *a}}', 'has an alias to what it is part of'),
+        ('', 'is no parameter file'),
+        ('bandwidth_hz: 3', "'bandwidth_hz' must hold 'ros__parameters:'"),
+        ('other: {ros__parameters: {a: 1}}', "no section for 'joint_observer'; it has 'other'"),
+        ('/**: {ros__parameters: 3}', 'must hold keys and values'),
+        ('/**: {ros__parameters: {a: 1, a: 2}}', "'a' comes twice"),
+        ('/**: {a: {b: {}}}', "no 'ros__parameters' at all"),
+    ],
+)
 def test_wrong_files_are_refused_in_one_line(text, said, tmp_path):
     with pytest.raises(UsageError) as caught:
         load(write(tmp_path, text))

@@ -11,8 +11,19 @@ import pytest
 ROOT = Path(__file__).parent.parent
 # small files that every room may use
 SHARED = {'params_file', 'errors', 'parameters', 'registry', 'optional', 'printable', 'yaml_text'}
-ROS = {'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'std_srvs',
-       'geometry_msgs', 'trajectory_msgs', 'diagnostic_msgs', 'launch', 'launch_ros'}
+ROS = {
+    'rclpy',
+    'rcl_interfaces',
+    'builtin_interfaces',
+    'std_msgs',
+    'sensor_msgs',
+    'std_srvs',
+    'geometry_msgs',
+    'trajectory_msgs',
+    'diagnostic_msgs',
+    'launch',
+    'launch_ros',
+}
 # room: (rooms, packages) that its files may import, wherever in a file
 MAY_KNOW = {
     'observers': ({'models'}, {'numpy'}),
@@ -20,7 +31,8 @@ MAY_KNOW = {
     'messages': (set(), {'numpy'}),
     'driver': ({'observers', 'models', 'messages'}, {'numpy', 'yaml', 'numba'}),
     'streams': ({'driver', 'observers', 'models', 'messages'}, {'numpy'}),
-    'nodes': ({'streams', 'driver', 'observers', 'messages'}, ROS)}
+    'nodes': ({'streams', 'driver', 'observers', 'messages'}, ROS),
+}
 
 
 def imported(path):

@@ -38,12 +38,15 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
     """
     domain = free_domain()
     with ExitStack() as stack:
+
         def start(*words: str):
             return stack.enter_context(process(*words, domain=domain))
 
         nodes = {'node': stack.enter_context(observer(name, domain)), 'null': start('null')}
-        listeners = {'node': start('listen', f'/{name}/estimate'),
-                     'null': start('listen', '/null_node/estimate')}
+        listeners = {
+            'node': start('listen', f'/{name}/estimate'),
+            'null': start('listen', '/null_node/estimate'),
+        }
         time.sleep(2.0)
         publisher = start('publish', str(rate), str(seconds + 2.0), str(JOINTS), '2')
         publisher.stdout.readline()
@@ -59,14 +62,21 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
         for which, listener in listeners.items():
             listener.send_signal(2)
             answered[which] = result(listener)['received']
-    cost = {which: 1e6 * used[which] / (messages * answered[which] / published)
-            for which in nodes}
+    cost = {which: 1e6 * used[which] / (messages * answered[which] / published) for which in nodes}
     ratio = cost['node'] / cost['null']
-    return {'rate_hz': rate, 'joints': JOINTS, 'node': name, 'published': published,
-            'answered': answered['node'], 'null_answered': answered['null'],
-            'node_us_per_message': cost['node'], 'null_us_per_message': cost['null'],
-            'ratio': ratio, 'allowed': ALLOWED, 'ok': ratio <= ALLOWED}
-
+    return {
+        'rate_hz': rate,
+        'joints': JOINTS,
+        'node': name,
+        'published': published,
+        'answered': answered['node'],
+        'null_answered': answered['null'],
+        'node_us_per_message': cost['node'],
+        'null_us_per_message': cost['null'],
+        'ratio': ratio,
+        'allowed': ALLOWED,
+        'ok': ratio <= ALLOWED,
+    }
 
 
 if __name__ == '__main__':

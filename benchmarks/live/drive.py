@@ -30,7 +30,7 @@ from estimator_pkg.nodes.domain import free_domain
 MODULE = 'estimator_pkg.nodes.executables pmsm_observer'
 FEEDER = 'benchmarks.live.drive'
 ROWS = 200
-EMPTY = 50     # batches without a row that are sent first
+EMPTY = 50  # batches without a row that are sent first
 LATENCY = 2.0  # [ms] from a batch's arrival to its estimates, at the median
 # (sample rate [Hz], compiled, part of a core that it may take)
 CASES = ((20000.0, True, 0.10), (5000.0, False, 0.20), (20000.0, False, 0.45))
@@ -45,24 +45,32 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
     """
     domain = free_domain()
     values = {**MOTOR, 'compile': fast}
-    words = [word for name, value in values.items()
-             for word in ('-p', f'{name}:={str(value).lower()}')]
+    words = [
+        word for name, value in values.items() for word in ('-p', f'{name}:={str(value).lower()}')
+    ]
     with ExitStack() as stack:
-        node = stack.enter_context(process('node', domain=domain, module=MODULE,
-                                           extra=('--ros-args', *words)))
+        node = stack.enter_context(
+            process('node', domain=domain, module=MODULE, extra=('--ros-args', *words))
+        )
         meter = psutil.Process(node.pid)
-        feeder = stack.enter_context(process('node', domain=domain, module=FEEDER,
-                                             extra=('feed', str(rate), str(seconds))))
+        feeder = stack.enter_context(
+            process('node', domain=domain, module=FEEDER, extra=('feed', str(rate), str(seconds)))
+        )
         assert feeder.stdout is not None
         feeder.stdout.readline()  # it has begun
         before, begun = cpu(meter), time.perf_counter()
         time.sleep(0.9 * seconds)
         load = (cpu(meter) - before) / (time.perf_counter() - begun)
         said = result(feeder)
-    return {'rate_hz': rate, 'compiled': fast, 'load': load, 'allowed': allowed, **said,
-            'ok': load <= allowed and said['answered'] == said['sent'],
-            'in_time': said['leaves_ms'] <= LATENCY}
-
+    return {
+        'rate_hz': rate,
+        'compiled': fast,
+        'load': load,
+        'allowed': allowed,
+        **said,
+        'ok': load <= allowed and said['answered'] == said['sent'],
+        'in_time': said['leaves_ms'] <= LATENCY,
+    }
 
 
 class Feeder(Node):
@@ -84,12 +92,17 @@ class Feeder(Node):
         self.answered: list[float] = []
         self.steps: list[float] = []
         self._period = ROWS / rate
-        self._signal = simulate({'publish_rate': rate, 'profile': 'ramps', 'profile_time': 1.0},
-                                seconds)
+        self._signal = simulate(
+            {'publish_rate': rate, 'profile': 'ramps', 'profile_time': 1.0}, seconds
+        )
         self._publisher = self.create_publisher(Float64MultiArray, 'drive_samples', 50)
-        self.create_subscription(JointState, '/pmsm_observer/estimate',
-                                 lambda raw: self.answered.append(time.perf_counter()), 500,
-                                 raw=True)
+        self.create_subscription(
+            JointState,
+            '/pmsm_observer/estimate',
+            lambda raw: self.answered.append(time.perf_counter()),
+            500,
+            raw=True,
+        )
         self.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
         threading.Thread(target=self._play, daemon=True).start()
 
@@ -118,7 +131,7 @@ class Feeder(Node):
         begun = time.perf_counter()
         stamps = stamps + (time.time_ns() - int(stamps[0]))
         for index, start in enumerate(range(0, len(stamps) - ROWS + 1, ROWS)):
-            raw = drive_samples.encode(stamps[start:start + ROWS], samples[start:start + ROWS])
+            raw = drive_samples.encode(stamps[start : start + ROWS], samples[start : start + ROWS])
             wait = begun + (index + 1) * self._period - time.perf_counter()
             if wait > 0.0:
                 time.sleep(wait)
@@ -139,10 +152,19 @@ def feed(rate: float, seconds: float) -> None:
     feeder = made[0]
     trips = [1e3 * (came - left) for left, came in zip(feeder.sent, feeder.answered)]
     transport, full = statistics.median(trips[:EMPTY]), statistics.median(trips[EMPTY:])
-    print(json.dumps({'sent': len(feeder.sent), 'answered': len(feeder.answered),
-                      'round_trip_ms': full, 'transport_ms': transport,
-                      'leaves_ms': full - transport,
-                      'step_ms': statistics.median(feeder.steps)}), flush=True)
+    print(
+        json.dumps(
+            {
+                'sent': len(feeder.sent),
+                'answered': len(feeder.answered),
+                'round_trip_ms': full,
+                'transport_ms': transport,
+                'leaves_ms': full - transport,
+                'step_ms': statistics.median(feeder.steps),
+            }
+        ),
+        flush=True,
+    )
 
 
 if __name__ == '__main__':

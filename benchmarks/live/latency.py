@@ -25,8 +25,8 @@ from benchmarks.live.processes import (
 )
 from estimator_pkg.nodes.domain import free_domain
 
-RATE = 1000.0       # [Hz]
-SECONDS = 5.0       # of which the first quarter does not count
+RATE = 1000.0  # [Hz]
+SECONDS = 5.0  # of which the first quarter does not count
 ROUNDS = 3
 KEYS = ('median_ms', 'late_ms')
 
@@ -55,10 +55,16 @@ def measure(rounds: int = ROUNDS) -> dict:
             found[name].append(once(name))
     rows = []
     for name in names:
-        pairs = [(mine, null) for mine, null in zip(found[name], found[NULL])
-                 if all(key in each for key in KEYS for each in (mine, null))]
-        row: dict = {'node': name, 'rounds': len(pairs),
-                     'answered': sum(int(mine['answered']) for mine in found[name])}
+        pairs = [
+            (mine, null)
+            for mine, null in zip(found[name], found[NULL])
+            if all(key in each for key in KEYS for each in (mine, null))
+        ]
+        row: dict = {
+            'node': name,
+            'rounds': len(pairs),
+            'answered': sum(int(mine['answered']) for mine in found[name]),
+        }
         for key in KEYS if pairs else ():
             row[key] = statistics.median(mine[key] for mine, _ in pairs)
             row[f'{key}_more'] = statistics.median(mine[key] - null[key] for mine, null in pairs)

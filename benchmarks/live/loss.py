@@ -16,8 +16,9 @@ from estimator_pkg.nodes.domain import free_domain
 OVERLOAD = 150  # joints with which no Python node keeps up at 5 kHz
 
 
-def measure(rate: float, joints: int = 7, seconds: float = 5.0,
-            observer: str = 'hybrid_angle') -> dict:
+def measure(
+    rate: float, joints: int = 7, seconds: float = 5.0, observer: str = 'hybrid_angle'
+) -> dict:
     """Messages published, received and reported lost at `rate`, with the default QoS.
 
     ``true_loss`` is what was published and never reached the node's callback; ``reported`` is what
@@ -26,6 +27,7 @@ def measure(rate: float, joints: int = 7, seconds: float = 5.0,
     domain = free_domain()
     chosen = ('--ros-args', '-p', f'observer:={observer}')
     with ExitStack() as stack:
+
         def start(*words: str, extra: tuple[str, ...] = ()):
             return stack.enter_context(process(*words, domain=domain, extra=extra))
 
@@ -38,11 +40,17 @@ def measure(rate: float, joints: int = 7, seconds: float = 5.0,
         said = result(watcher)
     received, reported = int(said['messages_received']), int(said['lost_by_dds'])
     true_loss = sent['published'] - received
-    return {'rate_hz': rate, 'joints': joints, 'observer': observer,
-            'published': sent['published'],
-            'published_rate_hz': sent['published'] / sent['seconds'],
-            'received': received, 'true_loss': true_loss, 'reported': reported,
-            'ok': true_loss == reported}
+    return {
+        'rate_hz': rate,
+        'joints': joints,
+        'observer': observer,
+        'published': sent['published'],
+        'published_rate_hz': sent['published'] / sent['seconds'],
+        'received': received,
+        'true_loss': true_loss,
+        'reported': reported,
+        'ok': true_loss == reported,
+    }
 
 
 def measure_all(observer: str = 'hybrid_angle') -> dict:

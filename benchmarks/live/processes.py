@@ -14,7 +14,7 @@ import psutil
 
 from estimator_pkg.nodes.runtime import settle_environment
 
-JOINTS = 7      # in each message
+JOINTS = 7  # in each message
 MODULE = 'estimator_pkg.nodes.executables {}'
 NULL = 'null_node'
 # The observer nodes that take joint states, with the parameters that they need for these joints.
@@ -23,20 +23,34 @@ NODES: dict[str, tuple[str, ...]] = {
     'joint_observer': (),
     'adaptive_observer': (),
     'mechanical_observer': ('joints:=[joint_0]',),
-    'switched_observer': ('joints:=[joint_0]',)}
+    'switched_observer': ('joints:=[joint_0]',),
+}
 
 
 @contextmanager
-def process(*words: str, domain: int, extra: tuple[str, ...] = (),
-            module: str = MODULE.format('joint_observer')) -> Iterator[subprocess.Popen]:
+def process(
+    *words: str,
+    domain: int,
+    extra: tuple[str, ...] = (),
+    module: str = MODULE.format('joint_observer'),
+) -> Iterator[subprocess.Popen]:
     """A role of `roles`, or 'node' for `module`, as a process that ends with the block."""
     settle_environment()
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain),
-                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    program = (['-m', *module.split()] if words == ('node',)
-               else ['-m', 'benchmarks.live.roles', *words])
-    child = subprocess.Popen([sys.executable, *program, *extra], env=environment, text=True,
-                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    environment = {
+        **os.environ,
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+    program = (
+        ['-m', *module.split()] if words == ('node',) else ['-m', 'benchmarks.live.roles', *words]
+    )
+    child = subprocess.Popen(
+        [sys.executable, *program, *extra],
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
     try:
         yield child
     finally:

@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks.live.processes import JOINTS
 from estimator_pkg.nodes.runtime import run as run_node
 
-PERIOD = 6.0    # [s] of the motion that is published
+PERIOD = 6.0  # [s] of the motion that is published
 
 
 def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> None:
@@ -46,8 +46,14 @@ def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> Non
         if wait > 0.0:
             time.sleep(wait)
         angle = math.sin(2.0 * math.pi * i / rate / PERIOD)
-        publisher.publish(encode(begun_ns + round(i * 1e9 / rate), 'base', names,
-                                 [angle + 0.1 * joint for joint in range(joints)]))
+        publisher.publish(
+            encode(
+                begun_ns + round(i * 1e9 / rate),
+                'base',
+                names,
+                [angle + 0.1 * joint for joint in range(joints)],
+            )
+        )
     took = time.perf_counter() - begun
     print(json.dumps({'published': count, 'seconds': took}), flush=True)
     time.sleep(1.0)
@@ -65,6 +71,7 @@ def feed(rate: float) -> None:
 
     def make():
         import rclpy
+
         node = rclpy.create_node('benchmark_feed')
         publisher = node.create_publisher(JointState, 'joint_states', 10)
         encode = Encoder().encode
@@ -80,9 +87,16 @@ def feed(rate: float) -> None:
                     time.sleep(wait)
                 angle = math.sin(turning * i / rate)
                 try:
-                    publisher.publish(encode(
-                        time.time_ns(), 'base', names, [angle] * JOINTS, (),
-                        [-0.1 * turning * turning * angle] * JOINTS))
+                    publisher.publish(
+                        encode(
+                            time.time_ns(),
+                            'base',
+                            names,
+                            [angle] * JOINTS,
+                            (),
+                            [-0.1 * turning * turning * angle] * JOINTS,
+                        )
+                    )
                 except Exception:  # the context ended under it
                     if rclpy.ok():
                         raise
@@ -115,6 +129,7 @@ def time_answers(topic: str) -> None:
 
     def make():
         import rclpy
+
         node = rclpy.create_node('benchmark_clock')
         layout = Decoder().layout
 
@@ -133,11 +148,23 @@ def time_answers(topic: str) -> None:
         return node
 
     run_node(make, [])
-    settled = sorted(late[len(late) // 4:])  # the connection is young before
-    print(json.dumps({'answered': len(late), **({
-        'median_ms': 1e-6 * statistics.median(settled),
-        'late_ms': 1e-6 * settled[int(0.99 * (len(settled) - 1))]} if settled else {})}),
-        flush=True)
+    settled = sorted(late[len(late) // 4 :])  # the connection is young before
+    print(
+        json.dumps(
+            {
+                'answered': len(late),
+                **(
+                    {
+                        'median_ms': 1e-6 * statistics.median(settled),
+                        'late_ms': 1e-6 * settled[int(0.99 * (len(settled) - 1))],
+                    }
+                    if settled
+                    else {}
+                ),
+            }
+        ),
+        flush=True,
+    )
 
 
 def listen(topic: str) -> None:
@@ -150,6 +177,7 @@ def listen(topic: str) -> None:
 
     def make():
         import rclpy
+
         node = rclpy.create_node('benchmark_listener')
         layout = Decoder().layout
 
@@ -176,6 +204,7 @@ def diagnose() -> None:
 
     def make():
         import rclpy
+
         node = rclpy.create_node('benchmark_diagnosis')
         node.create_subscription(DiagnosticArray, '/diagnostics', came, 10)
         return node
@@ -191,11 +220,15 @@ def null() -> None:
     def make():
         import rclpy
         from rclpy.qos import QoSProfile, ReliabilityPolicy
+
         node = rclpy.create_node('null_node')
         publisher = node.create_publisher(JointState, '~/estimate', 50)
         node.create_subscription(
-            JointState, 'joint_states', publisher.publish,
-            QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT))
+            JointState,
+            'joint_states',
+            publisher.publish,
+            QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT),
+        )
         return node
 
     run_node(make, [])

@@ -14,8 +14,9 @@ from typing import Any
 
 from estimator_pkg.evaluation.compare.timing import not_run, row
 
-COST, LOSS, START, LATENCY = (f'benchmarks.live.{program}'
-                             for program in ('cost', 'loss', 'start', 'latency'))
+COST, LOSS, START, LATENCY = (
+    f'benchmarks.live.{program}' for program in ('cost', 'loss', 'start', 'latency')
+)
 LONGEST = 600.0  # [s]
 NULL, REQUIRED = 'null_node', 'joint_observer'
 Reader = Callable[[dict[str, Any]], list[dict[str, Any]]]
@@ -48,8 +49,9 @@ def _rows(program: str, reader: Reader, *words: str) -> list[dict[str, Any]]:
 def _run(program: str, *words: str) -> tuple[dict[str, Any] | None, str]:
     """(what the program found, why it did not)."""
     try:
-        done = subprocess.run([sys.executable, '-m', program, *words], capture_output=True,
-                              text=True, timeout=LONGEST)
+        done = subprocess.run(
+            [sys.executable, '-m', program, *words], capture_output=True, text=True, timeout=LONGEST
+        )
         return json.loads(done.stdout), ''
     except subprocess.TimeoutExpired:
         return None, f'it took longer than {LONGEST:g} s'
@@ -66,8 +68,14 @@ def _start(found: dict[str, Any]) -> list[dict[str, Any]]:
             if what == 'cpu':
                 name = f'{item["node"]}: CPU time to first message'
             if f'{what}_s' not in item:
-                rows.append(not_run(name, 'none came within 8 s: it learns longer'
-                                    if what == 'estimate' else 'none came'))
+                rows.append(
+                    not_run(
+                        name,
+                        'none came within 8 s: it learns longer'
+                        if what == 'estimate'
+                        else 'none came',
+                    )
+                )
                 continue
             rows.append(row(name, item[f'{what}_s'], 's'))
             if item['node'] != NULL:
@@ -94,11 +102,18 @@ def _cost(found: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for item in found['rows']:
         at = f'{item["rate_hz"]:g} Hz, {item["joints"]} joints'
-        rows += [row(f'{item["node"]}, CPU per message, {at}', item['node_us_per_message'], 'us'),
-                 row('null node at the same time', item['null_us_per_message'], 'us'),
-                 row(f'{item["node"]} / null node', item['ratio'], 'times',
-                     limit=item['allowed'] if item['node'] == REQUIRED else None,
-                     published=item['published'], answered=item['answered'])]
+        rows += [
+            row(f'{item["node"]}, CPU per message, {at}', item['node_us_per_message'], 'us'),
+            row('null node at the same time', item['null_us_per_message'], 'us'),
+            row(
+                f'{item["node"]} / null node',
+                item['ratio'],
+                'times',
+                limit=item['allowed'] if item['node'] == REQUIRED else None,
+                published=item['published'],
+                answered=item['answered'],
+            ),
+        ]
     return rows
 
 
@@ -111,6 +126,12 @@ def _loss(found: dict[str, Any]) -> list[dict[str, Any]]:
             rows.append(row(f'lost at {at}', item['true_loss'], 'messages', limit=0, **counts))
         else:
             rows.append(row(f'lost at {at}', item['true_loss'], 'messages', **counts))
-            rows.append(row(f'lost but not reported at {at}',
-                            abs(item['true_loss'] - item['reported']), 'messages', limit=0))
+            rows.append(
+                row(
+                    f'lost but not reported at {at}',
+                    abs(item['true_loss'] - item['reported']),
+                    'messages',
+                    limit=0,
+                )
+            )
     return rows

@@ -22,8 +22,8 @@ import psutil
 from benchmarks.live.processes import NODES, NULL, cpu, observer, process
 from estimator_pkg.nodes.domain import free_domain
 
-RATE = 200.0        # [Hz] of the stream
-LONGEST = 8.0       # [s] to wait for a first estimate
+RATE = 200.0  # [Hz] of the stream
+LONGEST = 8.0  # [s] to wait for a first estimate
 ROUNDS = 5
 
 
@@ -81,8 +81,11 @@ def measure(rounds: int = ROUNDS) -> dict:
         row: dict = {'node': name, 'rounds': rounds}
         for what in ('message', 'cpu', 'estimate'):
             same = 'message' if what == 'estimate' else what  # all that the null node gives
-            pairs = [(each[what], other[same]) for each, other in zip(times[name], times[NULL])
-                     if what in each and same in other]
+            pairs = [
+                (each[what], other[same])
+                for each, other in zip(times[name], times[NULL])
+                if what in each and same in other
+            ]
             if pairs:
                 row[f'{what}_s'] = statistics.median(mine for mine, _ in pairs)
                 row[f'{what}_ratio'] = statistics.median(mine / other for mine, other in pairs)

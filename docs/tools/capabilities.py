@@ -29,8 +29,8 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.text import markdown, number
 
-ROUNDS = 2      # of which the fastest counts
-SETTLED = 0.3   # part of a recording that is left out at its beginning
+ROUNDS = 2  # of which the fastest counts
+SETTLED = 0.3  # part of a recording that is left out at its beginning
 LINE = re.compile(r'^\| \[(\w+)\].*\|$')
 HEADER = ('observer', 'microseconds per sample', 'delay [ms]', 'rms error [rad/s]', 'recording')
 
@@ -52,16 +52,32 @@ class Case(NamedTuple):
 JOINT = (('model_parameters', ['inertia=0.05', 'damping=0.02', 'gravity=1.5', 'coulomb=0.05']),)
 MOTOR = (('resistance', 0.06), ('inductance', 3.375e-05), ('flux', 0.0019), ('pole_pairs', 7))
 CASES = (
-    Case(('hybrid_angle', 'edge_adaptive', 'kalman', 'pll', 'finite_difference', 'super_twisting'),
-         'encoder', 10.0, ('amplitude=0.3979', 'frequency=2.0'), (),
-         'sine of 5 rad/s at 2 Hz, 4096 counts, 1 kHz'),
-    Case(('geso', 'hgo', 'ehgo', 'smo'), 'pendulum', 10.0, (), JOINT,
-         'driven pendulum, its model known, 4096 counts, 500 Hz'),
-    Case(('adaptive',), 'dc_motor', 30.0, (), (),
-         'servo motor, its parameters learnt, 4096 counts, 1 kHz'),
+    Case(
+        ('hybrid_angle', 'edge_adaptive', 'kalman', 'pll', 'finite_difference', 'super_twisting'),
+        'encoder',
+        10.0,
+        ('amplitude=0.3979', 'frequency=2.0'),
+        (),
+        'sine of 5 rad/s at 2 Hz, 4096 counts, 1 kHz',
+    ),
+    Case(
+        ('geso', 'hgo', 'ehgo', 'smo'),
+        'pendulum',
+        10.0,
+        (),
+        JOINT,
+        'driven pendulum, its model known, 4096 counts, 500 Hz',
+    ),
+    Case(
+        ('adaptive',),
+        'dc_motor',
+        30.0,
+        (),
+        (),
+        'servo motor, its parameters learnt, 4096 counts, 1 kHz',
+    ),
     Case(('pmsm',), 'pmsm', 2.0, (), MOTOR, 'drive at 20 kHz, no encoder'),
-    Case(('switched',), 'gripper', 10.0, (), (),
-         'joint whose load changes, 65536 counts, 1 kHz'),
+    Case(('switched',), 'gripper', 10.0, (), (), 'joint whose load changes, 65536 counts, 1 kHz'),
 )
 
 
@@ -98,13 +114,22 @@ def measure(case: Case, folder: Path) -> list[Result]:
                 times.append(time.process_time() - start)
             joint = next(name for name in estimates if name in true.series)
             estimate, known = estimates[joint], true.series[joint]
-            met = match(estimate.stamps, known.stamps_ns, known.velocity, known.position,
-                        2.0 * np.pi)
+            met = match(
+                estimate.stamps, known.stamps_ns, known.velocity, known.position, 2.0 * np.pi
+            )
             settled = met.time >= SETTLED * case.seconds
-            errors = metrics.velocity(met.time[settled], estimate.velocity[met.rows][settled],
-                                      met.velocity[settled], 0.0)
-            found.append(Result(observer, min(times) / estimate.samples['received'] * 1e6,
-                                errors['delay_s'], errors['rms'], case.words))
+            errors = metrics.velocity(
+                met.time[settled], estimate.velocity[met.rows][settled], met.velocity[settled], 0.0
+            )
+            found.append(
+                Result(
+                    observer,
+                    min(times) / estimate.samples['received'] * 1e6,
+                    errors['delay_s'],
+                    errors['rms'],
+                    case.words,
+                )
+            )
     return found
 
 
@@ -130,8 +155,21 @@ def main() -> None:
     page = parser.parse_args().page
     with tempfile.TemporaryDirectory() as folder:
         results = [result for case in CASES for result in measure(case, Path(folder))]
-    print(markdown(HEADER, [(each.observer, number(each.cost, 2), f'{each.delay * 1e3:.2f}',
-                             number(each.error, 3), each.words) for each in results]))
+    print(
+        markdown(
+            HEADER,
+            [
+                (
+                    each.observer,
+                    number(each.cost, 2),
+                    f'{each.delay * 1e3:.2f}',
+                    number(each.error, 3),
+                    each.words,
+                )
+                for each in results
+            ],
+        )
+    )
     if page:
         page.write_text(filled(page.read_text(), results))
 

@@ -36,8 +36,20 @@ from estimator_pkg.progress import progress
 Array = NDArray[np.float64]
 ENTRY = Entry('edge_adaptive', 'edge_adaptive')
 KALMAN = Entry('kalman acceleration', 'kalman')
-CONSTANTS = ('RATE', 'SLACK', 'SHARE', 'SIGMAS', 'ALARM', 'BLUR', 'LONGEST', 'FADE',
-             'MEMORY', 'STRAY', 'CONFIRMED', 'CALM')
+CONSTANTS = (
+    'RATE',
+    'SLACK',
+    'SHARE',
+    'SIGMAS',
+    'ALARM',
+    'BLUR',
+    'LONGEST',
+    'FADE',
+    'MEMORY',
+    'STRAY',
+    'CONFIRMED',
+    'CALM',
+)
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 COLUMNS = ('slow', 'sine', 'trapezoid', 'reversal', 'noise', 'beat', 'fast beat', '100 Hz')
 DRAWS = 4
@@ -64,8 +76,9 @@ def scaled(name: str, factor: float) -> Any:
     return factor * value
 
 
-def cells_alone(off: float, ahead: float, quantum: float, variance: float, noise: float,
-                hold: float) -> tuple[int, float, float]:
+def cells_alone(
+    off: float, ahead: float, quantum: float, variance: float, noise: float, hold: float
+) -> tuple[int, float, float]:
     """What a reading would be worth if it were its cell and nothing else."""
     return INTERVAL, off, 0.5 * quantum
 
@@ -78,11 +91,35 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
         position, velocity, _, _ = joint.estimate()
         state = joint._track[6]
         band, sensor, sway = state[2], state[3], state[7]
-        rows.append((position, velocity, *joint.stddev(), band[0], band[3], band[4],
-                     vibration(sensor), sway[0]))
+        rows.append(
+            (
+                position,
+                velocity,
+                *joint.stddev(),
+                band[0],
+                band[3],
+                band[4],
+                vibration(sensor),
+                sway[0],
+            )
+        )
     columns: Array = np.array(rows, np.float64).T
-    return dict(zip(('position', 'velocity', 'position_stddev', 'stddev', 'density', 'up', 'down',
-                     'vibration', 'sway'), columns))
+    return dict(
+        zip(
+            (
+                'position',
+                'velocity',
+                'position_stddev',
+                'stddev',
+                'density',
+                'up',
+                'down',
+                'vibration',
+                'sway',
+            ),
+            columns,
+        )
+    )
 
 
 def signal(motion: Motion, **more: Any) -> Signal:
@@ -99,8 +136,9 @@ def _edges(plt: Any) -> Any:
     """Creep, and a beat beside one count per sample: the same in a frame that moves along."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.2))
     for axis, speed, frame, title in (
-            (axes[0], 0.1, 0.0, '0.1 counts per sample'),
-            (axes[1], 1.1, 1.0, '1.1 counts per sample, in a frame that moves at 1')):
+        (axes[0], 0.1, 0.0, '0.1 counts per sample'),
+        (axes[1], 1.1, 1.0, '1.1 counts per sample, in a frame that moves at 1'),
+    ):
         quantum = signal(constant(1.0)).quantum
         motion = constant(speed * 1000.0 * quantum)
         samples = signal(motion).samples(duration=1.5)
@@ -121,10 +159,16 @@ def _edges(plt: Any) -> Any:
         shown += np.round((true / quantum - shown)[0] / 4096.0) * 4096.0
         axis.plot(sample, shown - back - base, '.', color='tab:red', ms=4, label='estimate')
         for k in np.flatnonzero(np.diff(count)) + 1:
-            axis.plot([sample[k]] * 2, [count[k] - base, count[k] - base + (speed - frame)],
-                      color='tab:blue', lw=4, solid_capstyle='butt',
-                      label='where the edge puts it' if k == np.flatnonzero(np.diff(count))[0] + 1
-                      else None)
+            axis.plot(
+                [sample[k]] * 2,
+                [count[k] - base, count[k] - base + (speed - frame)],
+                color='tab:blue',
+                lw=4,
+                solid_capstyle='butt',
+                label='where the edge puts it'
+                if k == np.flatnonzero(np.diff(count))[0] + 1
+                else None,
+            )
         axis.set(title=title, xlabel='sample', ylabel='quanta')
     axes[0].legend(fontsize=8)
     return figure
@@ -139,13 +183,16 @@ def _beats(plt: Any) -> Any:
     with constants(interval=cells_alone):
         cells = traced(ENTRY.joint(quantum=one.quantum), samples)
     edges = traced(ENTRY.joint(quantum=one.quantum), samples)
-    for found, color, label in ((cells, 'tab:orange', 'every reading its cell'),
-                                (edges, 'tab:blue', 'edges in a frame that moves along')):
+    for found, color, label in (
+        (cells, 'tab:orange', 'every reading its cell'),
+        (edges, 'tab:blue', 'edges in a frame that moves along'),
+    ):
         error = np.abs(found['velocity'] - samples.velocity)
         axes[0].semilogy(time, np.maximum(error, 1e-8), color=color, lw=0.8, label=label)
         axes[1].semilogy(time, found['density'], color=color, lw=0.8)
-    axes[0].set(ylabel='|error| [rad/s]', ylim=(1e-7, 10.0),
-                title='1.025 counts per sample, constant')
+    axes[0].set(
+        ylabel='|error| [rad/s]', ylim=(1e-7, 10.0), title='1.025 counts per sample, constant'
+    )
     axes[0].legend()
     axes[1].set(ylabel='density of jerk [(rad/s^3)^2 s]', xlabel='time [s]')
     return figure
@@ -163,15 +210,25 @@ def _bandwidth(plt: Any) -> Any:
     axes[0].plot(time[part], found['velocity'][part], color='tab:red', lw=0.8)
     axes[0].set(ylabel='velocity [rad/s]', title='0 to 20 rad/s at 100 rad/s^2')
     error = (found['velocity'] - samples.velocity)[part]
-    axes[1].fill_between(time[part], -1.96 * found['stddev'][part], 1.96 * found['stddev'][part],
-                         color='0.85', label='+-1.96 standard deviations')
+    axes[1].fill_between(
+        time[part],
+        -1.96 * found['stddev'][part],
+        1.96 * found['stddev'][part],
+        color='0.85',
+        label='+-1.96 standard deviations',
+    )
     axes[1].plot(time[part], error, color='tab:red', lw=0.8, label='error')
     axes[1].set(ylabel='error [rad/s]', ylim=(-0.6, 0.6))
     axes[1].legend(fontsize=8)
     axes[2].semilogy(time[part], found['density'][part], label='density [(rad/s^3)^2 s]')
     spikes = np.maximum(found['up'], found['down'])[part]
-    axes[2].semilogy(time[part], np.maximum(spikes, 1e-3), color='tab:green', lw=0.5,
-                     label='larger cumulative sum')
+    axes[2].semilogy(
+        time[part],
+        np.maximum(spikes, 1e-3),
+        color='tab:green',
+        lw=0.5,
+        label='larger cumulative sum',
+    )
     axes[2].axhline(edge_adaptive.ALARM, color='tab:green', ls=':', lw=0.8)
     axes[2].set(xlabel='time [s]')
     axes[2].legend(fontsize=8)
@@ -184,9 +241,11 @@ def shaking(quanta: float) -> Motion:
 
     def motion(time: Array) -> tuple[Array, Array]:
         on = time >= 3.0
-        return (np.sin(2.0 * time) + np.where(on, size * np.sin(pulsation * (time - 3.0)), 0.0),
-                2.0 * np.cos(2.0 * time)
-                + np.where(on, size * pulsation * np.cos(pulsation * (time - 3.0)), 0.0))
+        return (
+            np.sin(2.0 * time) + np.where(on, size * np.sin(pulsation * (time - 3.0)), 0.0),
+            2.0 * np.cos(2.0 * time)
+            + np.where(on, size * pulsation * np.cos(pulsation * (time - 3.0)), 0.0),
+        )
 
     return motion
 
@@ -202,20 +261,37 @@ def _vibration(plt: Any) -> Any:
         time = seconds(samples)
         part = (time > 2.8) & (time < 3.7)
         above.plot(time[part], samples.velocity[part], 'k.-', lw=1, ms=3, label='true')
-        above.plot(time[part], kalman.velocity[part], color='tab:orange', lw=1,
-                   label='Kalman filter, acceleration')
-        above.plot(time[part], found['velocity'][part], color='tab:red', lw=1,
-                   label='edge_adaptive')
+        above.plot(
+            time[part],
+            kalman.velocity[part],
+            color='tab:orange',
+            lw=1,
+            label='Kalman filter, acceleration',
+        )
+        above.plot(
+            time[part], found['velocity'][part], color='tab:red', lw=1, label='edge_adaptive'
+        )
         above.set(title=f'{quanta:g} quanta at a seventh of the sample rate')
         below.semilogy(time[part], found['density'][part], label='density [(rad/s^3)^2 s]')
         least = found['vibration'][part]
-        below.semilogy(time[part], np.where(least > 0.0, least, np.nan), color='tab:green', lw=0.8,
-                       label='least, by the third differences that last')
-        sway = found['sway'][part] / one.quantum ** 2
-        below.semilogy(time[part], np.where(sway > 0.01, sway, np.nan), color='tab:purple',
-                       lw=0.8, label='sway [quanta^2]')
-        below.axhline(1.0 / 6.0, color='tab:purple', ls=':', lw=0.8,
-                      label='from which on it is believed')
+        below.semilogy(
+            time[part],
+            np.where(least > 0.0, least, np.nan),
+            color='tab:green',
+            lw=0.8,
+            label='least, by the third differences that last',
+        )
+        sway = found['sway'][part] / one.quantum**2
+        below.semilogy(
+            time[part],
+            np.where(sway > 0.01, sway, np.nan),
+            color='tab:purple',
+            lw=0.8,
+            label='sway [quanta^2]',
+        )
+        below.axhline(
+            1.0 / 6.0, color='tab:purple', ls=':', lw=0.8, label='from which on it is believed'
+        )
         below.set(xlabel='time [s]', ylim=(1e-4, 1e10))
     axes[0, 0].set(ylabel='velocity [rad/s]')
     axes[0, 0].legend(fontsize=8, loc='lower left')
@@ -227,16 +303,22 @@ def _sigma(plt: Any) -> Any:
     """Error and standard deviation where speed reverses slowly, and on the sine."""
     figure, axes = plt.subplots(2, 1, figsize=(9, 6))
     for axis, motion, title, span in (
-            (axes[0], sine(0.1, 0.5), '0.1 rad/s at 0.5 Hz', (3.0, 6.0)),
-            (axes[1], sine(5.0, 2.0), '5 rad/s at 2 Hz', (3.0, 4.0))):
+        (axes[0], sine(0.1, 0.5), '0.1 rad/s at 0.5 Hz', (3.0, 6.0)),
+        (axes[1], sine(5.0, 2.0), '5 rad/s at 2 Hz', (3.0, 4.0)),
+    ):
         one = signal(motion)
         samples = one.samples(duration=6.2)
         found = traced(ENTRY.joint(quantum=one.quantum), samples)
         time = seconds(samples)
         part = (time > span[0]) & (time < span[1])
         error = (found['velocity'] - samples.velocity)[part]
-        axis.fill_between(time[part], -1.96 * found['stddev'][part], 1.96 * found['stddev'][part],
-                          color='0.85', label='+-1.96 standard deviations')
+        axis.fill_between(
+            time[part],
+            -1.96 * found['stddev'][part],
+            1.96 * found['stddev'][part],
+            color='0.85',
+            label='+-1.96 standard deviations',
+        )
         axis.plot(time[part], error, color='tab:red', lw=0.8, label='error')
         axis.set(title=title, ylabel='rad/s')
     axes[1].set(xlabel='time [s]')
@@ -264,8 +346,12 @@ def _constants(plt: Any) -> Any:
                 with constants(**{name: scaled(name, factor)}):
                     curves.append(pooled())
             for one in chosen:
-                axis.loglog(FACTORS, [curve[one.name] / usual[one.name] for curve in curves],
-                            '.-', label=one.name)
+                axis.loglog(
+                    FACTORS,
+                    [curve[one.name] / usual[one.name] for curve in curves],
+                    '.-',
+                    label=one.name,
+                )
             axis.set(title=name, ylim=(0.3, 30.0))
             axis.set_xticks(FACTORS, [f'{factor:g}' for factor in FACTORS])
             axis.set_xticks([], minor=True)
@@ -279,15 +365,23 @@ def _constants(plt: Any) -> Any:
     return figure
 
 
-PICTURES = {'edge': _edges, 'beat': _beats, 'bandwidth': _bandwidth,
-            'vibration': _vibration, 'sigma': _sigma, 'constants': _constants}
+PICTURES = {
+    'edge': _edges,
+    'beat': _beats,
+    'bandwidth': _bandwidth,
+    'vibration': _vibration,
+    'sigma': _sigma,
+    'constants': _constants,
+}
 
 
 def draw(folder: Path, names: Sequence[str] = tuple(PICTURES)) -> list[Path]:
     """Writes edge_adaptive_<name>.png into `folder`."""
     import matplotlib
+
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
+
     written = []
     for name in names:
         figure = PICTURES[name](plt)

@@ -63,9 +63,13 @@ def outcome(commands: tuple[str, ...]) -> tuple[str, list]:
                 if words[:3] == BENCHMARKS:
                     main, words = benchmarks.main, words[2:]
                 elif words[0] != 'velocity_estimator':
-                    printed = subprocess.run([sys.executable, *words[1:]], text=True, check=True,
-                                             env={**os.environ, 'PYTHONPATH': str(ROOT)},
-                                             capture_output=True).stdout
+                    printed = subprocess.run(
+                        [sys.executable, *words[1:]],
+                        text=True,
+                        check=True,
+                        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+                        capture_output=True,
+                    ).stdout
                     continue
                 out = io.StringIO()
                 with contextlib.redirect_stdout(out):
@@ -81,15 +85,20 @@ def outcome(commands: tuple[str, ...]) -> tuple[str, list]:
 
 def names(results: list) -> dict:
     """What expressions may use."""
+
     def velocity(observer: str, run: int) -> dict:
         bag = next(iter(results[run]['bags'].values()))
         return next(iter(bag['estimates'][observer]['joints'].values()))['velocity']
 
-    return {'r': results[-1] if results else None, 'runs': results, 'shared': shared,
-            'drawn': drawn,
-            'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
-            'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
-            'rows': lambda paper: len(registry.find(registry.REPRODUCTIONS, paper).references())}
+    return {
+        'r': results[-1] if results else None,
+        'runs': results,
+        'shared': shared,
+        'drawn': drawn,
+        'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
+        'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
+        'rows': lambda paper: len(registry.find(registry.REPRODUCTIONS, paper).references()),
+    }
 
 
 def shared(bench: dict, columns: str = 'slow sine trapezoid fast jitter drops') -> str:
@@ -97,29 +106,35 @@ def shared(bench: dict, columns: str = 'slow sine trapezoid fast jitter drops') 
     cells: dict[str, dict] = defaultdict(dict)
     for row in bench['accuracy']['results']:
         delay = row['delay_s']
-        cells[row['observer']][row['signal']] = f"{row['rms']:.3g}" + (
-            '' if delay is None else f', {1e3 * delay:.2f} ms')
-    return '\n'.join(f"| {name} | {' | '.join(each[column] for column in columns.split())} |"
-                     for name, each in cells.items())
+        cells[row['observer']][row['signal']] = f'{row["rms"]:.3g}' + (
+            '' if delay is None else f', {1e3 * delay:.2f} ms'
+        )
+    return '\n'.join(
+        f'| {name} | {" | ".join(each[column] for column in columns.split())} |'
+        for name, each in cells.items()
+    )
 
 
 def drawn(bench: dict) -> str:
     """The Markdown rows of edge_adaptive over many draws, with the yardstick beside it."""
     rows = {(row['observer'], row['signal']): row for row in bench['drawn']['rows']}
     return '\n'.join(
-        f"| {signal} | {row['pooled']:.3g} | {row['median']:.3g} | {row['worst']:.3g} "
-        f"| {100.0 * row['coverage']:.1f} % "
-        f"| {rows['kalman acceleration', signal]['pooled']:.3g} | {row['worst_ratio']:.3f} "
-        f"| {row['worse']} of {row['draws']} |"
-        for (observer, signal), row in rows.items() if observer == 'edge_adaptive')
+        f'| {signal} | {row["pooled"]:.3g} | {row["median"]:.3g} | {row["worst"]:.3g} '
+        f'| {100.0 * row["coverage"]:.1f} % '
+        f'| {rows["kalman acceleration", signal]["pooled"]:.3g} | {row["worst_ratio"]:.3f} '
+        f'| {row["worse"]} of {row["draws"]} |'
+        for (observer, signal), row in rows.items()
+        if observer == 'edge_adaptive'
+    )
 
 
 def close(old: str, new: float, tolerance: float, units: float) -> bool:
     """True if a printed number agrees with a fresh one, or is `units` of its last digit away."""
     digits, _, power = old.partition('e')
     unit = 10.0 ** (int(power or 0) - len(digits.partition('.')[2]))
-    return abs(float(old) - new) <= (max(tolerance * abs(new), 1.001 * units * unit) if tolerance
-                                     else 0.0)
+    return abs(float(old) - new) <= (
+        max(tolerance * abs(new), 1.001 * units * unit) if tolerance else 0.0
+    )
 
 
 def filled(page: str, entry: dict) -> tuple[str, list[str]]:
@@ -132,15 +147,17 @@ def filled(page: str, entry: dict) -> tuple[str, list[str]]:
     text = entry['text'].strip('\n')
     pattern, fresh, end = '', [], 0
     for place in PLACE.finditer(text):
-        pattern += _literal(text[end:place.start()]) + r'([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)'
+        pattern += _literal(text[end : place.start()]) + r'([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)'
         end = place.end()
         fresh.append((eval(place.group(1), names(results)), place.group(2) or ''))
     found = re.search(pattern + _literal(text[end:]), page)
     if found is None:
         return page, [f'the page has no text like: {text}']
-    differ = [f'{old} on the page, {value:.4g} now'
-              for old, (value, _) in zip(found.groups(), fresh)
-              if not close(old, value, tolerance, 0.5)]
+    differ = [
+        f'{old} on the page, {value:.4g} now'
+        for old, (value, _) in zip(found.groups(), fresh)
+        if not close(old, value, tolerance, 0.5)
+    ]
     for place in reversed(range(len(fresh))):
         first, last = found.span(place + 1)
         page = page[:first] + format(*fresh[place]) + page[last:]
@@ -170,10 +187,13 @@ def _lines(page: str, printed: str, tolerance: float) -> tuple[str, list[str]]:
         new = same.popleft().rstrip()
         met += 1
         pairs = list(zip(NUMBER.findall(line), NUMBER.findall(new)))
-        wrong = [f'{old} on the page, {now} now: {line.strip()}' for old, now in pairs
-                 if not close(old, float(now), tolerance, 1.0)]
+        wrong = [
+            f'{old} on the page, {now} now: {line.strip()}'
+            for old, now in pairs
+            if not close(old, float(now), tolerance, 1.0)
+        ]
         differ += wrong
-        lines[place] = line[:len(line) - len(line.lstrip())] + new.strip()
+        lines[place] = line[: len(line) - len(line.lstrip())] + new.strip()
     return '\n'.join(lines), differ if met else ['the page has no line of the output']
 
 
@@ -186,13 +206,14 @@ def main() -> int:
     parsed = parser.parse_args()
     wrong = False
     for entry in entries():
-        if (parsed.pages and entry['page'] not in parsed.pages) or (parsed.quick
-                                                                   and entry.get('slow')):
+        if (parsed.pages and entry['page'] not in parsed.pages) or (
+            parsed.quick and entry.get('slow')
+        ):
             continue
         path = ROOT / entry['page']
         page, differ = filled(path.read_text(), entry)
         wrong = wrong or bool(differ)
-        print(f"{entry['page']}: {'; '.join(entry.get('run', ['(no command)']))}", flush=True)
+        print(f'{entry["page"]}: {"; ".join(entry.get("run", ["(no command)"]))}', flush=True)
         for line in differ:
             print(f'    {line}')
         if not parsed.check:

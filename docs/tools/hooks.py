@@ -19,14 +19,19 @@ MATHEMATICS = re.compile(r'^```math\n(.*?)\n```$', re.DOTALL | re.MULTILINE)
 def parameter_table(name):
     """The Markdown table of an observer's parameters."""
     gains = registry.find(registry.OBSERVERS, name).gains
-    return markdown(('name', 'default', 'unit', 'range', 'meaning'), [
-        (f'`{each.name}`', default_text(each), each.unit, each.range_text(), each.description)
-        for each in declared(gains).values()])
+    return markdown(
+        ('name', 'default', 'unit', 'range', 'meaning'),
+        [
+            (f'`{each.name}`', default_text(each), each.unit, each.range_text(), each.description)
+            for each in declared(gains).values()
+        ],
+    )
 
 
 def typeset(latex):
     """A formula on lines of its own, as HTML."""
     from latex2mathml.converter import convert
+
     return f'<div class="mathematics">{convert(latex, display="block")}</div>'
 
 

@@ -80,7 +80,7 @@ def _hash(type_name: str) -> str:
 
 
 def _file(type_name: str, suffix: str) -> Path | None:
-    if not TYPE_NAME.fullmatch(type_name):      # it comes from a bag: no path out of `share`
+    if not TYPE_NAME.fullmatch(type_name):  # it comes from a bag: no path out of `share`
         return None
     for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
         package, _, rest = type_name.partition('/')

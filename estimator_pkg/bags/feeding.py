@@ -11,7 +11,7 @@ from estimator_pkg.errors import plainly
 from estimator_pkg.messages.block import Block
 from estimator_pkg.streams.contract import Answers, Stream
 
-APART = 8   # ranks of one answer's messages: fewer than so many outputs
+APART = 8  # ranks of one answer's messages: fewer than so many outputs
 
 
 def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]:
@@ -37,16 +37,22 @@ def _one_by_one(stream: Stream, ports: Sequence[int], block: Block) -> list[Answ
     of_message = [ports[topic] for topic in block.topic.tolist()]
     times = block.publish_ns.tolist()
     for row in range(len(block)):
-        raw = block.data[block.start[row]:block.end[row]].tobytes()
+        raw = block.data[block.start[row] : block.end[row]].tobytes()
         for number, answer in enumerate(stream.feed(of_message[row], raw, times[row])):
             for output, message in answer.items():
                 rows, ranks, raws = made.setdefault((output, len(message)), ([], [], []))
                 rows.append(row)
                 ranks.append(APART * number + output + 1)
                 raws.append(message)
-    return [Answers(output, np.array(rows), np.array(ranks),
-                    np.frombuffer(b''.join(raws), np.uint8).reshape(len(rows), size))
-            for (output, size), (rows, ranks, raws) in made.items()]
+    return [
+        Answers(
+            output,
+            np.array(rows),
+            np.array(ranks),
+            np.frombuffer(b''.join(raws), np.uint8).reshape(len(rows), size),
+        )
+        for (output, size), (rows, ranks, raws) in made.items()
+    ]
 
 
 class Encoded:
@@ -64,8 +70,13 @@ class Encoded:
         self._ranks: list[NDArray[np.int64]] = []
         self._raws: list[NDArray[np.uint8]] = []
 
-    def add(self, topic: int, rank: NDArray[np.int64] | int, rows: NDArray[np.int64],
-            raw: NDArray[np.uint8]) -> None:
+    def add(
+        self,
+        topic: int,
+        rank: NDArray[np.int64] | int,
+        rows: NDArray[np.int64],
+        raw: NDArray[np.uint8],
+    ) -> None:
         """Messages on a topic, each recorded when the measurement of its row was.
 
         Parameters
@@ -89,13 +100,18 @@ class Encoded:
         copied = np.flatnonzero(topic >= 0)
         rows = np.concatenate([copied, *self._rows])
         rank = np.concatenate([np.zeros(len(copied), np.int64), *self._ranks])
-        sizes = np.concatenate([np.full(len(raw), raw.shape[1]) for raw in self._raws]
-                               or [np.zeros(0, np.int64)])
+        sizes = np.concatenate(
+            [np.full(len(raw), raw.shape[1]) for raw in self._raws] or [np.zeros(0, np.int64)]
+        )
         ends = len(block.data) + np.cumsum(sizes)
         order = np.lexsort((rank, rows))
         times = block.publish_ns[rows]
-        times[len(copied):] = block.log_ns[rows[len(copied):]]
-        return Block(np.concatenate([topic[copied], *self._topics]), block.log_ns[rows], times,
-                     np.concatenate([block.data, *(raw.ravel() for raw in self._raws)]),
-                     np.concatenate([block.start[copied], ends - sizes]),
-                     np.concatenate([block.end[copied], ends])).take(order)
+        times[len(copied) :] = block.log_ns[rows[len(copied) :]]
+        return Block(
+            np.concatenate([topic[copied], *self._topics]),
+            block.log_ns[rows],
+            times,
+            np.concatenate([block.data, *(raw.ravel() for raw in self._raws)]),
+            np.concatenate([block.start[copied], ends - sizes]),
+            np.concatenate([block.end[copied], ends]),
+        ).take(order)

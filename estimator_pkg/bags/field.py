@@ -23,9 +23,22 @@ HEADER = 'std_msgs/msg/Header'
 QUATERNION = 'geometry_msgs/msg/Quaternion'
 YAW = 'yaw'
 
-_CODES = {'bool': '?', 'byte': 'B', 'octet': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B',
-          'int16': 'h', 'uint16': 'H', 'int32': 'i', 'uint32': 'I', 'int64': 'q', 'uint64': 'Q',
-          'float32': 'f', 'float64': 'd'}
+_CODES = {
+    'bool': '?',
+    'byte': 'B',
+    'octet': 'B',
+    'char': 'B',
+    'int8': 'b',
+    'uint8': 'B',
+    'int16': 'h',
+    'uint16': 'H',
+    'int32': 'i',
+    'uint32': 'I',
+    'int64': 'q',
+    'uint64': 'Q',
+    'float32': 'f',
+    'float64': 'd',
+}
 INTEGERS = frozenset(name for name in _CODES if 'int' in name)
 _STEP = re.compile(r'([A-Za-z_]\w*)((?:\[\d+\])?)$')
 
@@ -86,16 +99,20 @@ class Field:
                 return YAW
             if name not in known:
                 also = [YAW] if owner == QUATERNION else []
-                raise UsageError(f"{owner} has no field '{name}': "
-                                 + suggestion(name, [*known, *also]))
+                raise UsageError(
+                    f"{owner} has no field '{name}': " + suggestion(name, [*known, *also])
+                )
             kind, what = known[name]
             if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
                 if index is None:
-                    raise UsageError(f"'{name}' of {owner} is a list: name an element, as in "
-                                     f"'{name}[0]'")
+                    raise UsageError(
+                        f"'{name}' of {owner} is a list: name an element, as in '{name}[0]'"
+                    )
                 if kind == Nodetype.ARRAY and index >= what[1]:
-                    raise UsageError(f"'{name}' of {owner} has {what[1]} elements, so "
-                                     f"'{name}[{index}]' does not exist")
+                    raise UsageError(
+                        f"'{name}' of {owner} has {what[1]} elements, so "
+                        f"'{name}[{index}]' does not exist"
+                    )
                 kind, what = what[0]
             elif index is not None:
                 raise UsageError(f"'{name}' of {owner} is no list")
@@ -108,8 +125,9 @@ class Field:
                 raise UsageError(f"'{name}' of {owner} is no number but a {what[0]}")
             return what[0]
         if owner == QUATERNION:
-            raise UsageError(f"'{self.path}' is an orientation: take its yaw with "
-                             f"'{self.path}.{YAW}'")
+            raise UsageError(
+                f"'{self.path}' is an orientation: take its yaw with '{self.path}.{YAW}'"
+            )
         inner = ', '.join(name for name, _, _ in self._fields(owner))
         raise UsageError(f"'{self.path}' is no number but a {owner}: it has {inner}")
 
@@ -230,9 +248,9 @@ class _Layout:
         self.stamp_at = self._reader.at - 8
         start = self._reader.at
         self.skip_text()
-        text = self._reader.raw[start:self._reader.at]
+        text = self._reader.raw[start : self._reader.at]
         padding = -(start - 4) % 4
-        self.frame_id = bytes(text[padding + 4:-1]).decode('utf-8', 'replace')
+        self.frame_id = bytes(text[padding + 4 : -1]).decode('utf-8', 'replace')
         self._decides.append((start + padding, self._reader.at))
 
     def found(self, count: int, code: str, *, turned: bool = False) -> None:

@@ -58,6 +58,7 @@ class Live:
 
     def __init__(self, name: str) -> None:
         from rclpy.node import Node
+
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node: Node = Node(name)
         self._executor = make_executor()
@@ -87,7 +88,7 @@ def live(name: str) -> Iterator[Live]:
     ------
     UserError : ROS cannot start.
     """
-    with interrupts.gently(background=True):    # our loops end by themselves, before ROS does
+    with interrupts.gently(background=True):  # our loops end by themselves, before ROS does
         try:
             here = Live(name)
         except Exception as error:  # of rcl: no middleware, a wrong environment
@@ -111,8 +112,9 @@ def message_class(type_name: str) -> Any | None:
     try:
         prefix = get_package_prefix(package)
         found = importlib.util.find_spec(package)  # of a package: this imports nothing
-        if found is None or not any(_within(place, prefix) for place in
-                                    found.submodule_search_locations or ()):
+        if found is None or not any(
+            _within(place, prefix) for place in found.submodule_search_locations or ()
+        ):
             return None
         return getattr(importlib.import_module(f'{package}.msg'), name, None)
     except (ImportError, LookupError, ValueError):
@@ -121,23 +123,31 @@ def message_class(type_name: str) -> Any | None:
 
 def _within(place: str, prefix: str) -> bool:
     """True if a folder is below a prefix, by its own path or by where that leads."""
-    return any(Path(way(place)).is_relative_to(way(prefix))
-               for way in (os.path.abspath, os.path.realpath))
+    return any(
+        Path(way(place)).is_relative_to(way(prefix)) for way in (os.path.abspath, os.path.realpath)
+    )
 
 
 def offered(profile: QoSProfile) -> Qos:
     """A publisher's profile as bags carry it."""
+
     def time(duration: Duration) -> QosTime:
         return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
 
     def same(kind: Any, value: Any) -> Any:
         return kind.__members__.get(value.name, kind.UNKNOWN)
 
-    return Qos(same(QosHistory, profile.history), profile.depth,
-               same(QosReliability, profile.reliability), same(QosDurability, profile.durability),
-               time(profile.deadline), time(profile.lifespan),
-               same(QosLiveliness, profile.liveliness), time(profile.liveliness_lease_duration),
-               bool(profile.avoid_ros_namespace_conventions))
+    return Qos(
+        same(QosHistory, profile.history),
+        profile.depth,
+        same(QosReliability, profile.reliability),
+        same(QosDurability, profile.durability),
+        time(profile.deadline),
+        time(profile.lifespan),
+        same(QosLiveliness, profile.liveliness),
+        time(profile.liveliness_lease_duration),
+        bool(profile.avoid_ros_namespace_conventions),
+    )
 
 
 def matching(profiles: Sequence[Qos]) -> QoSProfile:
@@ -146,14 +156,18 @@ def matching(profiles: Sequence[Qos]) -> QoSProfile:
     Reliable and transient local only where all are: a subscription that asks for more than a
     publisher offers gets nothing from it.
     """
-    reliable = bool(profiles) and all(item.reliability != QosReliability.BEST_EFFORT
-                                      for item in profiles)
-    latched = bool(profiles) and all(item.durability == QosDurability.TRANSIENT_LOCAL
-                                     for item in profiles)
+    reliable = bool(profiles) and all(
+        item.reliability != QosReliability.BEST_EFFORT for item in profiles
+    )
+    latched = bool(profiles) and all(
+        item.durability == QosDurability.TRANSIENT_LOCAL for item in profiles
+    )
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=max([DEPTH, *(item.depth for item in profiles)]),
+        history=HistoryPolicy.KEEP_LAST,
+        depth=max([DEPTH, *(item.depth for item in profiles)]),
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 def raw_callback(receive: Callable[[bytes, Any], None]) -> Callable[..., None]:
@@ -161,6 +175,7 @@ def raw_callback(receive: Callable[[bytes, Any], None]) -> Callable[..., None]:
 
     EventsExecutor of rclpy 7.1 hands over one tuple, other executors two arguments.
     """
+
     def callback(message: Any, info: Any = None) -> None:
         if info is None:
             message, info = message

@@ -29,22 +29,30 @@ from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, rows
 
 MAGIC = b'\x89MCAP0\r\n'
-_RECORD = struct.Struct('<BQ')            # opcode, length of what follows
-_CHUNK = struct.Struct('<QQQII')          # start, end, size, checksum, length of the next text
-MESSAGE = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
-                     ('log_ns', '<u8'), ('publish_ns', '<u8')])  # packed: 31 bytes
-LARGEST = 1 << 32                          # bytes that a chunk may have
-CHANNELS = 1 << 16                         # how many there may be
+_RECORD = struct.Struct('<BQ')  # opcode, length of what follows
+_CHUNK = struct.Struct('<QQQII')  # start, end, size, checksum, length of the next text
+MESSAGE = np.dtype(
+    [
+        ('opcode', 'u1'),
+        ('length', '<u8'),
+        ('channel', '<u2'),
+        ('sequence', '<u4'),
+        ('log_ns', '<u8'),
+        ('publish_ns', '<u8'),
+    ]
+)  # packed: 31 bytes
+LARGEST = 1 << 32  # bytes that a chunk may have
+CHANNELS = 1 << 16  # how many there may be
 _FIXED = MESSAGE.itemsize - _RECORD.size  # of a message record's length, what is not payload
 
 
 class _Part(NamedTuple):
     """A chunk, or all records of a file without chunks."""
 
-    at: int          # where the chunk record stands; -1: the file has no chunks
+    at: int  # where the chunk record stands; -1: the file has no chunks
     start_ns: int
     index_size: int  # bytes of message index behind the chunk; 0: none
-    size: int = 0    # bytes of the chunk's records, as the index declares them; 0: it does not
+    size: int = 0  # bytes of the chunk's records, as the index declares them; 0: it does not
 
 
 class McapFile:
@@ -65,8 +73,9 @@ class McapFile:
     UserError : it is empty, no MCAP file, or nothing in it can be read.
     """
 
-    def __init__(self, path: Path, warn: Callable[[str], None],
-                 limit: int = unpacking.LIMIT) -> None:
+    def __init__(
+        self, path: Path, warn: Callable[[str], None], limit: int = unpacking.LIMIT
+    ) -> None:
         self.path = path
         self._warn = warn
         self._limit = limit
@@ -104,8 +113,10 @@ class McapFile:
             summary = reader.get_summary()
             if summary is None or summary.statistics is None or not summary.chunk_indexes:
                 return False
-            if any(channel not in summary.channels for channel in
-                   summary.statistics.channel_message_counts):
+            if any(
+                channel not in summary.channels
+                for channel in summary.statistics.channel_message_counts
+            ):
                 return False
             for metadata in reader.iter_metadata():
                 self.metadata[metadata.name] = metadata.metadata
@@ -130,7 +141,7 @@ class McapFile:
             elif opcode == Opcode.MESSAGE:
                 loose = True
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and body + length <= size:
-                self._learn(opcode, view[body:body + length])
+                self._learn(opcode, view[body : body + length])
             elif opcode == Opcode.DATA_END:
                 whole = True
                 end = at
@@ -146,16 +157,19 @@ class McapFile:
             block = self._load(part)
             if len(block):
                 found.append(part._replace(start_ns=int(block.log_ns.min())))
-                for channel, count in zip(*(array.tolist() for array in
-                                            np.unique(block.topic, return_counts=True))):
+                for channel, count in zip(
+                    *(array.tolist() for array in np.unique(block.topic, return_counts=True))
+                ):
                     if channel in self.channels:
                         self.counts[channel] = self.counts.get(channel, 0) + count
         self._parts = found
         if not whole and not self.channels:
             raise UserError(f'{self.path} is cut off before its first message')
         if not whole:
-            self._warn(f'{self.path} is cut off (its recorder did not end cleanly?): '
-                       f'reading the {sum(self.counts.values())} messages that are there')
+            self._warn(
+                f'{self.path} is cut off (its recorder did not end cleanly?): '
+                f'reading the {sum(self.counts.values())} messages that are there'
+            )
 
     def _learn(self, opcode: int, body: memoryview) -> None:
         stream = ReadDataStream(io.BytesIO(body))
@@ -180,7 +194,7 @@ class McapFile:
     def _load(self, part: _Part) -> Block:
         if part.at < 0:
             whole = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
-            data = np.frombuffer(whole, np.uint8)[:part.index_size]
+            data = np.frombuffer(whole, np.uint8)[: part.index_size]
             return self._block(data, self._walk(data, len(MAGIC))[0])
         try:
             data, cut = self._chunk(part)
@@ -194,15 +208,20 @@ class McapFile:
             return self._block(data, indexed)
         walked, end = self._walk(data, 0)
         if not cut and (end < len(data) or (indexed is not None and len(walked) != len(indexed))):
-            self._warn(f'{self.path}: the chunk at byte {part.at} is damaged: only {len(walked)} '
-                       'messages can be found in it')
+            self._warn(
+                f'{self.path}: the chunk at byte {part.at} is damaged: only {len(walked)} '
+                'messages can be found in it'
+            )
         return self._block(data, walked)
 
     def _chunk(self, part: _Part) -> tuple[NDArray[np.uint8], bool]:
         """The chunk's records, unpacked, and whether it is cut off: then what can be unpacked."""
+
         def damaged(why: str) -> UserError:
-            return UserError(f'{self.path}: the chunk at byte {part.at} is damaged ({why}), '
-                             'its messages are left out')
+            return UserError(
+                f'{self.path}: the chunk at byte {part.at} is damaged ({why}), '
+                'its messages are left out'
+            )
 
         self._file.seek(min(part.at, self._size))
         head = self._file.read(_RECORD.size + _CHUNK.size)
@@ -224,8 +243,9 @@ class McapFile:
                 raise ValueError('wrong size')
             unpacking.check(f'{self.path}: the chunk at byte {part.at}', size, self._limit)
             if cut:
-                return np.frombuffer(unpacking.unpack_partly(packed, compression, size),
-                                     np.uint8), True
+                return np.frombuffer(
+                    unpacking.unpack_partly(packed, compression, size), np.uint8
+                ), True
             data = unpacking.unpack(packed, compression, size)
         except unpacking.damaged() as error:
             raise damaged(first_line(error)) from error
@@ -247,7 +267,7 @@ class McapFile:
         while at + _RECORD.size + 6 <= len(raw):
             opcode, length = _RECORD.unpack_from(raw, at)
             if opcode == Opcode.MESSAGE_INDEX:
-                count = int.from_bytes(raw[at + 11:at + 15], 'little') // 16
+                count = int.from_bytes(raw[at + 11 : at + 15], 'little') // 16
                 if at + 15 + 16 * count > len(raw):
                     return None
                 found.append(np.frombuffer(raw, '<u8', 2 * count, at + 15)[1::2])
@@ -265,8 +285,9 @@ class McapFile:
         before = np.concatenate([[0], offsets + _RECORD.size + lengths])
         after = np.concatenate([offsets, [len(data)]])
         return not np.any(before > after) and not any(
-            len(self._walk(data[:after[gap]], int(before[gap]))[0])
-            for gap in np.flatnonzero(before != after))
+            len(self._walk(data[: after[gap]], int(before[gap]))[0])
+            for gap in np.flatnonzero(before != after)
+        )
 
     def _walk(self, data: NDArray[np.uint8], at: int) -> tuple[NDArray[np.int64], int]:
         """Where the message records stand in `data` from `at` on, and up to where that goes."""
@@ -281,7 +302,7 @@ class McapFile:
                 if length >= _FIXED:
                     found.append(at)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._learn(opcode, view[at + _RECORD.size:after])
+                self._learn(opcode, view[at + _RECORD.size : after])
             at = after
         return np.array(found, np.int64), at
 
@@ -294,13 +315,23 @@ class McapFile:
         known[list(self.channels)] = True
         strangers = int(np.count_nonzero(~known[heads['channel']]))
         if strangers:
-            self._warn(f'{self.path} is damaged: {strangers} messages belong to no topic and are '
-                       'left out')
-        return Block(heads['channel'].astype(np.int64), log_ns,
-                     np.where(publish_ns > 0, publish_ns, log_ns), data, start,
-                     start + heads['length'].astype(np.int64) - _FIXED).in_log_order()
+            self._warn(
+                f'{self.path} is damaged: {strangers} messages belong to no topic and are left out'
+            )
+        return Block(
+            heads['channel'].astype(np.int64),
+            log_ns,
+            np.where(publish_ns > 0, publish_ns, log_ns),
+            data,
+            start,
+            start + heads['length'].astype(np.int64) - _FIXED,
+        ).in_log_order()
 
 
 def _part(index: ChunkIndex) -> _Part:
-    return _Part(index.chunk_start_offset, index.message_start_time, index.message_index_length,
-                 index.uncompressed_size)
+    return _Part(
+        index.chunk_start_offset,
+        index.message_start_time,
+        index.message_index_length,
+        index.uncompressed_size,
+    )

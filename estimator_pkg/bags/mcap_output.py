@@ -29,9 +29,9 @@ from estimator_pkg import __version__
 from estimator_pkg.bags.mcap_file import MAGIC, MESSAGE
 from estimator_pkg.messages.block import Block
 
-CHUNK_SIZE = 1 << 20   # bytes of messages per chunk, before compression
-LEVEL = 1              # of zstd
-FEW_LENGTHS = 16       # so many different lengths are copied length by length
+CHUNK_SIZE = 1 << 20  # bytes of messages per chunk, before compression
+LEVEL = 1  # of zstd
+FEW_LENGTHS = 16  # so many different lengths are copied length by length
 
 
 class McapOutput:
@@ -47,7 +47,7 @@ class McapOutput:
         self._at = 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._new: list[Schema | Channel] = []   # not yet in a chunk
+        self._new: list[Schema | Channel] = []  # not yet in a chunk
         self._chunks: list[ChunkIndex] = []
         self._compressor = zstandard.ZstdCompressor(level=LEVEL)
         self.counts: dict[int, int] = {}
@@ -56,17 +56,33 @@ class McapOutput:
         self._put(MAGIC)
         self._record(Header('ros2', f'velocity_estimator {__version__}'))
 
-    def add_channel(self, topic: str, type_name: str, encoding: str, definition: str,
-                    metadata: Mapping[str, str], serialization: str) -> int:
+    def add_channel(
+        self,
+        topic: str,
+        type_name: str,
+        encoding: str,
+        definition: str,
+        metadata: Mapping[str, str],
+        serialization: str,
+    ) -> int:
         """The id of a new channel."""
         schema = next((item for item in self._schemas if item.name == type_name), None)
         if schema is None:
-            schema = Schema(id=len(self._schemas) + 1, name=type_name,
-                            encoding=encoding if definition else '', data=definition.encode())
+            schema = Schema(
+                id=len(self._schemas) + 1,
+                name=type_name,
+                encoding=encoding if definition else '',
+                data=definition.encode(),
+            )
             self._schemas.append(schema)
             self._new.append(schema)
-        channel = Channel(id=len(self._channels) + 1, topic=topic, message_encoding=serialization,
-                          metadata=dict(metadata), schema_id=schema.id)
+        channel = Channel(
+            id=len(self._channels) + 1,
+            topic=topic,
+            message_encoding=serialization,
+            metadata=dict(metadata),
+            schema_id=schema.id,
+        )
         self._channels.append(channel)
         self._new.append(channel)
         self.counts[channel.id] = 0
@@ -94,22 +110,29 @@ class McapOutput:
         builder = RecordBuilder()
         offsets = []
         statistics = Statistics(
-            message_count=sum(self.counts.values()), schema_count=len(self._schemas),
-            channel_count=len(self._channels), attachment_count=0, metadata_count=1,
-            chunk_count=len(self._chunks), message_start_time=self.start_ns,
+            message_count=sum(self.counts.values()),
+            schema_count=len(self._schemas),
+            channel_count=len(self._channels),
+            attachment_count=0,
+            metadata_count=1,
+            chunk_count=len(self._chunks),
+            message_start_time=self.start_ns,
             message_end_time=self.end_ns,
-            channel_message_counts={key: count for key, count in self.counts.items() if count})
+            channel_message_counts={key: count for key, count in self.counts.items() if count},
+        )
         index = MetadataIndex(offset=metadata_at, length=metadata_size, name='rosbag2')
-        for opcode, records in ((Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels),
-                                (Opcode.STATISTICS, [statistics]),
-                                (Opcode.CHUNK_INDEX, self._chunks),
-                                (Opcode.METADATA_INDEX, [index])):
+        for opcode, records in (
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.METADATA_INDEX, [index]),
+        ):
             start = builder.count
             for record in records:  # type: ignore[attr-defined]  # lists of several record types
                 record.write(builder)
             if builder.count > start:
-                offsets.append(SummaryOffset(opcode, summary_start + start,
-                                             builder.count - start))
+                offsets.append(SummaryOffset(opcode, summary_start + start, builder.count - start))
         offset_start = summary_start + builder.count
         for offset in offsets:
             offset.write(builder)
@@ -142,17 +165,32 @@ class McapOutput:
                 self.counts[channel] += int(mine.sum())
         packed = self._compressor.compress(data)
         at = self._at
-        self._record(Chunk(compression='zstd', data=packed, message_start_time=start_ns,
-                           message_end_time=end_ns, uncompressed_crc=zlib.crc32(data),
-                           uncompressed_size=len(data)))
+        self._record(
+            Chunk(
+                compression='zstd',
+                data=packed,
+                message_start_time=start_ns,
+                message_end_time=end_ns,
+                uncompressed_crc=zlib.crc32(data),
+                uncompressed_size=len(data),
+            )
+        )
         size = self._at - at
-        self._chunks.append(ChunkIndex(
-            chunk_length=size, chunk_start_offset=at, compression='zstd',
-            compressed_size=len(packed), message_end_time=end_ns,
-            message_index_length=len(indices),
-            message_index_offsets={key: self._at + offset
-                                   for key, offset in index_offsets.items()},
-            message_start_time=start_ns, uncompressed_size=len(data)))
+        self._chunks.append(
+            ChunkIndex(
+                chunk_length=size,
+                chunk_start_offset=at,
+                compression='zstd',
+                compressed_size=len(packed),
+                message_end_time=end_ns,
+                message_index_length=len(indices),
+                message_index_offsets={
+                    key: self._at + offset for key, offset in index_offsets.items()
+                },
+                message_start_time=start_ns,
+                uncompressed_size=len(data),
+            )
+        )
         self._put(indices)
 
     def _record(self, record: Header | Metadata | DataEnd | Footer | Chunk) -> None:
@@ -188,7 +226,7 @@ def frame(block: Block) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     else:
         target, source = out.data, block.data.data
         for body, start, length in zip(bodies.tolist(), block.start.tolist(), lengths.tolist()):
-            target[body:body + length] = source[start:start + length]
+            target[body : body + length] = source[start : start + length]
     return out, starts
 
 
@@ -198,5 +236,10 @@ def _rows(data: NDArray[np.uint8], length: int) -> NDArray[np.uint8]:
 
 def _index(channel: int, log_ns: NDArray[np.int64], starts: NDArray[np.int64]) -> bytes:
     pairs = np.stack([log_ns, starts], axis=1).astype('<u8').tobytes()
-    return (bytes([Opcode.MESSAGE_INDEX]) + (6 + len(pairs)).to_bytes(8, 'little')
-            + channel.to_bytes(2, 'little') + len(pairs).to_bytes(4, 'little') + pairs)
+    return (
+        bytes([Opcode.MESSAGE_INDEX])
+        + (6 + len(pairs)).to_bytes(8, 'little')
+        + channel.to_bytes(2, 'little')
+        + len(pairs).to_bytes(4, 'little')
+        + pairs
+    )

@@ -28,6 +28,7 @@ def keys() -> Iterator[Callable[[], str]]:
     try:
         import termios
         import tty
+
         number = sys.stdin.fileno()
         # A job in the background would be stopped for touching its terminal.
         if not os.isatty(number) or os.tcgetpgrp(number) != os.getpgrp():
@@ -55,12 +56,12 @@ if TYPE_CHECKING:
     from estimator_pkg.bags.live import Live
 
 CLOCK = '/clock'
-CLOCK_RATE = 200.0   # Hz
-LOOK = 0.05          # s between looks at keyboard and services
-QUIET = 0.5          # s without a new subscription after which those there are taken as all
-LINGER = 0.3         # s in which best effort gets through: what a process sent goes with it
-HANDSHAKE = 0.2      # s in which subscriptions that we know come to know us: best effort waits
-                     # for nobody
+CLOCK_RATE = 200.0  # Hz
+LOOK = 0.05  # s between looks at keyboard and services
+QUIET = 0.5  # s without a new subscription after which those there are taken as all
+LINGER = 0.3  # s in which best effort gets through: what a process sent goes with it
+HANDSHAKE = 0.2  # s in which subscriptions that we know come to know us: best effort waits
+# for nobody
 SECOND = 1_000_000_000
 
 
@@ -68,17 +69,38 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
     parser.add_argument('--topics', metavar='TOPIC', nargs='+', help='only these topics')
-    parser.add_argument('--rate', metavar='R', type=float, default=1.0,
-                        help='times as fast as recorded (default 1)')
+    parser.add_argument(
+        '--rate', metavar='R', type=float, default=1.0, help='times as fast as recorded (default 1)'
+    )
     parser.add_argument('--loop', action='store_true', help='start again at the end')
-    parser.add_argument('--clock', metavar='HZ', type=float, nargs='?', const=CLOCK_RATE,
-                        help=f'publish the time of the bag on {CLOCK} (default {CLOCK_RATE:g} Hz)')
-    parser.add_argument('--start-paused', action='store_true',
-                        help='wait for the space bar, or the service ~/resume')
-    parser.add_argument('--remap', metavar='FROM:=TO', nargs='+', default=[], action='extend',
-                        help='publish topic FROM as TO')
-    parser.add_argument('--wait', metavar='S', type=float, default=5.0,
-                        help='wait so long for subscriptions (default 5; 0: start at once)')
+    parser.add_argument(
+        '--clock',
+        metavar='HZ',
+        type=float,
+        nargs='?',
+        const=CLOCK_RATE,
+        help=f'publish the time of the bag on {CLOCK} (default {CLOCK_RATE:g} Hz)',
+    )
+    parser.add_argument(
+        '--start-paused',
+        action='store_true',
+        help='wait for the space bar, or the service ~/resume',
+    )
+    parser.add_argument(
+        '--remap',
+        metavar='FROM:=TO',
+        nargs='+',
+        default=[],
+        action='extend',
+        help='publish topic FROM as TO',
+    )
+    parser.add_argument(
+        '--wait',
+        metavar='S',
+        type=float,
+        default=5.0,
+        help='wait so long for subscriptions (default 5; 0: start at once)',
+    )
     unpacking.arguments(parser)
 
 
@@ -95,9 +117,18 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             bag.require(name)
         remap = {_meant(bag, name): target for name, target in given.items()}
         from estimator_pkg.bags.live import live
+
         with live('bag_player') as here, keys() as pressed:
-            player = Player(here, bag, pressed, topics=parsed.topics, remap=remap,
-                            rate=parsed.rate, clock=parsed.clock, paused=parsed.start_paused)
+            player = Player(
+                here,
+                bag,
+                pressed,
+                topics=parsed.topics,
+                remap=remap,
+                rate=parsed.rate,
+                clock=parsed.clock,
+                paused=parsed.start_paused,
+            )
             player.wait(parsed.wait)
             player.play()
             while parsed.loop and not here.stopping:
@@ -135,14 +166,24 @@ class Player:
     sent : messages published, by their name on the graph. best_effort : some are not acknowledged.
     """
 
-    def __init__(self, here: Live, bag: Bag, pressed: Callable[[], str], *,
-                 topics: list[str] | None, remap: dict[str, str], rate: float,
-                 clock: float | None, paused: bool) -> None:
+    def __init__(
+        self,
+        here: Live,
+        bag: Bag,
+        pressed: Callable[[], str],
+        *,
+        topics: list[str] | None,
+        remap: dict[str, str],
+        rate: float,
+        clock: float | None,
+        paused: bool,
+    ) -> None:
         from rclpy.exceptions import InvalidTopicNameException
         from rclpy.qos import ReliabilityPolicy
         from std_srvs.srv import Trigger
 
         from estimator_pkg.bags.live import matching, message_class
+
         self._here, self._bag, self._pressed = here, bag, pressed
         self._rate = rate
         self.paused = paused
@@ -150,12 +191,17 @@ class Player:
         self.best_effort = False
         self._publishers: dict[str, tuple[str, Publisher]] = {}
         for topic in bag.topics.values():
-            if (topics is not None and topic.name not in topics) or not topic.count or (
-                    topic.name == CLOCK and clock):
+            if (
+                (topics is not None and topic.name not in topics)
+                or not topic.count
+                or (topic.name == CLOCK and clock)
+            ):
                 continue
             if topic.serialization != CDR:
-                bag.warn(f"{topic.name} is not played: its messages are '{topic.serialization}', "
-                         'not CDR as those of ROS 2')
+                bag.warn(
+                    f"{topic.name} is not played: its messages are '{topic.serialization}', "
+                    'not CDR as those of ROS 2'
+                )
                 continue
             kind = message_class(topic.type)
             if kind is None:
@@ -168,8 +214,10 @@ class Player:
             try:
                 publisher = here.node.create_publisher(kind, name, profile)
             except InvalidTopicNameException as error:
-                raise UserError(f"'{name}' is no name that a topic may have: --remap "
-                                f'{topic.name}:=NAME gives it another one') from error
+                raise UserError(
+                    f"'{name}' is no name that a topic may have: --remap "
+                    f'{topic.name}:=NAME gives it another one'
+                ) from error
             self._publishers[topic.name] = name, publisher
             self.sent[name] = 0
         if not self._publishers:
@@ -178,12 +226,13 @@ class Player:
         self._clock_step = 0
         if clock:
             from rosgraph_msgs.msg import Clock
+
             self._clock = here.node.create_publisher(Clock, CLOCK, 10)
             self._clock_step = max(1, round(SECOND / clock))
         here.node.create_service(Trigger, '~/pause', lambda ask, say: self._answer(True, say))
         here.node.create_service(Trigger, '~/resume', lambda ask, say: self._answer(False, say))
-        self._zero_ns = 0       # steady time that stands for the bag's first message
-        self._start_ns = 0      # log time of that message
+        self._zero_ns = 0  # steady time that stands for the bag's first message
+        self._start_ns = 0  # log time of that message
         self._next_look = 0
         self._next_clock = 0
 
@@ -192,12 +241,12 @@ class Player:
         begun = changed = time.monotonic()
         before = 0
         while not self._here.stopping and time.monotonic() < begun + seconds:
-            matched = sum(publisher.get_subscription_count() > 0
-                          for _, publisher in self._publishers.values())
+            matched = sum(
+                publisher.get_subscription_count() > 0 for _, publisher in self._publishers.values()
+            )
             if matched != before:
                 before, changed = matched, time.monotonic()
-            if matched == len(self._publishers) or (
-                    matched and time.monotonic() > changed + QUIET):
+            if matched == len(self._publishers) or (matched and time.monotonic() > changed + QUIET):
                 self._here.spin(HANDSHAKE)
                 return
             self._here.spin(0.02)
@@ -220,9 +269,9 @@ class Player:
     def finish(self) -> None:
         """Give the last messages time to arrive."""
         from rclpy.duration import Duration
+
         for _, publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(nanoseconds=0 if self._here.stopping
-                                                  else SECOND))
+            publisher.wait_for_all_acked(Duration(nanoseconds=0 if self._here.stopping else SECOND))
         if not self._here.stopping and self.best_effort:
             time.sleep(LINGER)
 
@@ -285,6 +334,7 @@ class Player:
         """Publish the bag's time that goes with this steady time."""
         from builtin_interfaces.msg import Time
         from rosgraph_msgs.msg import Clock
+
         assert self._clock is not None
         bag_ns = self._start_ns + round((now - self._zero_ns) * self._rate)
         sec, nanosec = divmod(bag_ns, SECOND)

@@ -20,16 +20,25 @@ def profile(*, reliable: bool = True, transient_local: bool = False, depth: int 
         QosReliability,
         QosTime,
     )
+
     endless = QosTime(9223372036, 854775807)
-    return Qos(QosHistory.KEEP_LAST, depth,
-               QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
-               QosDurability.TRANSIENT_LOCAL if transient_local else QosDurability.VOLATILE,
-               endless, endless, QosLiveliness.AUTOMATIC, endless, False)
+    return Qos(
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if transient_local else QosDurability.VOLATILE,
+        endless,
+        endless,
+        QosLiveliness.AUTOMATIC,
+        endless,
+        False,
+    )
 
 
 def plain(profiles: list[Qos]) -> list[dict[str, Any]]:
     """The profiles as metadata.yaml of Jazzy lists them."""
     from rosbags.rosbag2.metadata import dump_qos_v9
+
     return [{**item} for item in dump_qos_v9(profiles)]
 
 
@@ -48,6 +57,7 @@ def parse(text: Any) -> list[Qos]:
     text : YAML text of a channel, or the list in metadata.yaml.
     """
     from rosbags.rosbag2.metadata import parse_qos
+
     try:
         return parse_qos(text)
     except Exception:  # of other recorders: what cannot be read is as good as absent

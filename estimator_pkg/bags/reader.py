@@ -92,11 +92,11 @@ class Bag:
     def __init__(self, path: Path, unpack_limit: int = unpacking.LIMIT) -> None:
         self.path = path
         self._limit = unpack_limit
-        self._size = 0      # bytes of all files
+        self._size = 0  # bytes of all files
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
         self._names: list[str] = []
-        self._mcaps: list[tuple[McapFile, np.ndarray]] = []     # with channel id -> topic index
+        self._mcaps: list[tuple[McapFile, np.ndarray]] = []  # with channel id -> topic index
         self._sqlites: list[tuple[SqliteFile, np.ndarray]] = []  # with place -> topic index
         self._unpack_messages = False
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -141,46 +141,65 @@ class Bag:
         found = self.topics.get(topic)
         if found is None:
             near = difflib.get_close_matches(topic, self.topics, n=1, cutoff=0.7)
-            raise UserError(f"{self.path} has no topic '{topic}'"
-                            + (f" (did you mean '{near[0]}'?)" if near else '')
-                            + f'; it has {self.listing()}')
+            raise UserError(
+                f"{self.path} has no topic '{topic}'"
+                + (f" (did you mean '{near[0]}'?)" if near else '')
+                + f'; it has {self.listing()}'
+            )
         if found.serialization != CDR:
-            raise UnreadableError(f"topic '{topic}' of {self.path} cannot be read: its messages "
-                                  f"are '{found.serialization}', not CDR as those of ROS 2")
+            raise UnreadableError(
+                f"topic '{topic}' of {self.path} cannot be read: its messages "
+                f"are '{found.serialization}', not CDR as those of ROS 2"
+            )
         if types and found.type not in types:
-            raise UserError(f"topic '{topic}' of {self.path} is {found.type}, "
-                            f'not {" or ".join(types)}')
+            raise UserError(
+                f"topic '{topic}' of {self.path} is {found.type}, not {' or '.join(types)}"
+            )
         if not found.count:
             raise UserError(f"topic '{topic}' of {self.path} holds no messages")
         return found
 
     def listing(self) -> str:
         """The topics with their types and counts, for a person."""
-        return ', '.join(f'{topic.name} ({topic.type}, {topic.count})'
-                         for topic in sorted(self.topics.values(), key=lambda item: item.name))
+        return ', '.join(
+            f'{topic.name} ({topic.type}, {topic.count})'
+            for topic in sorted(self.topics.values(), key=lambda item: item.name)
+        )
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[Message]:
         """The messages of these topics (None: all), in log order."""
         for names, block in self.blocks(topics):
             view = block.data.data
-            for row in zip(block.topic.tolist(), block.log_ns.tolist(),
-                           block.publish_ns.tolist(), block.start.tolist(), block.end.tolist()):
-                yield Message(names[row[0]], row[1], row[2], bytes(view[row[3]:row[4]]))
+            for row in zip(
+                block.topic.tolist(),
+                block.log_ns.tolist(),
+                block.publish_ns.tolist(),
+                block.start.tolist(),
+                block.end.tolist(),
+            ):
+                yield Message(names[row[0]], row[1], row[2], bytes(view[row[3] : row[4]]))
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[tuple[list[str], Block]]:
         """(names, block): the same messages, many at a time; `block.topic` counts in `names`."""
         wanted = set(self.topics if topics is None else topics)
         keep = np.array([name in wanted for name in self._names] + [False])
-        for block in _merged(sorted(self._parts(keep), key=lambda part: part[0])
-                             if not self._sqlites else self._sqlite_parts(keep), self._has_room):
+        for block in _merged(
+            sorted(self._parts(keep), key=lambda part: part[0])
+            if not self._sqlites
+            else self._sqlite_parts(keep),
+            self._has_room,
+        ):
             for part in self._unpacked(block) if self._unpack_messages else (block,):
                 if len(part):
                     yield self._names, part
 
     def _has_room(self, size: int) -> None:
         """Raise TooLargeError where messages of so many bytes would have to be sorted at once."""
-        unpacking.check(f'{self.path}: what overlaps in time', size,
-                        max(self._limit, unpacking.RATIO * self._size))
+        unpacking.check(
+            f'{self.path}: what overlaps in time',
+            size,
+            max(self._limit, unpacking.RATIO * self._size),
+        )
 
     def _parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
         for mcap, index in self._mcaps:
@@ -188,13 +207,16 @@ class Bag:
             if not channels:
                 continue
             for start_ns, load in mcap.parts():
-                def translated(load: Callable[[], Block] = load,
-                               index: np.ndarray = index) -> Block:
+
+                def translated(
+                    load: Callable[[], Block] = load, index: np.ndarray = index
+                ) -> Block:
                     block = load()
                     topic = index[np.minimum(block.topic, len(index) - 1)]
                     block = replace(block, topic=topic)
                     chosen = keep[topic]
                     return block if chosen.all() else block.take(chosen)
+
                 yield start_ns, translated
 
     def _sqlite_parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
@@ -213,13 +235,17 @@ class Bag:
 
         def unpacked() -> Block:
             good = block.take(np.array(rows, np.int64))
-            return from_messages(good.topic.tolist(), good.log_ns.tolist(),
-                                 good.publish_ns.tolist(), raws)
+            return from_messages(
+                good.topic.tolist(), good.log_ns.tolist(), good.publish_ns.tolist(), raws
+            )
 
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
             try:
-                raws.append(unpacking.unpack_message(
-                    view[start:end], f'{self.path}: a message', self._limit))
+                raws.append(
+                    unpacking.unpack_message(
+                        view[start:end], f'{self.path}: a message', self._limit
+                    )
+                )
             except zstandard.ZstdError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are left out')
                 continue
@@ -244,11 +270,14 @@ class Bag:
         UnreadableError : none of the `count` messages can.
         """
         if malformed and malformed == count:
-            raise UnreadableError(f"no message of '{topic}' of {self.path} can be read: all "
-                                  f'{count} are malformed')
+            raise UnreadableError(
+                f"no message of '{topic}' of {self.path} can be read: all {count} are malformed"
+            )
         if malformed:
-            self.warn(f"{malformed} of {count} messages of '{topic}' of {self.path} are malformed "
-                      'and are left out')
+            self.warn(
+                f"{malformed} of {count} messages of '{topic}' of {self.path} are malformed "
+                'and are left out'
+            )
 
     def _open(self) -> None:
         try:
@@ -259,8 +288,9 @@ class Bag:
             else:
                 raise UserError(f'{self.path} does not exist')
         except OSError as error:
-            raise UserError(f'cannot read {error.filename or self.path}: '
-                            f'{error.strerror or error}') from error
+            raise UserError(
+                f'cannot read {error.filename or self.path}: {error.strerror or error}'
+            ) from error
         if not self.topics:
             raise UserError(f'{self.path} is an empty bag: it has no topics')
 
@@ -273,24 +303,33 @@ class Bag:
             if len(missing) == len(files):
                 raise UserError(f'{self.path}: {missing[0]} is missing, which {METADATA} names')
             if missing:
-                self.warn(f'{self.path}: {", ".join(missing)} is missing, which {METADATA} '
-                          'names; its messages are left out')
+                self.warn(
+                    f'{self.path}: {", ".join(missing)} is missing, which {METADATA} '
+                    'names; its messages are left out'
+                )
             files = [file for file in files if file.is_file()]
         else:
-            files = sorted((file for file in self.path.iterdir()
-                            if file.suffix in ('.mcap', '.db3', '.zstd')), key=natural)
+            files = sorted(
+                (file for file in self.path.iterdir() if file.suffix in ('.mcap', '.db3', '.zstd')),
+                key=natural,
+            )
             if not files:
-                raise UserError(f'{self.path} is no bag: it holds neither {METADATA} nor .mcap or '
-                                '.db3 files')
+                raise UserError(
+                    f'{self.path} is no bag: it holds neither {METADATA} nor .mcap or .db3 files'
+                )
             if not (self.path / METADATA).exists():
-                self.warn(f'{self.path} has no {METADATA} (its recorder did not end cleanly?): '
-                          f'reading {len(files)} file{"s" if len(files) > 1 else ""}')
+                self.warn(
+                    f'{self.path} has no {METADATA} (its recorder did not end cleanly?): '
+                    f'reading {len(files)} file{"s" if len(files) > 1 else ""}'
+                )
         mode = str(information.get('compression_mode') or '').lower()
         self._unpack_messages = mode == 'message'
         packed = information.get('compression_format')
         if self._unpack_messages and packed not in ('zstd', '', None):
-            raise UserError(f"{self.path}: its messages are compressed as '{packed}', which is not "
-                            'supported: only zstd is')
+            raise UserError(
+                f"{self.path}: its messages are compressed as '{packed}', which is not "
+                'supported: only zstd is'
+            )
         problems = []
         for file in files:
             try:
@@ -304,14 +343,22 @@ class Bag:
         for about in _described(information):
             name, type_name = about.get('name'), about.get('type')
             if not (isinstance(name, str) and name and isinstance(type_name, str)):
-                self.warn(f'{self.path / METADATA}: the description of a topic is damaged and is '
-                          'left out')
+                self.warn(
+                    f'{self.path / METADATA}: the description of a topic is damaged and is left out'
+                )
                 continue
-            type_hash, format_ = about.get('type_description_hash'), about.get(
-                'serialization_format')
-            self._add(name, type_name, 0, qos_profiles.parse(about.get('offered_qos_profiles')),
-                      type_hash=type_hash if isinstance(type_hash, str) else '',
-                      serialization=CDR if format_ in (None, '') else str(format_))
+            type_hash, format_ = (
+                about.get('type_description_hash'),
+                about.get('serialization_format'),
+            )
+            self._add(
+                name,
+                type_name,
+                0,
+                qos_profiles.parse(about.get('offered_qos_profiles')),
+                type_hash=type_hash if isinstance(type_hash, str) else '',
+                serialization=CDR if format_ in (None, '') else str(format_),
+            )
 
     def _metadata(self) -> dict[str, Any]:
         file = self.path / METADATA
@@ -332,8 +379,10 @@ class Bag:
             start = stream.read(len(ROS1))
         self._size += file.stat().st_size
         if start == ROS1:
-            raise UserError(f"{file} is a bag of ROS 1; 'rosbags-convert --src {file.name} --dst "
-                            f"{file.stem}' makes one of ROS 2 of it")
+            raise UserError(
+                f"{file} is a bag of ROS 1; 'rosbags-convert --src {file.name} --dst "
+                f"{file.stem}' makes one of ROS 2 of it"
+            )
         if start[:6] == b'SQLite':
             self._add_sqlite(sqlite_file.SqliteFile(file, self.warn))
         elif start[:5] == b'\x89MCAP':
@@ -355,41 +404,65 @@ class Bag:
         for key, channel in mcap.channels.items():
             schema = mcap.schemas.get(channel.schema_id)
             index[key] = self._add(
-                channel.topic, schema.name if schema else '', mcap.counts.get(key, 0),
+                channel.topic,
+                schema.name if schema else '',
+                mcap.counts.get(key, 0),
                 qos_profiles.parse(channel.metadata.get('offered_qos_profiles', '')),
                 definition=schema.data.decode('utf-8', 'replace') if schema else '',
                 type_hash=channel.metadata.get('topic_type_hash', ''),
                 definition_format=schema.encoding if schema else '',
-                serialization=channel.message_encoding)
+                serialization=channel.message_encoding,
+            )
         self._mcaps.append((mcap, index))
 
     def _add_sqlite(self, sqlite: SqliteFile) -> None:
-        index = [self._add(
-            item.topic, item.msgtype, item.msgcount,
-            list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
-            definition=item.msgdef.data, type_hash=item.digest,
-            serialization=str(item.ext.serialization_format))  # type: ignore[union-attr]  # too
-            for item in sqlite.connections]
+        index = [
+            self._add(
+                item.topic,
+                item.msgtype,
+                item.msgcount,
+                list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
+                definition=item.msgdef.data,
+                type_hash=item.digest,
+                serialization=str(item.ext.serialization_format),
+            )  # type: ignore[union-attr]  # too
+            for item in sqlite.connections
+        ]
         self._sqlites.append((sqlite, np.array(index, np.int64)))
 
-    def _add(self, name: str, type_name: str, count: int, qos: Sequence[Qos], *,
-             definition: str = '', type_hash: str = '', definition_format: str = 'ros2msg',
-             serialization: str = CDR) -> int:
+    def _add(
+        self,
+        name: str,
+        type_name: str,
+        count: int,
+        qos: Sequence[Qos],
+        *,
+        definition: str = '',
+        type_hash: str = '',
+        definition_format: str = 'ros2msg',
+        serialization: str = CDR,
+    ) -> int:
         """The topic's index; -1 where its messages cannot go with those of the same name."""
         known = self.topics.get(name)
         if known is None:
             self._names.append(name)
             known = Topic(name, type_name, 0)
         elif known.type != type_name:
-            self.warn(f"{self.path}: topic '{name}' comes as {known.type} and as {type_name}; "
-                      'the latter is left out')
+            self.warn(
+                f"{self.path}: topic '{name}' comes as {known.type} and as {type_name}; "
+                'the latter is left out'
+            )
             return -1
         self.topics[name] = Topic(
-            name, type_name, known.count + count,
+            name,
+            type_name,
+            known.count + count,
             known.qos + tuple(item for item in qos if item not in known.qos),
-            known.definition or definition, known.type_hash or type_hash,
+            known.definition or definition,
+            known.type_hash or type_hash,
             definition_format if definition and not known.definition else known.definition_format,
-            serialization if known.serialization == CDR else known.serialization)
+            serialization if known.serialization == CDR else known.serialization,
+        )
         return self._names.index(name)
 
 
@@ -419,8 +492,10 @@ def _names_of_files(information: Mapping[str, Any]) -> list[str]:
 def _described(information: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The descriptions of topics in the metadata; {} for what is none."""
     listed = information.get('topics_with_message_count')
-    found = [item.get('topic_metadata') if isinstance(item, Mapping) else None
-             for item in (listed if isinstance(listed, list) else [])]
+    found = [
+        item.get('topic_metadata') if isinstance(item, Mapping) else None
+        for item in (listed if isinstance(listed, list) else [])
+    ]
     return [about if isinstance(about, Mapping) else {} for about in found]
 
 
@@ -439,8 +514,9 @@ def natural(file: Path) -> tuple:
     return tuple(parts)
 
 
-def _merged(parts: Iterable[tuple[int, Callable[[], Block]]], has_room: Callable[[int], None]
-            ) -> Iterator[Block]:
+def _merged(
+    parts: Iterable[tuple[int, Callable[[], Block]]], has_room: Callable[[int], None]
+) -> Iterator[Block]:
     """Blocks in log order from parts sorted by their first time, which may overlap.
 
     Parameters

@@ -25,36 +25,48 @@ if TYPE_CHECKING:
     from estimator_pkg.bags.live import Live
     from estimator_pkg.nodes.loss import Loss
 
-LOOK = 0.1       # s between looks at the graph
+LOOK = 0.1  # s between looks at the graph
 PATIENCE = 10.0  # s added to a given duration while no message has come yet
-ARRIVED = 3      # looks in a row without a message after which all that came is recorded,
-AWAITED = 0.02   # s that each takes,
-AT_MOST = 0.3    # and s that all of them may
-FLUSH = 2.0      # s after which what has come is on its way to the disk
+ARRIVED = 3  # looks in a row without a message after which all that came is recorded,
+AWAITED = 0.02  # s that each takes,
+AT_MOST = 0.3  # and s that all of them may
+FLUSH = 2.0  # s after which what has come is on its way to the disk
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument('topics', metavar='TOPIC', nargs='*',
-                        help='topics to record; none: all, also those that appear later')
-    parser.add_argument('--recover', metavar='PATH',
-                        help='record nothing: make a bag of the file or folder that a recorder '
-                             'left which was killed (.mcap, .db3)')
+    parser.add_argument(
+        'topics',
+        metavar='TOPIC',
+        nargs='*',
+        help='topics to record; none: all, also those that appear later',
+    )
+    parser.add_argument(
+        '--recover',
+        metavar='PATH',
+        help='record nothing: make a bag of the file or folder that a recorder '
+        'left which was killed (.mcap, .db3)',
+    )
     unpacking.arguments(parser)
     parser.add_argument('--out', metavar='BAG', required=True, help='bag to write')
-    parser.add_argument('--duration', metavar='S', type=float,
-                        help='end so long after the first message (10 s later if none comes); '
-                             'default: at Ctrl-C')
+    parser.add_argument(
+        '--duration',
+        metavar='S',
+        type=float,
+        help='end so long after the first message (10 s later if none comes); default: at Ctrl-C',
+    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Records until Ctrl-C or for the given time, then says what came."""
     if parsed.recover is not None:
         return _recovered(parsed)
-    if parsed.duration is not None and not (math.isfinite(parsed.duration)
-                                            and parsed.duration > 0.0):
+    if parsed.duration is not None and not (
+        math.isfinite(parsed.duration) and parsed.duration > 0.0
+    ):
         raise UsageError(f'--duration {parsed.duration:g}: it must be above 0 s')
     from estimator_pkg.bags.live import live
+
     wanted = [name if name.startswith('/') else f'/{name}' for name in parsed.topics]
     with interrupts.gently(background=True), BagWriter(parsed.out, keep=True) as writer:
         with live('bag_recorder') as here:
@@ -62,9 +74,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             recorder.run(parsed.duration)
         counts = writer.counts()
         if not sum(counts.values()):
-            raise UserError('nothing was recorded: '
-                            + (f"no messages came on {', '.join(wanted)}" if wanted
-                               else 'no topic had messages'))
+            raise UserError(
+                'nothing was recorded: '
+                + (
+                    f'no messages came on {", ".join(wanted)}'
+                    if wanted
+                    else 'no topic had messages'
+                )
+            )
     lost = {name: track.lost for name, track in recorder.tracks.items()}
     show(f'{parsed.out}:')
     for name, count in counts.items():
@@ -77,6 +94,7 @@ def _recovered(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.topics or parsed.duration is not None:
         raise UsageError('--recover takes neither topics nor --duration')
     from estimator_pkg.bags.recover import recover
+
     counts = recover(parsed.recover, parsed.out, parsed.unpack_limit)
     print(f'{parsed.out}, recovered from {parsed.recover}, which you may delete now:')
     for name, count in counts.items():
@@ -153,6 +171,7 @@ class Recorder:
     def _drain(self) -> None:
         """Receive what the executor has not noticed."""
         from estimator_pkg.nodes.endpoints import waiting
+
         for track in self.tracks.values():
             for raw, info in waiting(track.subscription):
                 track.receive(raw, info)
@@ -160,7 +179,7 @@ class Recorder:
     def _tell_missing(self) -> None:
         missing = [name for name in self._wanted if name not in self.tracks]
         if missing:
-            show(f"waiting for {', '.join(missing)}", file=sys.stderr)
+            show(f'waiting for {", ".join(missing)}', file=sys.stderr)
 
     def _look(self) -> None:
         """Subscribe to what has appeared, and follow publishers that offer less than before."""
@@ -171,6 +190,7 @@ class Recorder:
             if not publishers:
                 continue
             from estimator_pkg.bags.live import offered
+
             profiles = []
             for publisher in publishers:
                 profile = offered(publisher.qos_profile)
@@ -184,17 +204,22 @@ class Recorder:
 
     def _start(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> None:
         from estimator_pkg.bags.live import matching, message_class
+
         kind = message_class(types[0])
         if kind is None or len(types) > 1:
             self._refused.add(name)
-            why = ('it has several types' if len(types) > 1 else
-                   f'its type {types[0]} is not installed')
+            why = (
+                'it has several types'
+                if len(types) > 1
+                else f'its type {types[0]} is not installed'
+            )
             if self._wanted:
                 raise UserError(f'{name} cannot be recorded: {why}')
             show(f'warning: {name} is not recorded: {why}', file=sys.stderr)
             return
-        self._writer.add_topic(name, types[0], profiles,
-                               type_hash=type_hash if type_hash.startswith('RIHS01_') else '')
+        self._writer.add_topic(
+            name, types[0], profiles, type_hash=type_hash if type_hash.startswith('RIHS01_') else ''
+        )
         qos = matching(profiles)
         self.tracks[name] = self._subscribe(name, kind, qos, profiles)
         show(f'recording {name} ({types[0]})', file=sys.stderr)
@@ -202,12 +227,15 @@ class Recorder:
     def _adapt(self, name: str, type_name: str, track: Track, profiles: list[Qos]) -> None:
         """Another publisher came, which may not match the subscription there is."""
         from estimator_pkg.bags.live import matching, message_class
+
         track.profiles += [profile for profile in profiles if profile not in track.profiles]
         qos = matching(track.profiles)
         if (qos.reliability, qos.durability) == (track.qos.reliability, track.qos.durability):
             return
-        show(f'warning: a publisher of {name} offers less than those before: subscribing anew',
-             file=sys.stderr)
+        show(
+            f'warning: a publisher of {name} offers less than those before: subscribing anew',
+            file=sys.stderr,
+        )
         self._drain()
         self._here.node.destroy_subscription(track.subscription)
         again = self._subscribe(name, message_class(type_name), qos, track.profiles)
@@ -217,6 +245,7 @@ class Recorder:
     def _subscribe(self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]) -> Track:
         from estimator_pkg.bags.live import raw_callback
         from estimator_pkg.nodes.loss import Loss
+
         holder: list[Subscription] = []
         loss = Loss(lambda: holder[0].get_publisher_count())
         write = self._writer.write
@@ -229,8 +258,9 @@ class Recorder:
             if not self._first_ns:
                 self._first_ns = time.monotonic_ns()
 
-        holder.append(self._here.node.create_subscription(kind, name, raw_callback(receive), qos,
-                                                          raw=True))
+        holder.append(
+            self._here.node.create_subscription(kind, name, raw_callback(receive), qos, raw=True)
+        )
         return Track(holder[0], receive, qos, loss, profiles=list(profiles))
 
 

@@ -54,8 +54,9 @@ class Recording(ABC):
     """What observers of one family need of a bag; can go to another process."""
 
     @abstractmethod
-    def run(self, observer: str, values: Mapping[str, Any], fast: bool | None = None
-            ) -> dict[str, Estimate]:
+    def run(
+        self, observer: str, values: Mapping[str, Any], fast: bool | None = None
+    ) -> dict[str, Estimate]:
         """What this observer publishes with these parameters, by joint.
 
         Parameters
@@ -106,8 +107,12 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
         return PositionRecording(setup, dict(known))
     names = tuple(known or measured(bag, setup)) if stream.SEPARATE else ()
     topics = {topic.name for topic in setup.topics}
-    return MessageRecording(str(bag.path), setup, tuple(
-        (list(topic_names), compact(block)) for topic_names, block in bag.blocks(topics)), names)
+    return MessageRecording(
+        str(bag.path),
+        setup,
+        tuple((list(topic_names), compact(block)) for topic_names, block in bag.blocks(topics)),
+        names,
+    )
 
 
 def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
@@ -129,9 +134,12 @@ def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
     bag.count_malformed(topic.name, count, malformed)
     if not groups:
         return {}
-    return {groups[0].names[0]: of_positions(
-        np.concatenate([group.stamps_ns for group in groups]),
-        np.concatenate([group.positions[:, 0] for group in groups]))}
+    return {
+        groups[0].names[0]: of_positions(
+            np.concatenate([group.stamps_ns for group in groups]),
+            np.concatenate([group.positions[:, 0] for group in groups]),
+        )
+    }
 
 
 @dataclass(frozen=True)
@@ -141,11 +149,13 @@ class PositionRecording(Recording):
     setup: Setup
     series: dict[str, Series]
 
-    def run(self, observer: str, values: Mapping[str, Any], fast: bool | None = None
-            ) -> dict[str, Estimate]:
+    def run(
+        self, observer: str, values: Mapping[str, Any], fast: bool | None = None
+    ) -> dict[str, Estimate]:
         """See `Recording`."""
         stream: Any = streams.named(self.setup.kind).of(
-            self.setup.having({**values, 'observer': observer}).values)
+            self.setup.having({**values, 'observer': observer}).values
+        )
         found = {}
         for name, series in self.series.items():
             ran = stream.run(name, series.stamps_ns, series.position, fast)
@@ -157,10 +167,16 @@ class PositionRecording(Recording):
             history = History()
             history.add(series.stamps_ns, out.status, out.verdict)
             found[name] = Estimate(
-                series.stamps_ns[valid], out.position[valid], out.velocity[valid],
-                out.velocity_stddev[valid], counts_of(joint), history.seconds(),
-                series.stamps_ns[used], out.status[used],
-                series.stamps_ns[np.isfinite(series.position)])
+                series.stamps_ns[valid],
+                out.position[valid],
+                out.velocity[valid],
+                out.velocity_stddev[valid],
+                counts_of(joint),
+                history.seconds(),
+                series.stamps_ns[used],
+                out.status[used],
+                series.stamps_ns[np.isfinite(series.position)],
+            )
         return found
 
     def split(self, held_out: float) -> tuple[Recording, Recording]:
@@ -170,8 +186,12 @@ class PositionRecording(Recording):
             count = len(series.stamps_ns)
             cut = count - round(held_out * count)
             for part, rows in zip(parts, (slice(cut), slice(cut, None))):
-                part[name] = Series(series.stamps_ns[rows], series.position[rows],
-                                    series.velocity[rows], series.effort[rows])
+                part[name] = Series(
+                    series.stamps_ns[rows],
+                    series.position[rows],
+                    series.velocity[rows],
+                    series.effort[rows],
+                )
         return replace(self, series=parts[0]), replace(self, series=parts[1])
 
     def apart(self) -> dict[str, Recording]:
@@ -197,8 +217,9 @@ class MessageRecording(Recording):
     names: tuple[str, ...] = ()
     fine: bool = field(default=False, kw_only=True)
 
-    def run(self, observer: str, values: Mapping[str, Any], fast: bool | None = None
-            ) -> dict[str, Estimate]:
+    def run(
+        self, observer: str, values: Mapping[str, Any], fast: bool | None = None
+    ) -> dict[str, Estimate]:
         """See `Recording`."""
         stream = self.setup.having({**values, 'observer': observer}).start()
         collected = _Collected(stream, self.fine)
@@ -208,8 +229,9 @@ class MessageRecording(Recording):
         found = collected.estimates(stream)
         if not found:
             why = stream.why()
-            raise UserError(f'{self.path}: {observer} gives no estimate' + (
-                f': {why}' if why else ''))
+            raise UserError(
+                f'{self.path}: {observer} gives no estimate' + (f': {why}' if why else '')
+            )
         return found
 
     def split(self, held_out: float) -> tuple[Recording, Recording]:
@@ -227,8 +249,10 @@ class MessageRecording(Recording):
         """See `Recording`."""
         if not self.names:
             return {'': self}
-        return {name: replace(self, names=(name,), setup=self.setup.having({'joints': [name]}))
-                for name in self.names}
+        return {
+            name: replace(self, names=(name,), setup=self.setup.having({'joints': [name]}))
+            for name in self.names
+        }
 
     def per_sample(self) -> Recording:
         """See `Recording`."""
@@ -244,10 +268,14 @@ class _Collected:
 
     def __init__(self, stream: Stream, fine: bool) -> None:
         self._first = 0
-        self._fine = {number for number, output in enumerate(stream.outputs)
-                      if fine and output.type == drive_samples.TYPE}
-        stream.wanted[:] = [number < 2 or number in self._fine
-                            for number in range(len(stream.outputs))]
+        self._fine = {
+            number
+            for number, output in enumerate(stream.outputs)
+            if fine and output.type == drive_samples.TYPE
+        }
+        stream.wanted[:] = [
+            number < 2 or number in self._fine for number in range(len(stream.outputs))
+        ]
         self._batches: list[Batch] = []
         # by output: keys (which answer), stamps, and the messages' numbers by joint
         self._pieces: tuple[dict[str, list], ...] = ({}, {})
@@ -264,8 +292,9 @@ class _Collected:
             if each.output > 1:
                 continue
             count, size = each.raw.shape
-            keys = ((each.rows + self._first) * 2 ** 16
-                    + np.broadcast_to(np.asarray(each.rank) // APART, count))
+            keys = (each.rows + self._first) * 2**16 + np.broadcast_to(
+                np.asarray(each.rank) // APART, count
+            )
             ends, none = np.arange(1, count + 1) * size, np.zeros(count, np.int64)
             groups, _ = decode_block(Block(none, none, none, each.raw.ravel(), ends - size, ends))
             for group in groups:
@@ -273,8 +302,13 @@ class _Collected:
                     self._due.append(group.stamps_ns)
                 for column, name in enumerate(group.names):
                     self._pieces[each.output].setdefault(name, []).append(
-                        (keys[group.rows], group.stamps_ns, group.arrays[0][:, column],
-                         group.arrays[1][:, column]))
+                        (
+                            keys[group.rows],
+                            group.stamps_ns,
+                            group.arrays[0][:, column],
+                            group.arrays[1][:, column],
+                        )
+                    )
         self._first += last
 
     def estimates(self, stream: Stream) -> dict[str, Estimate]:
@@ -296,10 +330,18 @@ class _Collected:
             history = (stream.history or {}).get(owner)
             status_stamps, status = (history or History()).noted()
             found[name] = Estimate(
-                stamps, position, velocity, stddev,
-                counts_of(joint) if joint else {'received': len(stamps), 'used': len(stamps),
-                                                'dropped': {}},
-                dict(history.seconds()) if history else {}, status_stamps, status, due)
+                stamps,
+                position,
+                velocity,
+                stddev,
+                counts_of(joint)
+                if joint
+                else {'received': len(stamps), 'used': len(stamps), 'dropped': {}},
+                dict(history.seconds()) if history else {},
+                status_stamps,
+                status,
+                due,
+            )
         if self._batches:
             name = next(iter(stream.names_of(next(iter(stream.bank.joints)))[1:]), '')
             if name in found:
@@ -318,9 +360,12 @@ def _of_batches(batches: list[Batch], one_each: Estimate) -> Estimate:
     values = np.concatenate([batch.values for batch in batches])
     valid = values[:, 3] > 0.5
     return one_each._replace(
-        stamps=stamps[valid], position=values[valid, 0], velocity=values[valid, 1],
+        stamps=stamps[valid],
+        position=values[valid, 0],
+        velocity=values[valid, 1],
         velocity_stddev=at_stamps(stamps[valid], one_each.stamps, one_each.velocity_stddev),
-        due=np.unique(stamps))
+        due=np.unique(stamps),
+    )
 
 
 def _joined(pieces: list) -> tuple[NDArray, ...]:

@@ -26,9 +26,9 @@ from estimator_pkg.optional import Lazy
 typesys = Lazy('rosbags.typesys')
 
 FILES = ('.mcap', '.db3', '.zstd')
-BESIDE = ('', '-journal', '-wal')       # files of one database
-ZSTD = b'\x28\xb5\x2f\xfd'              # starts a compressed message; CDR starts with a zero
-LEAF = 13                               # a page of a table with rows
+BESIDE = ('', '-journal', '-wal')  # files of one database
+ZSTD = b'\x28\xb5\x2f\xfd'  # starts a compressed message; CDR starts with a zero
+LEAF = 13  # a page of a table with rows
 SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)  # bytes of a column, by its serial type
 
 
@@ -63,11 +63,18 @@ def recover(path: str, out: str, unpack_limit: int = unpacking.LIMIT) -> dict[st
             for message in _messages(file, unpack_limit):
                 topic, raw = message.topic, message.raw
                 if topic.serialization == CDR and raw.startswith(ZSTD):
-                    raw = unpacking.unpack_message(memoryview(raw), f'{file}: a message',
-                                                   unpack_limit)
-                writer.add_topic(topic.name, topic.type, topic.qos, definition=topic.definition,
-                                 definition_format=topic.definition_format,
-                                 type_hash=topic.type_hash, serialization=topic.serialization)
+                    raw = unpacking.unpack_message(
+                        memoryview(raw), f'{file}: a message', unpack_limit
+                    )
+                writer.add_topic(
+                    topic.name,
+                    topic.type,
+                    topic.qos,
+                    definition=topic.definition,
+                    definition_format=topic.definition_format,
+                    type_hash=topic.type_hash,
+                    serialization=topic.serialization,
+                )
                 writer.write(topic.name, message.log_ns, raw, message.publish_ns)
                 if interrupts.came():
                     raise KeyboardInterrupt
@@ -108,7 +115,7 @@ def _messages(file: Path, limit: int) -> Iterator[Message]:
 
 def _of_database(file: Path) -> Iterator[Message]:
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
-        copy = Path(folder, 'bag.db3')      # opening it finishes or takes back its last writes
+        copy = Path(folder, 'bag.db3')  # opening it finishes or takes back its last writes
         for ending in BESIDE:
             beside = file.with_name(file.name + ending)
             if beside.exists():
@@ -117,15 +124,22 @@ def _of_database(file: Path) -> Iterator[Message]:
             with closing(sqlite3.connect(copy)) as base:
                 base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 whole = _whole(base)
-                base.execute('pragma writable_schema = on')     # reads what is cut off, too
+                base.execute('pragma writable_schema = on')  # reads what is cut off, too
                 topics = _topics(base)
-                rows = (base.execute('select id, topic_id, timestamp, data from messages '
-                                     'order by id') if whole else _rows(copy))
+                rows = (
+                    base.execute('select id, topic_id, timestamp, data from messages order by id')
+                    if whole
+                    else _rows(copy)
+                )
                 if not whole:
                     interrupts.say(f'warning: {file} is damaged: its pages are searched')
                 for _, number, time_ns, raw in rows:
-                    if number in topics and isinstance(raw, bytes) and isinstance(
-                            time_ns, int) and time_ns >= 0:
+                    if (
+                        number in topics
+                        and isinstance(raw, bytes)
+                        and isinstance(time_ns, int)
+                        and time_ns >= 0
+                    ):
                         yield Message(topics[number], time_ns, time_ns, raw)
         except (sqlite3.Error, KeyError, ValueError) as error:  # whatever damage does to it
             raise UserError(f'{file} cannot be recovered: {first_line(error)}') from error
@@ -140,24 +154,30 @@ def _whole(base: sqlite3.Connection) -> bool:
 
 def _topics(base: sqlite3.Connection) -> dict[int, Topic]:
     """The topics by their numbers."""
+
     def rows(table: str) -> list[dict[str, Any]]:
         found = base.execute(f'select * from {table}')
         return [dict(zip([column[0] for column in found.description], row)) for row in found]
 
     try:
         definitions = {row['topic_type']: row for row in rows('message_definitions')}
-    except (sqlite3.Error, KeyError):   # older bags have none
+    except (sqlite3.Error, KeyError):  # older bags have none
         definitions = {}
     topics = {}
     for row in rows('topics'):
         about = definitions.get(row['type'], {})
         if not _sound(about):
-            about = {}      # it is looked up
+            about = {}  # it is looked up
         topics[row['id']] = Topic(
-            str(row['name']), str(row['type']), 0,
+            str(row['name']),
+            str(row['type']),
+            0,
             tuple(qos.parse(row.get('offered_qos_profiles'))),
-            about.get('encoded_message_definition') or '', row.get('type_description_hash') or '',
-            about.get('encoding') or 'ros2msg', str(row['serialization_format']))
+            about.get('encoded_message_definition') or '',
+            row.get('type_description_hash') or '',
+            about.get('encoding') or 'ros2msg',
+            str(row['serialization_format']),
+        )
     return topics
 
 
@@ -166,7 +186,7 @@ def _sound(about: dict[str, Any]) -> bool:
     if about.get('encoding') == 'ros2msg':
         try:
             typesys.get_types_from_msg(about['encoded_message_definition'], about['topic_type'])
-        except Exception:   # whatever damage does to the parser
+        except Exception:  # whatever damage does to the parser
             return False
     return about.get('encoding') in ('ros2msg', 'ros2idl')
 
@@ -181,9 +201,9 @@ def _rows(file: Path) -> Iterator[tuple[int, int, int, bytes]]:
     for page in range(size, len(data) - size + 1, size):
         if data[page] != LEAF:
             continue
-        count = int.from_bytes(data[page + 3:page + 5], 'big')
+        count = int.from_bytes(data[page + 3 : page + 5], 'big')
         for cell in range(page + 8, page + min(8 + 2 * count, usable), 2):
-            at = page + int.from_bytes(data[cell:cell + 2], 'big')
+            at = page + int.from_bytes(data[cell : cell + 2], 'big')
             try:
                 number, row = _row(data, at, size, usable)
             except (IndexError, ValueError, struct.error):
@@ -207,14 +227,14 @@ def _row(data: memoryview, at: int, size: int, usable: int) -> tuple[int, list[A
         least = (usable - 12) * 32 // 255 - 23
         local = least + (length - least) % (usable - 4)
         local = local if local <= most else least
-    payload = bytearray(data[at:at + local])
-    following = int.from_bytes(data[at + local:at + local + 4], 'big') if local < length else 0
+    payload = bytearray(data[at : at + local])
+    following = int.from_bytes(data[at + local : at + local + 4], 'big') if local < length else 0
     while len(payload) < length:
         start = (following - 1) * size
         if following < 2 or start + size > len(data):
             raise ValueError('a page is missing')
-        payload += data[start + 4:start + 4 + min(usable - 4, length - len(payload))]
-        following = int.from_bytes(data[start:start + 4], 'big')
+        payload += data[start + 4 : start + 4 + min(usable - 4, length - len(payload))]
+        following = int.from_bytes(data[start : start + 4], 'big')
     return number, _columns(memoryview(payload))
 
 
@@ -228,13 +248,19 @@ def _columns(payload: memoryview) -> list[Any]:
     columns: list[Any] = []
     for kind in kinds:
         width = (kind - 12) // 2 if kind >= 12 else SIZES[kind]
-        part = payload[at:at + width]
+        part = payload[at : at + width]
         if len(part) < width:
             raise ValueError('a record is cut off')
         at += width
-        columns.append(int.from_bytes(part, 'big', signed=True) if 1 <= kind <= 6 else
-                       kind - 8 if kind in (8, 9) else
-                       bytes(part) if kind >= 12 and kind % 2 == 0 else None)
+        columns.append(
+            int.from_bytes(part, 'big', signed=True)
+            if 1 <= kind <= 6
+            else kind - 8
+            if kind in (8, 9)
+            else bytes(part)
+            if kind >= 12 and kind % 2 == 0
+            else None
+        )
     return columns
 
 

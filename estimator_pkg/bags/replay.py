@@ -43,27 +43,37 @@ class Output:
     copied : the topics that are copied.
     """
 
-    def __init__(self, bag: Bag, writer: BagWriter, copy: list[str] | None,
-                 types: Mapping[str, str]) -> None:
+    def __init__(
+        self, bag: Bag, writer: BagWriter, copy: list[str] | None, types: Mapping[str, str]
+    ) -> None:
         self._writer = writer
         self.topics = list(types)
         for name in copy or ():
             bag.require(name)
         wanted = set(bag.topics if copy is None else copy)
         for name in sorted(wanted & set(self.topics)):
-            show(f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
-                 'another name)', file=sys.stderr)
+            show(
+                f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
+                'another name)',
+                file=sys.stderr,
+            )
         self.copied = wanted - set(self.topics)
         self._numbers = {}
         for name in bag.topics:
             if name in self.copied:
                 topic = bag.topics[name]
                 self._numbers[name] = writer.add_topic(
-                    name, topic.type, topic.qos, definition=topic.definition,
-                    definition_format=topic.definition_format, type_hash=topic.type_hash,
-                    serialization=topic.serialization)
-        self.own = [writer.add_topic(name, kind, qos.profile(depth=50))
-                    for name, kind in types.items()]
+                    name,
+                    topic.type,
+                    topic.qos,
+                    definition=topic.definition,
+                    definition_format=topic.definition_format,
+                    type_hash=topic.type_hash,
+                    serialization=topic.serialization,
+                )
+        self.own = [
+            writer.add_topic(name, kind, qos.profile(depth=50)) for name, kind in types.items()
+        ]
 
     def write_among(self, names: list[str], block: Block, made: Encoded) -> None:
         """What is copied of the block, and the new messages behind those they belong to.
@@ -82,31 +92,60 @@ NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
-    parser.add_argument('--out', metavar='BAG',
-                        help='bag to write: the topics of BAG and the estimates; without it, only '
-                             'the summary is printed')
-    parser.add_argument('--observer', metavar='NAME',
-                        help="which observer ('velocity_estimator list'); default: that of "
-                             f'--params, else {AngleSettings.observer}, or that of a drive where '
-                             'the bag holds nothing else')
+    parser.add_argument(
+        '--out',
+        metavar='BAG',
+        help='bag to write: the topics of BAG and the estimates; without it, only '
+        'the summary is printed',
+    )
+    parser.add_argument(
+        '--observer',
+        metavar='NAME',
+        help="which observer ('velocity_estimator list'); default: that of "
+        f'--params, else {AngleSettings.observer}, or that of a drive where '
+        'the bag holds nothing else',
+    )
     parser.add_argument('--params', metavar='YAML', help='parameter file of the node')
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
-                        help='set a parameter (may be repeated)')
-    parser.add_argument('--joint', metavar='NAME', action='append', default=[],
-                        help='estimate this joint only (may be repeated); with --angle, or of a '
-                             'drive: what the joint is called')
-    parser.add_argument('--measurement', metavar='TOPIC',
-                        help='joint states to take; default: the only ones that are neither truth '
-                             'nor estimate, else /joint_states')
-    parser.add_argument('--angle', metavar='TOPIC:FIELD',
-                        help='take one joint from a number in messages of any type, as in '
-                             "/odom:pose.pose.orientation.yaw or /encoder:data; set wrap_period=0 "
-                             'for what does not wrap')
-    parser.add_argument('--name', metavar='NODE',
-                        help='name of the node, in the topics of the estimates (default: '
-                             'joint_observer, or what else the observer runs in)')
-    parser.add_argument('--copy', metavar='TOPIC', nargs='*',
-                        help='copy only these topics of BAG (or none); default: all')
+    parser.add_argument(
+        '--set',
+        metavar='KEY=VALUE',
+        action='append',
+        default=[],
+        help='set a parameter (may be repeated)',
+    )
+    parser.add_argument(
+        '--joint',
+        metavar='NAME',
+        action='append',
+        default=[],
+        help='estimate this joint only (may be repeated); with --angle, or of a '
+        'drive: what the joint is called',
+    )
+    parser.add_argument(
+        '--measurement',
+        metavar='TOPIC',
+        help='joint states to take; default: the only ones that are neither truth '
+        'nor estimate, else /joint_states',
+    )
+    parser.add_argument(
+        '--angle',
+        metavar='TOPIC:FIELD',
+        help='take one joint from a number in messages of any type, as in '
+        '/odom:pose.pose.orientation.yaw or /encoder:data; set wrap_period=0 '
+        'for what does not wrap',
+    )
+    parser.add_argument(
+        '--name',
+        metavar='NODE',
+        help='name of the node, in the topics of the estimates (default: '
+        'joint_observer, or what else the observer runs in)',
+    )
+    parser.add_argument(
+        '--copy',
+        metavar='TOPIC',
+        nargs='*',
+        help='copy only these topics of BAG (or none); default: all',
+    )
     unpacking.arguments(parser)
 
 
@@ -114,23 +153,32 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Replays and says what happened to the samples."""
     begun = time.perf_counter()
     if parsed.name is not None and not NODE_NAME.fullmatch(parsed.name):
-        raise UsageError(f"--name '{parsed.name}': a node is called with letters, digits and '_', "
-                         "behind a namespace if need be, as in 'arm/observer'")
+        raise UsageError(
+            f"--name '{parsed.name}': a node is called with letters, digits and '_', "
+            "behind a namespace if need be, as in 'arm/observer'"
+        )
     with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         setup = _setup(bag, parsed)
         stream = setup.start()
         node = f'/{(parsed.name or stream.NODE).strip("/")}'
-        with interrupts.gently(), (BagWriter(parsed.out) if parsed.out is not None
-                                   else nullcontext()) as writer:
+        with (
+            interrupts.gently(),
+            BagWriter(parsed.out) if parsed.out is not None else nullcontext() as writer,
+        ):
             output, interrupted = None, False
             if writer is not None:
-                output = Output(bag, writer, parsed.copy, {
-                    f'{node}/{each.name}': each.type for each in stream.outputs})
+                output = Output(
+                    bag,
+                    writer,
+                    parsed.copy,
+                    {f'{node}/{each.name}': each.type for each in stream.outputs},
+                )
             else:
                 stream.wanted[:] = [False] * len(stream.outputs)
             with progress('replay', sum(topic.count for topic in setup.topics)) as advance:
-                for count, names, block, made in fed(bag, setup, stream,
-                                                     output.copied if output else set()):
+                for count, names, block, made in fed(
+                    bag, setup, stream, output.copied if output else set()
+                ):
                     if output is not None:
                         encoded = Encoded(block)
                         for each in made:
@@ -145,11 +193,17 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             else:
                 for warning in stream.end(str(bag.path)):
                     bag.warn(warning)
-        result = {'bag': str(parsed.bag), 'out': parsed.out, 'observer': stream.observer.name,
-                  'measurement': ' and '.join(topic.name for topic in setup.topics),
-                  **stream.summary(), 'written': output.topics if output else [],
-                  'interrupted': interrupted, 'warnings': bag.warnings,
-                  'elapsed_s': time.perf_counter() - begun}
+        result = {
+            'bag': str(parsed.bag),
+            'out': parsed.out,
+            'observer': stream.observer.name,
+            'measurement': ' and '.join(topic.name for topic in setup.topics),
+            **stream.summary(),
+            'written': output.topics if output else [],
+            'interrupted': interrupted,
+            'warnings': bag.warnings,
+            'elapsed_s': time.perf_counter() - begun,
+        }
     _print(result)
     return result
 
@@ -164,12 +218,14 @@ def _setup(bag: Bag, parsed: argparse.Namespace) -> Setup:
     assignments = parse_assignments(parsed.set)
     stream = wanted(bag, parsed.observer, parsed.params, assignments, parsed.name)
     values = parameters(stream, parsed.params, assignments, parsed.observer, parsed.name)
-    return settled(stream, bag, values, Request(parsed.measurement, parsed.angle,
-                                                tuple(parsed.joint)))
+    return settled(
+        stream, bag, values, Request(parsed.measurement, parsed.angle, tuple(parsed.joint))
+    )
 
 
-def fed(bag: Bag, setup: Setup, stream: Stream, copied: set[str]
-        ) -> Iterator[tuple[int, list[str], Block, list[Answers]]]:
+def fed(
+    bag: Bag, setup: Setup, stream: Stream, copied: set[str]
+) -> Iterator[tuple[int, list[str], Block, list[Answers]]]:
     """(messages taken, topic names, block, answers) over the bag.
 
     Parameters
@@ -182,8 +238,9 @@ def fed(bag: Bag, setup: Setup, stream: Stream, copied: set[str]
             yield len(block), names, block, answers(stream, names, block)
             continue
         rows = np.flatnonzero(np.isin(block.topic, _numbers(names, listened)))
-        made = [each._replace(rows=rows[each.rows])
-                for each in answers(stream, names, block.take(rows))]
+        made = [
+            each._replace(rows=rows[each.rows]) for each in answers(stream, names, block.take(rows))
+        ]
         yield len(rows), names, block, made
 
 
@@ -193,21 +250,33 @@ def _numbers(names: Sequence[str], wanted: set[str]) -> list[int]:
 
 def _print(result: dict[str, Any]) -> None:
     counts = result['messages']
-    show(f"{result['bag']}: {result['observer']} on {result['measurement']}, "
-         f"{counts['received']} messages{_kinds(counts['dropped'])}"
-         + (f", {counts['estimates']} with estimates" if 'estimates' in counts else '')
-         + (f", {counts['inputs_malformed']} messages of the inputs cannot be read"
-            if counts.get('inputs_malformed') else ''))
+    show(
+        f'{result["bag"]}: {result["observer"]} on {result["measurement"]}, '
+        f'{counts["received"]} messages{_kinds(counts["dropped"])}'
+        + (f', {counts["estimates"]} with estimates' if 'estimates' in counts else '')
+        + (
+            f', {counts["inputs_malformed"]} messages of the inputs cannot be read'
+            if counts.get('inputs_malformed')
+            else ''
+        )
+    )
     for name, joint in result['joints'].items():
-        rate = f"{joint['rate_hz']:.4g} Hz" if joint['rate_hz'] else 'rate unknown'
-        show(f"  {name}: received {joint['received']}, used {joint['used']}"
-             f"{_kinds(joint['dropped'])}{_kinds(joint['events'], 'events')}; {rate}; "
-             + (', '.join(f'{status if status != GAP else "without samples"} {seconds:.3f} s'
-                          for status, seconds in joint['status_s'].items()) or 'no time passed')
-             + (f"; {joint['why']}" if joint['why'] else ''))
+        rate = f'{joint["rate_hz"]:.4g} Hz' if joint['rate_hz'] else 'rate unknown'
+        show(
+            f'  {name}: received {joint["received"]}, used {joint["used"]}'
+            f'{_kinds(joint["dropped"])}{_kinds(joint["events"], "events")}; {rate}; '
+            + (
+                ', '.join(
+                    f'{status if status != GAP else "without samples"} {seconds:.3f} s'
+                    for status, seconds in joint['status_s'].items()
+                )
+                or 'no time passed'
+            )
+            + (f'; {joint["why"]}' if joint['why'] else '')
+        )
     if result['out']:
-        show(f"{result['out']}: {', '.join(result['written'])}")
-    print(f"{result['elapsed_s']:.2f} s")
+        show(f'{result["out"]}: {", ".join(result["written"])}')
+    print(f'{result["elapsed_s"]:.2f} s')
 
 
 def _kinds(counts: dict[str, int], what: str = 'dropped') -> str:

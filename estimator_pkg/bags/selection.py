@@ -29,8 +29,10 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
     if named is not None:
         found = bag.topics.get(named)
         if found is not None and found.count and found.type != TYPE and found.serialization == CDR:
-            raise UserError(f"topic '{named}' of {bag.path} is {found.type}, not {TYPE}: name the "
-                            f"number in it with --angle {named}:FIELD")
+            raise UserError(
+                f"topic '{named}' of {bag.path} is {found.type}, not {TYPE}: name the "
+                f'number in it with --angle {named}:FIELD'
+            )
         return bag.require(named, [TYPE]).name
     names = measured_topics(bag)
     if len(names) == 1:
@@ -38,16 +40,31 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
     if USUAL in names:
         return bag.require(USUAL, [TYPE]).name
     if names:
-        raise UserError(f'{bag.path} has several topics of joint states: name one with '
-                        f'--measurement ({", ".join(sorted(names))})')
-    number = next((f'{topic.name}:data' for topic in bag.topics.values()
-                   if topic.type in NUMBERS and topic.count), 'TOPIC:FIELD')
-    raise UserError(f'{bag.path} has no measured joint states: name a topic with --measurement, or '
-                    f'a number with --angle {number}; it has {bag.listing()}')
+        raise UserError(
+            f'{bag.path} has several topics of joint states: name one with '
+            f'--measurement ({", ".join(sorted(names))})'
+        )
+    number = next(
+        (
+            f'{topic.name}:data'
+            for topic in bag.topics.values()
+            if topic.type in NUMBERS and topic.count
+        ),
+        'TOPIC:FIELD',
+    )
+    raise UserError(
+        f'{bag.path} has no measured joint states: name a topic with --measurement, or '
+        f'a number with --angle {number}; it has {bag.listing()}'
+    )
 
 
 def measured_topics(bag: Bag, *, empty: bool = False) -> list[str]:
     """Topics of JointStates that are neither truth nor estimate; `empty`: without messages, too."""
-    return [topic.name for topic in bag.topics.values()
-            if topic.type == TYPE and (topic.count or empty)
-            and TRUTH not in f'{topic.name}/' and not topic.name.endswith(MADE)]
+    return [
+        topic.name
+        for topic in bag.topics.values()
+        if topic.type == TYPE
+        and (topic.count or empty)
+        and TRUTH not in f'{topic.name}/'
+        and not topic.name.endswith(MADE)
+    ]

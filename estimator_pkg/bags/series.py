@@ -66,21 +66,24 @@ def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Ser
     ------
     UserError : as `joint_series`.
     """
-    found = {joint: of_positions(series.stamps_ns, series.position)
-             for joint, series in joint_series(bag, topic, by_publisher).items()}
-    return {joint: series for joint, series in found.items()
-            if np.isfinite(series.position).any()}
+    found = {
+        joint: of_positions(series.stamps_ns, series.position)
+        for joint, series in joint_series(bag, topic, by_publisher).items()
+    }
+    return {joint: series for joint, series in found.items() if np.isfinite(series.position).any()}
 
 
 def of_positions(stamps_ns: NDArray[np.int64], position: NDArray[np.float64]) -> Series:
     """A series of positions alone, of those that an observer takes."""
     nothing = np.broadcast_to(np.nan, len(stamps_ns))
-    return Series(stamps_ns, np.where(np.abs(position) < LARGEST, position, np.nan), nothing,
-                  nothing)
+    return Series(
+        stamps_ns, np.where(np.abs(position) < LARGEST, position, np.nan), nothing, nothing
+    )
 
 
-def at_stamps(stamps: NDArray[np.int64], known: NDArray[np.int64], values: NDArray[np.float64]
-              ) -> NDArray[np.float64]:
+def at_stamps(
+    stamps: NDArray[np.int64], known: NDArray[np.int64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """The values where the stamps are the same, nan elsewhere.
 
     Parameters
@@ -99,14 +102,19 @@ def at_stamps(stamps: NDArray[np.int64], known: NDArray[np.int64], values: NDArr
 def _series(pieces: list[tuple[NDArray, Decoded, int]]) -> Series:
     order = np.argsort(np.concatenate([row for row, _, _ in pieces]), kind='stable')
     stamps = np.concatenate([group.stamps_ns for _, group, _ in pieces])[order]
-    columns = [np.concatenate([_column(group.arrays[which], len(group.names), column,
-                                       len(group.rows)) for _, group, column in pieces])[order]
-               for which in range(3)]
+    columns = [
+        np.concatenate(
+            [
+                _column(group.arrays[which], len(group.names), column, len(group.rows))
+                for _, group, column in pieces
+            ]
+        )[order]
+        for which in range(3)
+    ]
     return Series(stamps, *columns)
 
 
-def _column(array: NDArray[np.float64], names: int, column: int, count: int
-            ) -> NDArray[np.float64]:
+def _column(array: NDArray[np.float64], names: int, column: int, count: int) -> NDArray[np.float64]:
     if array.shape[1] != names:
         return np.full(count, np.nan)
     return array[:, column]

@@ -35,8 +35,10 @@ class SqliteFile:
         self._warn = warn
         log = path.with_name(f'{path.name}-wal')
         if log.exists() and log.stat().st_size:
-            warn(f'{path} was not closed: what is in {log.name} is left out (opening it once with '
-                 'sqlite3 brings it in)')
+            warn(
+                f'{path} was not closed: what is in {log.name} is left out (opening it once with '
+                'sqlite3 brings it in)'
+            )
         with open(path, 'rb') as file:
             start = file.read(len(MAGIC))
         if not start:
@@ -52,7 +54,8 @@ class SqliteFile:
             raise UserError(f'{path} cannot be read as a bag: {why}') from error
         every = list(self._reader.connections)
         self.connections: list[Connection] = [
-            item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)]
+            item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)
+        ]
         if len(self.connections) < len(every):
             warn(f'{path}: the description of a topic is damaged')
         self._places = {item.id: place for place, item in enumerate(self.connections)}

@@ -13,9 +13,9 @@ lz4_frame = Lazy('lz4.frame')
 zstandard = Lazy('zstandard')
 
 MIB = 1 << 20
-LIMIT = 256 * MIB   # bytes that one chunk or one message may unpack to
-RATIO = 100         # a file may unpack to so many times its own size, or to LIMIT if that is more
-PIECE = 4 * MIB     # bytes unpacked at a time into a file
+LIMIT = 256 * MIB  # bytes that one chunk or one message may unpack to
+RATIO = 100  # a file may unpack to so many times its own size, or to LIMIT if that is more
+PIECE = 4 * MIB  # bytes unpacked at a time into a file
 
 
 def damaged() -> tuple[type[Exception], ...]:
@@ -29,15 +29,20 @@ class TooLargeError(UserError):
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the option of every command that reads bags."""
-    parser.add_argument('--unpack-limit', metavar='MIB', type=_limit, default=LIMIT,
-                        help='most that a compressed chunk or message of the bag may unpack to '
-                             f'(default {LIMIT // MIB}); a compressed file may unpack to {RATIO} '
-                             'times its size if that is more')
+    parser.add_argument(
+        '--unpack-limit',
+        metavar='MIB',
+        type=_limit,
+        default=LIMIT,
+        help='most that a compressed chunk or message of the bag may unpack to '
+        f'(default {LIMIT // MIB}); a compressed file may unpack to {RATIO} '
+        'times its size if that is more',
+    )
 
 
 def _limit(text: str) -> int:
     """Bytes from a number of MiB on the command line."""
-    value = float(text)     # argparse reports a ValueError
+    value = float(text)  # argparse reports a ValueError
     if not (math.isfinite(value) and value > 0.0):
         raise UsageError(f'--unpack-limit {text}: it must be above 0 MiB')
     return int(value * MIB)
@@ -51,8 +56,10 @@ def check(what: str, size: int, limit: int) -> None:
     size : bytes that it declares or has.
     """
     if size > limit:
-        raise TooLargeError(f'{what} unpacks to more than {limit / MIB:.6g} MiB: if you trust the '
-                            'bag, raise --unpack-limit')
+        raise TooLargeError(
+            f'{what} unpacks to more than {limit / MIB:.6g} MiB: if you trust the '
+            'bag, raise --unpack-limit'
+        )
 
 
 def declared(packed: bytes | memoryview) -> int | None:
@@ -126,9 +133,11 @@ def unpack_file(packed: Path, target: Path, limit: int) -> None:
     """
     most = max(limit, RATIO * packed.stat().st_size)
     try:
-        with open(packed, 'rb') as source, open(target, 'wb') as plain, \
-                zstandard.ZstdDecompressor().stream_reader(
-                    source, read_across_frames=True) as reader:
+        with (
+            open(packed, 'rb') as source,
+            open(target, 'wb') as plain,
+            zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True) as reader,
+        ):
             done = 0
             while piece := reader.read(min(PIECE, most + 1 - done)):
                 done += len(piece)

@@ -18,7 +18,7 @@ from estimator_pkg.parameters import declared
 from estimator_pkg.streams.contract import Request, Stream
 
 field = Lazy('estimator_pkg.bags.field')
-DATA = 'data'       # the number in the messages of std_msgs
+DATA = 'data'  # the number in the messages of std_msgs
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,10 @@ def settled(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: 
     inputs = stream.of(values).inputs
     named = topic or request.measurement
     if request.measurement and len([port for port in inputs if port.answered]) > 1:
-        raise UsageError('--measurement is for one topic; the estimates answer '
-                         + ' and '.join(f'/{port.topic}' for port in inputs if port.answered))
+        raise UsageError(
+            '--measurement is for one topic; the estimates answer '
+            + ' and '.join(f'/{port.topic}' for port in inputs if port.answered)
+        )
     first = inputs[0]
     if first.type == JOINT_STATE:
         measurement = bag.topics[measurement_topic(bag, named)]
@@ -83,9 +85,12 @@ def settled(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: 
         measurement, path = bag.require(named or f'/{first.topic}'), path or DATA
     else:
         measurement = bag.require(named or f'/{first.topic}', [first.type])
-    others = [bag.require(f'/{port.topic}', [port.type])
-              if not port.optional or f'/{port.topic}' in bag.topics else None
-              for port in inputs[1:]]
+    others = [
+        bag.require(f'/{port.topic}', [port.type])
+        if not port.optional or f'/{port.topic}' in bag.topics
+        else None
+        for port in inputs[1:]
+    ]
     return Setup(stream.KIND, values, (measurement, *others), path)
 
 
@@ -94,8 +99,13 @@ def _has(bag: Bag, name: str) -> bool:
     return found is not None and bool(found.count)
 
 
-def wanted(bag: Bag, observer: str | None, params: str | None, values: dict[str, Any],
-           node: str | None = None) -> type[Stream]:
+def wanted(
+    bag: Bag,
+    observer: str | None,
+    params: str | None,
+    values: dict[str, Any],
+    node: str | None = None,
+) -> type[Stream]:
     """The stream that is meant: by observer or parameters, else by what the bag has.
 
     Parameters
@@ -128,22 +138,29 @@ def wanted(bag: Bag, observer: str | None, params: str | None, values: dict[str,
             if _knows(stream, given):
                 return stream
     joints = bool(measured_topics(bag, empty=True))
-    return next((stream for stream in known
-                 if stream.recognises(lambda name: _has(bag, name), joints)), usual)
+    return next(
+        (stream for stream in known if stream.recognises(lambda name: _has(bag, name), joints)),
+        usual,
+    )
 
 
 def _knows(stream: type[Stream], given: set[str]) -> bool:
     """True if all these parameters, as named in files and on command lines, are of this stream."""
     known = {'observer', *declared(stream.SETTINGS)}
     for name in registry.names(registry.OBSERVERS):
-        with suppress(UserError):   # one that cannot be imported is reported where it is used
+        with suppress(UserError):  # one that cannot be imported is reported where it is used
             if observers.find(name).kind == stream.KIND:
                 known |= set(stream.parameters(name))
     return {params_file.parameter_of(name) for name in given} <= known
 
 
-def parameters(stream: type[Stream], params: str | None, assignments: dict[str, Any],
-               observer: str | None, node: str | None = None) -> dict[str, Any]:
+def parameters(
+    stream: type[Stream],
+    params: str | None,
+    assignments: dict[str, Any],
+    observer: str | None,
+    node: str | None = None,
+) -> dict[str, Any]:
     """Parameters of the stream's node by name, from a file, from --set and from --observer.
 
     Raises

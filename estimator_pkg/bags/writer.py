@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 mcap_output = Lazy('estimator_pkg.bags.mcap_output')
 interfaces = Lazy('rosbags.interfaces')
 
-CHUNK_SIZE = 1 << 20   # bytes of messages that are written together, as one chunk
-VERSION = 9            # of metadata.yaml, as Jazzy writes it
+CHUNK_SIZE = 1 << 20  # bytes of messages that are written together, as one chunk
+VERSION = 9  # of metadata.yaml, as Jazzy writes it
 OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
 HOW = '`velocity_estimator record --recover {} --out BAG` makes a bag of it'
-LATEST = 2**63 - 1     # the starting time of a bag without messages
+LATEST = 2**63 - 1  # the starting time of a bag without messages
 
 
 class BagWriter:
@@ -61,7 +61,7 @@ class BagWriter:
 
     def __init__(self, path: str | Path, *, keep: bool = False) -> None:
         self._keep = keep
-        self._torn = False      # a write failed: the end of the file is not known
+        self._torn = False  # a write failed: the end of the file is not known
         self.path = Path(os.path.abspath(path))
         self._name = Path(path)
         self._bare = self.path.suffix == '.mcap'
@@ -69,16 +69,19 @@ class BagWriter:
         self._pending: tuple[list[int], list[int], list[int], list[bytes]] = ([], [], [], [])
         self._pending_size = 0
         if self.path.suffix in OTHERS:
-            raise UserError(f'{path}: bags are written as MCAP: name a folder, or a file that ends '
-                            'in .mcap')
+            raise UserError(
+                f'{path}: bags are written as MCAP: name a folder, or a file that ends in .mcap'
+            )
         if os.path.lexists(self.path):
             raise UserError(f'{path} exists already: name another place, or remove it first')
         if not self.path.parent.is_dir():
             raise UserError(f'{path} cannot be written: there is no folder {self._name.parent}')
         output = mcap_output.McapOutput  # a missing library is found before anything is made
         for folder in crashed(self.path):
-            interrupts.say(f'warning: {folder} holds what was written when a process that made '
-                           f'{path} was killed: {HOW.format(shlex.quote(str(folder)))}')
+            interrupts.say(
+                f'warning: {folder} holds what was written when a process that made '
+                f'{path} was killed: {HOW.format(shlex.quote(str(folder)))}'
+            )
         self._folder: Path | None = None
         self._file = f'{self.path.stem}_0.mcap' if not self._bare else self.path.name
         self._stream: BinaryIO | None = None
@@ -94,8 +97,12 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if kind is None:
             self.close()
         elif not self._keep or not any(self.counts().values()):
@@ -107,9 +114,17 @@ class BagWriter:
                 self.close()
                 self._say_kept()
 
-    def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] | Qos | None = None, *,
-                  definition: str = '', definition_format: str = 'ros2msg', type_hash: str = '',
-                  serialization: str = 'cdr') -> int:
+    def add_topic(
+        self,
+        name: str,
+        type_name: str,
+        qos: Sequence[Qos] | Qos | None = None,
+        *,
+        definition: str = '',
+        definition_format: str = 'ros2msg',
+        type_hash: str = '',
+        serialization: str = 'cdr',
+    ) -> int:
         """Declare a topic; returns the number that `write_block` takes for it.
 
         Parameters
@@ -121,20 +136,35 @@ class BagWriter:
         """
         if name in self._topics:
             return self._topics[name][0]
-        profiles: Any = ([qos_profiles.profile()] if qos is None else
-                    [qos] if isinstance(qos, interfaces.Qos) else list(qos))
+        profiles: Any = (
+            [qos_profiles.profile()]
+            if qos is None
+            else [qos]
+            if isinstance(qos, interfaces.Qos)
+            else list(qos)
+        )
         known = define(type_name)
         if not definition:
             definition, definition_format = known[0], 'ros2msg'
         type_hash = type_hash or known[1]
         channel = self._mcap.add_channel(
-            name, type_name, definition_format, definition,
-            {'offered_qos_profiles': qos_profiles.to_text(profiles),
-             'topic_type_hash': type_hash}, serialization)
-        self._topics[name] = channel, {
-            'name': name, 'type': type_name, 'serialization_format': serialization,
-            'offered_qos_profiles': qos_profiles.plain(profiles),
-            'type_description_hash': type_hash}
+            name,
+            type_name,
+            definition_format,
+            definition,
+            {'offered_qos_profiles': qos_profiles.to_text(profiles), 'topic_type_hash': type_hash},
+            serialization,
+        )
+        self._topics[name] = (
+            channel,
+            {
+                'name': name,
+                'type': type_name,
+                'serialization_format': serialization,
+                'offered_qos_profiles': qos_profiles.plain(profiles),
+                'type_description_hash': type_hash,
+            },
+        )
         return channel
 
     def write(self, topic: str, log_ns: int, raw: bytes, publish_ns: int | None = None) -> None:
@@ -180,8 +210,10 @@ class BagWriter:
     def counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
         pending = np.bincount(self._pending[0], minlength=len(self._topics) + 1).tolist()
-        return {name: self._mcap.counts[channel] + pending[channel]
-                for name, (channel, _) in self._topics.items()}
+        return {
+            name: self._mcap.counts[channel] + pending[channel]
+            for name, (channel, _) in self._topics.items()
+        }
 
     def close(self) -> None:
         """Finish the bag and move it to its place.
@@ -193,13 +225,13 @@ class BagWriter:
         try:
             self.flush()
             information = self._information()
-            self._mcap.finish({'serialized_metadata': yaml.safe_dump(information,
-                                                                     sort_keys=False).strip()})
+            self._mcap.finish(
+                {'serialized_metadata': yaml.safe_dump(information, sort_keys=False).strip()}
+            )
             assert self._stream is not None
             self._stream.close()
             if not self._bare:
-                text = yaml.safe_dump({'rosbag2_bagfile_information': information},
-                                      sort_keys=False)
+                text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
                 assert self._folder is not None
                 (self._folder / 'metadata.yaml').write_text(text, encoding='utf-8')
             self._move()
@@ -252,8 +284,10 @@ class BagWriter:
         if self._folder is None:
             interrupts.say(f'{self._name} holds what was written until then')
         else:
-            interrupts.say(f'{self._folder} holds what was written until then: '
-                           + HOW.format(shlex.quote(str(self._folder))))
+            interrupts.say(
+                f'{self._folder} holds what was written until then: '
+                + HOW.format(shlex.quote(str(self._folder)))
+            )
 
     def abort(self) -> None:
         """Leave nothing behind."""
@@ -280,16 +314,29 @@ class BagWriter:
         start = {'nanoseconds_since_epoch': self._mcap.start_ns if count else LATEST}
         length = {'nanoseconds': self._mcap.end_ns - self._mcap.start_ns if count else 0}
         return {
-            'version': VERSION, 'storage_identifier': 'mcap', 'duration': {**length},
-            'starting_time': {**start}, 'message_count': count,
+            'version': VERSION,
+            'storage_identifier': 'mcap',
+            'duration': {**length},
+            'starting_time': {**start},
+            'message_count': count,
             'topics_with_message_count': [
                 {'topic_metadata': about, 'message_count': self._mcap.counts[channel]}
-                for channel, about in self._topics.values()],
-            'compression_format': '', 'compression_mode': '',
+                for channel, about in self._topics.values()
+            ],
+            'compression_format': '',
+            'compression_mode': '',
             'relative_file_paths': [self._file],
-            'files': [{'path': self._file, 'starting_time': {**start}, 'duration': {**length},
-                       'message_count': count}],
-            'custom_data': None, 'ros_distro': 'jazzy'}
+            'files': [
+                {
+                    'path': self._file,
+                    'starting_time': {**start},
+                    'duration': {**length},
+                    'message_count': count,
+                }
+            ],
+            'custom_data': None,
+            'ros_distro': 'jazzy',
+        }
 
     def _unwritable(self, error: OSError) -> UserError:
         return UserError(f'{self._name} cannot be written: {error.strerror or error}')
@@ -308,6 +355,7 @@ def _mark(stream: BinaryIO) -> None:
     """Lock the file while this process lives, where the system has such locks."""
     with contextlib.suppress(ImportError, OSError):
         import fcntl
+
         fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
@@ -315,6 +363,7 @@ def in_use(file: Path) -> bool:
     """True if a process that lives is writing this file."""
     try:
         import fcntl
+
         with open(file, 'rb') as stream:
             fcntl.flock(stream.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -333,9 +382,15 @@ def crashed(path: Path) -> list[Path]:
     """
     name = re.compile(re.escape(f'.{path.name}.') + r'[0-9a-f]+\.part')
     try:
-        found = sorted(folder for folder in path.parent.iterdir()
-                       if name.fullmatch(folder.name) and folder.is_dir())
-        return [folder for folder in found if any(folder.iterdir())
-                and not any(in_use(file) for file in folder.iterdir())]
+        found = sorted(
+            folder
+            for folder in path.parent.iterdir()
+            if name.fullmatch(folder.name) and folder.is_dir()
+        )
+        return [
+            folder
+            for folder in found
+            if any(folder.iterdir()) and not any(in_use(file) for file in folder.iterdir())
+        ]
     except OSError:
         return []

@@ -37,8 +37,9 @@ class AdaptiveJoint(Joint):
     origin : of the parameters that it starts with, where they come from a file.
     """
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings,
-                 twin: Joint | None = None) -> None:
+    def __init__(
+        self, observer: Observer, gains: Any, settings: JointSettings, twin: Joint | None = None
+    ) -> None:
         super().__init__(observer, gains, settings, twin)
         self.evidence = Evidence(structure(gains).slowest, gains.memory)
         self.origin: Origin | None = None
@@ -54,8 +55,14 @@ class AdaptiveJoint(Joint):
         self._look()
         return used
 
-    def run(self, stamps: NDArray[np.int64], measurements: NDArray[np.float64],
-            given: NDArray[np.float64] | None = None, *, fast: bool | None = None) -> Estimates:
+    def run(
+        self,
+        stamps: NDArray[np.int64],
+        measurements: NDArray[np.float64],
+        given: NDArray[np.float64] | None = None,
+        *,
+        fast: bool | None = None,
+    ) -> Estimates:
         """Many samples in, piece by piece: blocks of evidence end where a piece does."""
         pieces: list[Estimates] = []
         begin = 0
@@ -63,10 +70,17 @@ class AdaptiveJoint(Joint):
         while begin < len(stamps) or not pieces:
             length_ns = round(PIECE * self.evidence.length * 1e9)
             end = len(stamps) and begin + 1 + int(
-                np.searchsorted(stamps[begin + 1:], stamps[begin] + length_ns))
+                np.searchsorted(stamps[begin + 1 :], stamps[begin] + length_ns)
+            )
             part = slice(begin, end)
-            pieces.append(super().run(stamps[part], measurements[part],
-                                      None if given is None else given[part], fast=fast))
+            pieces.append(
+                super().run(
+                    stamps[part],
+                    measurements[part],
+                    None if given is None else given[part],
+                    fast=fast,
+                )
+            )
             self._look()
             begin = end
         return Estimates(*(np.concatenate(column) for column in zip(*pieces)))
@@ -78,9 +92,6 @@ class AdaptiveJoint(Joint):
     def _look(self) -> None:
         state = self.state
         self.evidence.look(state[7][4], state[9])
-
-
-
 
 
 class AdaptiveConfiguration(Configuration):
@@ -97,9 +108,13 @@ class AdaptiveConfiguration(Configuration):
         that these gains lack.
     """
 
-    def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
-                 overrides: Mapping[str, Mapping[str, Any]] | None = None,
-                 saved: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+    def __init__(
+        self,
+        observer: Observer,
+        common: Mapping[str, Any] | None = None,
+        overrides: Mapping[str, Mapping[str, Any]] | None = None,
+        saved: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> None:
         super().__init__(observer, common, overrides)
         self.saved = dict(saved or {})
         for joint in self.saved:
@@ -112,12 +127,15 @@ class AdaptiveConfiguration(Configuration):
         if own is None or gains.theta is not None:
             return gains, settings
         if own['order'] != gains.order:
-            raise UsageError(f"saved parameters of joint '{joint}' are of order {own['order']}, "
-                             f'but order is {gains.order}')
+            raise UsageError(
+                f"saved parameters of joint '{joint}' are of order {own['order']}, "
+                f'but order is {gains.order}'
+            )
         for word, has in (('load', gains.load), ('gravity', gains.gravity)):
             if own.get(word, 0.0) != 0.0 and not has:
-                raise UsageError(f"saved parameters of joint '{joint}' have a {word}: "
-                                 f'set {word} to true')
+                raise UsageError(
+                    f"saved parameters of joint '{joint}' have a {word}: set {word} to true"
+                )
         model = structure(gains).model
         theta = [a - known for a, known in zip(own['a'], model)] + list(own['b'])
         if gains.load:
@@ -149,8 +167,13 @@ class AdaptiveBank(Bank):
     source : where efforts come from: FIELD (of joint states) or COMMAND (a topic of its own).
     """
 
-    def __init__(self, configuration: Configuration, only: Iterable[str] = (),
-                 source: str = FIELD, most: int | None = None) -> None:
+    def __init__(
+        self,
+        configuration: Configuration,
+        only: Iterable[str] = (),
+        source: str = FIELD,
+        most: int | None = None,
+    ) -> None:
         super().__init__(configuration, only, most)
         self._source = source
         self._acting: dict[str, Acting] = {}
@@ -158,14 +181,20 @@ class AdaptiveBank(Bank):
         self.without_input = 0  # messages with positions but without their efforts
 
     def _make(self, name: str) -> Joint:
-        made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name),
-                             self._twin)
+        made = AdaptiveJoint(
+            self.configuration.observer, *self.configuration.for_joint(name), self._twin
+        )
         if isinstance(self.configuration, AdaptiveConfiguration):
             made.origin = self.configuration.origin(name)
         return made
 
-    def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
-             efforts: Sequence[float]) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
+    def take(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float],
+        efforts: Sequence[float],
+    ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
         """One message in; (name, joint, estimate) of every joint that may be published.
 
         Parameters
@@ -187,8 +216,9 @@ class AdaptiveBank(Bank):
             if joint is None:
                 continue
             settings: Any = joint.settings
-            (given,) = self._acting_on(name).given(joint.stamp_ns if joint.used else 0, stamp_ns,
-                                                   (effort,), settings)
+            (given,) = self._acting_on(name).given(
+                joint.stamp_ns if joint.used else 0, stamp_ns, (effort,), settings
+            )
             if math.isfinite(given):
                 self.unknown.discard(name)
             else:
@@ -203,8 +233,12 @@ class AdaptiveBank(Bank):
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
         """One effort_command in."""
         for name, effort in zip(names, efforts):
-            if name in self.joints or name in self._acting or self.named(name) or (
-                    not self.only and len(self._acting) < self.most):
+            if (
+                name in self.joints
+                or name in self._acting
+                or self.named(name)
+                or (not self.only and len(self._acting) < self.most)
+            ):
                 self._acting_on(name).command(0, stamp_ns, effort)
 
     def forget(self, name: str) -> None:
@@ -224,8 +258,11 @@ class AdaptiveBank(Bank):
         """Why no sample of this joint can be used, as far as its input is the reason."""
         if name not in self.unknown:
             return ''
-        return ('no effort_command is in force for it' if self._source == COMMAND
-                else 'its effort is not a number')
+        return (
+            'no effort_command is in force for it'
+            if self._source == COMMAND
+            else 'its effort is not a number'
+        )
 
     def unit(self, name: str) -> str:
         """Of the input of this joint; empty: not known."""
@@ -234,5 +271,8 @@ class AdaptiveBank(Bank):
 
     def reports(self) -> dict[str, Report]:
         """What each joint has identified."""
-        return {name: joint.report() for name, joint in self.joints.items()
-                if joint.used and isinstance(joint, AdaptiveJoint)}
+        return {
+            name: joint.report()
+            for name, joint in self.joints.items()
+            if joint.used and isinstance(joint, AdaptiveJoint)
+        }

@@ -67,8 +67,9 @@ class Bank(Received):
     refused_name : the newest such name.
     """
 
-    def __init__(self, configuration: Configuration, only: Iterable[str] = (),
-                 most: int | None = None) -> None:
+    def __init__(
+        self, configuration: Configuration, only: Iterable[str] = (), most: int | None = None
+    ) -> None:
         super().__init__()
         self.most = math.inf if most is None else most
         self.refused = self.expired = 0
@@ -125,11 +126,11 @@ class Bank(Received):
         return joint
 
     def _make(self, name: str) -> Joint:
-        return Joint(self.configuration.observer, *self.configuration.for_joint(name),
-                     self._twin)
+        return Joint(self.configuration.observer, *self.configuration.for_joint(name), self._twin)
 
-    def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]
-               ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
+    def update(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]
+    ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
         """One message in; (name, joint, estimate) of every joint whose estimate may be published.
 
         Parameters

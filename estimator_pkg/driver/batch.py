@@ -33,39 +33,58 @@ class Estimates(NamedTuple):
 
 def empty(count: int) -> Estimates:
     """Room for `count` samples."""
+
     def nans() -> NDArray[np.float64]:
         return np.full(count, np.nan)
 
-    return Estimates(nans(), nans(), nans(), nans(), nans(), np.zeros(count, np.int8),
-                     np.zeros(count, np.int8))
+    return Estimates(
+        nans(), nans(), nans(), nans(), nans(), np.zeros(count, np.int8), np.zeros(count, np.int8)
+    )
 
 
 def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
     """A loop over samples; compile it with `compiled` or call it as it is."""
     advance, read, deviation = track.advance, track.read, track.deviation
 
-    def batch(state: tuple, design: tuple, limits: tuple, stamps: NDArray[np.int64],
-              measurements: NDArray[np.float64], given: NDArray[np.float64],
-              position: NDArray[np.float64], velocity: NDArray[np.float64],
-              acceleration: NDArray[np.float64], position_stddev: NDArray[np.float64],
-              velocity_stddev: NDArray[np.float64], status: NDArray[np.int8],
-              verdict: NDArray[np.int8]) -> tuple:
+    def batch(
+        state: tuple,
+        design: tuple,
+        limits: tuple,
+        stamps: NDArray[np.int64],
+        measurements: NDArray[np.float64],
+        given: NDArray[np.float64],
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        acceleration: NDArray[np.float64],
+        position_stddev: NDArray[np.float64],
+        velocity_stddev: NDArray[np.float64],
+        status: NDArray[np.int8],
+        verdict: NDArray[np.int8],
+    ) -> tuple:
         for i in range(len(stamps)):
             state, said = advance(state, design, limits, stamps[i], measurements[i], given[i])
             verdict[i] = said
             if said < DUPLICATE:
                 position[i], velocity[i], acceleration[i], status[i] = read(
-                    state, design, limits, measurements[i], given[i])
+                    state, design, limits, measurements[i], given[i]
+                )
                 position_stddev[i], velocity_stddev[i] = deviation(state, design)
         return state
 
     return batch
 
 
-def run(batch: Callable[..., tuple], state: tuple, design: tuple, limits: tuple,
-        stamps: NDArray[np.int64], measurements: NDArray[np.float64],
-        given: NDArray[np.float64] | None = None, *, fast: bool | None = None
-        ) -> tuple[tuple, Estimates]:
+def run(
+    batch: Callable[..., tuple],
+    state: tuple,
+    design: tuple,
+    limits: tuple,
+    stamps: NDArray[np.int64],
+    measurements: NDArray[np.float64],
+    given: NDArray[np.float64] | None = None,
+    *,
+    fast: bool | None = None,
+) -> tuple[tuple, Estimates]:
     """The track's state after these samples, and the estimates.
 
     Parameters
@@ -84,12 +103,14 @@ def run(batch: Callable[..., tuple], state: tuple, design: tuple, limits: tuple,
         fast = count >= COMPILE_FROM
     if fast:
         try:
-            return (compiled(batch)(state, design, limits, stamps, measurements, given, *out),
-                    out)
+            return (compiled(batch)(state, design, limits, stamps, measurements, given, *out), out)
         except Exception as error:
             if not cannot_compile(error):
                 raise
     # lists hold Python's own numbers, which are several times faster than numpy's
-    rows = (np.asarray(stamps).tolist(), np.asarray(measurements).tolist(),
-            np.asarray(given).tolist())
+    rows = (
+        np.asarray(stamps).tolist(),
+        np.asarray(measurements).tolist(),
+        np.asarray(given).tolist(),
+    )
     return batch(state, design, limits, *rows, *out), out

@@ -24,8 +24,11 @@ from estimator_pkg.printable import printable
 
 def global_names(code: types.CodeType) -> set[str]:
     """The globals that the code reads. Attributes do not count: `math.sin` is no global `sin`."""
-    names = {instruction.argval for instruction in dis.get_instructions(code)
-             if instruction.opname == 'LOAD_GLOBAL'}
+    names = {
+        instruction.argval
+        for instruction in dis.get_instructions(code)
+        if instruction.opname == 'LOAD_GLOBAL'
+    }
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
             names |= global_names(constant)
@@ -123,6 +126,7 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
     Leaving out what makes them callable from Python saves two fifths of the compiling.
     """
     import numba
+
     key = (_key(function), inner)
     if key not in _twins:
         code = function.__code__
@@ -130,9 +134,12 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
         for name in global_names(code):
             if isinstance(names.get(name), types.FunctionType):
                 names[name] = _twin(names[name], inner=True)
-        cells = tuple(types.CellType(_twin(value, inner=True)
-                                     if isinstance(value, types.FunctionType) else value)
-                      for value in (cell.cell_contents for cell in function.__closure__ or ()))
+        cells = tuple(
+            types.CellType(
+                _twin(value, inner=True) if isinstance(value, types.FunctionType) else value
+            )
+            for value in (cell.cell_contents for cell in function.__closure__ or ())
+        )
         copy = types.FunctionType(code, names, function.__name__, function.__defaults__, cells)
         copy.__qualname__ = function.__qualname__
         options: dict[str, Any] = {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': inner}
@@ -154,8 +161,10 @@ def _keep_on_disk(twin: Any, copy: Any, function: Any) -> None:
     try:
         twin._cache = _cache_class()(copy, fingerprint(function))
     except Exception as error:  # RuntimeError: nothing can be written anywhere
-        _not_kept(f'{type(error).__name__}: {first_line(error)}; set NUMBA_CACHE_DIR to a folder '
-                  'that may be written')
+        _not_kept(
+            f'{type(error).__name__}: {first_line(error)}; set NUMBA_CACHE_DIR to a folder '
+            'that may be written'
+        )
 
 
 @lru_cache(1)
@@ -180,8 +189,9 @@ def _cache_class() -> type:
         def __init__(self, copy: Any, content: str) -> None:
             super().__init__(copy)
             self._content = content
-            self._cache_file = Files(self._cache_path, self._impl.filename_base,
-                                     self._impl.locator.get_source_stamp())
+            self._cache_file = Files(
+                self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+            )
 
         def _index_key(self, sig: Any, codegen: Any) -> tuple:
             return (sig, codegen.magic_tuple(), self._content, 'sha256')  # how it is kept
@@ -190,8 +200,10 @@ def _cache_class() -> type:
             try:
                 return super().load_overload(sig, target_context)
             except Exception as error:  # of damaged files: EOFError, UnpicklingError and others
-                _not_kept(f'a damaged file in {self._cache_path} is written anew '
-                          f'({type(error).__name__}: {first_line(error)})')
+                _not_kept(
+                    f'a damaged file in {self._cache_path} is written anew '
+                    f'({type(error).__name__}: {first_line(error)})'
+                )
             try:
                 self.flush()
             except Exception as error:

@@ -33,8 +33,12 @@ class Configuration:
     UsageError : an unknown name (the nearest one is suggested) or a value out of range.
     """
 
-    def __init__(self, observer: Observer, common: Mapping[str, Any] | None = None,
-                 overrides: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+    def __init__(
+        self,
+        observer: Observer,
+        common: Mapping[str, Any] | None = None,
+        overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> None:
         self.observer = observer
         self.common = dict(common or {})
         self.overrides = {joint: dict(values) for joint, values in (overrides or {}).items()}
@@ -46,8 +50,10 @@ class Configuration:
         values = {**self.common, **self.overrides.get(joint, {})}
         gains = {name: value for name, value in values.items() if name in self._gains}
         settings = {name: value for name, value in values.items() if name not in self._gains}
-        return (build(self.observer.gains, gains, owner=self.observer.name),
-                build(self._settings, settings))
+        return (
+            build(self.observer.gains, gains, owner=self.observer.name),
+            build(self._settings, settings),
+        )
 
     def parameters(self) -> dict[str, Parameter]:
         """Everything that can be set, by name: the gains first, then the joint settings."""
@@ -65,6 +71,7 @@ class Configuration:
         known = self.parameters()
         for name, value in values.items():
             if name not in known:
-                raise UsageError(f"unknown parameter '{name}' of {self.observer.name}: "
-                                 f'{suggestion(name, known)}')
+                raise UsageError(
+                    f"unknown parameter '{name}' of {self.observer.name}: {suggestion(name, known)}"
+                )
             known[name].check(value)

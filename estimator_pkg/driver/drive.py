@@ -30,7 +30,7 @@ from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, Obser
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.pmsm.watch import BLIND, describe
 
-LONGEST_COAST = 10 ** 9  # ns; after a longer gap nothing is said of the way in between
+LONGEST_COAST = 10**9  # ns; after a longer gap nothing is said of the way in between
 
 COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 
@@ -68,9 +68,12 @@ class DriveEstimates(NamedTuple):
 
 def empty(count: int) -> DriveEstimates:
     """Room for `count` samples."""
-    return DriveEstimates(np.full((count, len(COLUMNS)), np.nan),
-                          np.full(count, INITIALISING, np.int8), np.zeros(count, np.int16),
-                          np.zeros(count, np.int8))
+    return DriveEstimates(
+        np.full((count, len(COLUMNS)), np.nan),
+        np.full(count, INITIALISING, np.int8),
+        np.zeros(count, np.int16),
+        np.zeros(count, np.int8),
+    )
 
 
 def make_drive_batch(functions: Any) -> Callable[..., tuple]:
@@ -78,29 +81,74 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
     track_functions = make_track(functions)
     advance, row_of, coast = track_functions.advance, functions.row, functions.coast
 
-    def batch(track: tuple, design: tuple, limits: tuple, stamps: NDArray[np.int64],
-              samples: NDArray[np.float64], rows: NDArray[np.float64], status: NDArray[np.int8],
-              reasons: NDArray[np.int16], verdict: NDArray[np.int8]) -> tuple:
-        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
-         earlier, repeats) = track
+    def batch(
+        track: tuple,
+        design: tuple,
+        limits: tuple,
+        stamps: NDArray[np.int64],
+        samples: NDArray[np.float64],
+        rows: NDArray[np.float64],
+        status: NDArray[np.int8],
+        reasons: NDArray[np.int16],
+        verdict: NDArray[np.int8],
+    ) -> tuple:
+        (
+            last_ns,
+            before_ns,
+            late,
+            dt_ns,
+            mean_dt,
+            coefficients,
+            state,
+            running,
+            kept,
+            reading,
+            earlier,
+            repeats,
+        ) = track
         for k in range(len(stamps)):
             sample = samples[k]
             measurement = (sample[0], sample[1], sample[2], sample[3])
             old_ns, old_coefficients, old_state = last_ns, coefficients, state
             track, said = advance(track, design, limits, stamps[k], measurement, 0.0)
             verdict[k] = said
-            (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
-             earlier, repeats) = track
+            (
+                last_ns,
+                before_ns,
+                late,
+                dt_ns,
+                mean_dt,
+                coefficients,
+                state,
+                running,
+                kept,
+                reading,
+                earlier,
+                repeats,
+            ) = track
             if said == AFTER_GAP:
                 gap = stamps[k] - old_ns
                 if gap <= LONGEST_COAST:  # on by what was turned in it
                     state = coast(old_state, old_coefficients, design, measurement, gap * 1e-9)
-                    track = (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running,
-                             kept, reading, earlier, repeats)
+                    track = (
+                        last_ns,
+                        before_ns,
+                        late,
+                        dt_ns,
+                        mean_dt,
+                        coefficients,
+                        state,
+                        running,
+                        kept,
+                        reading,
+                        earlier,
+                        repeats,
+                    )
             if said < DUPLICATE:
                 row = rows[k]
-                row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(state, coefficients,
-                                                                               design)
+                row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(
+                    state, coefficients, design
+                )
         return track
 
     return batch
@@ -112,9 +160,16 @@ def _twin(batch: Callable[..., tuple]) -> Callable[..., tuple]:
     return compiled(batch)
 
 
-def run(batch: Callable[..., tuple], track: tuple, design: tuple, limits: tuple,
-        stamps: NDArray[np.int64], samples: NDArray[np.float64], *, fast: bool
-        ) -> tuple[tuple, DriveEstimates]:
+def run(
+    batch: Callable[..., tuple],
+    track: tuple,
+    design: tuple,
+    limits: tuple,
+    stamps: NDArray[np.int64],
+    samples: NDArray[np.float64],
+    *,
+    fast: bool,
+) -> tuple[tuple, DriveEstimates]:
     """The track after these samples, and the estimates.
 
     Parameters
@@ -125,24 +180,28 @@ def run(batch: Callable[..., tuple], track: tuple, design: tuple, limits: tuple,
     """
     out = empty(len(stamps))
     if fast:
-        track = _twin(batch)(track, design, limits, np.ascontiguousarray(stamps, np.int64),
-                             np.ascontiguousarray(samples, float), *out)
+        track = _twin(batch)(
+            track,
+            design,
+            limits,
+            np.ascontiguousarray(stamps, np.int64),
+            np.ascontiguousarray(samples, float),
+            *out,
+        )
     else:  # lists hold Python's own numbers, which are several times faster than numpy's
         told = [values.tolist() for values in out]
-        track = batch(track, design, limits, np.asarray(stamps).tolist(),
-                      np.asarray(samples).tolist(), *told)
+        track = batch(
+            track, design, limits, np.asarray(stamps).tolist(), np.asarray(samples).tolist(), *told
+        )
         for name, values in zip(out._fields, told):
             getattr(out, name)[:] = values
     return track, out
 
 
-
-
-
-REMEMBERED = 64     # batches that are known again when they are repeated
-GAP = 2.5           # sample periods without a sample are a gap
+REMEMBERED = 64  # batches that are known again when they are repeated
+GAP = 2.5  # sample periods without a sample are a gap
 UNKNOWN_GAP = 0.01  # s, of a gap while the sample period is unknown
-FITS = 0.01         # the sample period may be off the stamps by this part of itself
+FITS = 0.01  # the sample period may be off the stamps by this part of itself
 
 
 class DriveJoint(Joint):
@@ -163,8 +222,15 @@ class DriveJoint(Joint):
     misfit : why the sample period cannot be right; '' while it can.
     """
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings, *,
-                 sample_period: float = 0.0, fast: bool = False) -> None:
+    def __init__(
+        self,
+        observer: Observer,
+        gains: Any,
+        settings: JointSettings,
+        *,
+        sample_period: float = 0.0,
+        fast: bool = False,
+    ) -> None:
         self.given_period = sample_period
         self._period = sample_period
         self.fast = fast and available()
@@ -200,8 +266,15 @@ class DriveJoint(Joint):
         if not self.fast:
             return
         try:
-            run(self._drive_batch, self._track, self._design, self._limits,
-                      np.zeros(1, np.int64), np.zeros((1, 4)), fast=True)
+            run(
+                self._drive_batch,
+                self._track,
+                self._design,
+                self._limits,
+                np.zeros(1, np.int64),
+                np.zeros((1, 4)),
+                fast=True,
+            )
         except Exception as error:
             if not cannot_compile(error):
                 raise
@@ -238,8 +311,15 @@ class DriveJoint(Joint):
                 fresh = np.flatnonzero(~old)
         self._late_batches = 0
         self._recent.append((int(stamps[0]), int(stamps[-1])))
-        self._track, out = run(self._drive_batch, self._track, self._design, self._limits,
-                                     stamps[fresh], samples[fresh], fast=self.fast)
+        self._track, out = run(
+            self._drive_batch,
+            self._track,
+            self._design,
+            self._limits,
+            stamps[fresh],
+            samples[fresh],
+            fast=self.fast,
+        )
         if not isinstance(fresh, slice):
             whole = empty(count)
             whole.verdict[:] = DUPLICATE
@@ -268,8 +348,9 @@ class DriveJoint(Joint):
         if abs(spacing - self.given_period) <= FITS * self.given_period:
             self.misfit = ''
         else:
-            self.misfit = (f'sample_period is {self.given_period:g} s, but the stamps are '
-                           f'{spacing:g} s apart')
+            self.misfit = (
+                f'sample_period is {self.given_period:g} s, but the stamps are {spacing:g} s apart'
+            )
         return not self.misfit
 
     def _dropped(self, count: int, verdict: int) -> DriveEstimates:

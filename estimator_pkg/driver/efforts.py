@@ -50,8 +50,10 @@ class EffortCommands:
             numbers = multi_array.numbers(raw)
             names = self._names.get(len(numbers))
             if names is None:
-                raise MalformedMessageError(f'{len(numbers)} numbers, where there are '
-                                            f'{" or ".join(map(str, self._names))} joints')
+                raise MalformedMessageError(
+                    f'{len(numbers)} numbers, where there are '
+                    f'{" or ".join(map(str, self._names))} joints'
+                )
             return sent_ns, names, numbers
         layout = self._layout(raw)
         efforts = layout.numbers(raw, 2)
@@ -60,13 +62,11 @@ class EffortCommands:
         return sent_ns if self._by_publisher else layout.stamp_ns(raw), layout.names, efforts
 
 
-
-
 FIELD, COMMAND = 'joint_states', 'effort_command'  # where efforts come from
-COMMANDED, MEASURED = 'commanded', 'measured'      # what they are
-REMEMBERED = 4096          # efforts kept of each input
-LONGEST = 10 * 10 ** 9     # ns between two samples or efforts that belong together
-LARGEST = 1e9              # N m, N, V or A: an input beyond it is garbage
+COMMANDED, MEASURED = 'commanded', 'measured'  # what they are
+REMEMBERED = 4096  # efforts kept of each input
+LONGEST = 10 * 10**9  # ns between two samples or efforts that belong together
+LARGEST = 1e9  # N m, N, V or A: an input beyond it is garbage
 
 
 @dataclass(frozen=True)
@@ -74,34 +74,56 @@ class DrivenSettings(JointSettings):
     """What is set per joint, or per system, of observers that know the input."""
 
     effort_is: str | None = parameter(
-        None, unit='', kind=str, choices=(COMMANDED, MEASURED), structural=True,
+        None,
+        unit='',
+        kind=str,
+        choices=(COMMANDED, MEASURED),
+        structural=True,
         description='commanded: an effort acts from its stamp until that of the next one; '
-                    'measured: it acted from the stamp before until its own. Unset: measured in '
-                    'joint_states, commanded in effort_command')
+        'measured: it acted from the stamp before until its own. Unset: measured in '
+        'joint_states, commanded in effort_command',
+    )
     input_unit: str = parameter(
-        '', unit='', choices=('N m', 'newton', 'V', 'A'), structural=True,
+        '',
+        unit='',
+        choices=('N m', 'newton', 'V', 'A'),
+        structural=True,
         formerly={'N': 'newton'},
         description="unit of the model's input, which is effort times input_scale; it is told with "
-                    'the status and stands in the units of identified parameters; empty: unknown')
+        'the status and stands in the units of identified parameters; empty: unknown',
+    )
     input_scale: tuple[float, ...] = parameter(
-        (1.0,), unit='', kind=list, range=(-1e9, 1e9),
+        (1.0,),
+        unit='',
+        kind=list,
+        range=(-1e9, 1e9),
         description='the effort of the topics times this is the input of the model, for all '
-                    'inputs or each; a negative one turns the sense round')
+        'inputs or each; a negative one turns the sense round',
+    )
     input_delay: tuple[float, ...] = parameter(
-        (0.0,), unit='s', kind=list, range=(0.0, 1.0),
-        description='how long after its stamp an effort acts, for all inputs or each')
+        (0.0,),
+        unit='s',
+        kind=list,
+        range=(0.0, 1.0),
+        description='how long after its stamp an effort acts, for all inputs or each',
+    )
     input_timeout: float = parameter(
-        0.5, unit='s', range=(0.001, 3600.0),
+        0.5,
+        unit='s',
+        range=(0.001, 3600.0),
         description='an effort_command older than this no longer acts: without another one there '
-                    'is no input')
+        'is no input',
+    )
 
     def check_inputs(self, count: int, owner: str) -> None:
         """What a range cannot say; raises UsageError if these are not for so many inputs."""
         for name in ('input_scale', 'input_delay'):
             given = len(getattr(self, name))
             if given not in (1, count):
-                raise UsageError(f"{owner}: '{name}' has {given} numbers for {count} "
-                                 f'input{"" if count == 1 else "s"}')
+                raise UsageError(
+                    f"{owner}: '{name}' has {given} numbers for {count} "
+                    f'input{"" if count == 1 else "s"}'
+                )
 
 
 class Inputs:
@@ -113,8 +135,9 @@ class Inputs:
     """
 
     def __init__(self, count: int) -> None:
-        self._steps: list[deque[tuple[int, float]]] = [deque(maxlen=REMEMBERED)
-                                                       for _ in range(count)]
+        self._steps: list[deque[tuple[int, float]]] = [
+            deque(maxlen=REMEMBERED) for _ in range(count)
+        ]
 
     def __len__(self) -> int:
         return len(self._steps)
@@ -126,8 +149,9 @@ class Inputs:
             steps.pop()
         steps.append((stamp_ns, value))
 
-    def mean(self, begin_ns: int, end_ns: int, oldest_ns: int, delays_ns: Sequence[int] = (0,)
-             ) -> tuple[float, ...]:
+    def mean(
+        self, begin_ns: int, end_ns: int, oldest_ns: int, delays_ns: Sequence[int] = (0,)
+    ) -> tuple[float, ...]:
         """The mean of each over an interval; nan where nothing was in force at its begin.
 
         Parameters
@@ -137,16 +161,20 @@ class Inputs:
         """
         if len(delays_ns) == 1:
             delays_ns = (delays_ns[0],) * len(self._steps)
-        return tuple(self._mean(steps, begin_ns - delay, end_ns - delay, oldest_ns)
-                     for steps, delay in zip(self._steps, delays_ns))
+        return tuple(
+            self._mean(steps, begin_ns - delay, end_ns - delay, oldest_ns)
+            for steps, delay in zip(self._steps, delays_ns)
+        )
 
     @staticmethod
-    def _mean(steps: deque[tuple[int, float]], begin_ns: int, end_ns: int, oldest_ns: int
-              ) -> float:
+    def _mean(steps: deque[tuple[int, float]], begin_ns: int, end_ns: int, oldest_ns: int) -> float:
         while len(steps) > 1 and steps[1][0] <= begin_ns:
             steps.popleft()
-        if not steps or steps[0][0] > begin_ns or end_ns - steps[0][0] > oldest_ns + (
-                end_ns - begin_ns):
+        if (
+            not steps
+            or steps[0][0] > begin_ns
+            or end_ns - steps[0][0] > oldest_ns + (end_ns - begin_ns)
+        ):
             return math.nan
         if end_ns <= begin_ns or len(steps) == 1 or steps[1][0] >= end_ns:
             return steps[0][1]  # as it is, without a rounding error
@@ -178,8 +206,9 @@ class Acting:
 
     def __init__(self, count: int, source: str, settings: DrivenSettings) -> None:
         self._source = source
-        self._measured = (settings.effort_is or (MEASURED if source == FIELD else COMMANDED)
-                          ) == MEASURED
+        self._measured = (
+            settings.effort_is or (MEASURED if source == FIELD else COMMANDED)
+        ) == MEASURED
         self._inputs = Inputs(count)
         self._last_ns = [0] * count  # of the effort before
 
@@ -188,8 +217,9 @@ class Acting:
         if self._source == COMMAND and math.isfinite(effort):
             self._put(place, stamp_ns, effort)
 
-    def given(self, before_ns: int, stamp_ns: int, efforts: Sequence[float],
-              settings: DrivenSettings) -> tuple[float, ...]:
+    def given(
+        self, before_ns: int, stamp_ns: int, efforts: Sequence[float], settings: DrivenSettings
+    ) -> tuple[float, ...]:
         """The mean input from the sample before to this one; nan where it is not known, or where it
         is beyond `LARGEST`.
 
@@ -217,8 +247,12 @@ class Acting:
                 self._came(stamp_ns, efforts)
         if len(scales) == 1:
             scales = scales * len(values)
-        return tuple([given if -LARGEST < (given := value * scale) < LARGEST else math.nan
-                      for value, scale in zip(values, scales)])
+        return tuple(
+            [
+                given if -LARGEST < (given := value * scale) < LARGEST else math.nan
+                for value, scale in zip(values, scales)
+            ]
+        )
 
     def _came(self, since_ns: int, efforts: Sequence[float]) -> None:
         for place, effort in enumerate(efforts):

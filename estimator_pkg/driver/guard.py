@@ -13,25 +13,36 @@ from estimator_pkg.parameters import parameter
 # Verdicts. Below DUPLICATE the sample is used.
 USED = 0
 FIRST = 1
-AFTER_GAP = 2          # position re-initialised, speed kept
-AFTER_CLOCK_JUMP = 3   # reset: a looping bag, a restarted simulation
+AFTER_GAP = 2  # position re-initialised, speed kept
+AFTER_CLOCK_JUMP = 3  # reset: a looping bag, a restarted simulation
 AFTER_STRAY_STAMP = 4  # the sample before had a stamp from the far future: on from before it
-AFTER_OUTAGE = 5       # a new start: nothing is known of the motion before
+AFTER_OUTAGE = 5  # a new start: nothing is known of the motion before
 DUPLICATE = 6
 LATE = 7
 NON_FINITE = 8
 ZERO_STAMP = 9
 MISCONFIGURED = 10
-REPEATED = 11          # a reading of before, published again: see `driver.repeats`
-VERDICTS = ('used', 'first', 'gap', 'clock_jump', 'stray_stamp', 'outage',
-            'duplicate', 'late', 'non_finite', 'zero_stamp', 'misconfigured',
-            'repeated')
+REPEATED = 11  # a reading of before, published again: see `driver.repeats`
+VERDICTS = (
+    'used',
+    'first',
+    'gap',
+    'clock_jump',
+    'stray_stamp',
+    'outage',
+    'duplicate',
+    'late',
+    'non_finite',
+    'zero_stamp',
+    'misconfigured',
+    'repeated',
+)
 NEW_STARTS = (AFTER_CLOCK_JUMP, AFTER_OUTAGE)  # turns may have been lost in them
 DROPPED = VERDICTS[DUPLICATE:]
 
-LATE_IN_A_ROW = 3      # so many late stamps in a row mean that the clock jumped
-SLOW_STREAM = 4.0      # a gap is at least so many mean sample times: slow streams have none
-LONGEST_FIRST = 8.0    # s; a first sample time up to this may be the rule: 0.5 Hz with three lost
+LATE_IN_A_ROW = 3  # so many late stamps in a row mean that the clock jumped
+SLOW_STREAM = 4.0  # a gap is at least so many mean sample times: slow streams have none
+LONGEST_FIRST = 8.0  # s; a first sample time up to this may be the rule: 0.5 Hz with three lost
 
 
 @dataclass(frozen=True)
@@ -39,18 +50,28 @@ class GuardSettings:
     """What the guard accepts, declared once for nodes, commands and docs."""
 
     gap_max: float = parameter(
-        0.2, unit='s', range=(0.001, 3600.0),
+        0.2,
+        unit='s',
+        range=(0.001, 3600.0),
         description='a longer gap re-initialises the position and keeps the speed '
-                    '(never shorter than four mean sample times)')
+        '(never shorter than four mean sample times)',
+    )
     reorder_window: float = parameter(
-        0.1, unit='s', range=(0.0, 10.0), advanced=True,
+        0.1,
+        unit='s',
+        range=(0.0, 10.0),
+        advanced=True,
         description='stamps older than the last one by at most this are late and dropped; '
-                    'older ones mean that the clock jumped')
+        'older ones mean that the clock jumped',
+    )
     timeout: float = parameter(
-        0.5, unit='s', range=(0.01, 3600.0),
+        0.5,
+        unit='s',
+        range=(0.01, 3600.0),
         description='without input for so long (steady clock) the joint is lost; a gap between '
-                    'stamps that is longer is a new start (neither is ever shorter than gap_max '
-                    'or four mean sample times)')
+        'stamps that is longer is a new start (neither is ever shorter than gap_max '
+        'or four mean sample times)',
+    )
 
 
 class Limits(NamedTuple):
@@ -64,12 +85,24 @@ class Limits(NamedTuple):
 
 def limits(settings: GuardSettings, longest_dt: float) -> Limits:
     """The settings in nanoseconds, with the observer's own limit [s]."""
-    return Limits(round(settings.gap_max * 1e9), round(settings.reorder_window * 1e9),
-                  round(settings.timeout * 1e9), float(longest_dt))
+    return Limits(
+        round(settings.gap_max * 1e9),
+        round(settings.reorder_window * 1e9),
+        round(settings.timeout * 1e9),
+        float(longest_dt),
+    )
 
 
-def judge(last_ns: int, before_ns: int, late: int, mean_dt: float, stamp_ns: int,
-          gap_ns: int, reorder_ns: int, timeout_ns: int) -> int:
+def judge(
+    last_ns: int,
+    before_ns: int,
+    late: int,
+    mean_dt: float,
+    stamp_ns: int,
+    gap_ns: int,
+    reorder_ns: int,
+    timeout_ns: int,
+) -> int:
     """The verdict on a stamp.
 
     Parameters

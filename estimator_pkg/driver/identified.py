@@ -29,17 +29,25 @@ def values_of(said: Report, input_unit: str = '') -> dict[str, Any]:
     ----------
     input_unit : that of the model's input; empty: not known.
     """
-    values: dict[str, Any] = {'state': said.phase, 'why': said.reason, 'trusted': said.trusted,
-                              'adapted_s': said.adapted, 'excitation': said.excitation,
-                              'explained': said.explained}
+    values: dict[str, Any] = {
+        'state': said.phase,
+        'why': said.reason,
+        'trusted': said.trusted,
+        'adapted_s': said.adapted,
+        'excitation': said.excitation,
+        'explained': said.explained,
+    }
     for item in said.parameters:
         unit = item.unit.replace(UNKNOWN_UNIT, input_unit) if input_unit else item.unit
-        values.update({item.name: item.value, f'{item.name}.stddev': item.stddev,
-                       f'{item.name}.unit': unit, f'{item.name}.trusted': item.trusted})
+        values.update(
+            {
+                item.name: item.value,
+                f'{item.name}.stddev': item.stddev,
+                f'{item.name}.unit': unit,
+                f'{item.name}.trusted': item.trusted,
+            }
+        )
     return values
-
-
-
 
 
 FORMAT = 1
@@ -62,18 +70,21 @@ def save(path: str, bank: AdaptiveBank) -> list[str]:
         n = gains.order
         model = structure(gains).model
         joints[name] = {
-            'order': n, 'a': [known + value for known, value in zip(model, said.theta)],
-            'b': list(said.theta[n:2 * n]),
-            'stddev': [item.stddev for item in said.parameters[:len(said.theta)]],
-            'trusted': said.trusted}
+            'order': n,
+            'a': [known + value for known, value in zip(model, said.theta)],
+            'b': list(said.theta[n : 2 * n]),
+            'stddev': [item.stddev for item in said.parameters[: len(said.theta)]],
+            'trusted': said.trusted,
+        }
         for word, letter, has in (('load', 'd', gains.load), ('gravity', 's', gains.gravity)):
             if has:
                 joints[name][word] = said.theta[said.names.index(f'{letter}{n}')]
         names.append(name)
     if not names:
         raise UserError('nothing has been learnt yet')
-    text = (f'{yaml_text.comment(ABOUT)}\n'
-            + yaml_text.block({'adaptive_parameters': FORMAT, 'joints': joints}))
+    text = f'{yaml_text.comment(ABOUT)}\n' + yaml_text.block(
+        {'adaptive_parameters': FORMAT, 'joints': joints}
+    )
     beside = f'{path}.part'
     try:
         Path(beside).write_text(text, encoding='utf-8')
@@ -100,8 +111,10 @@ def load(path: str) -> dict[str, dict[str, Any]]:
         raise UsageError(f'{path} holds no parameters of the adaptive observer')
     joints = content.get('joints') or {}
     if not isinstance(joints, dict):
-        raise UsageError(f"{path}: 'joints' must hold each joint's name with its parameters below "
-                         f'it, not {joints!r}')
+        raise UsageError(
+            f"{path}: 'joints' must hold each joint's name with its parameters below "
+            f'it, not {joints!r}'
+        )
     for name, own in joints.items():
         if not _whole(own):
             raise UsageError(f"{path}: the parameters of joint '{name}' are damaged")
@@ -124,4 +137,5 @@ def _whole(own: Any) -> bool:
     if not isinstance(own.get('trusted', True), bool):
         return False
     return len(a) == len(b) == own['order'] and all(
-        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others))
+        isinstance(x, float) and math.isfinite(x) for x in (*a, *b, *others)
+    )

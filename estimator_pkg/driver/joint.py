@@ -28,10 +28,19 @@ from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functio
 from estimator_pkg.parameters import parameter
 
 _is_running, _mean_dt, _state, _coefficients, _repeats, _last_ns = map(
-    field_of, ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'last_ns'))
+    field_of, ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'last_ns')
+)
 
-SHARED = ('functions', '_blank', '_advance', '_read', '_deviation', '_batch', '_design',
-          'longest_dt')  # what follows from the gains and how angles wrap
+SHARED = (
+    'functions',
+    '_blank',
+    '_advance',
+    '_read',
+    '_deviation',
+    '_batch',
+    '_design',
+    'longest_dt',
+)  # what follows from the gains and how angles wrap
 
 
 @dataclass(frozen=True)
@@ -39,12 +48,19 @@ class JointSettings(GuardSettings):
     """What is set per joint beside the observer's gains."""
 
     wrap_period: float = parameter(
-        2.0 * math.pi, unit='rad', range=(0.0, 1e6), structural=True,
+        2.0 * math.pi,
+        unit='rad',
+        range=(0.0, 1e6),
+        structural=True,
         description='period after which the reading repeats; 0: prismatic or multi-turn joint, '
-                    'no wrapping anywhere')
+        'no wrapping anywhere',
+    )
     unwrap: bool = parameter(
-        False, unit='', structural=True,
-        description='count turns from the first sample and publish a multi-turn position')
+        False,
+        unit='',
+        structural=True,
+        description='count turns from the first sample and publish a multi-turn position',
+    )
 
 
 class Joint:
@@ -67,8 +83,9 @@ class Joint:
     _batch: Callable[..., tuple]
     _design: tuple
 
-    def __init__(self, observer: Observer, gains: Any, settings: JointSettings,
-                 twin: Joint | None = None) -> None:
+    def __init__(
+        self, observer: Observer, gains: Any, settings: JointSettings, twin: Joint | None = None
+    ) -> None:
         self.observer = observer
         self._twin = twin
         self.settings = settings
@@ -86,15 +103,21 @@ class Joint:
     def _structure(self, gains: Any) -> None:
         self.gains = gains
         twin = self._twin
-        if twin is not None and twin.gains == gains and all(
+        if (
+            twin is not None
+            and twin.gains == gains
+            and all(
                 getattr(twin.settings, name) == getattr(self.settings, name)
-                for name in ('wrap_period', 'unwrap')):
+                for name in ('wrap_period', 'unwrap')
+            )
+        ):
             for name in SHARED:
                 setattr(self, name, getattr(twin, name))
             self._limits = limits(self.settings, self.longest_dt)
             return
         self.functions = self.observer.build(
-            gains, Circle(self.settings.wrap_period, self.settings.unwrap))
+            gains, Circle(self.settings.wrap_period, self.settings.unwrap)
+        )
         period = self.settings.wrap_period if self.observer.kind == 'angle' else None
         track = make_track(self.functions, period)
         self._blank, self._advance, self._read, self._deviation = track
@@ -112,11 +135,11 @@ class Joint:
         """
         design = functions.design()
         if _shape(functions.init(functions.blank, design)) != _shape(
-                self.functions.init(self.functions.blank, self._design)):
+            self.functions.init(self.functions.blank, self._design)
+        ):
             return False
         coefficients = functions.prepare(design, self.mean_dt or 1e-3)
-        state = functions.step(self.state, coefficients, design, self._measurement,
-                               self._given)
+        state = functions.step(self.state, coefficients, design, self._measurement, self._given)
         functions.output(state, coefficients, design, self._measurement, self._given)
         return True
 
@@ -138,8 +161,9 @@ class Joint:
         """Take samples and forget them: what a first sample makes or imports is there then."""
         track, still = self._blank(self._design), self.functions.blank
         for k in range(1, 4):
-            track, _ = self._advance(track, self._design, self._limits, k * 1_000_000, still,
-                                     self.functions.no_input)
+            track, _ = self._advance(
+                track, self._design, self._limits, k * 1_000_000, still, self.functions.no_input
+            )
         self._read(track, self._design, self._limits, still, self.functions.no_input)
         self._deviation(track, self._design)
 
@@ -151,8 +175,9 @@ class Joint:
 
     def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
         """One sample in. True if it was used, False if it was dropped (and counted)."""
-        self._track, verdict = self._advance(self._track, self._design, self._limits, stamp_ns,
-                                             measurement, given)
+        self._track, verdict = self._advance(
+            self._track, self._design, self._limits, stamp_ns, measurement, given
+        )
         self.verdict = verdict
         self.counts[verdict] += 1
         if verdict < DUPLICATE:
@@ -172,9 +197,14 @@ class Joint:
         """One standard deviation of position and velocity."""
         return self._deviation(self._track, self._design)
 
-    def run(self, stamps: NDArray[np.int64], measurements: NDArray[np.float64],
-            given: NDArray[np.float64] | None = None, *, fast: bool | None = None
-            ) -> batches.Estimates:
+    def run(
+        self,
+        stamps: NDArray[np.int64],
+        measurements: NDArray[np.float64],
+        given: NDArray[np.float64] | None = None,
+        *,
+        fast: bool | None = None,
+    ) -> batches.Estimates:
         """Many samples in, all estimates out; the same numbers as sample by sample.
 
         Parameters
@@ -184,8 +214,16 @@ class Joint:
         given : shape (n,), known input; None: zero.
         fast : compile or not; None: where it pays.
         """
-        self._track, out = batches.run(self._batch, self._track, self._design, self._limits,
-                                       stamps, measurements, given, fast=fast)
+        self._track, out = batches.run(
+            self._batch,
+            self._track,
+            self._design,
+            self._limits,
+            stamps,
+            measurements,
+            given,
+            fast=fast,
+        )
         for verdict, count in enumerate(np.bincount(out.verdict, minlength=len(VERDICTS))):
             self.counts[verdict] += int(count)
         if len(out.verdict):
@@ -247,8 +285,11 @@ class Joint:
 
     def events(self) -> dict[str, int]:
         """Gaps, outages, clock jumps and stray stamps that samples were used across."""
-        return {kind: count for kind, count in zip(VERDICTS[2:DUPLICATE],
-                                                   self.counts[2:DUPLICATE]) if count}
+        return {
+            kind: count
+            for kind, count in zip(VERDICTS[2:DUPLICATE], self.counts[2:DUPLICATE])
+            if count
+        }
 
     def why(self) -> str:
         """What the status means for this joint, or what else a person should know, in words."""
@@ -267,8 +308,10 @@ class Joint:
         times, *_ = _repeats(self._track)
         if not times:
             return ''
-        return (f'the stream repeats its readings (up to {times} times each): the repeated '
-                'ones are dropped')
+        return (
+            f'the stream repeats its readings (up to {times} times each): the repeated '
+            'ones are dropped'
+        )
 
     def _count_new_starts(self) -> int:
         return sum(self.counts[verdict] for verdict in NEW_STARTS)

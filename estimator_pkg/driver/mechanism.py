@@ -29,13 +29,20 @@ class MechanismSettings(DrivenSettings):
     """What is set per mechanism beside the observer's gains; `wrap_period` follows the model."""
 
     joints: tuple[str, ...] | None = parameter(
-        None, unit='', kind=tuple, structural=True,
+        None,
+        unit='',
+        kind=tuple,
+        structural=True,
         description="names of the mechanism's joints in the topics, in the order of the model's "
-                    "positions; unset: the model's own names")
+        "positions; unset: the model's own names",
+    )
     pair_tolerance: float = parameter(
-        0.0, unit='s', range=(0.0, 1.0),
+        0.0,
+        unit='s',
+        range=(0.0, 1.0),
         description='joints that come in separate messages belong together if their stamps differ '
-                    'by no more than this')
+        'by no more than this',
+    )
 
 
 class Estimate(NamedTuple):
@@ -52,16 +59,19 @@ class Mechanism(Joint):
     settings: MechanismSettings
     functions: MechanicalFunctions
 
-    def __init__(self, name: str, observer: Observer, gains: Any, settings: MechanismSettings,
-                 source: str) -> None:
+    def __init__(
+        self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
+    ) -> None:
         super().__init__(observer, gains, settings)
         self.name = name
         mechanics = self.functions.mechanics
         self.names = settings.joints or mechanics.joints
         if len(self.names) != mechanics.degrees:
-            raise UsageError(f"mechanism '{name}': model '{mechanics.name}' has "
-                             f'{mechanics.degrees} joints ({", ".join(mechanics.joints)}), but '
-                             f"'joints' names {len(self.names)}")
+            raise UsageError(
+                f"mechanism '{name}': model '{mechanics.name}' has "
+                f'{mechanics.degrees} joints ({", ".join(mechanics.joints)}), but '
+                f"'joints' names {len(self.names)}"
+            )
         if len(set(self.names)) < len(self.names):
             raise UsageError(f"mechanism '{name}': 'joints' names a joint twice")
         self._index = {joint: k for k, joint in enumerate(self.names)}
@@ -73,8 +83,13 @@ class Mechanism(Joint):
         self._before_ns = 0
         settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
 
-    def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
-             efforts: Sequence[float]) -> bool:
+    def take(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float],
+        efforts: Sequence[float],
+    ) -> bool:
         """One message in; True if it completed a sample and the sample was used."""
         found = self._partial(stamp_ns, names)
         if found is None:
@@ -102,8 +117,9 @@ class Mechanism(Joint):
             return None
         tolerance_ns = self.settings.pair_tolerance * 1e9
         for waiting in self._pending:
-            if (abs(waiting.stamp_ns - stamp_ns) <= tolerance_ns
-                    and not any(self._index[joint] in waiting.positions for joint in mine)):
+            if abs(waiting.stamp_ns - stamp_ns) <= tolerance_ns and not any(
+                self._index[joint] in waiting.positions for joint in mine
+            ):
                 waiting.stamp_ns = max(waiting.stamp_ns, stamp_ns)
                 return waiting
         waiting = _Partial(stamp_ns)
@@ -115,8 +131,12 @@ class Mechanism(Joint):
 
     def _complete(self, found: _Partial) -> bool:
         stamp_ns, count = found.stamp_ns, self.functions.mechanics.inputs
-        given = self._acting.given(self._before_ns, stamp_ns, [
-            found.efforts.get(k, math.nan) for k in range(count)], self.settings)
+        given = self._acting.given(
+            self._before_ns,
+            stamp_ns,
+            [found.efforts.get(k, math.nan) for k in range(count)],
+            self.settings,
+        )
         measurement = tuple(float(found.positions[k]) for k in range(len(self.names)))
         used = self.update(stamp_ns, measurement, given or (0.0,))
         if used:
@@ -169,15 +189,24 @@ class Mechanism(Joint):
         """Why samples do not become complete, in words; '' where none is begun."""
         if not self._pending:
             return ''
-        missing = sorted(set(self.names) - {
-            self.names[k] for waiting in self._pending for k in waiting.positions})
+        missing = sorted(
+            set(self.names)
+            - {self.names[k] for waiting in self._pending for k in waiting.positions}
+        )
         if missing:
             return f'waiting for {", ".join(missing)}'
-        apart_ns = min((abs(one.stamp_ns - other.stamp_ns)
-                        for one, other in combinations(self._pending, 2)
-                        if one.positions.keys().isdisjoint(other.positions)), default=0)
-        return (f'its joints come apart, with stamps that differ by {apart_ns * 1e-9:g} s at least '
-                '(pair_tolerance)')
+        apart_ns = min(
+            (
+                abs(one.stamp_ns - other.stamp_ns)
+                for one, other in combinations(self._pending, 2)
+                if one.positions.keys().isdisjoint(other.positions)
+            ),
+            default=0,
+        )
+        return (
+            f'its joints come apart, with stamps that differ by {apart_ns * 1e-9:g} s at least '
+            '(pair_tolerance)'
+        )
 
 
 @dataclass
@@ -186,7 +215,7 @@ class _Partial:
 
     stamp_ns: int
     positions: dict[int, float] = field(default_factory=dict)  # by place among the joints
-    efforts: dict[int, float] = field(default_factory=dict)    # by place among the inputs
+    efforts: dict[int, float] = field(default_factory=dict)  # by place among the inputs
 
 
 class MechanismConfiguration(Configuration):
@@ -201,8 +230,9 @@ def check_names(configuration: MechanismConfiguration, names: Collection[str]) -
     """Raises UsageError if something is set for a mechanism that is none of `names`."""
     for name in configuration.overrides:
         if name not in names:
-            raise UsageError(f"parameters are given for a mechanism '{name}': "
-                             f'{suggestion(name, names)}')
+            raise UsageError(
+                f"parameters are given for a mechanism '{name}': {suggestion(name, names)}"
+            )
 
 
 class MechanismBank(Received):
@@ -218,8 +248,9 @@ class MechanismBank(Received):
     joints : the mechanisms by name, as of `estimator_pkg.driver.bank.Bank`.
     """
 
-    def __init__(self, configuration: MechanismConfiguration, names: Iterable[str],
-                 source: str = FIELD) -> None:
+    def __init__(
+        self, configuration: MechanismConfiguration, names: Iterable[str], source: str = FIELD
+    ) -> None:
         super().__init__()
         self.configuration = configuration
         self.joints: dict[str, Mechanism] = {}
@@ -232,8 +263,10 @@ class MechanismBank(Received):
             made = Mechanism(name, configuration.observer, gains, settings, source)
             for joint in made.names:
                 if joint in of_joint:
-                    raise UsageError(f"mechanisms '{of_joint[joint]}' and '{name}' both have the "
-                                     f"joint '{joint}': name theirs with 'joints.{name}.joints'")
+                    raise UsageError(
+                        f"mechanisms '{of_joint[joint]}' and '{name}' both have the "
+                        f"joint '{joint}': name theirs with 'joints.{name}.joints'"
+                    )
                 of_joint[joint] = name
             self.joints[name] = made
         if not self.joints:
@@ -241,12 +274,18 @@ class MechanismBank(Received):
         check_names(configuration, self.joints)
         self.orders = (  # names that numbers of an effort_command without names stand for
             tuple(name for each in self.joints.values() for name in each.names),
-            tuple(name for each in self.joints.values() for name in each.actuated))
+            tuple(name for each in self.joints.values() for name in each.actuated),
+        )
         self._reads_efforts = source == FIELD and bool(self.orders[1])
         self.only: frozenset[str] = frozenset()
 
-    def update(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
-               efforts: Sequence[float]) -> list[Estimate]:
+    def update(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float],
+        efforts: Sequence[float],
+    ) -> list[Estimate]:
         """One message of joint states in; the estimates of the mechanisms that it completed."""
         if not self.fits(names, positions):
             return []

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from estimator_pkg.models.motor import clarke
 
-WAITING = 100                # of each kind at most wait for their partner
-JUMP = 100_000_000           # stamps that go back by more begin anew [ns]
+WAITING = 100  # of each kind at most wait for their partner
+JUMP = 100_000_000  # stamps that go back by more begin anew [ns]
 CURRENT, VOLTAGE = 0, 1
-FORGETS = 0.999              # the largest current of late, per sample
-LEAST = 1e-9                 # A
+FORGETS = 0.999  # the largest current of late, per sample
+LEAST = 1e-9  # A
 
 Vector = tuple[float, float]
 

@@ -29,26 +29,26 @@ import math
 
 from estimator_pkg.observers.circle import wrap
 
-Repeats = tuple[int, int, int, int, float, float, float, float, int, int, int, int, int, int,
-                float]
+Repeats = tuple[int, int, int, int, float, float, float, float, int, int, int, int, int, int, float]
 
 BLANK: Repeats = (0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0)
 
-SCORE = 12          # a chain is believed: so many holds of one sample, half as many longer ones
-ALIKE = 50          # the same of holds that are spaced exactly alike, ...
-DIFFERENCES = 10    # ... if so many of their changes differ
-VARIED = 3.0        # times the second smallest change of the chain: motion, not one count
-DIFFERENT = 0.002   # part of a change by which another one differs that is not the same count
-RESIDUE = 1e-10     # rad or m; and part of the reading for float32: smaller changes are rounding
+SCORE = 12  # a chain is believed: so many holds of one sample, half as many longer ones
+ALIKE = 50  # the same of holds that are spaced exactly alike, ...
+DIFFERENCES = 10  # ... if so many of their changes differ
+VARIED = 3.0  # times the second smallest change of the chain: motion, not one count
+DIFFERENT = 0.002  # part of a change by which another one differs that is not the same count
+RESIDUE = 1e-10  # rad or m; and part of the reading for float32: smaller changes are rounding
 ROUNDING = 3e-7
-SLIP = 1.25         # samples by which the spacing in a chain may differ, ...
-SLACK = 0.2         # ... or this part of it
-FAR = 16.0          # samples; holds of one sample further apart are no chain
-BREAKS = 3          # changes in a row without a hold, where each had one, end the recognition
+SLIP = 1.25  # samples by which the spacing in a chain may differ, ...
+SLACK = 0.2  # ... or this part of it
+FAR = 16.0  # samples; holds of one sample further apart are no chain
+BREAKS = 3  # changes in a row without a hold, where each had one, end the recognition
 
 
-def hold(repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float,
-         period: float) -> Repeats:
+def hold(
+    repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
+) -> Repeats:
     """What is known once a reading is repeated that had changed, while no pattern is recognised.
 
     Parameters
@@ -58,19 +58,34 @@ def hold(repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_d
     mean_dt : mean sample time [s].
     period : wrap period [rad]; 0: none.
     """
-    (_, length, start_ns, before_ns, last, value, least, low, score, alike, differences, longest,
-     _, _, _) = repeats
+    (
+        _,
+        length,
+        start_ns,
+        before_ns,
+        last,
+        value,
+        least,
+        low,
+        score,
+        alike,
+        differences,
+        longest,
+        _,
+        _,
+        _,
+    ) = repeats
     change = wrap(reading - earlier, period)
     size, pace = abs(change), 1e9 * mean_dt
     spacing_ns = stamp_ns - start_ns
     slip = abs(spacing_ns - before_ns)
     follows = earlier == value  # one change since the last hold
     regular = slip <= max(SLIP * pace, SLACK * spacing_ns) and (
-        follows or (length == 1 and spacing_ns < FAR * pace))
+        follows or (length == 1 and spacing_ns < FAR * pace)
+    )
     rounding = RESIDUE + ROUNDING * (abs(reading) + abs(earlier))
     if not regular or size <= rounding:
-        return (0, 1, stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0,
-                0.0)
+        return (0, 1, stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0, 0.0)
     held = int(spacing_ns / pace + 0.5) - 1 if follows else 1
     longest = max(longest, held, 1)
     if size < least:
@@ -86,11 +101,41 @@ def hold(repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_d
         if abs(change - last) > DIFFERENT * size + rounding:
             differences += 1
     if score < SCORE and (alike < ALIKE or differences < DIFFERENCES):
-        return (0, 1, stamp_ns, spacing_ns, change, reading, least, low, score, alike, differences,
-                longest, 0, 0, 0.0)
+        return (
+            0,
+            1,
+            stamp_ns,
+            spacing_ns,
+            change,
+            reading,
+            least,
+            low,
+            score,
+            alike,
+            differences,
+            longest,
+            0,
+            0,
+            0.0,
+        )
     patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
-    return (longest, 1, stamp_ns, spacing_ns, change, reading, least, low, 0, 0, 0, 0, 0, patience,
-            pace)
+    return (
+        longest,
+        1,
+        stamp_ns,
+        spacing_ns,
+        change,
+        reading,
+        least,
+        low,
+        0,
+        0,
+        0,
+        0,
+        0,
+        patience,
+        pace,
+    )
 
 
 def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
@@ -100,8 +145,23 @@ def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
     """
     most, length = repeats[0], repeats[1] + 1
     drop = length <= most
-    return (most, length if drop else 0, repeats[2], repeats[3], repeats[4], repeats[5],
-            repeats[6], repeats[7], 0 if drop else 1, 0, 0, 0, 0, repeats[13], repeats[14]), drop
+    return (
+        most,
+        length if drop else 0,
+        repeats[2],
+        repeats[3],
+        repeats[4],
+        repeats[5],
+        repeats[6],
+        repeats[7],
+        0 if drop else 1,
+        0,
+        0,
+        0,
+        0,
+        repeats[13],
+        repeats[14],
+    ), drop
 
 
 def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
@@ -117,8 +177,28 @@ def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
     changes = repeats[12] + 1 if length == 0 and passed_ns < 1.5 * pace else 0
     if changes >= patience:
         return BLANK
-    if (alone == 1 and length == 0 and change * last > 0.0 and abs(change) >= VARIED * low
-            and abs(last) >= 0.5 * abs(change)):
-        most += 1   # what was taken for a reading at rest was in the midst of the motion
-    return (most, 0, repeats[2], repeats[3], change, repeats[5], repeats[6], low, 0, 0, 0, 0,
-            changes, patience, pace)
+    if (
+        alone == 1
+        and length == 0
+        and change * last > 0.0
+        and abs(change) >= VARIED * low
+        and abs(last) >= 0.5 * abs(change)
+    ):
+        most += 1  # what was taken for a reading at rest was in the midst of the motion
+    return (
+        most,
+        0,
+        repeats[2],
+        repeats[3],
+        change,
+        repeats[5],
+        repeats[6],
+        low,
+        0,
+        0,
+        0,
+        0,
+        changes,
+        patience,
+        pace,
+    )

@@ -19,7 +19,13 @@ from estimator_pkg.observers.contract import VALID, Observer
 
 # What becomes of an event
 WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY = (
-    'waiting', 'applied', 'late', 'past', 'out_of_order', 'no_sample_yet')
+    'waiting',
+    'applied',
+    'late',
+    'past',
+    'out_of_order',
+    'no_sample_yet',
+)
 REFUSED = (PAST, OUT_OF_ORDER, EARLY)
 
 
@@ -128,8 +134,7 @@ class SwitchedBank(Received):
     joints : the system by the name of its first joint.
     """
 
-    def __init__(self, joint: SwitchedJoint, names: tuple[str, ...],
-                 source: str = FIELD) -> None:
+    def __init__(self, joint: SwitchedJoint, names: tuple[str, ...], source: str = FIELD) -> None:
         super().__init__()
         self.system = joint
         self.configuration: Any = None  # as of other banks; the joint is made already
@@ -146,7 +151,7 @@ class SwitchedBank(Received):
     @property
     def actuated(self) -> tuple[str, ...]:
         """The joints whose efforts are the inputs."""
-        return self.names[:self._inputs]
+        return self.names[: self._inputs]
 
     @property
     def orders(self) -> tuple[tuple[str, ...], ...]:
@@ -163,11 +168,19 @@ class SwitchedBank(Received):
         """Why no sample can be used, as far as the input is the reason."""
         if not self._unknown:
             return ''
-        return ('no effort_command is in force' if self._source == COMMAND
-                else 'an effort is not a number')
+        return (
+            'no effort_command is in force'
+            if self._source == COMMAND
+            else 'an effort is not a number'
+        )
 
-    def take(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float],
-             efforts: Sequence[float]) -> list[tuple[float, float, float]]:
+    def take(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float],
+        efforts: Sequence[float],
+    ) -> list[tuple[float, float, float]]:
         """One message in; (position, velocity, acceleration or nan) of each joint, empty if they
         may not be published.
 
@@ -184,9 +197,11 @@ class SwitchedBank(Received):
         measurement = tuple(positions[place] for place in places)
         system: Any = self.system
         given = self._acting.given(
-            system.stamp_ns if system.used else 0, stamp_ns,
-            [efforts[place] if needed else math.nan for place in places[:self._inputs]],
-            system.settings)
+            system.stamp_ns if system.used else 0,
+            stamp_ns,
+            [efforts[place] if needed else math.nan for place in places[: self._inputs]],
+            system.settings,
+        )
         self._unknown = not all(map(math.isfinite, given))
         if self._unknown:
             measurement = (math.nan,) * len(measurement)  # counted as such: half a sample is none

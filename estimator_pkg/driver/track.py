@@ -39,18 +39,18 @@ RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 class Track(NamedTuple):
     """The fields of a track, in their order."""
 
-    last_ns: int            # the last stamp
-    before_ns: int          # the one before it, after a gap or a first sample time that may be one
-    late: int               # late stamps in a row
-    dt_ns: int              # the last sample time
-    mean_dt: float          # the mean sample time [s]
-    coefficients: tuple     # of the observer
-    state: tuple            # of the observer
-    running: bool           # a sample has come
-    kept: tuple             # the state before the last gap, should that stamp prove a stray one
-    reading: Any            # the newest reading
-    earlier: Any            # the reading before it
-    repeats: Repeats        # what is known of repeated readings
+    last_ns: int  # the last stamp
+    before_ns: int  # the one before it, after a gap or a first sample time that may be one
+    late: int  # late stamps in a row
+    dt_ns: int  # the last sample time
+    mean_dt: float  # the mean sample time [s]
+    coefficients: tuple  # of the observer
+    state: tuple  # of the observer
+    running: bool  # a sample has come
+    kept: tuple  # the state before the last gap, should that stamp prove a stray one
+    reading: Any  # the newest reading
+    earlier: Any  # the reading before it
+    repeats: Repeats  # what is known of repeated readings
 
 
 def field_of(name: str) -> Callable[[tuple], Any]:
@@ -79,8 +79,16 @@ def make_sieve(period: float) -> Callable[..., tuple[Repeats, bool]]:
     ----------
     period : wrap period [rad]; 0: none.
     """
-    def sieve(repeats: Repeats, stamp_ns: int, passed_ns: int, measurement: float, reading: float,
-              earlier: float, mean_dt: float) -> tuple[Repeats, bool]:
+
+    def sieve(
+        repeats: Repeats,
+        stamp_ns: int,
+        passed_ns: int,
+        measurement: float,
+        reading: float,
+        earlier: float,
+        mean_dt: float,
+    ) -> tuple[Repeats, bool]:
         """What is known of repeated readings, and whether this one is dropped."""
         if repeats[0] > 0:
             if measurement == reading:
@@ -96,8 +104,15 @@ def make_sieve(period: float) -> Callable[..., tuple[Repeats, bool]]:
     return sieve
 
 
-def take_all(repeats: Repeats, stamp_ns: int, passed_ns: int, measurement: Any, reading: Any,
-             earlier: Any, mean_dt: float) -> tuple[Repeats, bool]:
+def take_all(
+    repeats: Repeats,
+    stamp_ns: int,
+    passed_ns: int,
+    measurement: Any,
+    reading: Any,
+    earlier: Any,
+    mean_dt: float,
+) -> tuple[Repeats, bool]:
     """As what `make_sieve` makes, for measurements that are more than an angle."""
     return repeats, False
 
@@ -112,46 +127,106 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
     """
     sieve = take_all if period is None else make_sieve(float(period))
     prepare, init, step = functions.prepare, functions.init, functions.step
-    resume, output, stddev, finite = (functions.resume, functions.output, functions.stddev,
-                                      functions.finite)
+    resume, output, stddev, finite = (
+        functions.resume,
+        functions.output,
+        functions.stddev,
+        functions.finite,
+    )
     nothing, restart = functions.blank, functions.new_start
 
     def blank(design: tuple) -> tuple:
         """A track that no sample has reached."""
         empty = init(nothing, design)
-        return (0, 0, 0, 0, 0.0, prepare(design, 1e-3), empty, False, empty, nothing, nothing,
-                BLANK)
+        return (
+            0,
+            0,
+            0,
+            0,
+            0.0,
+            prepare(design, 1e-3),
+            empty,
+            False,
+            empty,
+            nothing,
+            nothing,
+            BLANK,
+        )
 
-    def advance(track: tuple, design: tuple, limits: tuple, stamp_ns: int, measurement: Any,
-                given: Any) -> tuple[tuple, int]:
+    def advance(
+        track: tuple, design: tuple, limits: tuple, stamp_ns: int, measurement: Any, given: Any
+    ) -> tuple[tuple, int]:
         """(track, verdict) after one sample; a dropped sample leaves the estimate alone."""
-        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
-         earlier, repeats) = track
+        (
+            last_ns,
+            before_ns,
+            late,
+            dt_ns,
+            mean_dt,
+            coefficients,
+            state,
+            running,
+            kept,
+            reading,
+            earlier,
+            repeats,
+        ) = track
         gap_ns, reorder_ns, timeout_ns, longest_dt = limits
         if not finite(measurement):
             return track, NON_FINITE
         if stamp_ns <= 0:
             return track, ZERO_STAMP
         if not running:
-            return ((stamp_ns, 0, 0, 0, 0.0, coefficients, init(measurement, design), True, kept,
-                     measurement, measurement, BLANK), FIRST)
+            return (
+                (
+                    stamp_ns,
+                    0,
+                    0,
+                    0,
+                    0.0,
+                    coefficients,
+                    init(measurement, design),
+                    True,
+                    kept,
+                    measurement,
+                    measurement,
+                    BLANK,
+                ),
+                FIRST,
+            )
         ahead = stamp_ns - last_ns
         if 0 < ahead <= gap_ns:  # what nearly every sample is, without the call
             verdict = USED
         else:
-            verdict = judge(last_ns, before_ns, late, mean_dt, stamp_ns, gap_ns, reorder_ns,
-                            timeout_ns)
+            verdict = judge(
+                last_ns, before_ns, late, mean_dt, stamp_ns, gap_ns, reorder_ns, timeout_ns
+            )
         if verdict == USED and (measurement == reading or repeats[0] > 0):
             recognised = repeats[0] > 0
             repeats, drop = sieve(repeats, stamp_ns, ahead, measurement, reading, earlier, mean_dt)
             if drop:
                 if not recognised:  # what was learnt of such a sensor is wrong
                     state = restart(state, coefficients, design, measurement)
-                return ((last_ns, before_ns, 0, dt_ns, mean_dt, coefficients, state, True, kept,
-                         reading, earlier, repeats), REPEATED)
+                return (
+                    (
+                        last_ns,
+                        before_ns,
+                        0,
+                        dt_ns,
+                        mean_dt,
+                        coefficients,
+                        state,
+                        True,
+                        kept,
+                        reading,
+                        earlier,
+                        repeats,
+                    ),
+                    REPEATED,
+                )
         if verdict == USED or verdict == AFTER_STRAY_STAMP:
             passed_ns = ahead
-            since_ns = 0    # the stamp before this sample time, where the next may show it odd
+            since_ns = 0  # the stamp before this sample time, where the next may show it odd
             if verdict == AFTER_STRAY_STAMP:
                 passed_ns, state = stamp_ns - before_ns, kept
             passed = passed_ns * 1e-9
@@ -171,47 +246,160 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             else:
                 mean_dt += RATE_WEIGHT * (passed - mean_dt)
             if mean_dt > longest_dt:
-                return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients,
-                         restart(state, coefficients, design, measurement), True, kept, measurement,
-                         reading, repeats), MISCONFIGURED)
+                return (
+                    (
+                        stamp_ns,
+                        since_ns,
+                        0,
+                        passed_ns,
+                        mean_dt,
+                        coefficients,
+                        restart(state, coefficients, design, measurement),
+                        True,
+                        kept,
+                        measurement,
+                        reading,
+                        repeats,
+                    ),
+                    MISCONFIGURED,
+                )
             if verdict == USED and passed <= longest_dt:
                 state = step(state, coefficients, design, measurement, given)
-                return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients, state, True,
-                         kept, measurement, reading, repeats), USED)
+                return (
+                    (
+                        stamp_ns,
+                        since_ns,
+                        0,
+                        passed_ns,
+                        mean_dt,
+                        coefficients,
+                        state,
+                        True,
+                        kept,
+                        measurement,
+                        reading,
+                        repeats,
+                    ),
+                    USED,
+                )
             if verdict == AFTER_OUTAGE:
                 state = restart(state, coefficients, design, measurement)
-                return ((stamp_ns, 0, 0, passed_ns, mean_dt, coefficients, state, True, kept,
-                         measurement, measurement, repeats), AFTER_OUTAGE)
+                return (
+                    (
+                        stamp_ns,
+                        0,
+                        0,
+                        passed_ns,
+                        mean_dt,
+                        coefficients,
+                        state,
+                        True,
+                        kept,
+                        measurement,
+                        measurement,
+                        repeats,
+                    ),
+                    AFTER_OUTAGE,
+                )
             # a sample time that would be unstable if it were the rule is passed over as a gap is
             state = resume(state, coefficients, design, measurement)
-            return ((stamp_ns, since_ns, 0, passed_ns, mean_dt, coefficients, state, True, kept,
-                     measurement, measurement, repeats),
-                    AFTER_GAP if verdict == USED else verdict)
+            return (
+                (
+                    stamp_ns,
+                    since_ns,
+                    0,
+                    passed_ns,
+                    mean_dt,
+                    coefficients,
+                    state,
+                    True,
+                    kept,
+                    measurement,
+                    measurement,
+                    repeats,
+                ),
+                AFTER_GAP if verdict == USED else verdict,
+            )
         if verdict == DUPLICATE:
             return track, DUPLICATE
         if verdict == LATE:
-            return ((last_ns, before_ns, late + 1, dt_ns, mean_dt, coefficients, state, True, kept,
-                     reading, earlier, repeats), LATE)
+            return (
+                (
+                    last_ns,
+                    before_ns,
+                    late + 1,
+                    dt_ns,
+                    mean_dt,
+                    coefficients,
+                    state,
+                    True,
+                    kept,
+                    reading,
+                    earlier,
+                    repeats,
+                ),
+                LATE,
+            )
         if verdict == AFTER_CLOCK_JUMP:
-            return ((stamp_ns, 0, 0, dt_ns, mean_dt, coefficients,
-                     restart(state, coefficients, design, measurement), True, kept, measurement,
-                     measurement, repeats), AFTER_CLOCK_JUMP)
+            return (
+                (
+                    stamp_ns,
+                    0,
+                    0,
+                    dt_ns,
+                    mean_dt,
+                    coefficients,
+                    restart(state, coefficients, design, measurement),
+                    True,
+                    kept,
+                    measurement,
+                    measurement,
+                    repeats,
+                ),
+                AFTER_CLOCK_JUMP,
+            )
         if before_ns != 0:
             # One hole, or one stamp from the far future, says nothing of the rate; two in a row
             # mean that it fell.
             shorter = min(ahead, last_ns - before_ns) * 1e-9
             if shorter > mean_dt:
                 mean_dt = shorter
-        after = (resume(state, coefficients, design, measurement) if verdict == AFTER_GAP
-                 else restart(state, coefficients, design, measurement))
-        return (stamp_ns, last_ns, 0, dt_ns, mean_dt, coefficients, after, True, state,
-                measurement, measurement, repeats), verdict
+        after = (
+            resume(state, coefficients, design, measurement)
+            if verdict == AFTER_GAP
+            else restart(state, coefficients, design, measurement)
+        )
+        return (
+            stamp_ns,
+            last_ns,
+            0,
+            dt_ns,
+            mean_dt,
+            coefficients,
+            after,
+            True,
+            state,
+            measurement,
+            measurement,
+            repeats,
+        ), verdict
 
-    def read(track: tuple, design: tuple, limits: tuple, measurement: Any,
-             given: Any) -> tuple:
+    def read(track: tuple, design: tuple, limits: tuple, measurement: Any, given: Any) -> tuple:
         """(position, velocity, acceleration or nan, status) of the newest estimate."""
-        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
-         earlier, repeats) = track
+        (
+            last_ns,
+            before_ns,
+            late,
+            dt_ns,
+            mean_dt,
+            coefficients,
+            state,
+            running,
+            kept,
+            reading,
+            earlier,
+            repeats,
+        ) = track
         gap_ns, reorder_ns, timeout_ns, longest_dt = limits
         if mean_dt > longest_dt:
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
@@ -219,8 +407,20 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """One standard deviation of position and velocity."""
-        (last_ns, before_ns, late, dt_ns, mean_dt, coefficients, state, running, kept, reading,
-         earlier, repeats) = track
+        (
+            last_ns,
+            before_ns,
+            late,
+            dt_ns,
+            mean_dt,
+            coefficients,
+            state,
+            running,
+            kept,
+            reading,
+            earlier,
+            repeats,
+        ) = track
         return stddev(state, coefficients, design)
 
     return TrackFunctions(blank, advance, read, deviation)

@@ -43,8 +43,10 @@ def at_defaults() -> list[Entry]:
     found = []
     for name in angle_observers():
         if name == 'kalman':
-            found += [Entry(f'kalman {model}', name, (('model', f'constant_{model}'),))
-                      for model in ('acceleration', 'velocity')]
+            found += [
+                Entry(f'kalman {model}', name, (('model', f'constant_{model}'),))
+                for model in ('acceleration', 'velocity')
+            ]
         else:
             found.append(Entry(name, name))
     return found

@@ -11,7 +11,7 @@ from estimator_pkg.evaluation.entries import Entry
 
 MEASUREMENT = '/joint_states'
 TRUTH = '/ground_truth/joint_states'
-ESTIMATE = 'estimate'       # last part of an estimate topic's name
+ESTIMATE = 'estimate'  # last part of an estimate topic's name
 AUTO, SMOOTHER = 'auto', 'smoother'
 
 

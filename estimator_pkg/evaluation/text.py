@@ -14,7 +14,7 @@ def number(value: float | None, digits: int = 4) -> str:
         return 'inf'
     if value is None or not math.isfinite(value):
         return '-'
-    if abs(value) >= 10.0 ** digits:
+    if abs(value) >= 10.0**digits:
         return f'{value:.0f}'
     return f'{value:.{digits}g}'
 
@@ -38,13 +38,18 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -
     """Columns side by side, the first `left` of them set left, the others right."""
     lines = [list(header), *[[printable(cell) for cell in row] for row in rows]]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    return '\n'.join('  '.join(
-        cell.ljust(width) if i < left else cell.rjust(width)
-        for i, (cell, width) in enumerate(zip(line, widths))).rstrip() for line in lines)
+    return '\n'.join(
+        '  '.join(
+            cell.ljust(width) if i < left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(line, widths))
+        ).rstrip()
+        for line in lines
+    )
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """The same as a Markdown table."""
+
     def line(cells: Sequence[str]) -> str:
         return '| ' + ' | '.join(printable(cell).replace('|', '\\|') for cell in cells) + ' |'
 

@@ -14,7 +14,7 @@ from estimator_pkg import interrupts
 from estimator_pkg.errors import UsageError, UserError, first_line
 from estimator_pkg.optional import needs
 
-PATIENCE = '8s'     # for a scheduler to answer
+PATIENCE = '8s'  # for a scheduler to answer
 
 Map = Callable[[Callable[..., Any], Sequence[tuple]], Iterator[Any]]
 
@@ -52,16 +52,17 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
 def _leave_interrupts() -> None:
     """Ctrl-C and HUP go to every process of the terminal: the first one decides."""
     for number in interrupts.NUMBERS:
-        if number != signal.SIGTERM:    # with which the pool ends them
+        if number != signal.SIGTERM:  # with which the pool ends them
             signal.signal(number, signal.SIG_IGN)
 
 
-def _mapped(pool: ProcessPoolExecutor, function: Callable[..., Any], items: Sequence[tuple]
-            ) -> Iterator[Any]:
+def _mapped(
+    pool: ProcessPoolExecutor, function: Callable[..., Any], items: Sequence[tuple]
+) -> Iterator[Any]:
     try:
         yield from pool.map(_call, [(function, item) for item in items])
     except BrokenProcessPool as error:
-        if interrupts.came():   # TERM to the whole group, too
+        if interrupts.came():  # TERM to the whole group, too
             raise KeyboardInterrupt from error
         raise UserError('a worker process died (was there enough memory?)') from error
 
@@ -75,6 +76,7 @@ def _gathered(client: Any, function: Callable[..., Any], items: Sequence[tuple])
     from distributed import CancelledError, TimeoutError
     from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
+
     try:
         futures = [client.submit(function, *item, pure=False) for item in items]
         for future in futures:
@@ -91,6 +93,7 @@ def _cluster(address: str) -> Iterator[Any]:
     except ImportError as error:
         raise UserError(needs('distributed')) from error
     import logging
+
     for name in [*logging.root.manager.loggerDict]:  # its traces are not for the user
         if name.partition('.')[0] in ('distributed', 'tornado', 'asyncio'):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)

@@ -64,7 +64,7 @@ def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) ->
     tried = 0
     while len(left):
         row = int(left[0])
-        raw = bytes(view[block.start[row]:block.end[row]])
+        raw = bytes(view[block.start[row] : block.end[row]])
         tried += 1
         try:
             layout = make(raw)
@@ -99,7 +99,7 @@ def _cut(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDAr
     windows = np.lib.stride_tricks.sliding_window_view(data, length)
     steps = np.diff(start)
     if len(steps) and steps[0] > 0 and np.all(steps == steps[0]):
-        return windows[start[0]:start[-1] + 1:steps[0]]
+        return windows[start[0] : start[-1] + 1 : steps[0]]
     return windows[start]
 
 
@@ -108,21 +108,22 @@ def numbers(data: NDArray[np.uint8], at: int, count: int, kind: str) -> NDArray[
     if not count:
         return np.zeros((len(data), 0), kind)
     size = np.dtype(kind).itemsize
-    return np.ascontiguousarray(data[:, at:at + size * count]).view(kind)
+    return np.ascontiguousarray(data[:, at : at + size * count]).view(kind)
 
 
 def stamps(data: NDArray[np.uint8], at: int, order: str) -> NDArray[np.int64]:
     """Stamps [ns] whose seconds stand at byte `at`, shape (n,)."""
     seconds = numbers(data, at, 1, f'{order}i4')[:, 0].astype(np.int64)
-    found: NDArray[np.int64] = (seconds * 1_000_000_000
-                                + numbers(data, at + 4, 1, f'{order}u4')[:, 0])
+    found: NDArray[np.int64] = (
+        seconds * 1_000_000_000 + numbers(data, at + 4, 1, f'{order}u4')[:, 0]
+    )
     return found
 
 
 def put(out: NDArray[np.uint8], at: int, values: NDArray[Any]) -> None:
     """Write the numbers of each row of `values` into the bytes of that row, from byte `at` on."""
     raw = values.view(np.uint8).reshape(len(out), -1)
-    out[:, at:at + raw.shape[1]] = raw
+    out[:, at : at + raw.shape[1]] = raw
 
 
 def put_stamps(out: NDArray[np.uint8], at: int, stamps_ns: NDArray[np.int64]) -> None:

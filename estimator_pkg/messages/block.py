@@ -34,8 +34,14 @@ class Block:
 
     def take(self, rows: NDArray[Any] | slice) -> Block:
         """Some of the messages, on the same buffer."""
-        return Block(self.topic[rows], self.log_ns[rows], self.publish_ns[rows], self.data,
-                     self.start[rows], self.end[rows])
+        return Block(
+            self.topic[rows],
+            self.log_ns[rows],
+            self.publish_ns[rows],
+            self.data,
+            self.start[rows],
+            self.end[rows],
+        )
 
     def in_log_order(self) -> Block:
         """The messages sorted by log time; equal times keep their order."""
@@ -48,11 +54,14 @@ def join(blocks: Sequence[Block]) -> Block:
     """The messages of several blocks one after the other, on a buffer of their own."""
     data = np.concatenate([block.data for block in blocks])
     shifts = np.cumsum([0] + [len(block.data) for block in blocks[:-1]])
-    return Block(np.concatenate([block.topic for block in blocks]),
-                 np.concatenate([block.log_ns for block in blocks]),
-                 np.concatenate([block.publish_ns for block in blocks]), data,
-                 np.concatenate([block.start + shift for block, shift in zip(blocks, shifts)]),
-                 np.concatenate([block.end + shift for block, shift in zip(blocks, shifts)]))
+    return Block(
+        np.concatenate([block.topic for block in blocks]),
+        np.concatenate([block.log_ns for block in blocks]),
+        np.concatenate([block.publish_ns for block in blocks]),
+        data,
+        np.concatenate([block.start + shift for block, shift in zip(blocks, shifts)]),
+        np.concatenate([block.end + shift for block, shift in zip(blocks, shifts)]),
+    )
 
 
 def compact(block: Block) -> Block:
@@ -63,14 +72,20 @@ def compact(block: Block) -> Block:
     return replace(block, data=block.data[low:high], start=block.start - low, end=block.end - low)
 
 
-def from_messages(topic: Sequence[int], log_ns: Sequence[int], publish_ns: Sequence[int],
-                  raws: Sequence[bytes]) -> Block:
+def from_messages(
+    topic: Sequence[int], log_ns: Sequence[int], publish_ns: Sequence[int], raws: Sequence[bytes]
+) -> Block:
     """A block of single messages."""
     end = np.cumsum([len(raw) for raw in raws], dtype=np.int64)
     start = np.concatenate([np.zeros(1, np.int64), end[:-1]]) if len(raws) else end
-    return Block(np.asarray(topic, np.int64), np.asarray(log_ns, np.int64),
-                 np.asarray(publish_ns, np.int64),
-                 np.frombuffer(b''.join(raws), np.uint8), start, end)
+    return Block(
+        np.asarray(topic, np.int64),
+        np.asarray(log_ns, np.int64),
+        np.asarray(publish_ns, np.int64),
+        np.frombuffer(b''.join(raws), np.uint8),
+        start,
+        end,
+    )
 
 
 def rows(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDArray[np.uint8]:

@@ -60,7 +60,7 @@ class Reader:
         end = self.at + length
         if end > len(self.raw):
             raise MalformedMessageError('message is too short')
-        value = self.raw[self.at:end - 1] if length else b''
+        value = self.raw[self.at : end - 1] if length else b''
         self.at = end
         return bytes(value).decode('utf-8', 'replace')
 

@@ -10,7 +10,7 @@ from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import EARLIEST, LATEST
 
 TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
-OK, WARN = 0, 1     # levels of a DiagnosticStatus
+OK, WARN = 0, 1  # levels of a DiagnosticStatus
 
 
 class Status(NamedTuple):

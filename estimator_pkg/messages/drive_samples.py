@@ -19,7 +19,7 @@ LABELS = ('sample', 'channel')
 CHANNELS = ('sec', 'nanosec', 'i_alpha', 'i_beta', 'u_alpha', 'u_beta')
 ESTIMATES = ('sec', 'nanosec', 'electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 SECOND = 1_000_000_000  # [ns]
-LONGEST = 2.0 ** 31     # [s] seconds of a stamp
+LONGEST = 2.0**31  # [s] seconds of a stamp
 
 
 class Batch(NamedTuple):
@@ -44,12 +44,19 @@ def decode(raw: bytes) -> Batch:
     table = multi_array.decode(raw, LABELS, len(CHANNELS))
     sec, nanosec = table[:, 0], table[:, 1]
     # comparisons are false for nan
-    good = ((np.abs(sec) < LONGEST) & (sec == np.floor(sec)) & (nanosec >= 0.0)
-            & (nanosec < SECOND) & (nanosec == np.floor(nanosec)))
+    good = (
+        (np.abs(sec) < LONGEST)
+        & (sec == np.floor(sec))
+        & (nanosec >= 0.0)
+        & (nanosec < SECOND)
+        & (nanosec == np.floor(nanosec))
+    )
     if not good.all():
         row = int(np.argmin(good))
-        raise MalformedMessageError(f'row {row} has no time stamp: sec {sec[row]:g}, nanosec '
-                                    f'{nanosec[row]:g} (whole numbers are needed)')
+        raise MalformedMessageError(
+            f'row {row} has no time stamp: sec {sec[row]:g}, nanosec '
+            f'{nanosec[row]:g} (whole numbers are needed)'
+        )
     stamps = sec.astype(np.int64) * SECOND + nanosec.astype(np.int64)
     return Batch(stamps, table[:, 2:])
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from estimator_pkg.messages.cdr import Reader, Writer
 
 TYPE = 'sensor_msgs/msg/JointState'
-EARLIEST, LATEST = -2 ** 31 * 10 ** 9, 2 ** 31 * 10 ** 9 - 1  # stamps that a header can carry [ns]
+EARLIEST, LATEST = -(2**31) * 10**9, 2**31 * 10**9 - 1  # stamps that a header can carry [ns]
 
 
 class Layout:
@@ -31,7 +31,7 @@ class Layout:
         # The DDS serialiser leaves padding uninitialised, so it is masked out of the comparison.
         mask = bytearray(b'\xff' * (self.fixed_to - self.fixed_from))
         for start, end in reader.padding:
-            mask[start - self.fixed_from:end - self.fixed_from] = bytes(end - start)
+            mask[start - self.fixed_from : end - self.fixed_from] = bytes(end - start)
         self._carrying = bytes(mask)
         self._mask = int.from_bytes(mask, 'little')
         self._fixed = self._significant(raw)
@@ -50,22 +50,21 @@ class Layout:
 
     def fits(self, raw: bytes) -> bool:
         """True if `raw` has these names and array lengths."""
-        if (len(raw) < self.length or raw[:2] != self._head
-                or self._significant(raw) != self._fixed):
+        if len(raw) < self.length or raw[:2] != self._head or self._significant(raw) != self._fixed:
             return False
         unpack = self._count.unpack_from
         return all(unpack(raw, at)[0] == count for at, count in self.counts)
 
     def _significant(self, raw: bytes) -> int:
-        return int.from_bytes(raw[self.fixed_from:self.fixed_to], 'little') & self._mask
+        return int.from_bytes(raw[self.fixed_from : self.fixed_to], 'little') & self._mask
 
     def deciding(self) -> list[bool]:
         """Of each byte up to `length`: whether messages of this layout have the same there."""
         mask = bytearray(self.length)
         mask[:2] = b'\xff\xff'
-        mask[self.fixed_from:self.fixed_to] = self._carrying
+        mask[self.fixed_from : self.fixed_to] = self._carrying
         for at, _ in self.counts:
-            mask[at:at + 4] = b'\xff' * 4
+            mask[at : at + 4] = b'\xff' * 4
         return [byte != 0 for byte in mask]
 
     def stamp_ns(self, raw: bytes) -> int:
@@ -111,8 +110,14 @@ class Decoder:
     def decode(self, raw: bytes) -> JointState:
         """The message in `raw`; raises MalformedMessageError if it is none."""
         layout = self.layout(raw)
-        return JointState(layout.stamp_ns(raw), layout.frame_id, layout.names,
-                          layout.numbers(raw, 0), layout.numbers(raw, 1), layout.numbers(raw, 2))
+        return JointState(
+            layout.stamp_ns(raw),
+            layout.frame_id,
+            layout.names,
+            layout.numbers(raw, 0),
+            layout.numbers(raw, 1),
+            layout.numbers(raw, 2),
+        )
 
 
 class Encoder:
@@ -123,9 +128,15 @@ class Encoder:
         self._prefix = b''
         self._body = _WithCounts('<III', (0, 0, 0))
 
-    def encode(self, stamp_ns: int, frame_id: str, names: Sequence[str],
-               positions: Sequence[float] = (), velocities: Sequence[float] = (),
-               efforts: Sequence[float] = ()) -> bytes:
+    def encode(
+        self,
+        stamp_ns: int,
+        frame_id: str,
+        names: Sequence[str],
+        positions: Sequence[float] = (),
+        velocities: Sequence[float] = (),
+        efforts: Sequence[float] = (),
+    ) -> bytes:
         """CDR bytes of this JointState (SI units, stamp in ns).
 
         A stamp that no message can carry (int32 seconds) becomes the nearest one.
@@ -136,8 +147,11 @@ class Encoder:
         if not EARLIEST <= stamp_ns <= LATEST:
             stamp_ns = min(max(stamp_ns, EARLIEST), LATEST)
         sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-        return (_STAMP.pack(0, 1, 0, 0, sec, nanosec) + self._prefix
-                + self._body.pack(*positions, *velocities, *efforts))
+        return (
+            _STAMP.pack(0, 1, 0, 0, sec, nanosec)
+            + self._prefix
+            + self._body.pack(*positions, *velocities, *efforts)
+        )
 
     def _learn(self, key: tuple[Any, ...]) -> None:
         frame_id, names, *counts = key
@@ -169,8 +183,14 @@ class _WithCounts:
 
     def pack(self, *numbers: float) -> bytes:
         first, second, third = self._counts
-        return self._struct.pack(first, *numbers[:first], second, *numbers[first:first + second],
-                                 third, *numbers[first + second:])
+        return self._struct.pack(
+            first,
+            *numbers[:first],
+            second,
+            *numbers[first : first + second],
+            third,
+            *numbers[first + second :],
+        )
 
 
 _STAMP = struct.Struct('<4BiI')

@@ -47,16 +47,24 @@ def decode_block(block: Messages) -> tuple[list[Decoded], list[int]]:
     decoded = []
     for group in groups(block, Layout, malformed):
         rows, data, layout = group.rows, group.data, group.layout
-        arrays = tuple(numbers(data, at, count, f'{layout.order}f8').astype(np.float64, copy=False)
-                       for at, count in layout.arrays)
-        decoded.append(Decoded(rows, layout.frame_id, layout.names,
-                               stamps(data, 4, layout.order), arrays))
+        arrays = tuple(
+            numbers(data, at, count, f'{layout.order}f8').astype(np.float64, copy=False)
+            for at, count in layout.arrays
+        )
+        decoded.append(
+            Decoded(rows, layout.frame_id, layout.names, stamps(data, 4, layout.order), arrays)
+        )
     return decoded, malformed
 
 
-def encode_block(encoder: Encoder, stamps_ns: NDArray[np.int64], frame_id: str,
-                 names: Sequence[str], positions: NDArray[np.float64],
-                 velocities: NDArray[np.float64]) -> NDArray[np.uint8]:
+def encode_block(
+    encoder: Encoder,
+    stamps_ns: NDArray[np.int64],
+    frame_id: str,
+    names: Sequence[str],
+    positions: NDArray[np.float64],
+    velocities: NDArray[np.float64],
+) -> NDArray[np.uint8]:
     """JointStates with these names, shape (n, bytes of one message); efforts empty.
 
     Parameters

@@ -7,8 +7,18 @@ from collections.abc import Callable
 
 from estimator_pkg.messages.cdr import MalformedMessageError
 
-_CODES = {'Float64': 'd', 'Float32': 'f', 'Int64': 'q', 'Int32': 'i', 'Int16': 'h', 'Int8': 'b',
-          'UInt64': 'Q', 'UInt32': 'I', 'UInt16': 'H', 'UInt8': 'B'}
+_CODES = {
+    'Float64': 'd',
+    'Float32': 'f',
+    'Int64': 'q',
+    'Int32': 'i',
+    'Int16': 'h',
+    'Int8': 'b',
+    'UInt64': 'Q',
+    'UInt32': 'I',
+    'UInt16': 'H',
+    'UInt8': 'B',
+}
 
 
 def decoder(name: str) -> Callable[[bytes], float]:

@@ -14,14 +14,21 @@ from estimator_pkg.messages.joint_state import EARLIEST, LATEST
 TYPE = 'trajectory_msgs/msg/JointTrajectory'
 
 
-def encode(stamp_ns: int, frame_id: str, names: Sequence[str], positions: Sequence[float],
-           velocities: Sequence[float], accelerations: Sequence[float]) -> bytes:
+def encode(
+    stamp_ns: int,
+    frame_id: str,
+    names: Sequence[str],
+    positions: Sequence[float],
+    velocities: Sequence[float],
+    accelerations: Sequence[float],
+) -> bytes:
     """CDR bytes of one point [SI]; a stamp that no message can carry becomes the nearest one."""
     return _encode(stamp_ns, frame_id, names, positions, velocities, accelerations)[0]
 
 
-def _encode(stamp_ns: int, frame_id: str, names: Sequence[str], *arrays: Sequence[float]
-            ) -> tuple[bytes, list[int]]:
+def _encode(
+    stamp_ns: int, frame_id: str, names: Sequence[str], *arrays: Sequence[float]
+) -> tuple[bytes, list[int]]:
     """The bytes, and where each array's numbers begin."""
     sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     writer = Writer()
@@ -31,16 +38,17 @@ def _encode(stamp_ns: int, frame_id: str, names: Sequence[str], *arrays: Sequenc
     writer.texts(names)
     writer.numbers('I', (1,))
     starts = []
-    for values in (*arrays, ()):    # the last one: effort
+    for values in (*arrays, ()):  # the last one: effort
         writer.doubles(values)
         starts.append(len(writer.raw) - 8 * len(values))
-    writer.numbers('i', (0,))       # time_from_start
+    writer.numbers('i', (0,))  # time_from_start
     writer.numbers('I', (0,))
     return bytes(writer.raw), starts
 
 
-def encode_block(stamps_ns: NDArray[np.int64], frame_id: str, names: Sequence[str],
-                 *arrays: NDArray[np.float64]) -> NDArray[np.uint8]:
+def encode_block(
+    stamps_ns: NDArray[np.int64], frame_id: str, names: Sequence[str], *arrays: NDArray[np.float64]
+) -> NDArray[np.uint8]:
     """Many of them with these names, shape (n, bytes of one message).
 
     Parameters

@@ -25,47 +25,94 @@ class Parameters:
     """The numbers of a cart-pendulum; the defaults are the laboratory's of section 6."""
 
     pendulum_inertia: float = parameter(
-        0.0484, unit='kg m^2', range=(1e-9, 1e6), structural=True, equation='J = J_f',
-        description='of the pendulum about its pivot')
+        0.0484,
+        unit='kg m^2',
+        range=(1e-9, 1e6),
+        structural=True,
+        equation='J = J_f',
+        description='of the pendulum about its pivot',
+    )
     pendulum_moment: float = parameter(
-        0.105, unit='kg m', range=(0.0, 1e6), structural=True, equation='B = l_m m_p',
-        description='mass of the pendulum times the distance of its centre from the pivot')
+        0.105,
+        unit='kg m',
+        range=(0.0, 1e6),
+        structural=True,
+        equation='B = l_m m_p',
+        description='mass of the pendulum times the distance of its centre from the pivot',
+    )
     moving_mass: float = parameter(
-        1.15, unit='kg', range=(1e-9, 1e6), structural=True, equation='m = M_c + m_p',
-        description='cart and pendulum together')
+        1.15,
+        unit='kg',
+        range=(1e-9, 1e6),
+        structural=True,
+        equation='m = M_c + m_p',
+        description='cart and pendulum together',
+    )
     gravity: float | None = parameter(
-        None, unit='N m', range=(0.0, 1e7), structural=True, equation='Gv = g l_m m_p',
-        description='largest torque of gravity on the pendulum; unset: 9.81 m/s^2 times the moment')
+        None,
+        unit='N m',
+        range=(0.0, 1e7),
+        structural=True,
+        equation='Gv = g l_m m_p',
+        description='largest torque of gravity on the pendulum; unset: 9.81 m/s^2 times the moment',
+    )
     force_constant: float = parameter(
-        1.0, unit='N/A', range=(-1e6, 1e6), structural=True,
+        1.0,
+        unit='N/A',
+        range=(-1e6, 1e6),
+        structural=True,
         description='force on the cart per unit of the input (9.27 N/A in section 6); 1 where the '
-                    'input is the force')
+        'input is the force',
+    )
     friction_forward: float = parameter(
-        0.0, unit='N', range=(0.0, 1e6), structural=True,
-        description='Coulomb friction of the cart moving forward (3.98 N in section 6)')
+        0.0,
+        unit='N',
+        range=(0.0, 1e6),
+        structural=True,
+        description='Coulomb friction of the cart moving forward (3.98 N in section 6)',
+    )
     friction_backward: float = parameter(
-        0.0, unit='N', range=(0.0, 1e6), structural=True,
-        description='Coulomb friction of the cart moving backward (2.87 N in section 6)')
+        0.0,
+        unit='N',
+        range=(0.0, 1e6),
+        structural=True,
+        description='Coulomb friction of the cart moving backward (2.87 N in section 6)',
+    )
     friction_speed: float = parameter(
-        0.0, unit='m/s', range=(0.0, 100.0), structural=True, advanced=True,
-        description='width of the change of sign of the friction, tanh(v / width); 0: a plain sign')
+        0.0,
+        unit='m/s',
+        range=(0.0, 100.0),
+        structural=True,
+        advanced=True,
+        description='width of the change of sign of the friction, tanh(v / width); 0: a plain sign',
+    )
     pendulum_damping: float = parameter(
-        0.0, unit='N m s/rad', range=(0.0, 1e6), structural=True,
-        description='viscous friction in the pivot')
+        0.0,
+        unit='N m s/rad',
+        range=(0.0, 1e6),
+        structural=True,
+        description='viscous friction in the pivot',
+    )
     cart_damping: float = parameter(
-        0.0, unit='N s/m', range=(0.0, 1e6), structural=True,
-        description='viscous friction of the cart')
+        0.0,
+        unit='N s/m',
+        range=(0.0, 1e6),
+        structural=True,
+        description='viscous friction of the cart',
+    )
 
     def __post_init__(self) -> None:
         """M must be positive at every angle; raises UsageError."""
-        if self.pendulum_inertia * self.moving_mass <= self.pendulum_moment ** 2:
+        if self.pendulum_inertia * self.moving_mass <= self.pendulum_moment**2:
             raise UsageError(
                 "model 'cart_pendulum': pendulum_inertia * moving_mass must be above "
                 f'pendulum_moment^2, but {self.pendulum_inertia * self.moving_mass:g} <= '
-                f'{self.pendulum_moment ** 2:g}: the mass matrix is not positive')
+                f'{self.pendulum_moment**2:g}: the mass matrix is not positive'
+            )
 
 
 # values: J, B, m, Gv, force constant, friction forward and backward, its width, damping of both
+
 
 def inertia(values: Vector, q: Vector) -> Matrix:
     """M."""
@@ -105,19 +152,47 @@ def build(parameters: Parameters) -> Mechanics:
     p = parameters
     gravity = GRAVITY * p.pendulum_moment if p.gravity is None else p.gravity
     return Mechanics(
-        name='cart_pendulum', joints=('pendulum', 'cart'), periods=(TURN, 0.0),
-        values=(p.pendulum_inertia, p.pendulum_moment, p.moving_mass, gravity, p.force_constant,
-                p.friction_forward, p.friction_backward, p.friction_speed, p.pendulum_damping,
-                p.cart_damping),
-        actuated=(1,), inertia=inertia, factors=factors, force=force, coriolis=coriolis,
+        name='cart_pendulum',
+        joints=('pendulum', 'cart'),
+        periods=(TURN, 0.0),
+        values=(
+            p.pendulum_inertia,
+            p.pendulum_moment,
+            p.moving_mass,
+            gravity,
+            p.force_constant,
+            p.friction_forward,
+            p.friction_backward,
+            p.friction_speed,
+            p.pendulum_damping,
+            p.cart_damping,
+        ),
+        actuated=(1,),
+        inertia=inertia,
+        factors=factors,
+        force=force,
+        coriolis=coriolis,
         damping=damping if p.pendulum_damping > 0.0 or p.cart_damping > 0.0 else None,
-        admits=everywhere, centre=(0.0, 0.0), reach=(math.pi, 1.0),
-        speed_matters=p.friction_forward > 0.0 or p.friction_backward > 0.0)
+        admits=everywhere,
+        centre=(0.0, 0.0),
+        reach=(math.pi, 1.0),
+        speed_matters=p.friction_forward > 0.0 or p.friction_backward > 0.0,
+    )
 
 
 MODEL = Model(
-    name='cart_pendulum', parameters=Parameters, build=build,
+    name='cart_pendulum',
+    parameters=Parameters,
+    build=build,
     summary='a pendulum on a driven cart, with asymmetric friction',
     reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), sections 5.1 and 6, equation (24)',
-    identified=('pendulum_inertia', 'pendulum_moment', 'moving_mass', 'friction_forward',
-                'friction_backward', 'pendulum_damping', 'cart_damping'))
+    identified=(
+        'pendulum_inertia',
+        'pendulum_moment',
+        'moving_mass',
+        'friction_forward',
+        'friction_backward',
+        'pendulum_damping',
+        'cart_damping',
+    ),
+)

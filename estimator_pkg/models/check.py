@@ -18,10 +18,10 @@ from estimator_pkg.models.mechanics import Mechanics
 
 Array = NDArray[np.float64]
 
-STATES = 24             # random states that are tried
-STEP = 1e-5             # of the central differences, of the reach of a position
-CALM_EXACT = 1e-9       # relative residual of calM Psi^T M = I
-DERIVED = 1e-6          # relative residual of what central differences enter
+STATES = 24  # random states that are tried
+STEP = 1e-5  # of the central differences, of the reach of a position
+CALM_EXACT = 1e-9  # relative residual of calM Psi^T M = I
+DERIVED = 1e-6  # relative residual of what central differences enter
 SEED = 20170915
 
 
@@ -63,8 +63,10 @@ def random_states(mechanics: Mechanics, count: int = STATES) -> list[tuple[Array
             states.append((q, random.uniform(-1.0, 1.0, mechanics.degrees)))
             if len(states) == count:
                 return states
-    raise UserError(f"model '{mechanics.name}' admits hardly any configuration within "
-                    f'{_text(centre)} +- {_text(reach)}')
+    raise UserError(
+        f"model '{mechanics.name}' admits hardly any configuration within "
+        f'{_text(centre)} +- {_text(reach)}'
+    )
 
 
 def matrix(function: Callable[..., Any], mechanics: Mechanics, q: Array) -> Array:
@@ -79,13 +81,16 @@ def factors(mechanics: Mechanics, q: Array) -> tuple[Array, Array]:
     return np.array(calm, float), np.array(psi, float)
 
 
-def _call(mechanics: Mechanics, name: str, function: Callable[..., Any], q: Array,
-          *rest: Array) -> Any:
+def _call(
+    mechanics: Mechanics, name: str, function: Callable[..., Any], q: Array, *rest: Array
+) -> Any:
     try:
         return function(mechanics.values, tuple(q.tolist()), *(tuple(r.tolist()) for r in rest))
     except Exception as error:  # a user's model may fail in any way
-        raise UserError(f"model '{mechanics.name}': {name} fails at q = {_text(q)}: "
-                        f'{type(error).__name__}: {error}') from error
+        raise UserError(
+            f"model '{mechanics.name}': {name} fails at q = {_text(q)}: "
+            f'{type(error).__name__}: {error}'
+        ) from error
 
 
 def _dimensions(mechanics: Mechanics, q: Array, v: Array) -> None:
@@ -94,7 +99,8 @@ def _dimensions(mechanics: Mechanics, q: Array, v: Array) -> None:
     wanted: list[tuple[str, Any, tuple[int, ...]]] = [
         ('inertia', _call(mechanics, 'inertia', mechanics.inertia, q), (n, n)),
         ('force', _call(mechanics, 'force', mechanics.force, q, v, u), (n,)),
-        ('coriolis', _call(mechanics, 'coriolis', mechanics.coriolis, q, v), (n,))]
+        ('coriolis', _call(mechanics, 'coriolis', mechanics.coriolis, q, v), (n,)),
+    ]
     if mechanics.factors is not None:
         calm, psi = _call(mechanics, 'factors', mechanics.factors, q)
         wanted += [('calM', calm, (n, n)), ('Psi', psi, (n, n))]
@@ -106,8 +112,10 @@ def _dimensions(mechanics: Mechanics, q: Array, v: Array) -> None:
         except ValueError:
             found = 'ragged'
         if found != shape:
-            raise UserError(f"model '{mechanics.name}' of {n} joints and {m} inputs: {name} has "
-                            f'dimensions {found}, not {shape}')
+            raise UserError(
+                f"model '{mechanics.name}' of {n} joints and {m} inputs: {name} has "
+                f'dimensions {found}, not {shape}'
+            )
         if not np.all(np.isfinite(np.array(value, float))):
             raise UserError(f"model '{mechanics.name}': {name} is not finite at q = {_text(q)}")
 
@@ -117,12 +125,16 @@ def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
     inertia = matrix(mechanics.inertia, mechanics, q)
     size = float(np.max(np.abs(inertia)))
     if float(np.max(np.abs(inertia - inertia.T))) > 1e-9 * size:
-        raise UserError(f"model '{mechanics.name}': the mass matrix is not symmetric at "
-                        f'q = {_text(q)} (residual {_rest(inertia - inertia.T)})')
+        raise UserError(
+            f"model '{mechanics.name}': the mass matrix is not symmetric at "
+            f'q = {_text(q)} (residual {_rest(inertia - inertia.T)})'
+        )
     lowest = float(np.linalg.eigvalsh(inertia)[0])
     if lowest <= 1e-12 * size:
-        raise UserError(f"model '{mechanics.name}': the mass matrix is not positive at "
-                        f'q = {_text(q)} (lowest eigenvalue {lowest:.3g})')
+        raise UserError(
+            f"model '{mechanics.name}': the mass matrix is not positive at "
+            f'q = {_text(q)} (lowest eigenvalue {lowest:.3g})'
+        )
 
 
 def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
@@ -131,8 +143,10 @@ def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
     damping = matrix(mechanics.damping, mechanics, q)
     lowest = float(np.linalg.eigvalsh(0.5 * (damping + damping.T))[0])
     if lowest < -1e-12 * float(np.max(np.abs(damping))):
-        raise UserError(f"model '{mechanics.name}': the damping drives the mechanism at "
-                        f'q = {_text(q)} (lowest eigenvalue of D {lowest:.3g})')
+        raise UserError(
+            f"model '{mechanics.name}': the damping drives the mechanism at "
+            f'q = {_text(q)} (lowest eigenvalue of D {lowest:.3g})'
+        )
 
 
 def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
@@ -140,8 +154,10 @@ def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
     calm, psi = factors(mechanics, q)
     rest = calm @ psi.T @ matrix(mechanics.inertia, mechanics, q) - np.eye(mechanics.degrees)
     if float(np.max(np.abs(rest))) > CALM_EXACT * max(1.0, float(np.linalg.cond(psi))):
-        raise UserError(f"model '{mechanics.name}': calM is not M^-1 Psi^-T at q = {_text(q)} "
-                        f'(residual {_rest(rest)})')
+        raise UserError(
+            f"model '{mechanics.name}': calM is not M^-1 Psi^-T at q = {_text(q)} "
+            f'(residual {_rest(rest)})'
+        )
 
 
 def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -> list[Array]:
@@ -173,9 +189,11 @@ def partially_linear(mechanics: Mechanics, q: Array, v: Array) -> None:
     """The PLvCC identity holds; raises UserError, which offers an observer that needs none."""
     rest, size = linear_residual(mechanics, q, v)
     if rest > DERIVED * max(size, 1e-12):
-        raise UserError(f"model '{mechanics.name}' is not partially linearisable with its Psi "
-                        f'(PLvCC residual {rest:.3g} at q = {_text(q)}): mend Psi, or leave it out '
-                        "and use the observer 'hgo'")
+        raise UserError(
+            f"model '{mechanics.name}' is not partially linearisable with its Psi "
+            f'(PLvCC residual {rest:.3g} at q = {_text(q)}): mend Psi, or leave it out '
+            "and use the observer 'hgo'"
+        )
 
 
 def coriolis_of_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
@@ -184,12 +202,16 @@ def coriolis_of_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
     turning = sum(rate * slope for rate, slope in zip(v, of_inertia))
     wanted = np.asarray(turning) @ v - np.array([0.5 * v @ slope @ v for slope in of_inertia])
     given = np.array(mechanics.coriolis(mechanics.values, tuple(q.tolist()), tuple(v.tolist())))
-    size = max(float(np.max(np.abs(wanted))),
-               float(np.max(np.abs(matrix(mechanics.inertia, mechanics, q)))))
+    size = max(
+        float(np.max(np.abs(wanted))),
+        float(np.max(np.abs(matrix(mechanics.inertia, mechanics, q)))),
+    )
     if float(np.max(np.abs(given - wanted))) > DERIVED * size:
-        raise UserError(f"model '{mechanics.name}': the Coriolis forces do not belong to the mass "
-                        f'matrix at q = {_text(q)}, v = {_text(v)} '
-                        f'(residual {_rest(given - wanted)})')
+        raise UserError(
+            f"model '{mechanics.name}': the Coriolis forces do not belong to the mass "
+            f'matrix at q = {_text(q)}, v = {_text(v)} '
+            f'(residual {_rest(given - wanted)})'
+        )
 
 
 def _text(values: Array) -> str:

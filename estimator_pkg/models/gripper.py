@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from estimator_pkg.models.switched import SwitchedModel, Vector
 
-OPEN = (2.0, 0.8, 9.81)        # Z without load
+OPEN = (2.0, 0.8, 9.81)  # Z without load
 CLOSED = (1.25, 0.5, 12.2625)  # and with it: J from 0.5 to 0.8 kg m^2
 SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 UNKNOWN = ('close', 'open')
@@ -38,9 +38,20 @@ def torque(t: float) -> tuple[float, ...]:
 
 
 MODEL = SwitchedModel(
-    indices=(2,), size=3, gamma=lambda zeta, u: (0.0,), lam=lam,
+    indices=(2,),
+    size=3,
+    gamma=lambda zeta, u: (0.0,),
+    lam=lam,
     transition=lambda mode: None if mode in UNKNOWN else SAME,
-    offset=lambda mode, v, y: (0.0, 0.0, 0.0), dynamics=dynamics,
-    start=((0.3, 0.0), OPEN), probe=torque, period=2.0, bounds=((60.0, 1000.0),),
-    names=('1/J', 'b/J', 'mgl/J'), units=('1/(kg m^2)', '1/s', '1/s^2'), joints=('joint',),
-    basis=basis, orders=((0, 0, 1, 0),))
+    offset=lambda mode, v, y: (0.0, 0.0, 0.0),
+    dynamics=dynamics,
+    start=((0.3, 0.0), OPEN),
+    probe=torque,
+    period=2.0,
+    bounds=((60.0, 1000.0),),
+    names=('1/J', 'b/J', 'mgl/J'),
+    units=('1/(kg m^2)', '1/s', '1/s^2'),
+    joints=('joint',),
+    basis=basis,
+    orders=((0, 0, 1, 0),),
+)

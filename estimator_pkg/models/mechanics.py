@@ -110,5 +110,8 @@ def everywhere(values: Vector, q: Vector) -> bool:
 
 def assignments_of(model: Model, parameters: Any) -> tuple[str, ...]:
     """The 'parameter=value' texts that `load` takes for these parameters."""
-    return tuple(f'{name}={getattr(parameters, name)!r}'.replace("'", '')
-                 for name in declared(model.parameters) if getattr(parameters, name) is not None)
+    return tuple(
+        f'{name}={getattr(parameters, name)!r}'.replace("'", '')
+        for name in declared(model.parameters)
+        if getattr(parameters, name) is not None
+    )

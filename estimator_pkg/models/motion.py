@@ -32,10 +32,12 @@ def make_plant(mechanics: Mechanics) -> Callable[..., tuple]:
             a3 = acceleration(values, towards(q, 0.5 * h, v2), v3, u)
             v4 = towards(v, h, a3)
             a4 = acceleration(values, towards(q, h, v3), v4, u)
-            q = towards(towards(towards(towards(q, h / 6.0, v), h / 3.0, v2), h / 3.0, v3),
-                        h / 6.0, v4)
-            v = towards(towards(towards(towards(v, h / 6.0, a1), h / 3.0, a2), h / 3.0, a3),
-                        h / 6.0, a4)
+            q = towards(
+                towards(towards(towards(q, h / 6.0, v), h / 3.0, v2), h / 3.0, v3), h / 6.0, v4
+            )
+            v = towards(
+                towards(towards(towards(v, h / 6.0, a1), h / 3.0, a2), h / 3.0, a3), h / 6.0, a4
+            )
         return q, v
 
     return plant
@@ -51,8 +53,9 @@ def make_course(mechanics: Mechanics) -> Callable[..., None]:
     plant = make_plant(mechanics)
     vector, out = row_of(max(1, mechanics.inputs)), put_row(mechanics.degrees)
 
-    def course(values: tuple, q: tuple, v: tuple, inputs: Any, steps: Any, longest: float,
-               positions: Any) -> None:
+    def course(
+        values: tuple, q: tuple, v: tuple, inputs: Any, steps: Any, longest: float, positions: Any
+    ) -> None:
         out(positions, 0, q)
         for k in range(len(steps)):
             dt = steps[k]
@@ -65,14 +68,19 @@ def make_course(mechanics: Mechanics) -> Callable[..., None]:
 def row_of(size: int) -> Callable[..., tuple]:
     """row(array, k) -> row k of an array as a tuple of `size` floats."""
     names: dict[str, Any] = {}
-    exec('def row(array, k): return (' + ''.join(f'array[k, {i}], ' for i in range(size)) + ')',
-         names)
+    exec(
+        'def row(array, k): return (' + ''.join(f'array[k, {i}], ' for i in range(size)) + ')',
+        names,
+    )
     return names['row']
 
 
 def put_row(size: int) -> Callable[..., None]:
     """put(array, k, row): a tuple of `size` floats as row k of an array."""
     names: dict[str, Any] = {}
-    exec('def put(array, k, row):\n' + '\n'.join(f'    array[k, {i}] = row[{i}]'
-                                                 for i in range(size)), names)
+    exec(
+        'def put(array, k, row):\n'
+        + '\n'.join(f'    array[k, {i}] = row[{i}]' for i in range(size)),
+        names,
+    )
     return names['put']

@@ -21,20 +21,39 @@ class MotorData:
     """What the nameplate or a measurement tells of the motor; there are no defaults to trust."""
 
     resistance: float | None = parameter(
-        None, unit='ohm', range=(1e-6, 1e4), structural=True,
+        None,
+        unit='ohm',
+        range=(1e-6, 1e4),
+        structural=True,
         description='stator resistance of one phase to the star point (half of line to line)',
-        equation='R in (1)')
+        equation='R in (1)',
+    )
     inductance: float | None = parameter(
-        None, unit='H', range=(1e-9, 10.0), structural=True,
+        None,
+        unit='H',
+        range=(1e-9, 10.0),
+        structural=True,
         description='stator inductance of one phase to the star point (half of line to line)',
-        equation='L in (1)')
+        equation='L in (1)',
+    )
     flux: float | None = parameter(
-        None, unit='Wb', range=(1e-7, 100.0), structural=True,
+        None,
+        unit='Wb',
+        range=(1e-7, 100.0),
+        structural=True,
         description='nominal flux linkage of the magnets: amplitude of the phase back-EMF [V] '
-                    'per electrical speed [rad/s]', equation='phi in (1)')
+        'per electrical speed [rad/s]',
+        equation='phi in (1)',
+    )
     pole_pairs: int | None = parameter(
-        None, unit='', range=(1, 200), structural=True, kind=int,
-        description='pole pairs: electrical turns per mechanical turn', equation='p')
+        None,
+        unit='',
+        range=(1, 200),
+        structural=True,
+        kind=int,
+        description='pole pairs: electrical turns per mechanical turn',
+        equation='p',
+    )
 
 
 def check_motor(data: MotorData, owner: str) -> tuple[float, float, float, float]:

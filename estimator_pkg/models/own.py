@@ -49,20 +49,26 @@ def instance(path: str, values: Mapping[str, Any] | None = None) -> Any:
     try:
         model = named() if isinstance(named, type) else copy.copy(named)
     except Exception as error:  # a user's class may fail in any way
-        raise UserError(f"model '{path}' cannot be made: {type(error).__name__}: {error}"
-                        ) from error
+        raise UserError(
+            f"model '{path}' cannot be made: {type(error).__name__}: {error}"
+        ) from error
     known = numbers(model, path)
     for name, value in (values or {}).items():
         if not known:
-            raise UsageError(f"model '{path}' takes no 'model_parameters': its numbers stand in "
-                             "its own module, and no attribute 'parameters' names them")
+            raise UsageError(
+                f"model '{path}' takes no 'model_parameters': its numbers stand in "
+                "its own module, and no attribute 'parameters' names them"
+            )
         if name not in known:
-            raise UsageError(f"model '{path}' has no parameter '{name}': "
-                             f'{suggestion(name, known)}')
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(
-                value):
-            raise UsageError(f"parameter '{name}' of model '{path}' must be a number, not "
-                             f'{value!r}')
+            raise UsageError(f"model '{path}' has no parameter '{name}': {suggestion(name, known)}")
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not math.isfinite(value)
+        ):
+            raise UsageError(
+                f"parameter '{name}' of model '{path}' must be a number, not {value!r}"
+            )
         setattr(model, name, float(value))
     return model
 
@@ -83,8 +89,9 @@ def numbers(model: Any, path: str) -> dict[str, float]:
         try:
             found[str(name)] = float(getattr(model, name))
         except (AttributeError, TypeError, ValueError) as error:
-            raise UserError(f"model '{path}': its 'parameters' name '{name}', which is no number "
-                            'of it') from error
+            raise UserError(
+                f"model '{path}': its 'parameters' name '{name}', which is no number of it"
+            ) from error
     return found
 
 
@@ -108,12 +115,17 @@ def mechanics_of(model: Any, path: str) -> Mechanics:
     else:
         parts = _ordinary(model, count)
     return Mechanics(
-        name=path, joints=joints, values=(0.0,), actuated=actuated,
+        name=path,
+        joints=joints,
+        values=(0.0,),
+        actuated=actuated,
         periods=_numbers(model, path, 'periods', count, 2.0 * np.pi),
         centre=_numbers(model, path, 'centre', count, 0.0),
         reach=_numbers(model, path, 'reach', count, 1.0),
         speed_matters=hasattr(model, 'friction'),
-        compiles=bool(getattr(model, 'compiles', False)), **parts)
+        compiles=bool(getattr(model, 'compiles', False)),
+        **parts,
+    )
 
 
 def _with_found_factors(mechanics: Mechanics) -> Mechanics:
@@ -122,6 +134,7 @@ def _with_found_factors(mechanics: Mechanics) -> Mechanics:
     It does for every constant M, for every single joint, and for a mechanism such as the
     cart-pendulum.
     """
+
     def factors(values: tuple, q: tuple) -> tuple:
         psi = np.linalg.cholesky(np.linalg.inv(np.array(mechanics.inertia(values, q))))
         return _matrix(psi), _matrix(psi)
@@ -154,14 +167,19 @@ def guarded(mechanics: Mechanics) -> Mechanics:
             except Exception as error:  # a user's code may fail in any way
                 said[0] = f'{type(error).__name__}: {error}'
                 return instead
+
         return safe
 
     return replace(
-        mechanics, inertia=around(mechanics.inertia, (row,) * n),
+        mechanics,
+        inertia=around(mechanics.inertia, (row,) * n),
         factors=around(mechanics.factors, ((row,) * n, (row,) * n)),
-        force=around(mechanics.force, row), coriolis=around(mechanics.coriolis, row),
-        damping=around(mechanics.damping, (row,) * n), admits=around(mechanics.admits, False),
-        complaint=lambda: said[0])
+        force=around(mechanics.force, row),
+        coriolis=around(mechanics.coriolis, row),
+        damping=around(mechanics.damping, (row,) * n),
+        admits=around(mechanics.admits, False),
+        complaint=lambda: said[0],
+    )
 
 
 def _numbers(model: Any, path: str, name: str, count: int, usual: float) -> tuple[float, ...]:
@@ -213,21 +231,28 @@ def _ordinary(model: Any, count: int) -> dict[str, Any]:
     friction = getattr(model, 'friction', None)
     calm = getattr(model, 'calm', None)
     given = getattr(model, 'coriolis', None) or _christoffel(model, count)
-    return {'inertia': inertia, 'force': force, 'coriolis': coriolis,
-            'factors': factors if hasattr(model, 'psi') else None,
-            'damping': damping if hasattr(model, 'damping') else None,
-            'admits': admits if hasattr(model, 'admits') else everywhere}
+    return {
+        'inertia': inertia,
+        'force': force,
+        'coriolis': coriolis,
+        'factors': factors if hasattr(model, 'psi') else None,
+        'damping': damping if hasattr(model, 'damping') else None,
+        'admits': admits if hasattr(model, 'admits') else everywhere,
+    }
 
 
 def _christoffel(model: Any, count: int) -> Callable[..., Any]:
     """C v from the mass matrix by central differences, where the model does not give it."""
+
     def coriolis(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         turning, energy = np.zeros((count, count)), np.zeros(count)
         for index in range(count):
             step = np.zeros(count)
             step[index] = DERIVATIVE_STEP
-            slope = (np.asarray(model.inertia(q + step), float)
-                     - np.asarray(model.inertia(q - step), float)) / (2.0 * DERIVATIVE_STEP)
+            slope = (
+                np.asarray(model.inertia(q + step), float)
+                - np.asarray(model.inertia(q - step), float)
+            ) / (2.0 * DERIVATIVE_STEP)
             turning += v[index] * slope
             energy[index] = 0.5 * v @ slope @ v
         return turning @ v - energy
@@ -260,7 +285,11 @@ def _compilable(model: Any) -> dict[str, Any]:
     def admits(values: tuple, q: tuple) -> bool:
         return inner_admits(q)
 
-    return {'inertia': inertia, 'force': force, 'coriolis': coriolis,
-            'factors': factors if inner_factors is not None else None,
-            'damping': damping if inner_damping is not None else None,
-            'admits': admits if inner_admits is not None else everywhere}
+    return {
+        'inertia': inertia,
+        'force': force,
+        'coriolis': coriolis,
+        'factors': factors if inner_factors is not None else None,
+        'damping': damping if inner_damping is not None else None,
+        'admits': admits if inner_admits is not None else everywhere,
+    }

@@ -21,20 +21,39 @@ class Parameters:
     """The numbers of the leg; the defaults are the paper's."""
 
     foot_mass: float = parameter(
-        4.5, unit='kg', range=(1e-9, 1e6), structural=True, equation='m1',
-        description='mass at the end of the leg')
+        4.5,
+        unit='kg',
+        range=(1e-9, 1e6),
+        structural=True,
+        equation='m1',
+        description='mass at the end of the leg',
+    )
     body_inertia: float = parameter(
-        1.7, unit='kg m^2', range=(1e-9, 1e6), structural=True, equation='m2',
-        description='inertia of the body')
+        1.7,
+        unit='kg m^2',
+        range=(1e-9, 1e6),
+        structural=True,
+        equation='m2',
+        description='inertia of the body',
+    )
     kappa: float = parameter(
-        5.0, unit='1/m', range=(1e-6, 1e6), structural=True,
-        description='constant of the paper in Psi; any value above 0 is admissible')
+        5.0,
+        unit='1/m',
+        range=(1e-6, 1e6),
+        structural=True,
+        description='constant of the paper in Psi; any value above 0 is admissible',
+    )
     margin: float = parameter(
-        0.02, unit='', range=(1e-9, 0.5), structural=True,
-        description='the model is not used where |sin th| is below this')
+        0.02,
+        unit='',
+        range=(1e-9, 0.5),
+        structural=True,
+        description='the model is not used where |sin th| is below this',
+    )
 
 
 # values: m1, m2, kappa, margin
+
 
 def inertia(values: Vector, q: Vector) -> Matrix:
     """M."""
@@ -48,9 +67,14 @@ def factors(values: Vector, q: Vector) -> tuple[Matrix, Matrix]:
     kappa = values[2]
     km = kappa * values[0]
     turning = 1.0 / (km * r * r)
-    return (((-c / (s * km * r), (c + kappa * r) / (km * s * r), 0.0),
-             (turning, -turning, 0.0), (0.0, 0.0, 1.0 / values[1])),
-            ((s, s, 0.0), (c / r + kappa, c / r, 0.0), (0.0, 0.0, 1.0)))
+    return (
+        (
+            (-c / (s * km * r), (c + kappa * r) / (km * s * r), 0.0),
+            (turning, -turning, 0.0),
+            (0.0, 0.0, 1.0 / values[1]),
+        ),
+        ((s, s, 0.0), (c / r + kappa, c / r, 0.0), (0.0, 0.0, 1.0)),
+    )
 
 
 def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
@@ -73,14 +97,27 @@ def build(parameters: Parameters) -> Mechanics:
     """The leg with these numbers."""
     p = parameters
     return Mechanics(
-        name='robotic_leg', joints=('r', 'th', 'phi'), periods=(0.0, TURN, TURN),
-        values=(p.foot_mass, p.body_inertia, p.kappa, p.margin), actuated=(0, 2),
-        inertia=inertia, factors=factors, force=force, coriolis=coriolis, damping=None,
-        admits=admits, centre=(2.2, 1.8, 0.4), reach=(1.0, 1.0, math.pi))
+        name='robotic_leg',
+        joints=('r', 'th', 'phi'),
+        periods=(0.0, TURN, TURN),
+        values=(p.foot_mass, p.body_inertia, p.kappa, p.margin),
+        actuated=(0, 2),
+        inertia=inertia,
+        factors=factors,
+        force=force,
+        coriolis=coriolis,
+        damping=None,
+        admits=admits,
+        centre=(2.2, 1.8, 0.4),
+        reach=(1.0, 1.0, math.pi),
+    )
 
 
 MODEL = Model(
-    name='robotic_leg', parameters=Parameters, build=build,
+    name='robotic_leg',
+    parameters=Parameters,
+    build=build,
     summary="the paper's robotic leg: radius, angle of the leg, angle of the body",
     reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), section 5.2',
-    identified=('foot_mass', 'body_inertia'))
+    identified=('foot_mass', 'body_inertia'),
+)

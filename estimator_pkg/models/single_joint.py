@@ -21,39 +21,74 @@ class Parameters:
     """The numbers of a single joint."""
 
     inertia: float = parameter(
-        0.1, unit='kg m^2', range=(1e-9, 1e6), structural=True,
+        0.1,
+        unit='kg m^2',
+        range=(1e-9, 1e6),
+        structural=True,
         description='of the joint, the motor and its gear included, about its axis (kg for a '
-                    'slide)')
+        'slide)',
+    )
     damping: float = parameter(
-        0.0, unit='N m s/rad', range=(0.0, 1e6), structural=True,
-        description='viscous friction')
+        0.0, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction'
+    )
     coulomb: float = parameter(
-        0.0, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction')
+        0.0, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction'
+    )
     coulomb_speed: float = parameter(
-        STRIBECK, unit='rad/s', range=(1e-9, 100.0), structural=True, advanced=True,
-        description='width of the change of sign of the Coulomb friction, tanh(v / width)')
+        STRIBECK,
+        unit='rad/s',
+        range=(1e-9, 100.0),
+        structural=True,
+        advanced=True,
+        description='width of the change of sign of the Coulomb friction, tanh(v / width)',
+    )
     gravity: float = parameter(
-        0.0, unit='N m', range=(-1e6, 1e6), structural=True,
+        0.0,
+        unit='N m',
+        range=(-1e6, 1e6),
+        structural=True,
         description='mass times g times lever arm: the largest torque of gravity; positive where '
-                    'the joint hangs at the angle `hanging`')
+        'the joint hangs at the angle `hanging`',
+    )
     hanging: float = parameter(
-        0.0, unit='rad', range=(-10.0, 10.0), structural=True,
-        description='angle at which gravity does nothing and the joint hangs down')
+        0.0,
+        unit='rad',
+        range=(-10.0, 10.0),
+        structural=True,
+        description='angle at which gravity does nothing and the joint hangs down',
+    )
     bias: float = parameter(
-        0.0, unit='N m', range=(-1e6, 1e6), structural=True,
-        description='constant torque against the joint (offset of the torque sensor, a spring)')
+        0.0,
+        unit='N m',
+        range=(-1e6, 1e6),
+        structural=True,
+        description='constant torque against the joint (offset of the torque sensor, a spring)',
+    )
     torque_constant: float = parameter(
-        1.0, unit='N m/A', range=(-1e6, 1e6), structural=True,
-        description='torque of the motor per unit of the input; 1 where the input is the torque')
+        1.0,
+        unit='N m/A',
+        range=(-1e6, 1e6),
+        structural=True,
+        description='torque of the motor per unit of the input; 1 where the input is the torque',
+    )
     gear_ratio: float = parameter(
-        1.0, unit='', range=(-1e5, 1e5), structural=True,
-        description='turns of the motor per turn of the joint; 1 where the input is at the joint')
+        1.0,
+        unit='',
+        range=(-1e5, 1e5),
+        structural=True,
+        description='turns of the motor per turn of the joint; 1 where the input is at the joint',
+    )
     period: float = parameter(
-        TURN, unit='rad', range=(0.0, 1e6), structural=True,
-        description='after which the reading repeats; 0 for a slide or a multi-turn encoder')
+        TURN,
+        unit='rad',
+        range=(0.0, 1e6),
+        structural=True,
+        description='after which the reading repeats; 0 for a slide or a multi-turn encoder',
+    )
 
 
 # values: J, b, c, coulomb width, g1, hanging, bias, gear kt
+
 
 def inertia(values: Vector, q: Vector) -> Matrix:
     """M."""
@@ -67,8 +102,12 @@ def factors(values: Vector, q: Vector) -> tuple[Matrix, Matrix]:
 
 def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
     """Torques but the viscous one [N m]."""
-    return (values[7] * u[0] - values[4] * math.sin(q[0] - values[5]) - values[6]
-            - values[2] * smooth_sign(v[0], values[3]),)
+    return (
+        values[7] * u[0]
+        - values[4] * math.sin(q[0] - values[5])
+        - values[6]
+        - values[2] * smooth_sign(v[0], values[3]),
+    )
 
 
 def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
@@ -85,15 +124,36 @@ def build(parameters: Parameters) -> Mechanics:
     """The joint with these numbers."""
     p = parameters
     return Mechanics(
-        name='single_joint', joints=('joint',), periods=(p.period,),
-        values=(p.inertia, p.damping, p.coulomb, p.coulomb_speed, p.gravity, p.hanging, p.bias,
-                p.gear_ratio * p.torque_constant),
-        actuated=(0,), inertia=inertia, factors=factors, force=force, coriolis=coriolis,
-        damping=damping, admits=everywhere, centre=(p.hanging,), reach=(math.pi,),
-        speed_matters=p.coulomb > 0.0)
+        name='single_joint',
+        joints=('joint',),
+        periods=(p.period,),
+        values=(
+            p.inertia,
+            p.damping,
+            p.coulomb,
+            p.coulomb_speed,
+            p.gravity,
+            p.hanging,
+            p.bias,
+            p.gear_ratio * p.torque_constant,
+        ),
+        actuated=(0,),
+        inertia=inertia,
+        factors=factors,
+        force=force,
+        coriolis=coriolis,
+        damping=damping,
+        admits=everywhere,
+        centre=(p.hanging,),
+        reach=(math.pi,),
+        speed_matters=p.coulomb > 0.0,
+    )
 
 
 MODEL = Model(
-    name='single_joint', parameters=Parameters, build=build,
+    name='single_joint',
+    parameters=Parameters,
+    build=build,
     summary='one joint with its motor: inertia, friction, gravity, torque constant, gear ratio',
-    identified=('inertia', 'damping', 'coulomb', 'gravity', 'hanging', 'bias'))
+    identified=('inertia', 'damping', 'coulomb', 'gravity', 'hanging', 'bias'),
+)

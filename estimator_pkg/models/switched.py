@@ -23,10 +23,12 @@ from estimator_pkg.errors import UsageError
 Vector = Sequence[float]
 Array = NDArray[np.floating[Any]]
 
-CLOSE = 1e-5      # relative residual up to which a numerical derivative counts as right
-RANK = 1e-6       # least singular value, relative to the greatest, that counts as rank
-OWN = {'example': 'estimator_pkg.models.switched_example:MODEL',
-       'gripper': 'estimator_pkg.models.gripper:MODEL'}
+CLOSE = 1e-5  # relative residual up to which a numerical derivative counts as right
+RANK = 1e-6  # least singular value, relative to the greatest, that counts as rank
+OWN = {
+    'example': 'estimator_pkg.models.switched_example:MODEL',
+    'gripper': 'estimator_pkg.models.gripper:MODEL',
+}
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,9 @@ def load(name: str) -> SwitchedModel:
     if name in OWN:
         return registry.load(OWN[name])
     if ':' not in name:
-        raise UsageError(f"unknown switched model '{name}': {', '.join(OWN)} or "
-                         'package.module:Name')
+        raise UsageError(
+            f"unknown switched model '{name}': {', '.join(OWN)} or package.module:Name"
+        )
     model = registry.load(name)
     if not isinstance(model, SwitchedModel):
         raise UsageError(f"model '{name}' is no SwitchedModel")
@@ -129,8 +132,10 @@ def check(model: SwitchedModel, steps: int | None = 1) -> float:
         raise
     except Exception as error:  # a user's model may fail in any way
         place = extract_tb(error.__traceback__)[-1]
-        raise UsageError(f"model: its code fails in '{place.name}', line {place.lineno}: "
-                         f'{type(error).__name__}: {error}') from error
+        raise UsageError(
+            f"model: its code fails in '{place.name}', line {place.lineno}: "
+            f'{type(error).__name__}: {error}'
+        ) from error
 
 
 def _checked(model: SwitchedModel, steps: int | None) -> float:
@@ -138,17 +143,23 @@ def _checked(model: SwitchedModel, steps: int | None) -> float:
     x, z = model.start
     random = np.random.default_rng(1)
     for _ in range(20):
-        near = tuple(float(a + 0.2 * (1.0 + abs(a)) * b)
-                     for a, b in zip(x, random.uniform(-1.0, 1.0, len(x))))
-        other = tuple(float(a + 0.2 * (1.0 + abs(a)) * b)
-                      for a, b in zip(z, random.uniform(-1.0, 1.0, len(z))))
+        near = tuple(
+            float(a + 0.2 * (1.0 + abs(a)) * b)
+            for a, b in zip(x, random.uniform(-1.0, 1.0, len(x)))
+        )
+        other = tuple(
+            float(a + 0.2 * (1.0 + abs(a)) * b)
+            for a, b in zip(z, random.uniform(-1.0, 1.0, len(z)))
+        )
         _check_chain(model, near, other, model.probe(float(random.uniform(0.0, model.period))))
     if steps is None:
         return 0.0
     least = observability(model, steps)
     if least <= 0.0:
-        raise UsageError(f'the rank of (28) with N = {steps} is never reached along the '
-                         "model's trajectory: Z cannot be reconstructed from its outputs")
+        raise UsageError(
+            f'the rank of (28) with N = {steps} is never reached along the '
+            "model's trajectory: Z cannot be reconstructed from its outputs"
+        )
     return least
 
 
@@ -158,18 +169,24 @@ def _check_shapes(model: SwitchedModel) -> None:
     if len(x) != n or len(z) != m:
         raise UsageError(f'model: start needs {n} and {m} numbers, not {len(x)} and {len(z)}')
     zeta, u = model.zeta(x, z), model.probe(0.0)
-    shapes = {'gamma': (np.shape(model.gamma(zeta, u)), (p,)),
-              'lam': (np.shape(model.lam(zeta, u)), (p, m)), 'phi': (np.shape(zeta), (n,)),
-              'dynamics': (np.shape(model.dynamics(x, z, u)), (n,)),
-              'bounds': (tuple(map(len, model.bounds)), model.indices),
-              'names': (len(model.names), m), 'units': (len(model.units), m),
-              'joints': (len(model.joints), p)}
+    shapes = {
+        'gamma': (np.shape(model.gamma(zeta, u)), (p,)),
+        'lam': (np.shape(model.lam(zeta, u)), (p, m)),
+        'phi': (np.shape(zeta), (n,)),
+        'dynamics': (np.shape(model.dynamics(x, z, u)), (n,)),
+        'bounds': (tuple(map(len, model.bounds)), model.indices),
+        'names': (len(model.names), m),
+        'units': (len(model.units), m),
+        'joints': (len(model.joints), p),
+    }
     mode, v = model.event
     matrix = model.transition(mode)
     if matrix is not None:
         shapes['transition'] = (np.shape(matrix), (m, m))
-        shapes['offset'] = (np.shape(model.offset(
-            mode, v, tuple(zeta[i] for i in model.firsts))), (m,))
+        shapes['offset'] = (
+            np.shape(model.offset(mode, v, tuple(zeta[i] for i in model.firsts))),
+            (m,),
+        )
     if model.basis is not None:
         y = tuple(zeta[i] for i in model.firsts)
         shapes['basis'] = (np.shape(model.basis(y, u)), (p, m + 1))
@@ -187,21 +204,23 @@ def _check_chain(model: SwitchedModel, x: Vector, z: Vector, u: Vector) -> None:
         raise UsageError("model: 'phi_inverse' does not invert 'phi'")
     rate = np.array(model.dynamics(x, z, u))
     step = 1e-5 / (1.0 + float(np.max(np.abs(rate))))
-    ahead, behind = (np.array(model.zeta(tuple(np.array(x) + sign * step * rate), z))
-                     for sign in (1.0, -1.0))
+    ahead, behind = (
+        np.array(model.zeta(tuple(np.array(x) + sign * step * rate), z)) for sign in (1.0, -1.0)
+    )
     found = (ahead - behind) / (2.0 * step)
     wanted = np.append(zeta[1:], 0.0)
-    wanted[model.ends] = (np.array(model.gamma(tuple(zeta), u))
-                          + np.array(model.lam(tuple(zeta), u)) @ np.array(z))
+    wanted[model.ends] = np.array(model.gamma(tuple(zeta), u)) + np.array(
+        model.lam(tuple(zeta), u)
+    ) @ np.array(z)
     worst = int(np.argmax(np.abs(found - wanted)))
     if abs(found[worst] - wanted[worst]) > CLOSE * (1.0 + np.max(np.abs(wanted))):
         raise UsageError(
             f'model: the derivative of zeta[{worst}] along the dynamics is {found[worst]:.6g}, but '
-            f'the model says {wanted[worst]:.6g} (a wrong chain, or one that is not linear in Z)')
+            f'the model says {wanted[worst]:.6g} (a wrong chain, or one that is not linear in Z)'
+        )
 
 
-def trajectory(model: SwitchedModel, events: int, step: float = 1e-3
-               ) -> tuple[Array, Array, Array]:
+def trajectory(model: SwitchedModel, events: int, step: float = 1e-3) -> tuple[Array, Array, Array]:
     """A simulation of `events` typical events, equally apart: times, shape (n,), states, and Z.
 
     Row i belongs to time i step; Z is the one that holds from then on. Runge-Kutta 4.
@@ -244,12 +263,14 @@ def observability(model: SwitchedModel, steps: int, events: int = 12) -> float:
     if np.allclose(a, np.eye(model.size)):
         ends = np.arange(0, len(times), max(1, per_period // 10))
         steps = max(steps, 2 * model.size)
-    rows = [np.array(model.lam(model.zeta(states[i], discrete[i]), model.probe(times[i])))
-            for i in ends]
+    rows = [
+        np.array(model.lam(model.zeta(states[i], discrete[i]), model.probe(times[i]))) for i in ends
+    ]
     best = 0.0
     for first in range(len(rows) - steps):
-        stacked = np.vstack([rows[first + j] @ np.linalg.matrix_power(a, j)
-                             for j in range(steps + 1)])
+        stacked = np.vstack(
+            [rows[first + j] @ np.linalg.matrix_power(a, j) for j in range(steps + 1)]
+        )
         values = np.linalg.svd(stacked, compute_uv=False)
         if len(values) >= model.size and values[-1] > RANK * values[0]:
             best = max(best, float(values[-1]))

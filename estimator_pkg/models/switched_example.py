@@ -12,8 +12,12 @@ A_D = ((0.5, 0.0, 1.0), (-0.2, 0.1, 0.0), (-0.2, 0.0, -0.1))
 
 def dynamics(x: Vector, z: Vector, u: Vector) -> Sequence[float]:
     """F as printed."""
-    return (x[1] + z[0], -10.0 * x[1] - 5.0 * math.sin(0.5 * x[2]) - x[0] * x[0] * z[0],
-            x[3] + z[0], -x[2] * x[2] + 5.0 * x[0] + x[0] * z[1])
+    return (
+        x[1] + z[0],
+        -10.0 * x[1] - 5.0 * math.sin(0.5 * x[2]) - x[0] * x[0] * z[0],
+        x[3] + z[0],
+        -x[2] * x[2] + 5.0 * x[0] + x[0] * z[1],
+    )
 
 
 def phi(x: Vector, z: Vector) -> Sequence[float]:
@@ -37,8 +41,20 @@ def lam(zeta: Vector, u: Vector) -> Sequence[Vector]:
 
 
 MODEL = SwitchedModel(
-    indices=(2, 2), size=3, gamma=gamma, lam=lam, transition=lambda mode: A_D,
-    offset=lambda mode, v, y: (y[0], 0.0, y[1]), dynamics=dynamics, phi=phi,
-    phi_inverse=phi_inverse, start=((1.0, 0.5, 0.5, 0.0), (0.5, 0.5, 0.2)),
-    probe=lambda t: (), period=0.5, bounds=((120.0, 400.0), (60.0, 150.0)),
-    names=('z1', 'z2', 'z3'), units=('', '', ''), joints=('y1', 'y2'))
+    indices=(2, 2),
+    size=3,
+    gamma=gamma,
+    lam=lam,
+    transition=lambda mode: A_D,
+    offset=lambda mode, v, y: (y[0], 0.0, y[1]),
+    dynamics=dynamics,
+    phi=phi,
+    phi_inverse=phi_inverse,
+    start=((1.0, 0.5, 0.5, 0.0), (0.5, 0.5, 0.2)),
+    probe=lambda t: (),
+    period=0.5,
+    bounds=((120.0, 400.0), (60.0, 150.0)),
+    names=('z1', 'z2', 'z3'),
+    units=('', '', ''),
+    joints=('y1', 'y2'),
+)

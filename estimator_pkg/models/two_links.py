@@ -24,45 +24,81 @@ class Parameters:
     """The numbers of two links; the defaults are about those of an arm of two 0.2 m links."""
 
     shoulder_inertia: float = parameter(
-        0.15, unit='kg m^2', range=(1e-9, 1e6), structural=True, equation='a = I1 + m2 l1^2',
+        0.15,
+        unit='kg m^2',
+        range=(1e-9, 1e6),
+        structural=True,
+        equation='a = I1 + m2 l1^2',
         description='of the upper link about the shoulder, with the mass of the lower one at the '
-                    'elbow and what turns with them')
+        'elbow and what turns with them',
+    )
     elbow_inertia: float = parameter(
-        0.04, unit='kg m^2', range=(1e-9, 1e6), structural=True, equation='b = I2',
-        description='of the lower link about the elbow')
+        0.04,
+        unit='kg m^2',
+        range=(1e-9, 1e6),
+        structural=True,
+        equation='b = I2',
+        description='of the lower link about the elbow',
+    )
     coupling: float = parameter(
-        0.04, unit='kg m^2', range=(0.0, 1e6), structural=True, equation='k = m2 l1 r2',
+        0.04,
+        unit='kg m^2',
+        range=(0.0, 1e6),
+        structural=True,
+        equation='k = m2 l1 r2',
         description='mass of the lower link times the length of the upper one and the distance of '
-                    'its own centre from the elbow')
+        'its own centre from the elbow',
+    )
     shoulder_gravity: float = parameter(
-        2.5, unit='N m', range=(0.0, 1e6), structural=True, equation='ga = g (m1 r1 + m2 l1)',
+        2.5,
+        unit='N m',
+        range=(0.0, 1e6),
+        structural=True,
+        equation='ga = g (m1 r1 + m2 l1)',
         description='largest torque of gravity on the shoulder by the upper link and the mass at '
-                    'its end')
+        'its end',
+    )
     elbow_gravity: float = parameter(
-        1.0, unit='N m', range=(0.0, 1e6), structural=True, equation='gb = g m2 r2',
-        description='largest torque of gravity on the elbow')
+        1.0,
+        unit='N m',
+        range=(0.0, 1e6),
+        structural=True,
+        equation='gb = g m2 r2',
+        description='largest torque of gravity on the elbow',
+    )
     shoulder_damping: float = parameter(
-        0.01, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction')
+        0.01, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction'
+    )
     elbow_damping: float = parameter(
-        0.01, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction')
+        0.01, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction'
+    )
     shoulder_coulomb: float = parameter(
-        0.05, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction')
+        0.05, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction'
+    )
     elbow_coulomb: float = parameter(
-        0.05, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction')
+        0.05, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction'
+    )
     coulomb_speed: float = parameter(
-        STRIBECK, unit='rad/s', range=(1e-9, 100.0), structural=True, advanced=True,
-        description='width of the change of sign of the Coulomb friction, tanh(v / width)')
+        STRIBECK,
+        unit='rad/s',
+        range=(1e-9, 100.0),
+        structural=True,
+        advanced=True,
+        description='width of the change of sign of the Coulomb friction, tanh(v / width)',
+    )
 
     def __post_init__(self) -> None:
         """M must be positive at every angle; raises UsageError."""
-        if self.shoulder_inertia * self.elbow_inertia <= self.coupling ** 2:
+        if self.shoulder_inertia * self.elbow_inertia <= self.coupling**2:
             raise UsageError(
                 "model 'two_links': shoulder_inertia * elbow_inertia must be above coupling^2, but "
-                f'{self.shoulder_inertia * self.elbow_inertia:g} <= {self.coupling ** 2:g}: the '
-                'mass matrix is not positive')
+                f'{self.shoulder_inertia * self.elbow_inertia:g} <= {self.coupling**2:g}: the '
+                'mass matrix is not positive'
+            )
 
 
 # values: a, b, k, ga, gb, damping of both, Coulomb friction of both, its width
+
 
 def inertia(values: Vector, q: Vector) -> Matrix:
     """M."""
@@ -74,8 +110,10 @@ def inertia(values: Vector, q: Vector) -> Matrix:
 def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
     """Motors, gravity and Coulomb friction [N m]."""
     lower = values[4] * math.sin(q[0] + q[1])
-    return (u[0] - values[3] * math.sin(q[0]) - lower - values[7] * smooth_sign(v[0], values[9]),
-            u[1] - lower - values[8] * smooth_sign(v[1], values[9]))
+    return (
+        u[0] - values[3] * math.sin(q[0]) - lower - values[7] * smooth_sign(v[0], values[9]),
+        u[1] - lower - values[8] * smooth_sign(v[1], values[9]),
+    )
 
 
 def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
@@ -93,18 +131,48 @@ def build(parameters: Parameters) -> Mechanics:
     """The links with these numbers."""
     p = parameters
     return Mechanics(
-        name='two_links', joints=('shoulder', 'elbow'), periods=(TURN, TURN),
-        values=(p.shoulder_inertia, p.elbow_inertia, p.coupling, p.shoulder_gravity,
-                p.elbow_gravity, p.shoulder_damping, p.elbow_damping, p.shoulder_coulomb,
-                p.elbow_coulomb, p.coulomb_speed),
-        actuated=(0, 1), inertia=inertia, factors=None, force=force, coriolis=coriolis,
-        damping=damping, admits=everywhere, centre=(0.0, 0.0), reach=(math.pi, math.pi),
-        speed_matters=True)
+        name='two_links',
+        joints=('shoulder', 'elbow'),
+        periods=(TURN, TURN),
+        values=(
+            p.shoulder_inertia,
+            p.elbow_inertia,
+            p.coupling,
+            p.shoulder_gravity,
+            p.elbow_gravity,
+            p.shoulder_damping,
+            p.elbow_damping,
+            p.shoulder_coulomb,
+            p.elbow_coulomb,
+            p.coulomb_speed,
+        ),
+        actuated=(0, 1),
+        inertia=inertia,
+        factors=None,
+        force=force,
+        coriolis=coriolis,
+        damping=damping,
+        admits=everywhere,
+        centre=(0.0, 0.0),
+        reach=(math.pi, math.pi),
+        speed_matters=True,
+    )
 
 
 MODEL = Model(
-    name='two_links', parameters=Parameters, build=build,
+    name='two_links',
+    parameters=Parameters,
+    build=build,
     summary='two links in a vertical plane with a motor in each joint, for hgo, ehgo and smo',
-    identified=('shoulder_inertia', 'elbow_inertia', 'coupling', 'shoulder_gravity',
-                'elbow_gravity', 'shoulder_damping', 'elbow_damping', 'shoulder_coulomb',
-                'elbow_coulomb'))
+    identified=(
+        'shoulder_inertia',
+        'elbow_inertia',
+        'coupling',
+        'shoulder_gravity',
+        'elbow_gravity',
+        'shoulder_damping',
+        'elbow_damping',
+        'shoulder_coulomb',
+        'elbow_coulomb',
+    ),
+)

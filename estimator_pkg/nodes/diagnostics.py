@@ -32,15 +32,27 @@ from estimator_pkg.observers.contract import (
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
-_LEVELS = {INITIALISING: WARN, TRACKING: OK, COASTING: WARN, LOST: ERROR, NOT_OBSERVABLE: WARN,
-           MISCONFIGURED: ERROR}
-_REASONS = {INITIALISING: 'not settled yet since the start, a reset or the loss of lock',
-            COASTING: 'carried by prediction after a gap, an outlier or a loss of lock',
-            NOT_OBSERVABLE: 'the signals do not determine the state'}
+_LEVELS = {
+    INITIALISING: WARN,
+    TRACKING: OK,
+    COASTING: WARN,
+    LOST: ERROR,
+    NOT_OBSERVABLE: WARN,
+    MISCONFIGURED: ERROR,
+}
+_REASONS = {
+    INITIALISING: 'not settled yet since the start, a reset or the loss of lock',
+    COASTING: 'carried by prediction after a gap, an outlier or a loss of lock',
+    NOT_OBSERVABLE: 'the signals do not determine the state',
+}
 EVENTS = VERDICTS[2:DUPLICATE]
-_DROPPED_FOR = {DUPLICATE: 'their stamps repeat', LATE: 'their stamps are late',
-                NON_FINITE: 'their numbers are not finite', ZERO_STAMP: 'they have no time stamp',
-                REPEATED: 'they repeat the reading before'}
+_DROPPED_FOR = {
+    DUPLICATE: 'their stamps repeat',
+    LATE: 'their stamps are late',
+    NON_FINITE: 'their numbers are not finite',
+    ZERO_STAMP: 'they have no time stamp',
+    REPEATED: 'they repeat the reading before',
+}
 
 
 def dropped_for(verdict: int) -> str:
@@ -58,9 +70,12 @@ def array(node: Node, entries: Iterable[DiagnosticStatus]) -> DiagnosticArray:
 
 def entry(level: bytes, name: str, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:
     """One entry; numbers are written as a person reads them."""
-    return DiagnosticStatus(level=level, name=name, message=message,
-                            values=[KeyValue(key=key, value=text(value))
-                                    for key, value in values.items()])
+    return DiagnosticStatus(
+        level=level,
+        name=name,
+        message=message,
+        values=[KeyValue(key=key, value=text(value)) for key, value in values.items()],
+    )
 
 
 def group_delay(joint: Joint) -> float:
@@ -82,8 +97,9 @@ def counters(joints: Mapping[str, Joint]) -> dict[str, int]:
     return values
 
 
-def joint_status(name: str, joint: Joint, status: int, why: str,
-                 more: Mapping[str, Any] | None = None) -> DiagnosticStatus:
+def joint_status(
+    name: str, joint: Joint, status: int, why: str, more: Mapping[str, Any] | None = None
+) -> DiagnosticStatus:
     """The entry of one joint in ~/status: its message is the status, with why after a colon.
 
     Parameters
@@ -92,7 +108,13 @@ def joint_status(name: str, joint: Joint, status: int, why: str,
     """
     why = why or _REASONS.get(status, '')
     said = STATUS_NAMES[status]
-    values = {'status': said, 'why': why, 'group_delay_s': group_delay(joint),
-              'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else math.nan,
-              **counters({name: joint}), 'resets': joint.reset_count, **(more or {})}
+    values = {
+        'status': said,
+        'why': why,
+        'group_delay_s': group_delay(joint),
+        'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else math.nan,
+        **counters({name: joint}),
+        'resets': joint.reset_count,
+        **(more or {}),
+    }
     return entry(_LEVELS[status], name, f'{said}: {why}' if why else said, values)

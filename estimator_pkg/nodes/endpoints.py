@@ -52,12 +52,17 @@ def estimates() -> QoSProfile:
 
 def latched() -> QoSProfile:
     """Of what late subscriptions must see too."""
-    return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
-                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    return QoSProfile(
+        depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+    )
 
 
-_OPEN = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
-         QoSPolicyKind.DURABILITY)
+_OPEN = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
 
 DEEPEST = 100_000  # messages of a queue
 UNNAMED = '_NODE_NAME_UNKNOWN_'  # what ROS calls a node of which it has not heard all yet
@@ -136,14 +141,17 @@ class Endpoints:
         texts = []
         for each in self._inputs:
             topic, wanted = each.subscription.topic_name, _type_name(each.subscription.msg_type)
-            texts += [f'{found.node_name} publishes {found.topic_type} on {topic}, where this node '
-                      f'reads {wanted}: they are not connected'
-                      for found in self._node.get_publishers_info_by_topic(topic)
-                      if found.topic_type != wanted and found.node_name != UNNAMED]
+            texts += [
+                f'{found.node_name} publishes {found.topic_type} on {topic}, where this node '
+                f'reads {wanted}: they are not connected'
+                for found in self._node.get_publishers_info_by_topic(topic)
+                if found.topic_type != wanted and found.node_name != UNNAMED
+            ]
         return texts
 
-    def subscribe(self, kind: type, topic: str, receive: Receive,
-                  qos: QoSProfile | None = None) -> Subscription:
+    def subscribe(
+        self, kind: type, topic: str, receive: Receive, qos: QoSProfile | None = None
+    ) -> Subscription:
         """A raw subscription: `receive` gets every message's bytes and info.
 
         Raises
@@ -174,9 +182,14 @@ class Endpoints:
 
         def make(**events: Any) -> Subscription:
             return self._node.create_subscription(
-                kind, topic, callback, qos or sensor_data(), raw=True,
+                kind,
+                topic,
+                callback,
+                qos or sensor_data(),
+                raw=True,
                 qos_overriding_options=_overriding(),
-                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch, **events))
+                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch, **events),
+            )
 
         holder.append(self._made(topic, make, {'matched': matched, 'message_lost': reported}))
         self._inputs.append(_Input(holder[0], callback, loss))
@@ -203,8 +216,12 @@ class Endpoints:
 
         def make() -> Publisher:
             return self._node.create_publisher(
-                kind, topic, qos or estimates(), qos_overriding_options=_overriding(),
-                event_callbacks=PublisherEventCallbacks(incompatible_qos=mismatch))
+                kind,
+                topic,
+                qos or estimates(),
+                qos_overriding_options=_overriding(),
+                event_callbacks=PublisherEventCallbacks(incompatible_qos=mismatch),
+            )
 
         holder.append(self._made(topic, make, {}))
         return holder[0]
@@ -225,8 +242,13 @@ class Endpoints:
                     return make()
         except ParameterException as error:
             raise UsageError(in_words(error)) from error
-        except (InvalidQosOverridesError, AssertionError, RuntimeError, TypeError,
-                ValueError) as error:
+        except (
+            InvalidQosOverridesError,
+            AssertionError,
+            RuntimeError,
+            TypeError,
+            ValueError,
+        ) as error:
             why = str(error).rpartition('are not valid: ')[2]
             raise UsageError(f"qos_overrides of '{topic}': {why}") from error
 
@@ -234,8 +256,9 @@ class Endpoints:
         self.qos_mismatches += event.total_count_change
         policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
         self._node.get_logger().warning(
-            f"a {other} on {topic} has an incompatible QoS and is not connected: {policy} differs; "
-            f"set the parameter 'qos_overrides.{topic}.{own}.{policy}'")
+            f'a {other} on {topic} has an incompatible QoS and is not connected: {policy} differs; '
+            f"set the parameter 'qos_overrides.{topic}.{own}.{policy}'"
+        )
 
 
 def _overriding() -> QoSOverridingOptions:
@@ -246,8 +269,9 @@ def _possible(qos: QoSProfile) -> SetParametersResult:
     """Whether the middleware can keep so many messages; it would say it in ten lines."""
     if 1 <= qos.depth <= DEEPEST or qos.history == HistoryPolicy.KEEP_ALL:
         return SetParametersResult(successful=True)
-    return SetParametersResult(successful=False,
-                               reason=f'depth {qos.depth} is outside [1, {DEEPEST}]')
+    return SetParametersResult(
+        successful=False, reason=f'depth {qos.depth} is outside [1, {DEEPEST}]'
+    )
 
 
 def _type_name(kind: Any) -> str:

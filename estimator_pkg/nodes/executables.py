@@ -19,9 +19,11 @@ def of_stream(kind: str) -> Callable[..., int]:
     A family from outside the package names its executable so: ``my_observer =
     of_stream('my_kind')``.
     """
+
     def make() -> Any:
         # ROS takes a while to import, and an interrupt before that must end the process quietly
         from estimator_pkg.nodes.observer import ObserverNode
+
         return ObserverNode(kind)
 
     def main(args: list[str] | None = None) -> int:

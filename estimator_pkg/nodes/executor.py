@@ -32,11 +32,11 @@ try:
 except ImportError:  # of an rclpy without it
     EventsExecutor = None  # type: ignore[assignment]
 
-TURN = 0.01     # [s] for the messages of one subscription before everything else has its turn
+TURN = 0.01  # [s] for the messages of one subscription before everything else has its turn
 ASK_EVERY = 0.05  # [s] how old the queue of events is
-OLDEST = 0.1      # [s] it may be
-AT_LEAST = 20     # callbacks within that time: a process that was not given the processor has fewer
-CALM = 1.0      # [s] without a full turn after which events are queued again
+OLDEST = 0.1  # [s] it may be
+AT_LEAST = 20  # callbacks within that time: a process that was not given the processor has fewer
+CALM = 1.0  # [s] without a full turn after which events are queued again
 LONGEST_CALM = 60.0  # [s] where that has failed again and again
 
 
@@ -76,8 +76,11 @@ class TurnsExecutor(SingleThreadedExecutor):
 
     def can_execute(self, entity: Any) -> bool:
         """Whether the executor of rclpy sees to `entity`: not to messages, which are taken here."""
-        return (not _taken_here(entity) and not (self._looks and isinstance(entity, Waitable))
-                and super().can_execute(entity))
+        return (
+            not _taken_here(entity)
+            and not (self._looks and isinstance(entity, Waitable))
+            and super().can_execute(entity)
+        )
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait until something is ready; then a turn of messages, and all else that is ready."""
@@ -125,7 +128,8 @@ class TurnsExecutor(SingleThreadedExecutor):
         # watching them costs as much as all the rest.
         return came, not came or bool(self._tasks) or any(
             wait_set.get_ready_entities(kind)
-            for kind in ('timer', 'service', 'client', 'guard_condition'))
+            for kind in ('timer', 'service', 'client', 'guard_condition')
+        )
 
     def _collect(self) -> None:
         """Make the wait set for what the nodes consist of now."""
@@ -139,7 +143,8 @@ class TurnsExecutor(SingleThreadedExecutor):
             'guard_condition': [each.handle for each in guards],
             'timer': [each.handle for node in nodes for each in node.timers],
             'client': [each.handle for node in nodes for each in node.clients],
-            'service': [each.handle for node in nodes for each in node.services]}
+            'service': [each.handle for node in nodes for each in node.services],
+        }
         counts = [len(entities) for entities in self._entities.values()]
         context: Any = self._context.handle
         with context:
@@ -188,11 +193,11 @@ class SteadyExecutor:
         self._turns = TurnsExecutor(context=context)
         self._events: Any = None
         self._calm = CALM
-        self._since = 0.0    # that these events are queued
-        self._asked = 0.0    # when an event was queued to see how long it waits; 0: it has run
+        self._since = 0.0  # that these events are queued
+        self._asked = 0.0  # when an event was queued to see how long it waits; 0: it has run
         self._ask_at = 0.0
-        self._ran = 0        # callbacks since then
-        self._look = False   # at what came while nodes were taken in, which may go unnoticed
+        self._ran = 0  # callbacks since then
+        self._look = False  # at what came while nodes were taken in, which may go unnoticed
         if EventsExecutor is not None:
             self._queue_events()
 
@@ -280,8 +285,11 @@ class SteadyExecutor:
         self._calm = min(2.0 * self._calm, LONGEST_CALM) if again else CALM
 
     def _queue_events(self) -> None:
-        self._events, self._asked, self._since = EventsExecutor(
-            context=self._context), 0.0, monotonic()
+        self._events, self._asked, self._since = (
+            EventsExecutor(context=self._context),
+            0.0,
+            monotonic(),
+        )
         for node in self._nodes:
             self._events.add_node(node)
         self._look = True

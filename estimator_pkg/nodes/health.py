@@ -27,11 +27,11 @@ from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
 from estimator_pkg.streams.contract import Stream
 
-DIAGNOSTICS = 1.0       # [s] between two of /diagnostics
-UNHEARD_OF = 5.0        # [s] after which what never appeared is named
-ALL_HERE = 1.0          # [s] after the first joint by which the others have come too
+DIAGNOSTICS = 1.0  # [s] between two of /diagnostics
+UNHEARD_OF = 5.0  # [s] after which what never appeared is named
+ALL_HERE = 1.0  # [s] after the first joint by which the others have come too
 SAY_AGAIN_AFTER = 10.0  # [s] between two warnings of the same kind
-NAMED = 5               # joints that a warning names at most
+NAMED = 5  # joints that a warning names at most
 
 
 class Health:
@@ -52,22 +52,26 @@ class Health:
         'messages_dropped.empty': 'messages without positions',
         'messages_dropped.mismatched': 'messages whose arrays do not match',
         'messages_dropped.failed': 'messages on which the observer failed',
-        'dropped.duplicate': 'duplicates', 'dropped.late': 'late samples',
+        'dropped.duplicate': 'duplicates',
+        'dropped.late': 'late samples',
         'dropped.non_finite': 'samples that are not finite',
         'dropped.zero_stamp': 'samples without a stamp',
         'dropped.misconfigured': 'samples of misconfigured joints',
         'dropped.repeated': 'repeated readings',
-        'events.outage': 'outages', 'events.clock_jump': 'clock jumps',
+        'events.outage': 'outages',
+        'events.clock_jump': 'clock jumps',
         'events.stray_stamp': 'stamps from far ahead',
         'dropped.refused': 'samples of new joints beyond joints_max (name the joints that you need '
-                           'in joints, or raise joints_max)',
+        'in joints, or raise joints_max)',
         'joints_expired': 'joints that were forgotten after expiry',
-        'lost_by_dds': 'messages lost by DDS'}
+        'lost_by_dds': 'messages lost by DDS',
+    }
 
     input: Subscription
 
-    def __init__(self, node: Node, stream: Stream, endpoints: Endpoints, ros: RosParameters
-                 ) -> None:
+    def __init__(
+        self, node: Node, stream: Stream, endpoints: Endpoints, ros: RosParameters
+    ) -> None:
         self._node, self._stream, self._endpoints, self._ros = node, stream, endpoints, ros
         self._wrong = {**self.WRONG, **stream.WRONG}
         self._status = endpoints.publisher(DiagnosticArray, '~/status', latched())
@@ -83,7 +87,7 @@ class Health:
         self._alive: set[str] = set()  # joints that are not lost
         self._gone: dict[str, int] = {}  # counters of joints that have expired
         self._lost: Mapping[str, int] = {}  # by topic
-        self._said: dict[str, tuple[int, str]] = {}    # status and why, as published
+        self._said: dict[str, tuple[int, str]] = {}  # status and why, as published
         self._warned: dict[str, float] = {}
         self._before = _Totals()
         self._publish_status()
@@ -97,8 +101,12 @@ class Health:
     def failed(self, topic: str, why: str) -> None:
         """The observer raised an exception on a message; the joints start again."""
         self._failed += 1
-        self._say('failed', f'the observer failed on a message of {topic}, and all '
-                            f'{self._stream.KEPT}s start again: {why}', severe=True)
+        self._say(
+            'failed',
+            f'the observer failed on a message of {topic}, and all '
+            f'{self._stream.KEPT}s start again: {why}',
+            severe=True,
+        )
 
     def look(self) -> None:
         """Publish what has changed, and once a second the diagnostics."""
@@ -112,8 +120,11 @@ class Health:
         touched = self._stream.bank.touched()
         names = set(joints) if due or len(joints) != len(said) else self._alive.union(touched)
         new = {name: self._judge(name, joints[name], now) for name in names}
-        changed = {name: new[name] for name in (joints if len(new) == len(joints) else sorted(new))
-                   if said.get(name) != new[name]}
+        changed = {
+            name: new[name]
+            for name in (joints if len(new) == len(joints) else sorted(new))
+            if said.get(name) != new[name]
+        }
         self._alive.update(name for name in changed if new[name][0] != LOST)
         self._alive.difference_update(name for name in changed if new[name][0] == LOST)
         if changed:
@@ -137,8 +148,15 @@ class Health:
         """Forget joints that have had no sample for its `expiry`."""
         expiry = getattr(self._stream.settings, 'expiry', 0.0)
         bank = self._stream.bank
-        old = [name for name, (_, since, _) in self._used.items()
-               if now - since > expiry and not bank.named(name)] if expiry > 0.0 else []
+        old = (
+            [
+                name
+                for name, (_, since, _) in self._used.items()
+                if now - since > expiry and not bank.named(name)
+            ]
+            if expiry > 0.0
+            else []
+        )
         if old:
             counts = self._counts_of(old)
             if not self._stream.expire(old):
@@ -151,8 +169,11 @@ class Health:
             self._alive.difference_update(old)
             more = f' and {len(old) - NAMED} more' if len(old) > NAMED else ''
             named = ', '.join(map(repr, old[:NAMED]))
-            self._say('expired', f'{self._stream.KEPT} {named}{more}: no sample for {expiry:g} s, '
-                                 'forgotten (expiry)')
+            self._say(
+                'expired',
+                f'{self._stream.KEPT} {named}{more}: no sample for {expiry:g} s, '
+                'forgotten (expiry)',
+            )
 
     def _counts_of(self, names: Iterable[str]) -> dict[str, int]:
         joints = {name: self._stream.bank.joints[name] for name in names}
@@ -171,15 +192,26 @@ class Health:
             reason = self._stream.why_silent(name)
             if not reason and received > before:
                 reason = dropped_for(joint.verdict)
-            return LOST, (f'no usable sample for {joint.silence:.3g} s'
-                          + (f'; {reason}' if reason else ''))
+            return LOST, (
+                f'no usable sample for {joint.silence:.3g} s' + (f'; {reason}' if reason else '')
+            )
         return joint.estimate()[3], joint.why()
 
     def _publish_status(self) -> None:
-        self._status.publish(array(self._node, (
-            joint_status(name, joint, *self._said.get(name, (INITIALISING, '')),
-                         self._stream.about(name))
-            for name, joint in self._stream.bank.joints.items())))
+        self._status.publish(
+            array(
+                self._node,
+                (
+                    joint_status(
+                        name,
+                        joint,
+                        *self._said.get(name, (INITIALISING, '')),
+                        self._stream.about(name),
+                    )
+                    for name, joint in self._stream.bank.joints.items()
+                ),
+            )
+        )
 
     def _report(self, now: float) -> None:
         passed, self._last_report = now - self._last_report, now
@@ -188,25 +220,42 @@ class Health:
         self._before = totals
         self._warn(new)
         name = self._node.get_fully_qualified_name()
-        self._diagnostics.publish(array(self._node, (
-            self._of_node(name, totals, new, passed),
-            *(joint_status(f'{name}: {joint}', self._stream.bank.joints[joint], status, why)
-              for joint, (status, why) in self._said.items()))))
+        self._diagnostics.publish(
+            array(
+                self._node,
+                (
+                    self._of_node(name, totals, new, passed),
+                    *(
+                        joint_status(
+                            f'{name}: {joint}', self._stream.bank.joints[joint], status, why
+                        )
+                        for joint, (status, why) in self._said.items()
+                    ),
+                ),
+            )
+        )
         self._step_time = self._longest_step = 0.0
 
-    def _of_node(self, name: str, totals: _Totals, new: _Totals, passed: float
-                 ) -> DiagnosticStatus:
-        decoded = (new['messages_received'] - new['messages_dropped.malformed']
-                   - new['messages_dropped.failed'])
+    def _of_node(self, name: str, totals: _Totals, new: _Totals, passed: float) -> DiagnosticStatus:
+        decoded = (
+            new['messages_received']
+            - new['messages_dropped.malformed']
+            - new['messages_dropped.failed']
+        )
         values: dict[str, Any] = {
-            'rate_hz': new['messages_received'] / passed, **totals,
+            'rate_hz': new['messages_received'] / passed,
+            **totals,
             'publishers': self.input.get_publisher_count(),
             'step_time_mean_us': 1e6 * self._step_time / decoded if decoded else 0.0,
-            'step_time_max_us': 1e6 * self._longest_step}
+            'step_time_max_us': 1e6 * self._longest_step,
+        }
         wrong = [f'{new[key]} {text}' for key, text in self._wrong.items() if new.get(key)]
         if new['messages_dropped.malformed']:
-            wrong.insert(0, f"{new['messages_dropped.malformed']} malformed messages "
-                            f'({self._stream.complaint[1]})')
+            wrong.insert(
+                0,
+                f'{new["messages_dropped.malformed"]} malformed messages '
+                f'({self._stream.complaint[1]})',
+            )
         if not new['messages_received']:
             wrong.insert(0, 'no input')
         return entry(WARN if wrong else OK, name, ', '.join(wrong) or 'ok', values)
@@ -214,22 +263,33 @@ class Health:
     def _totals(self) -> _Totals:
         stream, bank = self._stream, self._stream.bank
         malformed, unused = sum(stream.malformed), stream.unused()
-        decoded = sum(count - bad for port, count, bad in zip(
-            stream.inputs, stream.received, stream.malformed) if port.answered) - self._failed
+        decoded = (
+            sum(
+                count - bad
+                for port, count, bad in zip(stream.inputs, stream.received, stream.malformed)
+                if port.answered
+            )
+            - self._failed
+        )
         samples = self._counts_of(bank.joints)
         for key, count in self._gone.items():
             samples[key] += count
         samples['received'] += bank.refused
-        return _Totals({
-            'messages_received': decoded + malformed + self._failed,
-            'messages_used': decoded - sum(unused.values()),
-            'messages_dropped.malformed': malformed,
-            'messages_dropped.failed': self._failed,
-            **{f'messages_dropped.{kind}': count for kind, count in unused.items()},
-            **samples, 'dropped.refused': bank.refused,
-            'joints': len(bank.joints), 'joints_expired': bank.expired,
-            'lost_by_dds': sum(self._endpoints.lost.values()),
-            'qos_mismatches': self._endpoints.qos_mismatches})
+        return _Totals(
+            {
+                'messages_received': decoded + malformed + self._failed,
+                'messages_used': decoded - sum(unused.values()),
+                'messages_dropped.malformed': malformed,
+                'messages_dropped.failed': self._failed,
+                **{f'messages_dropped.{kind}': count for kind, count in unused.items()},
+                **samples,
+                'dropped.refused': bank.refused,
+                'joints': len(bank.joints),
+                'joints_expired': bank.expired,
+                'lost_by_dds': sum(self._endpoints.lost.values()),
+                'qos_mismatches': self._endpoints.qos_mismatches,
+            }
+        )
 
     # Warnings
 
@@ -237,13 +297,19 @@ class Health:
         """One line for what a person should know of, at most one of a kind in ten seconds."""
         topic = self.input.topic_name
         if new['dropped.zero_stamp']:
-            self._say('zero', f"{new['dropped.zero_stamp']} samples on {topic} carry no time stamp "
-                              f'and are dropped: {self._stream.NO_STAMP}')
+            self._say(
+                'zero',
+                f'{new["dropped.zero_stamp"]} samples on {topic} carry no time stamp '
+                f'and are dropped: {self._stream.NO_STAMP}',
+            )
         if new['events.clock_jump']:
             publishers = self.input.get_publisher_count()
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
-            self._say('jump', 'the clock of the measurements jumped (a bag that loops, a restarted '
-                              f'simulation{several}): its {self._stream.KEPT}s start again')
+            self._say(
+                'jump',
+                'the clock of the measurements jumped (a bag that loops, a restarted '
+                f'simulation{several}): its {self._stream.KEPT}s start again',
+            )
         if new['messages_dropped.malformed']:
             where, why = self._stream.complaint
             self._say('malformed', f'messages on {where} are malformed and dropped: {why}')
@@ -251,17 +317,24 @@ class Health:
             self._say('mismatched', f'messages on {topic} are dropped: {self._stream.MISMATCH}')
         if new['dropped.refused']:
             bank: Any = self._stream.bank
-            self._say('refused', f"{new['dropped.refused']} samples on {topic} are beyond "
-                                 f"joints_max (the newest is '{bank.refused_name}'; "
-                                 f'{len(bank.joints)} are kept): name those that you need in '
-                                 "'joints', or raise 'joints_max'")
+            self._say(
+                'refused',
+                f'{new["dropped.refused"]} samples on {topic} are beyond '
+                f"joints_max (the newest is '{bank.refused_name}'; "
+                f'{len(bank.joints)} are kept): name those that you need in '
+                "'joints', or raise 'joints_max'",
+            )
         before, self._lost = self._lost, self._endpoints.lost
-        where = ' and '.join(each for each, count in self._lost.items()
-                             if count > before.get(each, 0))
+        where = ' and '.join(
+            each for each, count in self._lost.items() if count > before.get(each, 0)
+        )
         if where:
-            self._say('lost', f"{new['lost_by_dds']} messages on {where} were lost: more come than "
-                              'this node or the network can take, or they came before the '
-                              'connection was made')
+            self._say(
+                'lost',
+                f'{new["lost_by_dds"]} messages on {where} were lost: more come than '
+                'this node or the network can take, or they came before the '
+                'connection was made',
+            )
 
     def _tell_changes(self, statuses: Mapping[str, tuple[int, str]]) -> None:
         """Joints that have become misconfigured, or of which every sample is dropped."""
@@ -271,12 +344,13 @@ class Health:
                 continue
             if status == MISCONFIGURED:
                 self._node.get_logger().error(
-                    f"{self._stream.KEPT} '{name}' is misconfigured: {why}")
+                    f"{self._stream.KEPT} '{name}' is misconfigured: {why}"
+                )
             if status == LOST and ';' in why:  # more than silence
                 lost.setdefault(why, []).append(f"'{name}'")
         for why, names in lost.items():
             more = f' and {len(names) - NAMED} more' if len(names) > NAMED else ''
-            self._say(why, f"{self._stream.KEPT} {', '.join(names[:NAMED])}{more}: {why}")
+            self._say(why, f'{self._stream.KEPT} {", ".join(names[:NAMED])}{more}: {why}')
 
     def _say(self, kind: str, text: str, *, severe: bool = False) -> None:
         now = monotonic()
@@ -298,8 +372,10 @@ class Health:
         """No input at all, or publishers of another type: as often as that changes."""
         texts = self._endpoints.of_other_types()
         if not sum(self._stream.received):
-            texts.append(f'nothing has been received on {self.input.topic_name} yet; publishers '
-                         f'connected: {self.input.get_publisher_count()}')
+            texts.append(
+                f'nothing has been received on {self.input.topic_name} yet; publishers '
+                f'connected: {self.input.get_publisher_count()}'
+            )
         for text in texts:
             if text not in self._told:
                 self._told.add(text)
@@ -311,7 +387,8 @@ class Health:
         for joint in sorted({*self._ros.overrides, *self._stream.bank.only} - set(seen)):
             self._node.get_logger().warning(
                 f"{self._stream.KEPT} '{joint}' was named in the parameters and never seen: "
-                f'{suggestion(joint, seen)}')
+                f'{suggestion(joint, seen)}'
+            )
 
 
 class _Totals(dict[str, int]):

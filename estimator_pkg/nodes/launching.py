@@ -28,17 +28,30 @@ def one_node(name: str, use_sim_time: str = TAKES_TIME) -> LaunchDescription:
     use_sim_time : what that argument does to this node.
     """
     default_file = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', f'{name}.yaml'])
-    arguments = (('params_file', default_file, 'parameter file of the node'),
-                 ('namespace', '', 'namespace of the node and its topics'),
-                 ('use_sim_time', 'false', use_sim_time),
-                 ('name', name, 'name of the node'))
+    arguments = (
+        ('params_file', default_file, 'parameter file of the node'),
+        ('namespace', '', 'namespace of the node and its topics'),
+        ('use_sim_time', 'false', use_sim_time),
+        ('name', name, 'name of the node'),
+    )
     given = {argument: LaunchConfiguration(argument) for argument, *_ in arguments}
     sim_time = ParameterValue(given['use_sim_time'], value_type=bool)
-    return LaunchDescription([
-        *(DeclareLaunchArgument(argument, default_value=default, description=description)
-          for argument, default, description in arguments),
-        # The file goes to the node by itself, which ends where there is none; under `parameters`
-        # launch would warn of it, and the node would run with its defaults.
-        Node(package=PACKAGE, executable=name, name=given['name'], namespace=given['namespace'],
-             ros_arguments=['--params-file', given['params_file']],
-             parameters=[{'use_sim_time': sim_time}], output='screen')])
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(argument, default_value=default, description=description)
+                for argument, default, description in arguments
+            ),
+            # The file goes to the node by itself, which ends where there is none; with `parameters`
+            # launch would only warn of it, and the node would run with its defaults.
+            Node(
+                package=PACKAGE,
+                executable=name,
+                name=given['name'],
+                namespace=given['namespace'],
+                ros_arguments=['--params-file', given['params_file']],
+                parameters=[{'use_sim_time': sim_time}],
+                output='screen',
+            ),
+        ]
+    )

@@ -24,7 +24,7 @@ from estimator_pkg.parameters import declared
 from estimator_pkg.printable import PrintableLogger, printable
 from estimator_pkg.streams.contract import NO_NUMBERS, Action, Stream
 
-LOOK_AROUND = 0.1   # [s]
+LOOK_AROUND = 0.1  # [s]
 
 
 class ObserverNode(Node):
@@ -53,8 +53,10 @@ class ObserverNode(Node):
         family = streams.named(stream) if isinstance(stream, str) else stream
         try:
             # Overrides may name joints that have not appeared, so they cannot all be declared.
-            super().__init__(node_name or family.NODE,
-                             **{'allow_undeclared_parameters': family.OVERRIDES, **options})
+            super().__init__(
+                node_name or family.NODE,
+                **{'allow_undeclared_parameters': family.OVERRIDES, **options},
+            )
         except ParameterException as error:  # of a parameter of rclpy's own, as use_sim_time
             raise UsageError(in_words(error)) from error
         observer = None
@@ -67,8 +69,12 @@ class ObserverNode(Node):
             self._ros.declare(family.PER_JOINT)
             if family.OVERRIDES:
                 self._ros.allow_overrides(self._per_joint)
-            self.stream = family.start(settings, family.configure(
-                observer, settings, self._common(self._ros.values), self._ros.overrides))
+            self.stream = family.start(
+                settings,
+                family.configure(
+                    observer, settings, self._common(self._ros.values), self._ros.overrides
+                ),
+            )
             self._open()
         except BaseException as error:
             self.destroy_node()
@@ -85,9 +91,12 @@ class ObserverNode(Node):
         stream, self._endpoints = self.stream, Endpoints(self)
         self._wired: list[Any] = [
             self._endpoints.on_demand(get_message(output.type), f'~/{output.name}')
-            if output.on_demand else self._endpoints.publisher(
-                get_message(output.type), f'~/{output.name}', latched() if output.latched else None)
-            for output in stream.outputs]
+            if output.on_demand
+            else self._endpoints.publisher(
+                get_message(output.type), f'~/{output.name}', latched() if output.latched else None
+            )
+            for output in stream.outputs
+        ]
         self.create_service(Trigger, '~/reset', self._reset)
         for action in stream.actions():
             self._serve(action)
@@ -95,15 +104,17 @@ class ObserverNode(Node):
         self._ros.watch(self._check, self._apply)
         stream.go_live()
         stream.wanted[:] = [not output.on_demand for output in stream.outputs]
-        self.create_timer(LOOK_AROUND, self._look_around,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(
+            LOOK_AROUND, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         # Last: from here on messages come, and wait in a queue that is not long.
         subscriptions = [self._listen(port) for port in range(len(stream.inputs))]
         self.health.input = subscriptions[0]
         stream.topics = [each.topic_name for each in subscriptions]
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} of '
-            f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}')
+            f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}'
+        )
 
     # Messages
 
@@ -170,7 +181,8 @@ class ObserverNode(Node):
             response.success, response.message = reply.success, printable(reply.message)
             if reply.parameters:
                 result = self.set_parameters_atomically(
-                    [RosParameter(name, value=value) for name, value in reply.parameters.items()])
+                    [RosParameter(name, value=value) for name, value in reply.parameters.items()]
+                )
                 if not result.successful:
                     response.success, response.message = False, result.reason
             return response

@@ -15,7 +15,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from estimator_pkg.errors import UserError
 
 PATIENCE = 5.0  # [s] for a node to be found, and to answer
-TURN = 0.05     # [s] between looks
+TURN = 0.05  # [s] between looks
 
 
 class Spinning(Protocol):
@@ -48,8 +48,9 @@ class RemoteParameters:
         self.name = name if name.startswith('/') else f'/{name}'
         self._here = here
         self._client = AsyncParameterClient(here.node, self.name)
-        self._until(self._client.services_are_ready,
-                    f"no node '{self.name}' whose parameters could be set")
+        self._until(
+            self._client.services_are_ready, f"no node '{self.name}' whose parameters could be set"
+        )
 
     def get(self, names: Sequence[str]) -> dict[str, Any]:
         """What they are now, by name; None where one is not set, or the node has none such."""
@@ -65,8 +66,10 @@ class RemoteParameters:
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set them together; raises UserError if the node refuses one (why, in its own words)."""
-        asked = [Parameter(name, value=list(value) if isinstance(value, tuple) else value)
-                 for name, value in values.items()]
+        asked = [
+            Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+            for name, value in values.items()
+        ]
         result = self._answer(self._client.set_parameters_atomically(asked)).result
         if not result.successful:
             raise UserError(f"the node '{self.name}' keeps its gains: {result.reason}")

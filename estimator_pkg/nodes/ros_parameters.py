@@ -27,10 +27,14 @@ Values = dict[str, Any]
 PREFIX = 'joints.'
 QOS = 'qos_overrides.'
 
-_TYPES = {float: ParameterType.PARAMETER_DOUBLE, int: ParameterType.PARAMETER_INTEGER,
-          bool: ParameterType.PARAMETER_BOOL, str: ParameterType.PARAMETER_STRING,
-          tuple: ParameterType.PARAMETER_STRING_ARRAY,
-          list: ParameterType.PARAMETER_DOUBLE_ARRAY}
+_TYPES = {
+    float: ParameterType.PARAMETER_DOUBLE,
+    int: ParameterType.PARAMETER_INTEGER,
+    bool: ParameterType.PARAMETER_BOOL,
+    str: ParameterType.PARAMETER_STRING,
+    tuple: ParameterType.PARAMETER_STRING_ARRAY,
+    list: ParameterType.PARAMETER_DOUBLE_ARRAY,
+}
 
 
 def split_override(name: str) -> tuple[str, str] | None:
@@ -40,7 +44,7 @@ def split_override(name: str) -> tuple[str, str] | None:
     """
     if not name.startswith(PREFIX):
         return None
-    joint, dot, parameter = name[len(PREFIX):].rpartition('.')
+    joint, dot, parameter = name[len(PREFIX) :].rpartition('.')
     return (joint, parameter) if dot and joint and parameter else None
 
 
@@ -58,8 +62,9 @@ class RosParameters:
     def __init__(self, node: Node) -> None:
         self._node = node
         # What the command line, parameter files and the constructor gave for this node.
-        self._given: Values = {name: given.value
-                               for name, given in node._parameter_overrides.items()}
+        self._given: Values = {
+            name: given.value for name, given in node._parameter_overrides.items()
+        }
         self._known: dict[str, Parameter] = {}
         self._overridable: dict[str, Parameter] = {}
         self.values: Values = {}
@@ -78,8 +83,10 @@ class RosParameters:
         UsageError : a given value is wrong.
         """
         known = declared(cls)
-        values = {name: parameter.check(self._given.get(name, parameter.default))
-                  for name, parameter in known.items()}
+        values = {
+            name: parameter.check(self._given.get(name, parameter.default))
+            for name, parameter in known.items()
+        }
         instance = build(cls, values)
         self._known.update(known)
         self.values.update(values)
@@ -102,8 +109,9 @@ class RosParameters:
                 self.overrides.setdefault(joint, {})[parameter] = checked
                 self._declare(name, self._overridable[parameter], checked)
 
-    def watch(self, check: Callable[[Values, dict[str, Values]], None],
-              apply: Callable[[], None]) -> None:
+    def watch(
+        self, check: Callable[[Values, dict[str, Values]], None], apply: Callable[[], None]
+    ) -> None:
         """Let parameters be set from now on.
 
         Parameters
@@ -138,8 +146,7 @@ class RosParameters:
             value = list(value)
         self._declaring = True
         try:
-            self._node.declare_parameter(name, value, _descriptor(parameter),
-                                         ignore_override=True)
+            self._node.declare_parameter(name, value, _descriptor(parameter), ignore_override=True)
         finally:
             self._declaring = False
 
@@ -186,8 +193,11 @@ class RosParameters:
         self._fresh = []
         for change in changes:
             parameter = self._find(change.name)
-            if (parameter is not None and not parameter.structural
-                    and not self._node.has_parameter(change.name)):
+            if (
+                parameter is not None
+                and not parameter.structural
+                and not self._node.has_parameter(change.name)
+            ):
                 self._declare(change.name, parameter, None)  # an override gets its descriptor
                 self._fresh.append(change.name)
         self._being_set = frozenset(change.name for change in changes)
@@ -244,9 +254,12 @@ class RosParameters:
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     unit = f' [{parameter.unit}]' if parameter.unit else ''
     return ParameterDescriptor(
-        type=_TYPES[parameter.kind], description=parameter.description + unit,
-        additional_constraints=parameter.range_text(), read_only=parameter.structural,
-        dynamic_typing=True)
+        type=_TYPES[parameter.kind],
+        description=parameter.description + unit,
+        additional_constraints=parameter.range_text(),
+        read_only=parameter.structural,
+        dynamic_typing=True,
+    )
 
 
 def in_words(error: ParameterException) -> str:
@@ -256,5 +269,7 @@ def in_words(error: ParameterException) -> str:
 
 def ros_values(values: Mapping[str, Any]) -> list[RosParameter]:
     """Parameters for a node's ``parameter_overrides``, from plain values."""
-    return [RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
-            for name, value in values.items()]
+    return [
+        RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
+        for name, value in values.items()
+    ]

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from estimator_pkg.nodes.executor import SteadyExecutor
 
 MIXED = 'Sequence should be of same type'  # rcl of a list in which y, n, on or off is a boolean
-SPIN = 0.1       # [s] at most until an interrupt is seen
-AGAIN = 0.05     # [s] until what cannot be interrupted now is interrupted
+SPIN = 0.1  # [s] at most until an interrupt is seen
+AGAIN = 0.05  # [s] until what cannot be interrupted now is interrupted
 
 
 def settle_environment() -> None:
@@ -43,6 +43,7 @@ settle_environment()
 def make_executor() -> SteadyExecutor:
     """The executor that costs least, and that no rate of messages starves."""
     from estimator_pkg.nodes.executor import SteadyExecutor
+
     return SteadyExecutor()
 
 
@@ -143,7 +144,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
         gc.disable()  # a collection takes longer than a queue of 50 messages bridges at 1 kHz
         node = make_node()
         executor.add_node(node)
-        gc.freeze()   # nor is what has been imported looked through again
+        gc.freeze()  # nor is what has been imported looked through again
         gc.enable()
         interrupts.making = False
         while rclpy.ok() and not interrupts.came:
@@ -170,9 +171,11 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
 
 def _usage(program: str, word: str) -> int:
     helped = word in ('-h', '--help')
-    print(f'usage: {program} [--ros-args [-p PARAMETER:=VALUE ...] [--params-file FILE] '
-          '[-r FROM:=TO ...]]' + ('' if helped else f"; not '{printable(word)}'"),
-          file=sys.stdout if helped else sys.stderr)
+    print(
+        f'usage: {program} [--ros-args [-p PARAMETER:=VALUE ...] [--params-file FILE] '
+        '[-r FROM:=TO ...]]' + ('' if helped else f"; not '{printable(word)}'"),
+        file=sys.stdout if helped else sys.stderr,
+    )
     return 0 if helped else 2
 
 

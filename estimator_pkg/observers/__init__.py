@@ -26,8 +26,10 @@ def find(name: str) -> Observer:
     """
     observer = registry.find(registry.OBSERVERS, name)
     if not isinstance(observer, Observer):
-        raise UserError(f"observer '{name}': its entry point names {observer!r}, which is no "
-                        'Observer of estimator_pkg.observers')
+        raise UserError(
+            f"observer '{name}': its entry point names {observer!r}, which is no "
+            'Observer of estimator_pkg.observers'
+        )
     return observer
 
 

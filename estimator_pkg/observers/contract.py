@@ -17,13 +17,13 @@ from typing import Any
 from estimator_pkg.observers.circle import Circle
 
 # What an observer says of its own estimate. Plain ints: compiled code returns them.
-INITIALISING = 0    # not settled since the start or the last loss of lock; not published
-TRACKING = 1        # the estimate can be trusted
-COASTING = 2        # published, but carried by prediction (gap, outlier, loss of lock)
-LOST = 3            # no input (set by the node, never by an observer)
+INITIALISING = 0  # not settled since the start or the last loss of lock; not published
+TRACKING = 1  # the estimate can be trusted
+COASTING = 2  # published, but carried by prediction (gap, outlier, loss of lock)
+LOST = 3  # no input (set by the node, never by an observer)
 NOT_OBSERVABLE = 4  # the signals do not determine the state
-MISCONFIGURED = 5   # the gains are unstable at the measured sample rate
-VALID = (TRACKING, COASTING)    # an estimate of such a status is published, no other
+MISCONFIGURED = 5  # the gains are unstable at the measured sample rate
+VALID = (TRACKING, COASTING)  # an estimate of such a status is published, no other
 STATUS_NAMES = ('initialising', 'tracking', 'coasting', 'lost', 'not observable', 'misconfigured')
 
 

@@ -13,7 +13,7 @@ from estimator_pkg import observers, registry
 if TYPE_CHECKING:
     from estimator_pkg.streams.contract import Stream
 
-USUAL = 'angle'     # where nothing says otherwise
+USUAL = 'angle'  # where nothing says otherwise
 
 
 def named(kind: str) -> type[Stream]:

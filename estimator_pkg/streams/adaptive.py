@@ -20,7 +20,7 @@ from estimator_pkg.streams.contract import Action, Answer, Output, Reply, Reques
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
 
 IDENTIFIED = Output('identified_parameters', diagnostics.TYPE, on_demand=True)
-PERIOD = 100_000_000    # ns between two messages of it, by the stamps of the measurement
+PERIOD = 100_000_000  # ns between two messages of it, by the stamps of the measurement
 
 
 @dataclass(frozen=True)
@@ -28,31 +28,49 @@ class AdaptiveSettings(EffortSettings):
     """Parameters of the node `adaptive_observer` as a whole."""
 
     joints: tuple[str, ...] | None = parameter(
-        None, unit='', kind=tuple, structural=True,
-        description='names of the joints to estimate; unset: every joint that appears')
+        None,
+        unit='',
+        kind=tuple,
+        structural=True,
+        description='names of the joints to estimate; unset: every joint that appears',
+    )
     joints_max: int = parameter(
-        512, unit='', range=(1, 1_000_000), structural=True,
+        512,
+        unit='',
+        range=(1, 1_000_000),
+        structural=True,
         description='joints that are kept at most; names that come beyond it get no estimate and '
-                    'are counted. Joints that are named in the parameters do not count')
+        'are counted. Joints that are named in the parameters do not count',
+    )
     expiry: float = parameter(
-        600.0, unit='s', range=(0.0, 1e9), structural=True,
+        600.0,
+        unit='s',
+        range=(0.0, 1e9),
+        structural=True,
         description='without a sample for so long a joint is forgotten, unless the parameters name '
-                    'it; what it has learnt is saved first where parameters_file is set. 0: '
-                    'never')
+        'it; what it has learnt is saved first where parameters_file is set. 0: '
+        'never',
+    )
     parameters_file: str = parameter(
-        '', unit='', structural=True,
+        '',
+        unit='',
+        structural=True,
         description='where ~/save writes what was learnt; read at start if it is there. With '
-                    'adapt: false the node starts frozen on it')
+        'adapt: false the node starts frozen on it',
+    )
 
     def find_observer(self) -> Observer:
         """The observer; raises UsageError if the settings do not go together."""
         if self.input == COMMAND and self.effort_command_type == ARRAY and not self.only:
-            raise UsageError("effort_command_type 'Float64MultiArray' has no names: set 'joints' "
-                             'to the joints in its order')
+            raise UsageError(
+                "effort_command_type 'Float64MultiArray' has no names: set 'joints' "
+                'to the joints in its order'
+            )
         folder = Path(self.parameters_file).parent
         if not folder.is_dir():
-            raise UsageError(f"parameters_file '{self.parameters_file}': there is no folder "
-                             f'{folder}')
+            raise UsageError(
+                f"parameters_file '{self.parameters_file}': there is no folder {folder}"
+            )
         return OBSERVER
 
     @property
@@ -74,24 +92,31 @@ class AdaptiveStream(DrivenStream):
 
     def __init__(self, settings: AdaptiveSettings, configuration: AdaptiveConfiguration) -> None:
         bank = AdaptiveBank(configuration, settings.only, settings.input)
-        super().__init__(settings, configuration.observer, bank, [settings.only],
-                         outputs=[IDENTIFIED])
+        super().__init__(
+            settings, configuration.observer, bank, [settings.only], outputs=[IDENTIFIED]
+        )
         self._saved = configuration.saved
         self._notices: list[str] = []
         self._reported_ns = 0
         self._seen: set[str] = set()
 
     @classmethod
-    def configure(cls, observer: Observer, settings: AdaptiveSettings | None, common: Values,
-                  overrides: Mapping[str, Values]) -> AdaptiveConfiguration:
+    def configure(
+        cls,
+        observer: Observer,
+        settings: AdaptiveSettings | None,
+        common: Values,
+        overrides: Mapping[str, Values],
+    ) -> AdaptiveConfiguration:
         """See `Stream`; what was saved in ``parameters_file`` is where joints start."""
         path = settings.parameters_file if settings else ''
         saved = adaptive_file.load(path) if path and Path(path).exists() else {}
         return AdaptiveConfiguration(OBSERVER, common, overrides, saved)
 
     @classmethod
-    def start(cls, settings: AdaptiveSettings, configuration: AdaptiveConfiguration
-              ) -> AdaptiveStream:
+    def start(
+        cls, settings: AdaptiveSettings, configuration: AdaptiveConfiguration
+    ) -> AdaptiveStream:
         """See `Stream`."""
         stream = cls(settings, configuration)
         stream.try_gains(configuration)
@@ -110,10 +135,15 @@ class AdaptiveStream(DrivenStream):
         return answer
 
     def _identified(self) -> list[diagnostics.Status]:
-        return [diagnostics.Status(
-            report.trusted, name, f'{report.phase}: {report.reason}',
-            values_of(report, self.bank.unit(name)))
-            for name, report in self.bank.reports().items()]
+        return [
+            diagnostics.Status(
+                report.trusted,
+                name,
+                f'{report.phase}: {report.reason}',
+                values_of(report, self.bank.unit(name)),
+            )
+            for name, report in self.bank.reports().items()
+        ]
 
     def expire(self, names: Sequence[str]) -> bool:
         """See `Stream`; what was learnt is saved first, where a file is set."""
@@ -121,7 +151,7 @@ class AdaptiveStream(DrivenStream):
         if path and any(name in reports and reports[name].adapted for name in names):
             try:
                 adaptive_file.save(path, self.bank)
-                self._saved.update(adaptive_file.load(path))     # if one of them comes again
+                self._saved.update(adaptive_file.load(path))  # if one of them comes again
             except UserError as error:
                 self._notices.append(f'joints do not expire: {error}')
                 return False
@@ -155,37 +185,52 @@ class AdaptiveStream(DrivenStream):
     def unused(self) -> dict[str, int]:
         """See `Stream`."""
         bank = self.bank
-        return {'empty': bank.empty, 'mismatched': bank.mismatched - bank.without_input,
-                'without_effort': bank.without_input}
+        return {
+            'empty': bank.empty,
+            'mismatched': bank.mismatched - bank.without_input,
+            'without_effort': bank.without_input,
+        }
 
     def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
         report = self.bank.reports().get(name)
-        return {**super()._summary_of(name, joint),
-                **({'identified': values_of(report, self.bank.unit(name))} if report else {})}
+        return {
+            **super()._summary_of(name, joint),
+            **({'identified': values_of(report, self.bank.unit(name))} if report else {}),
+        }
 
     def why(self) -> str:
         """See `Stream`."""
         if self.bank.without_input and not self.bank.joints:
-            return (f"{self.topics[0]} carries no effort, which the observer needs as the model's "
-                    'input')
-        return '; '.join(f'{name}: {report.phase}: {report.reason}'
-                         for name, report in self.bank.reports().items()) or super().why()
+            return (
+                f"{self.topics[0]} carries no effort, which the observer needs as the model's input"
+            )
+        return (
+            '; '.join(
+                f'{name}: {report.phase}: {report.reason}'
+                for name, report in self.bank.reports().items()
+            )
+            or super().why()
+        )
 
     def finish(self, path: str) -> list[str]:
         """See `Stream`."""
         missing = [name for name in self.settings.only if name not in self._seen]
         if missing and self._seen:
-            raise UserError(f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}'; it "
-                            f'has {", ".join(sorted(self._seen))}')
+            raise UserError(
+                f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}'; it "
+                f'has {", ".join(sorted(self._seen))}'
+            )
         return self._unanswered()
 
     @classmethod
-    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-                  ) -> dict[str, Any]:
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
         """See `Stream`."""
         if request.angle:
-            raise UsageError('--angle is for observers that need nothing else: adaptive reads the '
-                             'effort too')
+            raise UsageError(
+                '--angle is for observers that need nothing else: adaptive reads the effort too'
+            )
         if request.joints:
             values['joints'] = list(request.joints)
         return values

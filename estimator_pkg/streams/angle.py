@@ -42,8 +42,12 @@ from estimator_pkg.streams.contract import (
 JOINT_STATES = 'joint_states'
 ANGLE = 'angle'
 ANGLE_TYPES = ('Float64', 'Float32', 'Int32', 'Int64', 'UInt16')  # of std_msgs
-NODE_OF = {'angle_and_input': 'adaptive_observer', 'drive': 'pmsm_observer',
-           'mechanical': 'mechanical_observer', 'switched': 'switched_observer'}  # by kind
+NODE_OF = {
+    'angle_and_input': 'adaptive_observer',
+    'drive': 'pmsm_observer',
+    'mechanical': 'mechanical_observer',
+    'switched': 'switched_observer',
+}  # by kind
 
 
 @dataclass(frozen=True)
@@ -51,43 +55,85 @@ class AngleSettings(StreamSettings):
     """Parameters of the node `joint_observer` apart from those of its observer."""
 
     observer: str = parameter(
-        'hybrid_angle', unit='', structural=True,
-        description="which observer; 'velocity_estimator list' names them all")
+        'hybrid_angle',
+        unit='',
+        structural=True,
+        description="which observer; 'velocity_estimator list' names them all",
+    )
     joints: tuple[str, ...] | None = parameter(
-        None, unit='', kind=tuple, structural=True,
-        description='names of the joints to estimate; unset: every joint that appears')
+        None,
+        unit='',
+        kind=tuple,
+        structural=True,
+        description='names of the joints to estimate; unset: every joint that appears',
+    )
     joints_max: int = parameter(
-        512, unit='', range=(1, 1_000_000), structural=True,
+        512,
+        unit='',
+        range=(1, 1_000_000),
+        structural=True,
         description='joints that are kept at most; names that come beyond it get no estimate and '
-                    'are counted. Joints that are named in the parameters do not count')
+        'are counted. Joints that are named in the parameters do not count',
+    )
     expiry: float = parameter(
-        600.0, unit='s', range=(0.0, 1e9), structural=True,
+        600.0,
+        unit='s',
+        range=(0.0, 1e9),
+        structural=True,
         description='without a sample for so long a joint is forgotten, unless the parameters name '
-                    'it; 0: never')
+        'it; 0: never',
+    )
     input: str = parameter(
-        JOINT_STATES, unit='', choices=(JOINT_STATES, ANGLE), structural=True,
+        JOINT_STATES,
+        unit='',
+        choices=(JOINT_STATES, ANGLE),
+        structural=True,
         description='which topic is read: joint_states (sensor_msgs/JointState) or angle '
-                    '(one number of std_msgs, see angle_type)')
+        '(one number of std_msgs, see angle_type)',
+    )
     angle_type: str = parameter(
-        'Float64', unit='', choices=ANGLE_TYPES, structural=True,
-        description='message type of the topic angle')
+        'Float64',
+        unit='',
+        choices=ANGLE_TYPES,
+        structural=True,
+        description='message type of the topic angle',
+    )
     angle_joint: str = parameter(
-        'joint', unit='', structural=True,
-        description='name under which the joint of the topic angle is published')
+        'joint',
+        unit='',
+        structural=True,
+        description='name under which the joint of the topic angle is published',
+    )
     counts_per_revolution: float = parameter(
-        0.0, unit='counts', range=(0.0, 1e12), structural=True,
+        0.0,
+        unit='counts',
+        range=(0.0, 1e12),
+        structural=True,
         description='counts of one turn on the topic angle; 0: it carries rad. It also gives the '
-                    'quantum where none is set')
+        'quantum where none is set',
+    )
     angle_offset: float = parameter(
-        0.0, unit='rad', range=(-1e6, 1e6), structural=True,
-        description='added to the angle of the topic angle, after scale and sign')
+        0.0,
+        unit='rad',
+        range=(-1e6, 1e6),
+        structural=True,
+        description='added to the angle of the topic angle, after scale and sign',
+    )
     angle_sign: int = parameter(
-        1, unit='', range=(-1, 1), structural=True,
-        description='-1 turns the sense of the topic angle round')
+        1,
+        unit='',
+        range=(-1, 1),
+        structural=True,
+        description='-1 turns the sense of the topic angle round',
+    )
     stamp_source: str = parameter(
-        'header', unit='', choices=('header', 'publisher'), structural=True,
+        'header',
+        unit='',
+        choices=('header', 'publisher'),
+        structural=True,
         description='time of a JointState: its header stamp, or the time at which its publisher '
-                    'sent it (for drivers that leave the stamp zero)')
+        'sent it (for drivers that leave the stamp zero)',
+    )
 
     def find_observer(self) -> Observer:
         """The observer.
@@ -101,8 +147,9 @@ class AngleSettings(StreamSettings):
             raise UsageError("parameter 'angle_sign' must be 1 or -1, not 0")
         if self.input == ANGLE:
             if 'Int' in self.angle_type and self.counts_per_revolution <= 0.0:
-                raise UsageError(f"angle_type '{self.angle_type}' carries counts: set "
-                                 "'counts_per_revolution'")
+                raise UsageError(
+                    f"angle_type '{self.angle_type}' carries counts: set 'counts_per_revolution'"
+                )
             if not self.angle_joint:
                 raise UsageError("parameter 'angle_joint' must not be empty")
             if self.only and self.angle_joint not in self.only:
@@ -169,15 +216,26 @@ class JointStates:
     def sample(self, raw: bytes, publish_ns: int) -> Sample:
         """See `Source`."""
         layout = self._layout(raw)
-        return Sample(publish_ns if self._by_publisher else layout.stamp_ns(raw), layout.frame_id,
-                      layout.names, layout.numbers(raw, 0))
+        return Sample(
+            publish_ns if self._by_publisher else layout.stamp_ns(raw),
+            layout.frame_id,
+            layout.names,
+            layout.numbers(raw, 0),
+        )
 
     def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
         """See `Source`."""
         groups, malformed = decode_block(block)
-        return [Samples(group.rows, group.frame_id, group.names,
-                        block.publish_ns[group.rows] if self._by_publisher else group.stamps_ns,
-                        group.arrays[0]) for group in groups], malformed
+        return [
+            Samples(
+                group.rows,
+                group.frame_id,
+                group.names,
+                block.publish_ns[group.rows] if self._by_publisher else group.stamps_ns,
+                group.arrays[0],
+            )
+            for group in groups
+        ], malformed
 
 
 class Numbers:
@@ -232,8 +290,11 @@ class FieldSamples:
             stamps = group.stamps_ns
             if stamps is None:
                 stamps = block.publish_ns[group.rows]
-            positions = (np.zeros((len(group.rows), 0)) if group.values is None
-                         else self._angle(group.values)[:, None])
+            positions = (
+                np.zeros((len(group.rows), 0))
+                if group.values is None
+                else self._angle(group.values)[:, None]
+            )
             found.append(Samples(group.rows, group.frame_id, self._names, stamps, positions))
         return found, malformed
 
@@ -251,22 +312,34 @@ class AngleStream(Stream):
 
     def __init__(self, settings: AngleSettings, configuration: Configuration) -> None:
         observer = configuration.observer
-        accelerates = any(observer.gives_acceleration(configuration.for_joint(joint)[0])
-                          for joint in ('', *configuration.overrides))
+        accelerates = any(
+            observer.gives_acceleration(configuration.for_joint(joint)[0])
+            for joint in ('', *configuration.overrides)
+        )
         self.source: Source = (
             Numbers(settings.angle_type, settings.angle_joint, settings.raw_angle)
-            if settings.input == ANGLE else JointStates(settings.stamp_source == PUBLISHER))
+            if settings.input == ANGLE
+            else JointStates(settings.stamp_source == PUBLISHER)
+        )
         super().__init__(
-            settings, observer, Bank(configuration, settings.only),
+            settings,
+            observer,
+            Bank(configuration, settings.only),
             [Port(settings.input, self.source.type, any_number=settings.input == ANGLE)],
-            [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else [])])
+            [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else [])],
+        )
         self.estimation = Estimation(self.bank)
         self._answering = Answering(self.wanted, 2 if accelerates else None)
         self._encoders = Encoder(), Encoder()
 
     @classmethod
-    def configure(cls, observer: Observer, settings: AngleSettings | None, common: Values,
-                  overrides: Mapping[str, Values]) -> Configuration:
+    def configure(
+        cls,
+        observer: Observer,
+        settings: AngleSettings | None,
+        common: Values,
+        overrides: Mapping[str, Values],
+    ) -> Configuration:
         """See `Stream`."""
         return Configuration(observer, settings.implied(common) if settings else common, overrides)
 
@@ -299,27 +372,51 @@ class AngleStream(Stream):
     def _answers(self, estimated: list[Estimated]) -> Iterator[Answers]:
         for group in estimated:
             self.answered += int(np.count_nonzero(group.valid.any(axis=1)))
-            pairs = ((group.position, group.velocity),
-                     (group.position_stddev, group.velocity_stddev))
+            pairs = (
+                (group.position, group.velocity),
+                (group.position_stddev, group.velocity_stddev),
+            )
             for output, encoder in enumerate(self._encoders):
                 if self.wanted[output]:
                     for rows, names, joints in _shown(group, group.valid):
-                        yield Answers(output, group.samples.rows[rows], output + 1, encode_block(
-                            encoder, group.samples.stamps_ns[rows], group.samples.frame_id, names,
-                            *(array[rows][:, joints] for array in pairs[output])))
+                        yield Answers(
+                            output,
+                            group.samples.rows[rows],
+                            output + 1,
+                            encode_block(
+                                encoder,
+                                group.samples.stamps_ns[rows],
+                                group.samples.frame_id,
+                                names,
+                                *(array[rows][:, joints] for array in pairs[output]),
+                            ),
+                        )
             if len(self.outputs) > 2 and self.wanted[2]:
-                for rows, names, joints in _shown(group, group.valid
-                                                  & np.isfinite(group.acceleration)):
-                    yield Answers(2, group.samples.rows[rows], 3, trajectory.encode_block(
-                        group.samples.stamps_ns[rows], group.samples.frame_id, names,
-                        *(array[rows][:, joints] for array in (
-                            group.position, group.velocity, group.acceleration))))
+                for rows, names, joints in _shown(
+                    group, group.valid & np.isfinite(group.acceleration)
+                ):
+                    yield Answers(
+                        2,
+                        group.samples.rows[rows],
+                        3,
+                        trajectory.encode_block(
+                            group.samples.stamps_ns[rows],
+                            group.samples.frame_id,
+                            names,
+                            *(
+                                array[rows][:, joints]
+                                for array in (group.position, group.velocity, group.acceleration)
+                            ),
+                        ),
+                    )
 
     def read_field(self, field: Field) -> None:
         """See `Stream`."""
         if field.is_integer and self.settings.counts_per_revolution <= 0.0:
-            raise UsageError(f"'{field.path}' of {self.topics[0]} is a whole number, so it carries "
-                             "counts: set 'counts_per_revolution'")
+            raise UsageError(
+                f"'{field.path}' of {self.topics[0]} is a whole number, so it carries "
+                "counts: set 'counts_per_revolution'"
+            )
         self.source = FieldSamples(field, self.settings.angle_joint, self.settings.raw_angle)
 
     # Words
@@ -327,8 +424,10 @@ class AngleStream(Stream):
     def why(self) -> str:
         """See `Stream`."""
         received, topic = self.received[0], self.topics[0]
-        for count, why in ((self.bank.empty, 'has a position there'),
-                           (self.bank.mismatched, 'has as many positions as names')):
+        for count, why in (
+            (self.bank.empty, 'has a position there'),
+            (self.bank.mismatched, 'has as many positions as names'),
+        ):
             if count == received:
                 return f'no message of {topic} {why}'
         return super().why() or 'too few samples: all were needed to begin'
@@ -337,22 +436,29 @@ class AngleStream(Stream):
         """See `Stream`: the joints that the user named must be there."""
         seen, topic = self.estimation.seen | set(self.bank.joints), self.topics[0]
         if not seen:
-            raise UserError(f"topic '{topic}' of {path} names no joint" if self.received[0] else
-                            f"no message of '{topic}' of {path} can be read from the file")
+            raise UserError(
+                f"topic '{topic}' of {path} names no joint"
+                if self.received[0]
+                else f"no message of '{topic}' of {path} can be read from the file"
+            )
         there = ', '.join(sorted(seen))
         missing = [name for name in self.settings.only if name not in seen]
         if missing and self.settings.input != ANGLE:
-            raise UserError(f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has "
-                            f'{there}')
+            raise UserError(
+                f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
+            )
         return self._unanswered() + [
             f"parameters are given for a joint '{name}' that never came; {topic} has {there}"
-            for name in self.bank.configuration.overrides if name not in seen]
+            for name in self.bank.configuration.overrides
+            if name not in seen
+        ]
 
     # Bags
 
     @classmethod
-    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-                  ) -> dict[str, Any]:
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
         """See `Stream`."""
         if request.angle:
             values['input'] = ANGLE
@@ -365,8 +471,13 @@ class AngleStream(Stream):
                 values['angle_joint'] = request.joints[0]
         return values
 
-    def run(self, name: str, stamps_ns: NDArray[np.int64], positions: NDArray[np.float64],
-            fast: bool | None = None) -> tuple[Joint, Estimates] | None:
+    def run(
+        self,
+        name: str,
+        stamps_ns: NDArray[np.int64],
+        positions: NDArray[np.float64],
+        fast: bool | None = None,
+    ) -> tuple[Joint, Estimates] | None:
         """All samples of one joint at once; None for one that is not to be estimated.
 
         Parameters
@@ -385,8 +496,9 @@ class AngleStream(Stream):
             return joint, joint.run(stamps_ns, positions, fast=fast)
 
 
-def _shown(group: Estimated, shown: NDArray[np.bool_]
-           ) -> Iterator[tuple[NDArray[np.bool_] | slice, list[str], NDArray[np.bool_]]]:
+def _shown(
+    group: Estimated, shown: NDArray[np.bool_]
+) -> Iterator[tuple[NDArray[np.bool_] | slice, list[str], NDArray[np.bool_]]]:
     """(rows, names, columns) of every set of joints that are shown together."""
     for rows, joints in patterns(shown):
         yield rows, [name for name, there in zip(group.samples.names, joints) if there], joints

@@ -13,7 +13,7 @@ from estimator_pkg.streams.contract import Answer, Output
 
 ACCELERATION = Output('acceleration', trajectory.TYPE, on_demand=True)
 
-Pairs = Iterable[Sequence[Any]]     # position and velocity first, of each joint
+Pairs = Iterable[Sequence[Any]]  # position and velocity first, of each joint
 
 
 class Answering:
@@ -30,8 +30,14 @@ class Answering:
         self._acceleration = acceleration
         self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
 
-    def __call__(self, stamp_ns: int, frame_id: str, names: Sequence[str],
-                 estimates: Sequence[Sequence[Any]], stddevs: Callable[[], Pairs]) -> Answer:
+    def __call__(
+        self,
+        stamp_ns: int,
+        frame_id: str,
+        names: Sequence[str],
+        estimates: Sequence[Sequence[Any]],
+        stddevs: Callable[[], Pairs],
+    ) -> Answer:
         """The answer with the estimates of these joints.
 
         Parameters
@@ -41,24 +47,41 @@ class Answering:
         """
         answer: Answer = {}
         if self._wanted[0]:
-            answer[0] = self._encode(stamp_ns, frame_id, names, [each[0] for each in estimates],
-                                     [each[1] for each in estimates])
+            answer[0] = self._encode(
+                stamp_ns,
+                frame_id,
+                names,
+                [each[0] for each in estimates],
+                [each[1] for each in estimates],
+            )
         if self._wanted[1]:
             pairs = list(stddevs())
-            answer[1] = self._encode_stddev(stamp_ns, frame_id, names, [pair[0] for pair in pairs],
-                                            [pair[1] for pair in pairs])
+            answer[1] = self._encode_stddev(
+                stamp_ns, frame_id, names, [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+            )
         number = self._acceleration
         if number is not None and self._wanted[number]:
-            giving = [(name, each) for name, each in zip(names, estimates)
-                      if math.isfinite(each[2])]
+            giving = [
+                (name, each) for name, each in zip(names, estimates) if math.isfinite(each[2])
+            ]
             answer[number] = trajectory.encode(
-                stamp_ns, frame_id, [name for name, _ in giving], [each[0] for _, each in giving],
-                [each[1] for _, each in giving], [each[2] for _, each in giving])
+                stamp_ns,
+                frame_id,
+                [name for name, _ in giving],
+                [each[0] for _, each in giving],
+                [each[1] for _, each in giving],
+                [each[2] for _, each in giving],
+            )
         return answer
 
-    def joints(self, stamp_ns: int, frame_id: str,
-               valid: Sequence[tuple[str, Joint, Sequence[Any]]]) -> Answer:
+    def joints(
+        self, stamp_ns: int, frame_id: str, valid: Sequence[tuple[str, Joint, Sequence[Any]]]
+    ) -> Answer:
         """As a call, with (name, joint, estimate) of each."""
-        return self(stamp_ns, frame_id, [name for name, _, _ in valid],
-                    [estimate for _, _, estimate in valid],
-                    lambda: [joint.stddev() for _, joint, _ in valid])
+        return self(
+            stamp_ns,
+            frame_id,
+            [name for name, _, _ in valid],
+            [estimate for _, _, estimate in valid],
+            lambda: [joint.stddev() for _, joint, _ in valid],
+        )

@@ -70,8 +70,9 @@ class Estimation:
         self.seen: set[str] = set()
         self._fast = fast
 
-    def update(self, groups: list[Samples], history: dict[str, History] | None, expected: int = 0
-               ) -> list[Estimated]:
+    def update(
+        self, groups: list[Samples], history: dict[str, History] | None, expected: int = 0
+    ) -> list[Estimated]:
         """One block of messages in; the estimates of every group, in the same order.
 
         A group whose messages have another number of positions than of names gives no estimates.
@@ -105,13 +106,20 @@ class Estimation:
                 self._run(name, joint, places, results, history)
         return results
 
-    def _run(self, name: str, joint: Joint, places: list[tuple[int, int]],
-             results: list[Estimated], history: dict[str, History] | None) -> None:
+    def _run(
+        self,
+        name: str,
+        joint: Joint,
+        places: list[tuple[int, int]],
+        results: list[Estimated],
+        history: dict[str, History] | None,
+    ) -> None:
         """Take one joint through the block, its samples in the order of the messages."""
         sources = [results[index].samples for index, _ in places]
         stamps = np.concatenate([source.stamps_ns for source in sources])
-        positions = np.concatenate([source.positions[:, column]
-                                    for source, (_, column) in zip(sources, places)])
+        positions = np.concatenate(
+            [source.positions[:, column] for source, (_, column) in zip(sources, places)]
+        )
         order = None
         if len(places) > 1:
             order = np.argsort(np.concatenate([source.rows for source in sources]), kind='stable')
@@ -120,8 +128,13 @@ class Estimation:
         if history is not None:
             history.setdefault(name, History()).add(stamps, out.status, out.verdict)
         columns: tuple[NDArray[Any], ...] = (
-            (out.verdict < DUPLICATE) & np.isin(out.status, VALID), out.position, out.velocity,
-            out.acceleration, out.position_stddev, out.velocity_stddev)
+            (out.verdict < DUPLICATE) & np.isin(out.status, VALID),
+            out.position,
+            out.velocity,
+            out.acceleration,
+            out.position_stddev,
+            out.velocity_stddev,
+        )
         if order is not None:
             back = np.empty_like(order)
             back[order] = np.arange(len(order))
@@ -139,8 +152,9 @@ def _room(group: Samples) -> Estimated:
     return Estimated(group, np.zeros(shape, bool), *(np.full(shape, np.nan) for _ in range(5)))
 
 
-def patterns(shown: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_] | slice,
-                                                         NDArray[np.bool_]]]:
+def patterns(
+    shown: NDArray[np.bool_],
+) -> Iterator[tuple[NDArray[np.bool_] | slice, NDArray[np.bool_]]]:
     """(rows, joints) of every set of joints that are shown together."""
     if shown.all():
         if len(shown):

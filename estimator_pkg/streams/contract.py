@@ -28,19 +28,20 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared
 from estimator_pkg.streams.history import History
 
-TYPICAL_DT = 1e-3   # [s]
+TYPICAL_DT = 1e-3  # [s]
 NO_NUMBERS = 'numbers become too large or too small for these gains'
-PUBLISHER = 'publisher'     # of the parameter stamp_source
+PUBLISHER = 'publisher'  # of the parameter stamp_source
 WHY_DROPPED = {
     'duplicate': 'stamps that repeat: the driver publishes faster than it stamps',
     'late': 'stamps older than the one before: messages overtake each other',
     'zero_stamp': "no stamp: use 'stamp_source: publisher'",
     'non_finite': 'NaN or infinite positions',
     'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
-    'repeated': 'readings that are published again: the sensor is slower than its driver'}
+    'repeated': 'readings that are published again: the sensor is slower than its driver',
+}
 
 Values = Mapping[str, Any]
-Answer = dict[int, bytes]   # CDR bytes by number of the output
+Answer = dict[int, bytes]  # CDR bytes by number of the output
 
 
 class Port(NamedTuple):
@@ -201,8 +202,14 @@ class Stream(ABC):
     NO_STAMP: ClassVar[str] = "start the node with 'stamp_source: publisher'"
     WRONG: ClassVar[Mapping[str, str]] = {}
 
-    def __init__(self, settings: Any, observer: Observer, bank: Any, inputs: Sequence[Port],
-                 outputs: Sequence[Output] = (ESTIMATE, STDDEV)) -> None:
+    def __init__(
+        self,
+        settings: Any,
+        observer: Observer,
+        bank: Any,
+        inputs: Sequence[Port],
+        outputs: Sequence[Output] = (ESTIMATE, STDDEV),
+    ) -> None:
         self.settings, self.observer, self.bank = settings, observer, bank
         self.inputs, self.outputs = tuple(inputs), tuple(outputs)
         self.wanted = [True] * len(self.outputs)
@@ -221,8 +228,9 @@ class Stream(ABC):
         return cls.configure(_found(observer), None, {}, {}).parameters()
 
     @classmethod
-    def configure(cls, observer: Observer, settings: Any, common: Values,
-                  overrides: Mapping[str, Values]) -> Configuration:
+    def configure(
+        cls, observer: Observer, settings: Any, common: Values, overrides: Mapping[str, Values]
+    ) -> Configuration:
         """Gains and settings per joint; raises UsageError for a wrong one."""
         return Configuration(observer, common, overrides)
 
@@ -243,12 +251,14 @@ class Stream(ABC):
         of_node = {name: common.pop(name) for name in declared(cls.SETTINGS) if name in common}
         settings = build(cls.SETTINGS, of_node)
         observer = settings.find_observer()
-        common.pop('observer', None)    # of a node that has but one
+        common.pop('observer', None)  # of a node that has but one
         known = cls.parameters(observer)
         for name in common:
             if name not in known:
-                raise UsageError(f"unknown parameter '{name}': "
-                                 f'{suggestion(name, {**known, **declared(cls.SETTINGS)})}')
+                raise UsageError(
+                    f"unknown parameter '{name}': "
+                    f'{suggestion(name, {**known, **declared(cls.SETTINGS)})}'
+                )
         if overrides and not cls.OVERRIDES:
             raise UsageError(f"'joints.<joint>.<parameter>': {cls.NODE} has one set of parameters")
         return cls.start(settings, cls.configure(observer, settings, common, overrides))
@@ -367,7 +377,7 @@ class Stream(ABC):
         most = getattr(self.settings, 'joints_max', None)
         if most is not None:
             self.bank.most = most
-        with suppress(Exception):   # of a user's model: reported when a message meets it
+        with suppress(Exception):  # of a user's model: reported when a message meets it
             self.bank.rehearse()
 
     def expire(self, names: Sequence[str]) -> bool:
@@ -420,9 +430,12 @@ class Stream(ABC):
         received = sum(self.received[number] for number in answered)
         malformed = sum(self.malformed[number] for number in answered)
         unused = {**self.unused(), 'malformed': malformed}
-        counts = {'received': received, 'used': received - sum(unused.values()),
-                  'dropped': {kind: count for kind, count in unused.items() if count},
-                  'estimates': self.answered}
+        counts = {
+            'received': received,
+            'used': received - sum(unused.values()),
+            'dropped': {kind: count for kind, count in unused.items() if count},
+            'estimates': self.answered,
+        }
         if len(answered) < len(self.inputs):
             counts['inputs_malformed'] = sum(self.malformed) - malformed
         return counts
@@ -439,29 +452,39 @@ class Stream(ABC):
     def _why_of(self, name: str, joint: Joint) -> str:
         for kind, count in joint.dropped().items():
             if count == joint.received:
-                return (f'every sample of {", ".join(self.names_of(name))} was dropped: '
-                        f'{WHY_DROPPED[kind]}')
+                return (
+                    f'every sample of {", ".join(self.names_of(name))} was dropped: '
+                    f'{WHY_DROPPED[kind]}'
+                )
         return joint.why()
 
     def summary(self) -> dict[str, Any]:
         """What happened to every message and every sample."""
-        return {'messages': self.messages(),
-                'joints': {name: self._summary_of(name, joint)
-                           for name, joint in self.bank.joints.items()}}
+        return {
+            'messages': self.messages(),
+            'joints': {
+                name: self._summary_of(name, joint) for name, joint in self.bank.joints.items()
+            },
+        }
 
     def _summary_of(self, name: str, joint: Joint) -> dict[str, Any]:
         history = (self.history or {}).get(name)
-        return {**counts_of(joint), 'events': joint.events(),
-                'status_s': dict(history.seconds()) if history else {},
-                'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else None,
-                'why': joint.why()}
+        return {
+            **counts_of(joint),
+            'events': joint.events(),
+            'status_s': dict(history.seconds()) if history else {},
+            'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else None,
+            'why': joint.why(),
+        }
 
     def end(self, path: str) -> list[str]:
         """As `finish`; raises UserError also where no message of one topic can be read."""
         for topic, count, malformed in zip(self.topics, self.received, self.malformed):
             if count and count == malformed:
-                raise UserError(f"no message of '{topic}' of {path} can be read: all {count} are "
-                                f'malformed: {self.complaint[1]}')
+                raise UserError(
+                    f"no message of '{topic}' of {path} can be read: all {count} are "
+                    f'malformed: {self.complaint[1]}'
+                )
         return self.finish(path)
 
     def finish(self, path: str) -> list[str]:
@@ -482,8 +505,9 @@ class Stream(ABC):
     # Bags
 
     @classmethod
-    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-                  ) -> dict[str, Any]:
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
         """Parameters with what a user requested of a bag.
 
         Parameters

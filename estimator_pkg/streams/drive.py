@@ -37,8 +37,10 @@ ALPHA_BETA, ABC = 'alpha_beta', 'abc'
 ELECTRICAL = '_electrical'  # follows the joint's name
 FLUX = Output('flux_linkage', vector3.TYPE, on_demand=True)
 SAMPLES = Output('estimate_samples', drive_samples.TYPE)
-PORTS = {DRIVE_SAMPLES: (Port('drive_samples', drive_samples.TYPE),),
-         CURRENT_VOLTAGE: (Port('current', vector3.TYPE), Port('voltage', vector3.TYPE))}
+PORTS = {
+    DRIVE_SAMPLES: (Port('drive_samples', drive_samples.TYPE),),
+    CURRENT_VOLTAGE: (Port('current', vector3.TYPE), Port('voltage', vector3.TYPE)),
+}
 
 
 @dataclass(frozen=True)
@@ -46,34 +48,61 @@ class DriveSettings(StreamSettings):
     """Parameters of the node `pmsm_observer` apart from those of its observer."""
 
     observer: str = parameter(
-        'pmsm', unit='', structural=True, description='which observer of a drive')
+        'pmsm', unit='', structural=True, description='which observer of a drive'
+    )
     joint: str = parameter(
-        'motor', unit='', structural=True,
+        'motor',
+        unit='',
+        structural=True,
         description='name of the joint: mechanical speed and relative position are published under '
-                    'it, electrical ones under this and _electrical')
+        'it, electrical ones under this and _electrical',
+    )
     input: str = parameter(
-        DRIVE_SAMPLES, unit='', choices=(DRIVE_SAMPLES, CURRENT_VOLTAGE), structural=True,
+        DRIVE_SAMPLES,
+        unit='',
+        choices=(DRIVE_SAMPLES, CURRENT_VOLTAGE),
+        structural=True,
         description='what is read: batches (drive_samples, std_msgs/Float64MultiArray), or the '
-                    'topics current and voltage (geometry_msgs/Vector3Stamped) paired by stamp')
+        'topics current and voltage (geometry_msgs/Vector3Stamped) paired by stamp',
+    )
     sample_period: float = parameter(
-        0.0, unit='s', range=(0.0, 0.1), structural=True,
+        0.0,
+        unit='s',
+        range=(0.0, 0.1),
+        structural=True,
         description='time between two rows of a batch; stamps that do not fit are refused. 0: as '
-                    'the stamps say')
+        'the stamps say',
+    )
     frame: str = parameter(
-        ALPHA_BETA, unit='', choices=(ALPHA_BETA, ABC), structural=True,
+        ALPHA_BETA,
+        unit='',
+        choices=(ALPHA_BETA, ABC),
+        structural=True,
         description='current and voltage: x alpha and y beta; or x, y, z the phases a, b, c of a '
-                    'star without neutral')
+        'star without neutral',
+    )
     pair_tolerance: float = parameter(
-        2e-5, unit='s', range=(0.0, 1.0), structural=True,
-        description='stamps of current and voltage that belong together differ by at most this')
+        2e-5,
+        unit='s',
+        range=(0.0, 1.0),
+        structural=True,
+        description='stamps of current and voltage that belong together differ by at most this',
+    )
     sum_tolerance: float = parameter(
-        0.1, unit='', range=(0.0, 10.0), structural=True,
+        0.1,
+        unit='',
+        range=(0.0, 10.0),
+        structural=True,
         description='phase currents may sum to this part of the largest one of late; beyond it '
-                    'they are not used')
+        'they are not used',
+    )
     compile: bool = parameter(
-        True, unit='', structural=True,
+        True,
+        unit='',
+        structural=True,
         description='drive_samples: compile the observer at start where the extra fast is '
-                    'installed (takes seconds once; then a tenth of the time per sample)')
+        'installed (takes seconds once; then a tenth of the time per sample)',
+    )
 
     def find_observer(self) -> Observer:
         """The observer; raises UsageError if it is not a drive observer, or without a joint."""
@@ -95,7 +124,7 @@ class Motor:
         self.joints: Mapping[str, Joint] = {name: joint}
         self._joint = joint
         self.configuration = configuration
-        self.empty = 0      # batches without a row
+        self.empty = 0  # batches without a row
 
     def touched(self) -> tuple[str, ...]:
         """The joint."""
@@ -129,23 +158,33 @@ class DriveStream(Stream):
     NO_STAMP = 'every sample needs its own'
     WRONG: ClassVar[Mapping[str, str]] = {
         'messages_dropped.unpaired': 'currents or voltages without their partner',
-        'messages_dropped.unbalanced': 'currents whose phases do not sum to zero'}
+        'messages_dropped.unbalanced': 'currents whose phases do not sum to zero',
+    }
     settings: DriveSettings
     bank: Motor
 
     def __init__(self, settings: DriveSettings, configuration: Configuration) -> None:
         batches = settings.input == DRIVE_SAMPLES
         gains, of_joint = configuration.for_joint(settings.joint)
-        self.joint = DriveJoint(configuration.observer, gains, of_joint,
-                                sample_period=settings.sample_period,
-                                fast=settings.compile and batches)
-        self.phases = Phases(settings.sum_tolerance) if settings.frame == ABC and not batches \
-            else None
+        self.joint = DriveJoint(
+            configuration.observer,
+            gains,
+            of_joint,
+            sample_period=settings.sample_period,
+            fast=settings.compile and batches,
+        )
+        self.phases = (
+            Phases(settings.sum_tolerance) if settings.frame == ABC and not batches else None
+        )
         self.pairs = Pairs(round(settings.pair_tolerance * 1e9))
         self.names = (settings.joint, settings.joint + ELECTRICAL)
-        super().__init__(settings, configuration.observer,
-                         Motor(settings.joint, self.joint, configuration), PORTS[settings.input],
-                         [ESTIMATE, STDDEV, FLUX, *([SAMPLES] if batches else [])])
+        super().__init__(
+            settings,
+            configuration.observer,
+            Motor(settings.joint, self.joint, configuration),
+            PORTS[settings.input],
+            [ESTIMATE, STDDEV, FLUX, *([SAMPLES] if batches else [])],
+        )
         self._encoded = Answering(self.wanted)
 
     @classmethod
@@ -193,8 +232,7 @@ class DriveStream(Stream):
         for pair in self.pairs.put(kind, message.stamp_ns, vector):
             stamps = np.array([pair.stamp_ns])
             out = self.joint.take(stamps, np.array([pair.sample]))
-            answers.append(self._answer(pair.stamp_ns, message.frame_id,
-                                        self._used(stamps, out)))
+            answers.append(self._answer(pair.stamp_ns, message.frame_id, self._used(stamps, out)))
         return answers
 
     def _used(self, stamps: Any, out: DriveEstimates) -> bool:
@@ -213,8 +251,13 @@ class DriveStream(Stream):
             names = self.names
             estimates = [(position, velocity), joint.electrical()[:2]]
             self.answered += 1
-        answer = self._encoded(stamp_ns, frame_id, names, estimates, lambda: [
-            joint.stddev(), joint.electrical_stddev()[:2]] if names else [])
+        answer = self._encoded(
+            stamp_ns,
+            frame_id,
+            names,
+            estimates,
+            lambda: [joint.stddev(), joint.electrical_stddev()[:2]] if names else [],
+        )
         if self.wanted[2]:
             linkage = deviation = math.nan
             if used and not joint.misfit:
@@ -249,8 +292,11 @@ class DriveStream(Stream):
 
     def unused(self) -> dict[str, int]:
         """See `Stream`."""
-        return {'empty': self.bank.empty, 'unpaired': self.pairs.unpaired,
-                'unbalanced': self.phases.unbalanced if self.phases is not None else 0}
+        return {
+            'empty': self.bank.empty,
+            'unpaired': self.pairs.unpaired,
+            'unbalanced': self.phases.unbalanced if self.phases is not None else 0,
+        }
 
     def why_silent(self, name: str = '') -> str:
         """See `Stream`."""
@@ -261,8 +307,10 @@ class DriveStream(Stream):
         if unbalanced:
             return unbalanced
         if pairs.apart_ns is not None:
-            return (f'currents and voltages do not pair: their stamps are {pairs.apart_ns * 1e-9:g}'
-                    ' s apart at best (pair_tolerance)')
+            return (
+                f'currents and voltages do not pair: their stamps are {pairs.apart_ns * 1e-9:g}'
+                ' s apart at best (pair_tolerance)'
+            )
         if received and not pairs.paired and not self.joint.received and not malformed:
             return 'only one of currents and voltages comes'
         return ''
@@ -272,8 +320,10 @@ class DriveStream(Stream):
         phases = self.phases
         if phases is None or phases.unbalanced <= self.pairs.paired:
             return ''
-        return (f'the phase currents do not sum to zero (up to {100.0 * phases.worst:.0f} % of the '
-                'largest): a neutral, or not three phases?')
+        return (
+            f'the phase currents do not sum to zero (up to {100.0 * phases.worst:.0f} % of the '
+            'largest): a neutral, or not three phases?'
+        )
 
     def why(self) -> str:
         """See `Stream`."""
@@ -281,8 +331,9 @@ class DriveStream(Stream):
 
     def _summary_of(self, name: str, joint: Joint) -> dict[str, Any]:
         found = super()._summary_of(name, joint)
-        found['why'] = (self._why_unbalanced() or found['why']
-                        or ('' if found['used'] else self.why_silent()))
+        found['why'] = (
+            self._why_unbalanced() or found['why'] or ('' if found['used'] else self.why_silent())
+        )
         return found
 
     def finish(self, path: str) -> list[str]:
@@ -296,12 +347,14 @@ class DriveStream(Stream):
     @classmethod
     def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
         """See `Stream`."""
-        return not joints and any(all(has(f'/{port.topic}') for port in ports)
-                                  for ports in PORTS.values())
+        return not joints and any(
+            all(has(f'/{port.topic}') for port in ports) for ports in PORTS.values()
+        )
 
     @classmethod
-    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-                  ) -> dict[str, Any]:
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
         """See `Stream`."""
         if request.angle:
             raise UsageError('--angle is not for drives')
@@ -312,6 +365,7 @@ class DriveStream(Stream):
         if 'input' not in values and not request.measurement:
             batches, *_ = PORTS[DRIVE_SAMPLES]
             if not has(f'/{batches.topic}') and all(
-                    has(f'/{port.topic}') for port in PORTS[CURRENT_VOLTAGE]):
+                has(f'/{port.topic}') for port in PORTS[CURRENT_VOLTAGE]
+            ):
                 values['input'] = CURRENT_VOLTAGE
         return values

@@ -32,18 +32,30 @@ class EffortSettings(StreamSettings):
     """Where the efforts of a node come from, and which time its messages have."""
 
     input: str = parameter(
-        FIELD, unit='', choices=(FIELD, COMMAND), structural=True,
+        FIELD,
+        unit='',
+        choices=(FIELD, COMMAND),
+        structural=True,
         description='where efforts come from: the effort field of joint_states, or the topic '
-                    'effort_command (see effort_is for when they act)')
+        'effort_command (see effort_is for when they act)',
+    )
     effort_command_type: str = parameter(
-        BY_NAME, unit='', choices=(BY_NAME, ARRAY), structural=True,
+        BY_NAME,
+        unit='',
+        choices=(BY_NAME, ARRAY),
+        structural=True,
         description='of the topic effort_command: sensor_msgs/JointState, efforts by name; or '
-                    'std_msgs/Float64MultiArray, one number per joint (or per joint that has an '
-                    'input), in the order of the joints; it has the time at which it was sent')
+        'std_msgs/Float64MultiArray, one number per joint (or per joint that has an '
+        'input), in the order of the joints; it has the time at which it was sent',
+    )
     stamp_source: str = parameter(
-        'header', unit='', choices=('header', 'publisher'), structural=True,
+        'header',
+        unit='',
+        choices=('header', 'publisher'),
+        structural=True,
         description='time of a message: its header stamp, or the time at which its publisher sent '
-                    'it; events always have their header stamp')
+        'it; events always have their header stamp',
+    )
 
 
 class Sample(NamedTuple):
@@ -67,36 +79,55 @@ class DrivenStream(Stream):
     """
 
     USUAL: ClassVar[tuple[str, ...]] = ('/joint_states', '/effort_command')
-    MISMATCH = ('their arrays differ in number, or they lack a joint or an effort that the '
-                'observer needs (with input: effort_command efforts come by a topic of their own)')
+    MISMATCH = (
+        'their arrays differ in number, or they lack a joint or an effort that the '
+        'observer needs (with input: effort_command efforts come by a topic of their own)'
+    )
     settings: EffortSettings
 
-    def __init__(self, settings: EffortSettings, observer: Observer, bank: Any,
-                 orders: Sequence[Sequence[str]], *, events: Sequence[Port] = (),
-                 outputs: Sequence[Output] = ()) -> None:
+    def __init__(
+        self,
+        settings: EffortSettings,
+        observer: Observer,
+        bank: Any,
+        orders: Sequence[Sequence[str]],
+        *,
+        events: Sequence[Port] = (),
+        outputs: Sequence[Output] = (),
+    ) -> None:
         by_publisher = settings.stamp_source == PUBLISHER
         inputs = [Port('joint_states', JOINT_STATE), *events]
-        self._efforts = -1      # number of the port; -1: there is none
+        self._efforts = -1  # number of the port; -1: there is none
         if settings.input == COMMAND:
             array = settings.effort_command_type == ARRAY
             self._efforts = len(inputs)
-            inputs.append(Port('effort_command', multi_array.TYPE if array else JOINT_STATE,
-                               answered=False))
+            inputs.append(
+                Port('effort_command', multi_array.TYPE if array else JOINT_STATE, answered=False)
+            )
         outputs = (ESTIMATE, STDDEV, *outputs)
         super().__init__(settings, observer, bank, inputs, outputs)
         self._commands = EffortCommands(settings.effort_command_type, orders, by_publisher)
         self._by_publisher = by_publisher
         self._layout = Decoder().layout
-        self._encoded = Answering(self.wanted, outputs.index(ACCELERATION)
-                                  if ACCELERATION in outputs else None)
+        self._encoded = Answering(
+            self.wanted, outputs.index(ACCELERATION) if ACCELERATION in outputs else None
+        )
 
     def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
         """See `Stream`."""
         if port == 0:
             layout = self._layout(raw)
-            return (self.answer(Sample(
-                publish_ns if self._by_publisher else layout.stamp_ns(raw), layout.frame_id,
-                layout.names, layout.numbers(raw, 0), layout.numbers(raw, 2))),)
+            return (
+                self.answer(
+                    Sample(
+                        publish_ns if self._by_publisher else layout.stamp_ns(raw),
+                        layout.frame_id,
+                        layout.names,
+                        layout.numbers(raw, 0),
+                        layout.numbers(raw, 2),
+                    )
+                ),
+            )
         if port == self._efforts:
             self.bank.command(*self._commands.decode(raw, publish_ns))
         else:
@@ -114,7 +145,8 @@ class DrivenStream(Stream):
         functions = super()._build(configuration, joint)
         given = functions.no_input
         configuration.for_joint(joint)[1].check_inputs(
-            len(given) if isinstance(given, tuple) else 1, self._called(joint))
+            len(given) if isinstance(given, tuple) else 1, self._called(joint)
+        )
         return functions
 
     def about(self, name: str) -> Mapping[str, Any]:

@@ -17,8 +17,8 @@ from estimator_pkg.driver.guard import (
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.contract import STATUS_NAMES
 
-GAP = 'gap'      # time without samples, next to the statuses
-CHUNK = 4096     # single samples that are counted together
+GAP = 'gap'  # time without samples, next to the statuses
+CHUNK = 4096  # single samples that are counted together
 
 
 @dataclass
@@ -26,8 +26,8 @@ class History:
     """Time of one joint by status [s], from its samples in the order in which they came."""
 
     _seconds: dict[str, float] = field(default_factory=dict)
-    _last_ns: int | None = None         # stamp of the last used sample
-    _last_gap: float = 0.0              # before the last used sample [s]; 0: none
+    _last_ns: int | None = None  # stamp of the last used sample
+    _last_gap: float = 0.0  # before the last used sample [s]; 0: none
     _used: int = 0
     _single: list[tuple[int, int, int]] = field(default_factory=list)
     _noted: list[tuple[NDArray[np.int64], NDArray[np.int8]]] = field(default_factory=list)
@@ -62,8 +62,9 @@ class History:
         stamps, status = zip(*self._noted)
         return np.concatenate(stamps), np.concatenate(status)
 
-    def add(self, stamps_ns: NDArray[np.int64], status: NDArray[np.int8],
-            verdict: NDArray[np.int8]) -> None:
+    def add(
+        self, stamps_ns: NDArray[np.int64], status: NDArray[np.int8], verdict: NDArray[np.int8]
+    ) -> None:
         """Count samples: their stamps, the status after each, and the guard's verdicts."""
         used = verdict < DUPLICATE
         if not used.any():

@@ -29,18 +29,24 @@ class MechanicalSettings(EffortSettings):
     """Parameters of the node `mechanical_observer` apart from those of its observer."""
 
     observer: str = parameter(
-        'geso', unit='', structural=True, description='geso, hgo, ehgo or smo')
+        'geso', unit='', structural=True, description='geso, hgo, ehgo or smo'
+    )
     mechanisms: tuple[str, ...] = parameter(
-        ('mechanism',), unit='', structural=True,
+        ('mechanism',),
+        unit='',
+        structural=True,
         description='a name for each mechanism; joints.<mechanism>.<parameter> sets a parameter of '
-                    'one of them')
+        'one of them',
+    )
 
     def find_observer(self) -> Observer:
         """The observer; raises UsageError if it does not use a mechanism model."""
         found = observers.find(self.observer)
         if found.kind != MechanicalStream.KIND:
-            raise UsageError(f"observer '{found.name}' does not use a mechanism model: take geso, "
-                             'hgo, ehgo or smo')
+            raise UsageError(
+                f"observer '{found.name}' does not use a mechanism model: take geso, "
+                'hgo, ehgo or smo'
+            )
         return found
 
 
@@ -51,28 +57,29 @@ class MechanicalStream(DrivenStream):
     NODE = 'mechanical_observer'
     SETTINGS = MechanicalSettings
     PER_JOINT = MechanismSettings
-    WRAPS = False   # a model says which of its positions are angles
+    WRAPS = False  # a model says which of its positions are angles
     KEPT = 'mechanism'
     bank: MechanismBank
     settings: MechanicalSettings
 
-    def __init__(self, settings: MechanicalSettings, configuration: MechanismConfiguration
-                 ) -> None:
+    def __init__(self, settings: MechanicalSettings, configuration: MechanismConfiguration) -> None:
         bank = MechanismBank(configuration, settings.mechanisms, settings.input)
         super().__init__(settings, configuration.observer, bank, bank.orders, outputs=[GAINS])
-        self._meaning: dict[str, dict[str, str]] = {}   # of the gains, by mechanism
+        self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
         self._unexplained = set(bank.joints)
-        self._due = False   # ~/gains has something new to say
+        self._due = False  # ~/gains has something new to say
 
     @classmethod
-    def configure(cls, observer: Observer, settings: Any, common: Values,
-                  overrides: Mapping[str, Values]) -> MechanismConfiguration:
+    def configure(
+        cls, observer: Observer, settings: Any, common: Values, overrides: Mapping[str, Values]
+    ) -> MechanismConfiguration:
         """See `Stream`."""
         return MechanismConfiguration(observer, common, overrides)
 
     @classmethod
-    def start(cls, settings: MechanicalSettings, configuration: MechanismConfiguration
-              ) -> MechanicalStream:
+    def start(
+        cls, settings: MechanicalSettings, configuration: MechanismConfiguration
+    ) -> MechanicalStream:
         """See `Stream`."""
         return cls(settings, configuration)
 
@@ -85,15 +92,23 @@ class MechanicalStream(DrivenStream):
         valid = self.bank.update(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
         self.answered += bool(valid)
         names = [each.name for each in valid]
-        answer = self._encoded(sample.stamp_ns, sample.frame_id, names,
-                               [(each.position, each.velocity) for each in valid],
-                               lambda: self.bank.stddevs(names))
+        answer = self._encoded(
+            sample.stamp_ns,
+            sample.frame_id,
+            names,
+            [(each.position, each.velocity) for each in valid],
+            lambda: self.bank.stddevs(names),
+        )
         self._explain()
         if self._due:
             self._due = False
-            answer[2] = diagnostics.encode(sample.stamp_ns, [
-                diagnostics.Status(True, name, self.observer.name, words)
-                for name, words in self._meaning.items()])
+            answer[2] = diagnostics.encode(
+                sample.stamp_ns,
+                [
+                    diagnostics.Status(True, name, self.observer.name, words)
+                    for name, words in self._meaning.items()
+                ],
+            )
         return answer
 
     def _explain(self) -> None:
@@ -112,14 +127,18 @@ class MechanicalStream(DrivenStream):
 
     def describe(self) -> str:
         """See `Stream`."""
-        return ', '.join(joint for mechanism in self.bank.joints.values()
-                         for joint in mechanism.names)
+        return ', '.join(
+            joint for mechanism in self.bank.joints.values() for joint in mechanism.names
+        )
 
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`: stamps that lacked a joint, and what the gains mean, too."""
         self._explain()
-        return {**super().about(name), 'incomplete': self.bank.joints[name].incomplete,
-                **self._meaning.get(name, {})}
+        return {
+            **super().about(name),
+            'incomplete': self.bank.joints[name].incomplete,
+            **self._meaning.get(name, {}),
+        }
 
     def names_of(self, name: str) -> tuple[str, ...]:
         """See `Stream`."""
@@ -132,16 +151,21 @@ class MechanicalStream(DrivenStream):
         """See `Stream`: a mechanism that never became complete is a mistake in the names."""
         for mechanism in self.bank.joints.values():
             if mechanism.received == 0:
-                raise UserError(f"topic '{self.topics[0]}' of {path} never has all joints of "
-                                f"mechanism '{mechanism.name}' ({', '.join(mechanism.names)}): "
-                                "name them with the parameter 'joints'")
+                raise UserError(
+                    f"topic '{self.topics[0]}' of {path} never has all joints of "
+                    f"mechanism '{mechanism.name}' ({', '.join(mechanism.names)}): "
+                    "name them with the parameter 'joints'"
+                )
         return self._unanswered()
 
     @classmethod
-    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-                  ) -> dict[str, Any]:
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
         """See `Stream`."""
         if request.angle or request.joints:
-            raise UsageError('--angle and --joint are for observers of single angles: name the '
-                             "joints of a mechanism with --set 'joints=[...]'")
+            raise UsageError(
+                '--angle and --joint are for observers of single angles: name the '
+                "joints of a mechanism with --set 'joints=[...]'"
+            )
         return values

@@ -29,9 +29,13 @@ class SwitchedSettings(EffortSettings):
     """Parameters of the node `switched_observer` apart from those of its observer."""
 
     joints: tuple[str, ...] | None = parameter(
-        None, unit='', kind=tuple, structural=True,
+        None,
+        unit='',
+        kind=tuple,
+        structural=True,
         description="names of the joints in the topic, in the order of the model's outputs; unset: "
-                    "the model's own names")
+        "the model's own names",
+    )
 
     def find_observer(self) -> Observer:
         """The observer."""
@@ -41,9 +45,11 @@ class SwitchedSettings(EffortSettings):
         """The joints; raises UsageError if they are not as many as the model's outputs."""
         names = tuple(name for name in self.joints or () if name) or model.joints
         if len(names) != len(model.joints) or len(set(names)) < len(names):
-            raise UsageError(f"parameter 'joints' must name the model's {len(model.joints)} "
-                             f'output{"" if len(model.joints) == 1 else "s"}, each once, not '
-                             f'{", ".join(names)}')
+            raise UsageError(
+                f"parameter 'joints' must name the model's {len(model.joints)} "
+                f'output{"" if len(model.joints) == 1 else "s"}, each once, not '
+                f'{", ".join(names)}'
+            )
         return names
 
 
@@ -62,13 +68,20 @@ class SwitchedStream(DrivenStream):
     def __init__(self, settings: SwitchedSettings, configuration: Configuration) -> None:
         gains, of_joint = configuration.for_joint('')
         self._model = load(gains.model)
-        bank = SwitchedBank(SwitchedJoint(OBSERVER, gains, of_joint), settings.names(self._model),
-                            settings.input)
+        bank = SwitchedBank(
+            SwitchedJoint(OBSERVER, gains, of_joint), settings.names(self._model), settings.input
+        )
         accelerates = any(k > 1 for k in self._model.indices)
-        super().__init__(settings, OBSERVER, bank, bank.orders, events=[EVENTS],
-                         outputs=[DISCRETE, *([ACCELERATION] if accelerates else [])])
+        super().__init__(
+            settings,
+            OBSERVER,
+            bank,
+            bank.orders,
+            events=[EVENTS],
+            outputs=[DISCRETE, *([ACCELERATION] if accelerates else [])],
+        )
         self._decode_event, self._encode_discrete = Decoder().decode, Encoder().encode
-        self.refused_event = ''     # the newest event that was not used, and why
+        self.refused_event = ''  # the newest event that was not used, and why
 
     @classmethod
     def start(cls, settings: SwitchedSettings, configuration: Configuration) -> SwitchedStream:
@@ -80,14 +93,22 @@ class SwitchedStream(DrivenStream):
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
         pairs = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
-        answer = self._encoded(sample.stamp_ns, sample.frame_id, self.bank.names if pairs else (),
-                               pairs, lambda: self.bank.deviations() if pairs else [])
+        answer = self._encoded(
+            sample.stamp_ns,
+            sample.frame_id,
+            self.bank.names if pairs else (),
+            pairs,
+            lambda: self.bank.deviations() if pairs else [],
+        )
         if pairs:
             self.answered += 1
             if self.wanted[2]:
                 answer[2] = self._encode_discrete(
-                    sample.stamp_ns, sample.frame_id, self._model.names,
-                    self.bank.system.discrete()[0])
+                    sample.stamp_ns,
+                    sample.frame_id,
+                    self._model.names,
+                    self.bank.system.discrete()[0],
+                )
         return answer
 
     def event(self, raw: bytes) -> None:
@@ -125,8 +146,10 @@ class SwitchedStream(DrivenStream):
     def why(self) -> str:
         """See `Stream`."""
         if self.bank.mismatched and not self.bank.system.received:
-            return (f'no message of {self.topics[0]} has the joints {", ".join(self.bank.names)} '
-                    'with the effort that the model needs')
+            return (
+                f'no message of {self.topics[0]} has the joints {", ".join(self.bank.names)} '
+                'with the effort that the model needs'
+            )
         return super().why()
 
     def finish(self, path: str) -> list[str]:
@@ -144,10 +167,13 @@ class SwitchedStream(DrivenStream):
     # Bags
 
     @classmethod
-    def requested(cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-                  ) -> dict[str, Any]:
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
         """See `Stream`."""
         if request.angle or request.joints:
-            raise UsageError('--angle and --joint are for observers of single angles: name the '
-                             "joints of a switched system with --set 'joints=[...]'")
+            raise UsageError(
+                '--angle and --joint are for observers of single angles: name the '
+                "joints of a switched system with --set 'joints=[...]'"
+            )
         return values

@@ -19,24 +19,44 @@ from estimator_pkg.nodes.runtime import settle_environment
 from estimator_pkg.printable import show
 
 COUNTS = 4096
-RATE = 500              # samples per second
-PATIENCE = 20.0         # time within which the first estimate must come [s]
+RATE = 500  # samples per second
+PATIENCE = 20.0  # time within which the first estimate must come [s]
 MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
 ESTIMATE, STDDEV = '/joint_observer/estimate', '/joint_observer/estimate_stddev'
 # Standing still, creeping over the counts, and a sprint through the wraps, both ways.
-MOTION = {'profile': 'trapezoid', 'velocity': 20.0, 'acceleration': 40.0, 'hold_time': 0.7,
-          'counts_per_revolution': COUNTS, 'rate': float(RATE), 'wait_for_subscribers': 3,
-          'wait_for_truth_subscribers': 2}  # the recorder and this process; the node is the third
+MOTION = {
+    'profile': 'trapezoid',
+    'velocity': 20.0,
+    'acceleration': 40.0,
+    'hold_time': 0.7,
+    'counts_per_revolution': COUNTS,
+    'rate': float(RATE),
+    'wait_for_subscribers': 3,
+    'wait_for_truth_subscribers': 2,
+}  # the recorder and this process; the node is the third
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """The command's arguments."""
-    parser.add_argument('--duration', type=float, default=10.0, metavar='S',
-                        help='how long to watch [s] (default: 10)')
-    parser.add_argument('--out', default='demo_output', metavar='DIR',
-                        help='folder for the bag and the plot (default: demo_output)')
-    parser.add_argument('--observer', default='hybrid_angle', metavar='NAME',
-                        help='which observer (default: hybrid_angle)')
+    parser.add_argument(
+        '--duration',
+        type=float,
+        default=10.0,
+        metavar='S',
+        help='how long to watch [s] (default: 10)',
+    )
+    parser.add_argument(
+        '--out',
+        default='demo_output',
+        metavar='DIR',
+        help='folder for the bag and the plot (default: demo_output)',
+    )
+    parser.add_argument(
+        '--observer',
+        default='hybrid_angle',
+        metavar='NAME',
+        help='which observer (default: hybrid_angle)',
+    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -50,11 +70,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if not 0.5 <= parsed.duration <= 3600.0:
         raise UsageError(f'--duration {parsed.duration:g} is not between 0.5 and 3600 s')
     from sim_pkg.demo.processes import ended_on_any_signal
+
     settle_environment()
     environment = os.environ | {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         # a domain of its own, so that two demos on one machine do not hear each other
-        'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(free_domain())}
+        'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(free_domain()),
+    }
     os.environ.update(environment)
     folder = Path(parsed.out)
     folder.mkdir(parents=True, exist_ok=True)
@@ -63,29 +85,55 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     with ended_on_any_signal() as check:
         count = _watch(parsed, bag, environment, check)
         print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
-        code = velocity_estimator(['evaluate', str(bag), '--estimate', ESTIMATE,
-                                   '--observer', 'finite_difference',
-                                   '--skip', '1', '--plot', str(plot)])
+        code = velocity_estimator(
+            [
+                'evaluate',
+                str(bag),
+                '--estimate',
+                ESTIMATE,
+                '--observer',
+                'finite_difference',
+                '--skip',
+                '1',
+                '--plot',
+                str(plot),
+            ]
+        )
     show('', f'bag   {bag}', f'plot  {plot}')
     return {'ok': code == 0 and count > 0, 'bag': str(bag), 'plot': str(plot), 'estimates': count}
 
 
-def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str],
-           check: Callable[[], None]) -> int:
+def _watch(
+    parsed: argparse.Namespace, bag: Path, environment: dict[str, str], check: Callable[[], None]
+) -> int:
     """Starts the processes, shows what they say, ends them; the number of estimates seen."""
     from sim_pkg.demo.processes import Child
+
     ros = ['--ros-args']
     for key, value in (MOTION | {'duration': parsed.duration + PATIENCE}).items():
         ros += ['-p', f'{key}:={value}']
     with contextlib.ExitStack() as stack:
         children = []
         for name, module, words in (
-                ('joint_observer', 'estimator_pkg.nodes.executables',
-                 ['joint_observer', '--ros-args', '-p', f'quantum:={2.0 * math.pi / COUNTS}',
-                  '-p', f'observer:={parsed.observer}']),
-                ('record', 'estimator_pkg.cli',
-                 ['record', MEASURED, TRUTH, ESTIMATE, STDDEV, '--out', str(bag)]),
-                ('encoder_sim', 'sim_pkg.nodes.executables', ['encoder_sim', *ros])):
+            (
+                'joint_observer',
+                'estimator_pkg.nodes.executables',
+                [
+                    'joint_observer',
+                    '--ros-args',
+                    '-p',
+                    f'quantum:={2.0 * math.pi / COUNTS}',
+                    '-p',
+                    f'observer:={parsed.observer}',
+                ],
+            ),
+            (
+                'record',
+                'estimator_pkg.cli',
+                ['record', MEASURED, TRUTH, ESTIMATE, STDDEV, '--out', str(bag)],
+            ),
+            ('encoder_sim', 'sim_pkg.nodes.executables', ['encoder_sim', *ros]),
+        ):
             child = Child(name, module, words, environment)
             stack.callback(child.end)
             children.append(child)
@@ -99,6 +147,7 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
 
     from sim_pkg.demo.listener import Topics, listen
     from sim_pkg.demo.table import FRAME, Display
+
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C stays KeyboardInterrupt
     try:
         topics = Topics()
@@ -120,8 +169,10 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
                     started = min(started, now)
                     display.show(moment)
                 elif now > begun + PATIENCE:
-                    raise UserError(f'no estimate within {PATIENCE:g} s; the observer says: '
-                                    f'{children[0].last_line()}')
+                    raise UserError(
+                        f'no estimate within {PATIENCE:g} s; the observer says: '
+                        f'{children[0].last_line()}'
+                    )
         return topics.count
     finally:
         rclpy.try_shutdown()
@@ -129,4 +180,6 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
 
 COMMAND = Command(
     summary='simulator and observer over real DDS: a live table, a bag, a plot',
-    arguments=arguments, run=run)
+    arguments=arguments,
+    run=run,
+)

@@ -79,9 +79,14 @@ class Topics:
             sigma = self._at(self.stddevs, estimate.stamp_ns)
             self._first_ns = self._first_ns or estimate.stamp_ns
             return Snapshot(
-                (estimate.stamp_ns - self._first_ns) * 1e-9, measured.positions[0],
-                truth.velocities[0], self._difference(measured), estimate.velocities[0],
-                sigma.velocities[0] if sigma and sigma.velocities else math.nan, self.count)
+                (estimate.stamp_ns - self._first_ns) * 1e-9,
+                measured.positions[0],
+                truth.velocities[0],
+                self._difference(measured),
+                estimate.velocities[0],
+                sigma.velocities[0] if sigma and sigma.velocities else math.nan,
+                self.count,
+            )
         return None
 
     def _newest_first(self, kept: deque[bytes]):
@@ -106,8 +111,9 @@ class Topics:
         return math.nan
 
 
-def listen(topics: Topics, *, measured: str, truth: str, estimate: str, stddev: str
-           ) -> Callable[[float], None]:
+def listen(
+    topics: Topics, *, measured: str, truth: str, estimate: str, stddev: str
+) -> Callable[[float], None]:
     """Subscribes to the four topics; returns what spins for so many seconds.
 
     The subscriptions are raw: at some thousand messages a second only the few that are shown are
@@ -118,9 +124,14 @@ def listen(topics: Topics, *, measured: str, truth: str, estimate: str, stddev: 
     from sensor_msgs.msg import JointState as JointStateMessage
 
     from estimator_pkg.nodes.runtime import make_executor
+
     node = rclpy.create_node('demo')
-    for name, take in ((measured, topics.on_measured), (truth, topics.on_truth),
-                       (estimate, topics.on_estimate), (stddev, topics.on_stddev)):
+    for name, take in (
+        (measured, topics.on_measured),
+        (truth, topics.on_truth),
+        (estimate, topics.on_estimate),
+        (stddev, topics.on_stddev),
+    ):
         node.create_subscription(JointStateMessage, name, take, qos_profile_sensor_data, raw=True)
     executor = make_executor()
     executor.add_node(node)

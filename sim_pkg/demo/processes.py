@@ -22,15 +22,21 @@ class Child:
     Ctrl-C reaches only the parent, which then ends its children in their order.
     """
 
-    def __init__(self, name: str, module: str, arguments: Sequence[str],
-                 environment: Mapping[str, str]) -> None:
+    def __init__(
+        self, name: str, module: str, arguments: Sequence[str], environment: Mapping[str, str]
+    ) -> None:
         self.name = name
         self._log = tempfile.TemporaryFile(  # noqa: SIM115 (closed by `end`)
-            mode='a+', encoding='utf-8', errors='replace')
+            mode='a+', encoding='utf-8', errors='replace'
+        )
         self._process = subprocess.Popen(
-            [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL,
-            stdout=self._log, stderr=subprocess.STDOUT, env=dict(environment),
-            start_new_session=True)
+            [sys.executable, '-m', module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            env=dict(environment),
+            start_new_session=True,
+        )
 
     def check(self) -> None:
         """Raises UserError, with what it said last, if the process has ended with an error."""
@@ -74,9 +80,11 @@ def ended_on_any_signal() -> Iterator[Callable[[], None]]:
         if came:
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt)
-              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-              if signal.getsignal(number) != signal.SIG_IGN}  # as in a job in the background
+    before = {
+        number: signal.signal(number, interrupt)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) != signal.SIG_IGN
+    }  # as in a job in the background
     try:
         yield check
     finally:

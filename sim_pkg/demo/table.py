@@ -15,10 +15,10 @@ from estimator_pkg.printable import printable, terminal
 from sim_pkg.demo.listener import Snapshot
 
 BARS = ' ▁▂▃▄▅▆▇█'
-TRACE = 40          # columns of the traces, one a frame
-FRAME = 0.1         # time between two frames of the table [s]
-ERROR_SPAN = 1.0    # full scale of the error traces [rad/s]
-LINE_PERIOD = 1.0   # time between lines where there is no terminal [s]
+TRACE = 40  # columns of the traces, one a frame
+FRAME = 0.1  # time between two frames of the table [s]
+ERROR_SPAN = 1.0  # full scale of the error traces [rad/s]
+LINE_PERIOD = 1.0  # time between lines where there is no terminal [s]
 
 
 class Display:
@@ -33,8 +33,9 @@ class Display:
         self._console = console or Console(file=terminal(sys.stdout))
         self._title = printable(title)
         self._live: Live | None = None
-        self._traces = {name: deque([0.0] * TRACE, maxlen=TRACE)
-                        for name in ('truth', 'difference', 'error')}
+        self._traces = {
+            name: deque([0.0] * TRACE, maxlen=TRACE) for name in ('truth', 'difference', 'error')
+        }
         self._next_line = 0.0
 
     def __enter__(self) -> Display:
@@ -63,7 +64,9 @@ class Display:
                 f'true {moment.true_velocity:+8.3f}  finite difference '
                 f'{_shown(moment.finite_difference, "+8.3f")}  estimate {moment.velocity:+8.3f} '
                 f'+- {_shown(moment.stddev, ".3f")}  error {moment.error:+.3f} rad/s',
-                highlight=False, soft_wrap=True)
+                highlight=False,
+                soft_wrap=True,
+            )
 
     def _waiting(self) -> Text:
         return Text(f'{self._title}\nwaiting for the first estimate ...')
@@ -78,21 +81,38 @@ class Display:
         table.add_column('full scale')
         rows = [
             ('measured angle', f'{moment.angle:+.4f}', 'rad', '', ''),
-            ('true velocity', f'{moment.true_velocity:+.3f}', 'rad/s',
-             sparkline(self._traces['truth'], span), f'+-{span:.0f} rad/s'),
-            ('finite difference', _shown(moment.finite_difference, '+.3f'), 'rad/s',
-             sparkline(self._traces['difference'], ERROR_SPAN), f'error, +-{ERROR_SPAN:g} rad/s'),
-            ('estimate', f'{moment.velocity:+.3f}', 'rad/s',
-             sparkline(self._traces['error'], ERROR_SPAN), f'error, +-{ERROR_SPAN:g} rad/s'),
+            (
+                'true velocity',
+                f'{moment.true_velocity:+.3f}',
+                'rad/s',
+                sparkline(self._traces['truth'], span),
+                f'+-{span:.0f} rad/s',
+            ),
+            (
+                'finite difference',
+                _shown(moment.finite_difference, '+.3f'),
+                'rad/s',
+                sparkline(self._traces['difference'], ERROR_SPAN),
+                f'error, +-{ERROR_SPAN:g} rad/s',
+            ),
+            (
+                'estimate',
+                f'{moment.velocity:+.3f}',
+                'rad/s',
+                sparkline(self._traces['error'], ERROR_SPAN),
+                f'error, +-{ERROR_SPAN:g} rad/s',
+            ),
             ('  standard deviation', _shown(moment.stddev, '.3f'), 'rad/s', '', ''),
             ('  error', f'{moment.error:+.3f}', 'rad/s', '', ''),
         ]
         for row in rows:
             style = 'bold green' if row[0] == 'estimate' else ''
             table.add_row(*row, style=style)
-        return Group(Text(self._title, style='bold'),
-                     Text(f't {moment.seconds:.1f} s, {moment.messages} estimates',
-                          style='dim'), table)
+        return Group(
+            Text(self._title, style='bold'),
+            Text(f't {moment.seconds:.1f} s, {moment.messages} estimates', style='dim'),
+            table,
+        )
 
 
 def _shown(value: float, form: str) -> str:

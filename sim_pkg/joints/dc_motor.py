@@ -24,22 +24,30 @@ class MotorParameters(DrivenParameters):
     damping: float = fixed(0.04, unit='N m s/rad', range=(0.0, 1e6), description='b')
     stiffness: float = fixed(0.1, unit='N m/rad', range=(0.0, 1e6), description='k')
     torque_constant: float = fixed(
-        0.6, unit='N m/V', range=(1e-9, 1e6), description='Kv: torque of one volt')
+        0.6, unit='N m/V', range=(1e-9, 1e6), description='Kv: torque of one volt'
+    )
     coulomb: float = fixed(
-        0.0, unit='N m', range=(0.0, 1e6), description='Coulomb friction; 0: none')
+        0.0, unit='N m', range=(0.0, 1e6), description='Coulomb friction; 0: none'
+    )
     load: float = fixed(
-        0.0, unit='N m', range=(-1e6, 1e6), description='constant torque beside that of the motor')
+        0.0, unit='N m', range=(-1e6, 1e6), description='constant torque beside that of the motor'
+    )
     voltage: str = fixed(
-        RANDOM, unit='', choices=(RANDOM, SQUARE, SINES, EXAMPLE),
+        RANDOM,
+        unit='',
+        choices=(RANDOM, SQUARE, SINES, EXAMPLE),
         description='random: uniform, held (both examples of the paper while they learn); square: '
-                    '5 s each way; sines: three of them; random_then_square: example 4.1')
+        '5 s each way; sines: three of them; random_then_square: example 4.1',
+    )
     amplitude: float = fixed(
-        5.0, unit='V', range=(0.0, 1e6), description='rms of the random voltage, else its size')
+        5.0, unit='V', range=(0.0, 1e6), description='rms of the random voltage, else its size'
+    )
     hold: float = fixed(
-        0.2, unit='s', range=(1e-6, 1e6), description='how long a random voltage is held')
+        0.2, unit='s', range=(1e-6, 1e6), description='how long a random voltage is held'
+    )
     learn: float = fixed(
-        100.0, unit='s', range=(0.0, 1e9),
-        description='random_then_square: when the square begins')
+        100.0, unit='s', range=(0.0, 1e9), description='random_then_square: when the square begins'
+    )
 
     @property
     def fastest(self) -> float:
@@ -68,11 +76,11 @@ class Motor:
     def _random(self, index: int) -> float:
         """Uniform with unit variance, the index-th of this seed."""
         if index != self._held:
-            x = ((index + 1) * 0x9E3779B97F4A7C15 + self._seed * 0xBF58476D1CE4E5B9) % 2 ** 64
-            x = ((x ^ (x >> 30)) * 0xBF58476D1CE4E5B9) % 2 ** 64
-            x = ((x ^ (x >> 27)) * 0x94D049BB133111EB) % 2 ** 64
+            x = ((index + 1) * 0x9E3779B97F4A7C15 + self._seed * 0xBF58476D1CE4E5B9) % 2**64
+            x = ((x ^ (x >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+            x = ((x ^ (x >> 27)) * 0x94D049BB133111EB) % 2**64
             self._held = index
-            self._value = math.sqrt(3.0) * (2.0 * ((x ^ (x >> 31)) >> 11) * 2.0 ** -53 - 1.0)
+            self._value = math.sqrt(3.0) * (2.0 * ((x ^ (x >> 31)) >> 11) * 2.0**-53 - 1.0)
         return self._value
 
     def _torque(self, q: float, w: float, u: float) -> float:
@@ -94,8 +102,11 @@ class Motor:
         """Friction stops what would turn round against it, or all but rests."""
         friction = self._p.coulomb
         slow = abs(w) <= SUBSTEP * friction / self._p.inertia
-        if (friction > 0.0 and (slow or before * w < 0.0)
-                and abs(self._torque(q, 0.0, u)) <= friction):
+        if (
+            friction > 0.0
+            and (slow or before * w < 0.0)
+            and abs(self._torque(q, 0.0, u)) <= friction
+        ):
             return 0.0
         return w
 
@@ -118,5 +129,9 @@ def generate(parameters: MotorParameters, duration: float, seed: int) -> Iterato
 
 
 SIMULATOR = Simulator(
-    name='dc_motor', summary='a servo motor with spring, load and friction, driven by a voltage',
-    parameters=MotorParameters, topics=topics, generate=generate)
+    name='dc_motor',
+    summary='a servo motor with spring, load and friction, driven by a voltage',
+    parameters=MotorParameters,
+    topics=topics,
+    generate=generate,
+)

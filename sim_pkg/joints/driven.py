@@ -33,9 +33,9 @@ from sim_pkg.joints.sensor import (
 MEASURED = Topic('joint_states', JOINT_STATE)
 TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 EVENTS = Topic('switch_event', JOINT_STATE)
-CHUNK = 64         # samples made at a time
-SUBSTEP = 1e-3     # longest integration step [s]
-PART = 0.2         # of the fastest time constant, which a step is no longer than
+CHUNK = 64  # samples made at a time
+SUBSTEP = 1e-3  # longest integration step [s]
+PART = 0.2  # of the fastest time constant, which a step is no longer than
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,11 @@ class DrivenParameters(SensorParameters):
     joint: str = fixed('joint', unit='', description='name of the joint')
     start: float = fixed(0.0, unit='rad', range=(-1e3, 1e3), description='angle at the start')
     convention: str = fixed(  # not raw_counts: they come without an effort
-        SIGNED, unit='', choices=(SIGNED, UNSIGNED, MULTI_TURN),
-        description='how an angle is written: in [-pi, pi), in [0, 2 pi), or turns counted')
+        SIGNED,
+        unit='',
+        choices=(SIGNED, UNSIGNED, MULTI_TURN),
+        description='how an angle is written: in [-pi, pi), in [0, 2 pi), or turns counted',
+    )
 
     def __post_init__(self) -> None:
         """What a range cannot say; raises UsageError."""
@@ -85,8 +88,9 @@ class _Motion(NamedTuple):
     w: float
 
 
-def advance(plant: Plant, motion: _Motion, t: float, duration: float, u: float,
-            longest: float = SUBSTEP) -> _Motion:
+def advance(
+    plant: Plant, motion: _Motion, t: float, duration: float, u: float, longest: float = SUBSTEP
+) -> _Motion:
     """Runge-Kutta 4 over `duration` [s] from t with a held input, in steps up to `longest` [s]."""
     count = max(1, math.ceil(duration / longest - 1e-9))
     h, (q, w) = duration / count, motion
@@ -104,14 +108,16 @@ def advance(plant: Plant, motion: _Motion, t: float, duration: float, u: float,
     return _Motion(q, w)
 
 
-def stream(plant: Plant, parameters: DrivenParameters, duration: float, seed: int
-           ) -> Iterator[list[Message]]:
+def stream(
+    plant: Plant, parameters: DrivenParameters, duration: float, seed: int
+) -> Iterator[list[Message]]:
     """The messages (see `sim_pkg.contract`); truth is given where the stamp says."""
     return in_order(_chunks(plant, parameters, sizes(duration, parameters.rate, CHUNK), seed))
 
 
-def _chunks(plant: Plant, parameters: DrivenParameters, counts: Iterator[int], seed: int
-            ) -> Iterator[tuple[list[Message], int]]:
+def _chunks(
+    plant: Plant, parameters: DrivenParameters, counts: Iterator[int], seed: int
+) -> Iterator[tuple[list[Message], int]]:
     sensor, line = AngleSensor(parameters, seed), Line(parameters, seed)
     measured, true, announced = Encoder(), Encoder(), Encoder()
     names = (parameters.joint,)
@@ -130,35 +136,47 @@ def _chunks(plant: Plant, parameters: DrivenParameters, counts: Iterator[int], s
                     motion, last = advance(plant, motion, last, at - last, u, longest), at
                 plant.begin(at)
                 at_ns = round(at * SECOND)
-                messages.append(Message(at_ns, EVENTS.name, partial(
-                    _event, announced, at_ns, mode)))
+                messages.append(
+                    Message(at_ns, EVENTS.name, partial(_event, announced, at_ns, mode))
+                )
             if taken > last:
                 motion = advance(plant, motion, last, taken - last, u, longest)
             rows.append((motion, u))
             last, u = taken, plant.input(taken)
         readings = sensor.read(np.array([row[0].q for row in rows])).tolist()
         for stamp, taken_ns, due, copies, reading, ((q, w), effort) in zip(
-                samples.stamp_ns.tolist(), samples.taken_ns.tolist(), samples.due_ns.tolist(),
-                samples.copies.tolist(), readings, rows):
-            messages += [Message(due, MEASURED.name, partial(
-                _measurement, measured, names, stamp, reading, effort))] * copies
+            samples.stamp_ns.tolist(),
+            samples.taken_ns.tolist(),
+            samples.due_ns.tolist(),
+            samples.copies.tolist(),
+            readings,
+            rows,
+        ):
+            messages += [
+                Message(
+                    due,
+                    MEASURED.name,
+                    partial(_measurement, measured, names, stamp, reading, effort),
+                )
+            ] * copies
             ahead = (stamp - taken_ns) / SECOND  # where stamps are wrong
-            messages.append(Message(taken_ns, TRUTH.name, partial(
-                _truth, true, names, stamp, q + ahead * w, w)))
+            messages.append(
+                Message(taken_ns, TRUTH.name, partial(_truth, true, names, stamp, q + ahead * w, w))
+            )
         yield messages, samples.horizon_ns
 
 
-def _measurement(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, u: float,
-                 start_ns: int) -> bytes:
+def _measurement(
+    encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, u: float, start_ns: int
+) -> bytes:
     return encoder.encode(start_ns + stamp_ns, '', names, (q,), (), (u,))
 
 
-def _truth(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, w: float,
-           start_ns: int) -> bytes:
+def _truth(
+    encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, w: float, start_ns: int
+) -> bytes:
     return encoder.encode(start_ns + stamp_ns, '', names, (q,), (w,))
 
 
 def _event(encoder: Encoder, stamp_ns: int, mode: str, start_ns: int) -> bytes:
     return encoder.encode(start_ns + stamp_ns, '', (mode,))
-
-

@@ -38,10 +38,14 @@ class EncoderParameters(ProfileParameters, SensorParameters):
     """All that can be set of the simulator."""
 
     joints: tuple[str, ...] = fixed(
-        ('wheel',), unit='', description='names of the joints; each has a sensor of its own')
+        ('wheel',), unit='', description='names of the joints; each has a sensor of its own'
+    )
     joint_ratio: float = fixed(
-        0.8, unit='', range=(-10.0, 10.0),
-        description='each further joint moves by this times the motion of the one before it')
+        0.8,
+        unit='',
+        range=(-10.0, 10.0),
+        description='each further joint moves by this times the motion of the one before it',
+    )
 
     def __post_init__(self) -> None:
         """What a range cannot say; raises UsageError."""
@@ -51,8 +55,9 @@ class EncoderParameters(ProfileParameters, SensorParameters):
         if len(set(self.joints)) < len(self.joints):
             raise UsageError("parameter 'joints' names a joint twice")
         if self.convention == RAW_COUNTS and len(self.joints) > 1:
-            raise UsageError("convention 'raw_counts' carries one joint, but 'joints' names "
-                             f'{len(self.joints)}')
+            raise UsageError(
+                f"convention 'raw_counts' carries one joint, but 'joints' names {len(self.joints)}"
+            )
 
 
 def topics(parameters: EncoderParameters) -> tuple[Topic, ...]:
@@ -64,8 +69,9 @@ class Shaft:
     """One joint: its motion and its sensor."""
 
     def __init__(self, parameters: EncoderParameters, seed: int, joint: int) -> None:
-        self.motion: Profile = make_profile(parameters, random_stream(seed, 'profile', joint),
-                                            ratio=parameters.joint_ratio ** joint)
+        self.motion: Profile = make_profile(
+            parameters, random_stream(seed, 'profile', joint), ratio=parameters.joint_ratio**joint
+        )
         self.sensor = AngleSensor(parameters, seed, joint)
 
 
@@ -78,8 +84,9 @@ def generate(parameters: EncoderParameters, duration: float, seed: int) -> Itera
     return in_order(_chunks(parameters, sizes(duration, parameters.rate, CHUNK), seed))
 
 
-def _chunks(parameters: EncoderParameters, counts: Iterator[int], seed: int
-            ) -> Iterator[tuple[list[Message], int]]:
+def _chunks(
+    parameters: EncoderParameters, counts: Iterator[int], seed: int
+) -> Iterator[tuple[list[Message], int]]:
     shafts = [Shaft(parameters, seed, joint) for joint in range(len(parameters.joints))]
     line = Line(parameters, seed)
     measure = _counts if parameters.convention == RAW_COUNTS else _joint_states(parameters.joints)
@@ -92,11 +99,21 @@ def _chunks(parameters: EncoderParameters, counts: Iterator[int], seed: int
         motions = np.array([shaft.motion(stamped)[:2] for shaft in shafts]).transpose(2, 1, 0)
         messages: list[Message] = []
         for stamp, taken_ns, due, copies, reading, (position, velocity) in zip(
-                samples.stamp_ns.tolist(), samples.taken_ns.tolist(), samples.due_ns.tolist(),
-                samples.copies.tolist(), readings.tolist(), motions.tolist()):
+            samples.stamp_ns.tolist(),
+            samples.taken_ns.tolist(),
+            samples.due_ns.tolist(),
+            samples.copies.tolist(),
+            readings.tolist(),
+            motions.tolist(),
+        ):
             messages += [Message(due, measured, partial(measure, stamp, reading))] * copies
-            messages.append(Message(taken_ns, TRUTH.name, partial(
-                _truth, true, parameters.joints, stamp, position, velocity)))
+            messages.append(
+                Message(
+                    taken_ns,
+                    TRUTH.name,
+                    partial(_truth, true, parameters.joints, stamp, position, velocity),
+                )
+            )
         yield messages, samples.horizon_ns
 
 
@@ -104,8 +121,14 @@ def _seconds(nanoseconds: Whole) -> Floats:
     return nanoseconds.astype(np.float64) / SECOND
 
 
-def _truth(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, position: list[float],
-           velocity: list[float], start_ns: int) -> bytes:
+def _truth(
+    encoder: Encoder,
+    names: tuple[str, ...],
+    stamp_ns: int,
+    position: list[float],
+    velocity: list[float],
+    start_ns: int,
+) -> bytes:
     return encoder.encode(start_ns + stamp_ns, '', names, position, velocity)
 
 
@@ -128,4 +151,7 @@ def _counts(stamp_ns: int, reading: list[float], start_ns: int) -> bytes:
 SIMULATOR = Simulator(
     name='encoder',
     summary='joints that move by a profile, read by encoders with faults',
-    parameters=EncoderParameters, topics=topics, generate=generate)
+    parameters=EncoderParameters,
+    topics=topics,
+    generate=generate,
+)

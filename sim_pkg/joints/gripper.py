@@ -17,28 +17,36 @@ class GripperParameters(DrivenParameters):
     """All that can be set of the simulator."""
 
     counts_per_revolution: int = fixed(
-        65536, unit='counts', range=(0, 2**31 - 1), description='resolution; 0: no quantisation')
+        65536, unit='counts', range=(0, 2**31 - 1), description='resolution; 0: no quantisation'
+    )
     start: float = fixed(0.3, unit='rad', range=(-1e3, 1e3), description='angle at the start')
-    inertia: float = fixed(
-        0.5, unit='kg m^2', range=(1e-6, 1e6), description='J without load')
+    inertia: float = fixed(0.5, unit='kg m^2', range=(1e-6, 1e6), description='J without load')
     damping: float = fixed(0.4, unit='N m s/rad', range=(0.0, 1e6), description='b')
     gravity: float = fixed(
-        4.905, unit='N m', range=(0.0, 1e6), description='m g l without load: torque at 90 degrees')
+        4.905, unit='N m', range=(0.0, 1e6), description='m g l without load: torque at 90 degrees'
+    )
     load_inertia: float = fixed(
-        0.3, unit='kg m^2', range=(0.0, 1e6), description='what a gripped load adds to J')
+        0.3, unit='kg m^2', range=(0.0, 1e6), description='what a gripped load adds to J'
+    )
     load_gravity: float = fixed(
-        4.905, unit='N m', range=(0.0, 1e6), description='what a gripped load adds to m g l')
+        4.905, unit='N m', range=(0.0, 1e6), description='what a gripped load adds to m g l'
+    )
     first_event: float = fixed(
-        2.0, unit='s', range=(1e-3, 1e9), description='when the gripper first closes')
+        2.0, unit='s', range=(1e-3, 1e9), description='when the gripper first closes'
+    )
     event_every: float = fixed(
-        2.0, unit='s', range=(1e-3, 1e9),
-        description='time from one event to the next: it opens, closes, opens')
+        2.0,
+        unit='s',
+        range=(1e-3, 1e9),
+        description='time from one event to the next: it opens, closes, opens',
+    )
 
     @property
     def fastest(self) -> float:
         """A bound of the joint's rates [1/s], with and without load."""
-        return (self.damping / self.inertia
-                + math.sqrt((self.gravity + self.load_gravity) / self.inertia))
+        return self.damping / self.inertia + math.sqrt(
+            (self.gravity + self.load_gravity) / self.inertia
+        )
 
 
 class Gripper:
@@ -89,12 +97,15 @@ def topics(parameters: GripperParameters) -> tuple[Topic, ...]:
     return MEASURED, EVENTS, TRUTH
 
 
-def generate(parameters: GripperParameters, duration: float, seed: int
-             ) -> Iterator[list[Message]]:
+def generate(parameters: GripperParameters, duration: float, seed: int) -> Iterator[list[Message]]:
     """See `sim_pkg.contract`."""
     return stream(Gripper(parameters), parameters, duration, seed)
 
 
 SIMULATOR = Simulator(
-    name='gripper', summary='a joint whose load changes when its gripper closes or opens',
-    parameters=GripperParameters, topics=topics, generate=generate)
+    name='gripper',
+    summary='a joint whose load changes when its gripper closes or opens',
+    parameters=GripperParameters,
+    topics=topics,
+    generate=generate,
+)

@@ -16,15 +16,31 @@ from numpy.typing import NDArray
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
-Motion = tuple[Array, Array, Array]    # position [rad], velocity [rad/s], acceleration [rad/s^2]
-Profile = Callable[[Array], Motion]    # times [s], shape (n,) -> three arrays of shape (n,)
+Motion = tuple[Array, Array, Array]  # position [rad], velocity [rad/s], acceleration [rad/s^2]
+Profile = Callable[[Array], Motion]  # times [s], shape (n,) -> three arrays of shape (n,)
 
 fixed = partial(parameter, structural=True)  # a change in mid-run would not follow from the seed
 
-SINES = 32     # that make up the random motion
+SINES = 32  # that make up the random motion
 # The staircase of velocities, as parts of the largest one.
-STAIRS = (0.0, 0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0, -0.25, -0.5, -0.75, -1.0, -0.75, -0.5,
-          -0.25)
+STAIRS = (
+    0.0,
+    0.25,
+    0.5,
+    0.75,
+    1.0,
+    0.75,
+    0.5,
+    0.25,
+    0.0,
+    -0.25,
+    -0.5,
+    -0.75,
+    -1.0,
+    -0.75,
+    -0.5,
+    -0.25,
+)
 NAMES = ('constant', 'sine', 'trapezoid', 'chirp', 'steps', 'figure_4', 'figure_6', 'random')
 
 
@@ -33,40 +49,59 @@ class ProfileParameters:
     """How the shaft moves."""
 
     profile: str = fixed(
-        'sine', unit='', choices=NAMES,
-        description='the true motion; figure_4 and figure_6 are those of the hybrid-angle paper')
+        'sine',
+        unit='',
+        choices=NAMES,
+        description='the true motion; figure_4 and figure_6 are those of the hybrid-angle paper',
+    )
     velocity: float = fixed(
-        10.0, unit='rad/s', range=(-1e5, 1e5),
+        10.0,
+        unit='rad/s',
+        range=(-1e5, 1e5),
         description='constant: the velocity; trapezoid and steps: the largest velocity; '
-                    'random: the rms velocity')
+        'random: the rms velocity',
+    )
     acceleration: float = fixed(
-        50.0, unit='rad/s^2', range=(0.0, 1e7),
-        description='trapezoid and steps: from one velocity to the next; 0: at once')
+        50.0,
+        unit='rad/s^2',
+        range=(0.0, 1e7),
+        description='trapezoid and steps: from one velocity to the next; 0: at once',
+    )
     hold_time: float = fixed(
-        1.0, unit='s', range=(0.001, 1e5),
-        description='trapezoid and steps: time at each velocity')
+        1.0, unit='s', range=(0.001, 1e5), description='trapezoid and steps: time at each velocity'
+    )
     amplitude: float = fixed(
-        5.0, unit='rad', range=(0.0, 1e6),
-        description='sine and chirp: amplitude of the position')
+        5.0, unit='rad', range=(0.0, 1e6), description='sine and chirp: amplitude of the position'
+    )
     frequency: float = fixed(
-        0.3, unit='Hz', range=(1e-4, 1e4),
+        0.3,
+        unit='Hz',
+        range=(1e-4, 1e4),
         description='sine: its frequency; chirp: where the sweep starts; random: upper end of the '
-                    'band of its velocity')
+        'band of its velocity',
+    )
     frequency_end: float = fixed(
-        5.0, unit='Hz', range=(1e-4, 1e4),
-        description='chirp: where the sweep turns back')
+        5.0, unit='Hz', range=(1e-4, 1e4), description='chirp: where the sweep turns back'
+    )
     sweep_time: float = fixed(
-        20.0, unit='s', range=(0.001, 1e5),
+        20.0,
+        unit='s',
+        range=(0.001, 1e5),
         description='chirp: time from frequency to frequency_end, equal for every octave; then it '
-                    'sweeps back, and so on')
+        'sweeps back, and so on',
+    )
     decay_time: float = fixed(
-        0.15, unit='s', range=(1e-4, 1e3),
-        description='figure_6: time constant of the motor running out, after 5 s')
+        0.15,
+        unit='s',
+        range=(1e-4, 1e3),
+        description='figure_6: time constant of the motor running out, after 5 s',
+    )
     mean_velocity: float = fixed(
-        0.0, unit='rad/s', range=(-1e5, 1e5),
-        description='added to the velocity of every profile')
+        0.0, unit='rad/s', range=(-1e5, 1e5), description='added to the velocity of every profile'
+    )
     start_angle: float = fixed(
-        0.0, unit='rad', range=(-1e6, 1e6), description='position at the start')
+        0.0, unit='rad', range=(-1e6, 1e6), description='position at the start'
+    )
 
 
 def constant(velocity: float) -> Profile:
@@ -140,8 +175,9 @@ def chirp(amplitude: float, first: float, last: float, sweep_time: float) -> Pro
     octaves = math.log(last / first)
     slope = octaves / sweep_time
     # phase [rad] of one sweep; what the closed form 2 pi first (exp(slope t) - 1) / slope gives
-    one_way = 2.0 * math.pi * first * sweep_time * (math.expm1(octaves) / octaves if octaves
-                                                    else 1.0)
+    one_way = (
+        2.0 * math.pi * first * sweep_time * (math.expm1(octaves) / octaves if octaves else 1.0)
+    )
 
     def sweep(start: float, time: Array, rate: float) -> tuple[Array, Array]:
         grown = np.expm1(rate * time) / rate if rate else time
@@ -157,8 +193,11 @@ def chirp(amplitude: float, first: float, last: float, sweep_time: float) -> Pro
         omega = np.where(back, down_rate, up_rate)
         alpha = np.where(back, -slope, slope) * omega
         sin, cos = np.sin(phase), np.cos(phase)
-        return (amplitude * sin, amplitude * omega * cos,
-                amplitude * (alpha * cos - omega * omega * sin))
+        return (
+            amplitude * sin,
+            amplitude * omega * cos,
+            amplitude * (alpha * cos - omega * omega * sin),
+        )
 
     return motion
 
@@ -178,8 +217,11 @@ def figure_6(decay_time: float) -> Profile:
         out = time >= switch
         rising = np.exp(-np.minimum(time, switch) / rise)
         falling = np.exp(-(np.maximum(time, switch) - switch) / decay_time)
-        position = np.where(out, travelled + reached * decay_time * (1.0 - falling),
-                            top * (time - rise * (1.0 - rising)))
+        position = np.where(
+            out,
+            travelled + reached * decay_time * (1.0 - falling),
+            top * (time - rise * (1.0 - rising)),
+        )
         velocity = np.where(out, reached * falling, top * (1.0 - rising))
         acceleration = np.where(out, -reached / decay_time * falling, top / rise * rising)
         return position, velocity, acceleration
@@ -204,14 +246,18 @@ def smooth_random(velocity: float, bandwidth: float, random: np.random.Generator
     def motion(time: Array) -> Motion:
         angle = time[:, None] * omega + phase
         sin, cos = np.sin(angle), np.cos(angle)
-        return (offset - size * np.sum(cos / omega, axis=1), size * np.sum(sin, axis=1),
-                size * np.sum(omega * cos, axis=1))
+        return (
+            offset - size * np.sum(cos / omega, axis=1),
+            size * np.sum(sin, axis=1),
+            size * np.sum(omega * cos, axis=1),
+        )
 
     return motion
 
 
-def make_profile(parameters: ProfileParameters, random: np.random.Generator, *,
-                 ratio: float = 1.0) -> Profile:
+def make_profile(
+    parameters: ProfileParameters, random: np.random.Generator, *, ratio: float = 1.0
+) -> Profile:
     """The motion that the parameters describe.
 
     Parameters
@@ -233,7 +279,10 @@ def make_profile(parameters: ProfileParameters, random: np.random.Generator, *,
 
     def motion(time: Array) -> Motion:
         position, velocity, acceleration = profile(time)
-        return (p.start_angle + ratio * (position + p.mean_velocity * time),
-                ratio * (velocity + p.mean_velocity), ratio * acceleration)
+        return (
+            p.start_angle + ratio * (position + p.mean_velocity * time),
+            ratio * (velocity + p.mean_velocity),
+            ratio * acceleration,
+        )
 
     return motion

@@ -39,49 +39,72 @@ interval = partial(fixed, unit='s', range=(0.0, 1e6))
 class SensorParameters:
     """How the angle is read and what goes wrong; everything but quantisation is off by default."""
 
-    rate: float = fixed(
-        1000.0, unit='Hz', range=(0.01, 1e5), description='samples per second')
+    rate: float = fixed(1000.0, unit='Hz', range=(0.01, 1e5), description='samples per second')
     counts_per_revolution: int = fixed(
-        4096, unit='counts', range=(0, 2**31 - 1),
+        4096,
+        unit='counts',
+        range=(0, 2**31 - 1),
         description='resolution; the angle is rounded down to a count, so that it reads half a '
-                    'count low on average; 0: no quantisation')
+        'count low on average; 0: no quantisation',
+    )
     convention: str = fixed(
-        SIGNED, unit='', choices=(SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS),
+        SIGNED,
+        unit='',
+        choices=(SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS),
         description='how an angle is written: in [-pi, pi), in [0, 2 pi), turns counted, or counts '
-                    'in [0, counts_per_revolution) as std_msgs/Int32 on the topic angle')
+        'in [0, counts_per_revolution) as std_msgs/Int32 on the topic angle',
+    )
     noise: float = fixed(
-        0.0, unit='rad', range=(0.0, 10.0),
-        description='standard deviation of white Gaussian noise, before quantisation')
+        0.0,
+        unit='rad',
+        range=(0.0, 10.0),
+        description='standard deviation of white Gaussian noise, before quantisation',
+    )
     eccentricity: float = fixed(
-        0.0, unit='rad', range=(0.0, 1.0),
-        description='amplitude of an error that is a sine of the angle, as from a disc off centre')
+        0.0,
+        unit='rad',
+        range=(0.0, 1.0),
+        description='amplitude of an error that is a sine of the angle, as from a disc off centre',
+    )
     outliers: float = chance(description='fraction of readings that are off by outlier_size')
     outlier_size: float = fixed(
-        1.0, unit='rad', range=(0.0, 1e3),
-        description='size of an outlier, of either sign')
+        1.0, unit='rad', range=(0.0, 1e3), description='size of an outlier, of either sign'
+    )
     repeated: float = chance(
-        description='fraction of samples that repeat the reading before them under a new stamp')
+        description='fraction of samples that repeat the reading before them under a new stamp'
+    )
     update_every: int = fixed(
-        1, unit='samples', range=(1, 1_000_000),
+        1,
+        unit='samples',
+        range=(1, 1_000_000),
         description='the sensor gives a new reading only every so many samples and repeats it in '
-                    'between')
+        'between',
+    )
     stuck_every: float = interval(
-        0.0, description='mean time until the sensor sticks to its reading; 0: never')
+        0.0, description='mean time until the sensor sticks to its reading; 0: never'
+    )
     stuck_length: float = interval(0.2, description='how long it sticks')
     sampling_jitter: float = interval(
-        0.0, description='samples are taken late by up to this, evenly spread, and stamped with '
-                         'the time at which they were; shorter than one sample time')
+        0.0,
+        description='samples are taken late by up to this, evenly spread, and stamped with '
+        'the time at which they were; shorter than one sample time',
+    )
     stamp_jitter: float = interval(
-        0.0, range=(0.0, 100.0),
-        description='stamps are wrong by up to this either way, evenly spread; sampling is on time')
+        0.0,
+        range=(0.0, 100.0),
+        description='stamps are wrong by up to this either way, evenly spread; sampling is on time',
+    )
     dropped: float = chance(description='fraction of samples that never arrive')
     duplicated: float = chance(
-        description='fraction of messages that arrive twice, with the same stamp')
+        description='fraction of messages that arrive twice, with the same stamp'
+    )
     gap_every: float = interval(
-        0.0, description='mean time until a gap, in which nothing arrives; 0: never')
+        0.0, description='mean time until a gap, in which nothing arrives; 0: never'
+    )
     gap_length: float = interval(0.3, description='how long a gap lasts')
     burst_every: float = interval(
-        0.0, description='mean time until messages are held up, to arrive all at once; 0: never')
+        0.0, description='mean time until messages are held up, to arrive all at once; 0: never'
+    )
     burst_length: float = interval(0.05, description='how long they are held up')
 
     def __post_init__(self) -> None:
@@ -89,8 +112,10 @@ class SensorParameters:
         if self.convention == RAW_COUNTS and self.counts_per_revolution == 0:
             raise UsageError("convention 'raw_counts' needs 'counts_per_revolution' above 0")
         if self.sampling_jitter >= 1.0 / self.rate:
-            raise UsageError(f"parameter 'sampling_jitter' = {self.sampling_jitter:g} must be "
-                             f'shorter than one sample time, {1.0 / self.rate:g} s')
+            raise UsageError(
+                f"parameter 'sampling_jitter' = {self.sampling_jitter:g} must be "
+                f'shorter than one sample time, {1.0 / self.rate:g} s'
+            )
 
     @property
     def period(self) -> float:
@@ -100,8 +125,9 @@ class SensorParameters:
 
 def random_stream(seed: int, purpose: str, joint: int = 0) -> np.random.Generator:
     """A random stream of its own for this purpose and joint; any new purpose leaves it as it is."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(
-        [seed, zlib.crc32(purpose.encode()), joint])))
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence([seed, zlib.crc32(purpose.encode()), joint]))
+    )
 
 
 class Episodes:
@@ -115,8 +141,9 @@ class Episodes:
     period : sample time [s].
     """
 
-    def __init__(self, random: np.random.Generator, every: float, length: float,
-                 period: float) -> None:
+    def __init__(
+        self, random: np.random.Generator, every: float, length: float, period: float
+    ) -> None:
         self._random = random
         self._chance = period / every if every > 0.0 else 0.0
         self._samples = max(1, round(length / period))
@@ -127,11 +154,11 @@ class Episodes:
         ends = np.zeros(count, np.int64)
         if self._chance == 0.0:
             return ends
-        ends[:max(0, self._until - first)] = self._until
+        ends[: max(0, self._until - first)] = self._until
         for start in np.flatnonzero(self._random.random(count) < self._chance):
             if first + start >= self._until:
                 self._until = int(first + start) + self._samples
-                ends[start:start + self._samples] = self._until
+                ends[start : start + self._samples] = self._until
         return ends
 
 
@@ -149,8 +176,12 @@ class AngleSensor:
         self._noise = random_stream(seed, 'noise', joint)
         self._outliers = random_stream(seed, 'outliers', joint)
         self._repeated = random_stream(seed, 'repeated', joint)
-        self._stuck = Episodes(random_stream(seed, 'stuck', joint), parameters.stuck_every,
-                               parameters.stuck_length, parameters.period)
+        self._stuck = Episodes(
+            random_stream(seed, 'stuck', joint),
+            parameters.stuck_every,
+            parameters.stuck_length,
+            parameters.period,
+        )
         self._index = 0
         self._held = 0.0  # last reading, in counts where there are any, else in rad
 
@@ -244,8 +275,9 @@ class Line:
         self._dropped = random_stream(seed, 'dropped')
         self._duplicated = random_stream(seed, 'duplicated')
         self._gaps = Episodes(random_stream(seed, 'gap'), p.gap_every, p.gap_length, p.period)
-        self._bursts = Episodes(random_stream(seed, 'burst'), p.burst_every, p.burst_length,
-                                p.period)
+        self._bursts = Episodes(
+            random_stream(seed, 'burst'), p.burst_every, p.burst_length, p.period
+        )
         self._index = 0
 
     def carry(self, count: int) -> Samples:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-AMPLITUDE, PERIOD = 0.2, 10.0       # m, s: of the cart's reference
-SOFT = 0.02                         # m/s: width of the compensated friction's change of sign
+AMPLITUDE, PERIOD = 0.2, 10.0  # m, s: of the cart's reference
+SOFT = 0.02  # m/s: width of the compensated friction's change of sign
 
 
 def triangle(time: float) -> tuple[float, float]:
@@ -21,8 +21,14 @@ def triangle(time: float) -> tuple[float, float]:
     return AMPLITUDE * (3.0 - 4.0 * phase), -slope
 
 
-def balancing_force(y: tuple[float, float], v: tuple[float, float], reference: float, rate: float,
-                    forward: float, backward: float) -> float:
+def balancing_force(
+    y: tuple[float, float],
+    v: tuple[float, float],
+    reference: float,
+    rate: float,
+    forward: float,
+    backward: float,
+) -> float:
     """The force on the cart [N], with the Coulomb friction compensated.
 
     Parameters
@@ -30,5 +36,5 @@ def balancing_force(y: tuple[float, float], v: tuple[float, float], reference: f
     y, v : measured positions and estimated velocities (pendulum [rad], cart [m]).
     forward, backward : levels of the cart's friction [N].
     """
-    force = (104.0 * y[0] + 20.0 * v[0] + 21.0 * (y[1] - reference) + 23.0 * (v[1] - rate))
+    force = 104.0 * y[0] + 20.0 * v[0] + 21.0 * (y[1] - reference) + 23.0 * (v[1] - rate)
     return force + (forward if v[1] >= 0.0 else backward) * math.tanh(v[1] / SOFT)

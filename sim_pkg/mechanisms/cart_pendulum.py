@@ -18,12 +18,16 @@ OPEN, TRUE_VELOCITY, OBSERVER = 'open', 'true_velocity', 'observer'
 FULL, NORMALISED = 'full', 'normalised'
 QUANTA = {'hpm': (7.85e-4, 1.8e-5), 'lpm': (1.23e-2, 1e-3), 'exact': (0.0, 0.0)}
 LPM_HOLD = 2
-CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87     # N/A, N, N
-LIMIT = 60.0                                       # N, of the motor
-PATIENCE = 0.05                                    # s, for an estimate
+CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
+LIMIT = 60.0  # N, of the motor
+PATIENCE = 0.05  # s, for an estimate
 
-PLANT = {'force_constant': CONSTANT, 'friction_forward': FORWARD, 'friction_backward': BACKWARD,
-         'friction_speed': 2e-3}
+PLANT = {
+    'force_constant': CONSTANT,
+    'friction_forward': FORWARD,
+    'friction_backward': BACKWARD,
+    'friction_speed': 2e-3,
+}
 UNIT = {'pendulum_inertia': 1.0, 'pendulum_moment': 0.1, 'moving_mass': 1.0, 'gravity': 1.0}
 
 
@@ -32,20 +36,31 @@ class Parameters(MechanismParameters):
     """All that can be set of the simulator; the input is the motor's current [A]."""
 
     variant: str = fixed(
-        FULL, unit='', choices=(FULL, NORMALISED),
-        description='full: the laboratory of section 6; normalised: section 5.1, free motion')
+        FULL,
+        unit='',
+        choices=(FULL, NORMALISED),
+        description='full: the laboratory of section 6; normalised: section 5.1, free motion',
+    )
     control: str = fixed(
-        OPEN, unit='', choices=(OPEN, TRUE_VELOCITY, OBSERVER),
+        OPEN,
+        unit='',
+        choices=(OPEN, TRUE_VELOCITY, OBSERVER),
         description='open: excitation, hanging; true_velocity: balanced upright with the true '
-                    'velocities; observer (live only): with those of the topic `estimate`')
+        'velocities; observer (live only): with those of the topic `estimate`',
+    )
     encoders: str = fixed(
-        'hpm', unit='', choices=tuple(QUANTA),
+        'hpm',
+        unit='',
+        choices=tuple(QUANTA),
         description="the paper's high-precision or low-precision encoders (the latter at half the "
-                    'rate), or exact; `quantum` and `hold` overrule')
+        'rate), or exact; `quantum` and `hold` overrule',
+    )
     amplitude: float = fixed(
-        2.5, unit='A', range=(0.0, 100.0), description='of the chirp of the open loop')
+        2.5, unit='A', range=(0.0, 100.0), description='of the chirp of the open loop'
+    )
     start_angle: float = fixed(
-        0.05, unit='rad', range=(-0.5, 0.5), description='of the pendulum where it is balanced')
+        0.05, unit='rad', range=(-0.5, 0.5), description='of the pendulum where it is balanced'
+    )
 
 
 class Feedback:
@@ -75,14 +90,15 @@ class Feedback:
 def current(time: float, amplitude: float) -> float:
     """The excitation of section 6.2 [A]: a chirp, a rest, a square wave."""
     if time < 5.0:
-        return amplitude * math.sin(2.0 * math.pi * (2.0 * time + 0.7 * time ** 2))
+        return amplitude * math.sin(2.0 * math.pi * (2.0 * time + 0.7 * time**2))
     if time < 6.0:
         return 0.0
     return 0.8 if math.floor(4.0 * (time - 6.0) + 1e-9) % 2 == 0 else -0.8
 
 
-def generate(parameters: Parameters, duration: float, seed: int,
-             feedback: Feedback | None = None) -> Iterator[list[Message]]:
+def generate(
+    parameters: Parameters, duration: float, seed: int, feedback: Feedback | None = None
+) -> Iterator[list[Message]]:
     """See `sim_pkg.contract`.
 
     Raises
@@ -97,16 +113,32 @@ def generate(parameters: Parameters, duration: float, seed: int,
     if p.hold == 1 and p.encoders == 'lpm':
         p = replace(p, hold=LPM_HOLD)
     if p.control == OBSERVER and feedback is None:
-        raise UsageError("'control: observer' needs the live node cart_pendulum_sim: its velocity "
-                         'comes from a topic')
+        raise UsageError(
+            "'control: observer' needs the live node cart_pendulum_sim: its velocity "
+            'comes from a topic'
+        )
     if not full:
         if p.control != OPEN:
             raise UsageError("variant 'normalised' has no controller: set 'control: open'")
-        return stream(mechanics, p, (0.5 * math.pi - 0.2, -0.1), (0.4, 0.35),
-                      lambda time, y, v: (0.0,), duration, seed)
+        return stream(
+            mechanics,
+            p,
+            (0.5 * math.pi - 0.2, -0.1),
+            (0.4, 0.35),
+            lambda time, y, v: (0.0,),
+            duration,
+            seed,
+        )
     if p.control == OPEN:
-        return stream(mechanics, p, (math.pi, 0.0), (0.0, 0.0),
-                      lambda time, y, v: (current(time, p.amplitude),), duration, seed)
+        return stream(
+            mechanics,
+            p,
+            (math.pi, 0.0),
+            (0.0, 0.0),
+            lambda time, y, v: (current(time, p.amplitude),),
+            duration,
+            seed,
+        )
     waits = p.control == OBSERVER
 
     def released() -> bool:
@@ -119,10 +151,23 @@ def generate(parameters: Parameters, duration: float, seed: int,
         force = balancing_force((y[0], y[1]), (v[0], v[1]), reference, rate, FORWARD, BACKWARD)
         return (min(max(force, -LIMIT), LIMIT) / CONSTANT,)
 
-    return stream(mechanics, p, (p.start_angle, 0.0), (0.0, 0.0), balance, duration, seed,
-                  chunk=1 if waits else CHUNK, released=released)
+    return stream(
+        mechanics,
+        p,
+        (p.start_angle, 0.0),
+        (0.0, 0.0),
+        balance,
+        duration,
+        seed,
+        chunk=1 if waits else CHUNK,
+        released=released,
+    )
 
 
 SIMULATOR = Simulator(
-    name='cart_pendulum', summary='a pendulum on a driven cart with asymmetric dry friction',
-    parameters=Parameters, topics=topics, generate=generate)
+    name='cart_pendulum',
+    summary='a pendulum on a driven cart with asymmetric dry friction',
+    parameters=Parameters,
+    topics=topics,
+    generate=generate,
+)

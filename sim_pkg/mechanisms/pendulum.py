@@ -23,10 +23,15 @@ class Parameters(MechanismParameters):
 
     rate: float = fixed(500.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
     quantum: tuple[float, ...] = fixed(
-        (2.0 * math.pi / 4096.0,), unit='rad', kind=list, range=(0.0, 10.0),
-        description='smallest step of the encoder; 0: exact')
+        (2.0 * math.pi / 4096.0,),
+        unit='rad',
+        kind=list,
+        range=(0.0, 10.0),
+        description='smallest step of the encoder; 0: exact',
+    )
     torque: float = fixed(
-        0.6, unit='N m', range=(0.0, 1e6), description='rms of the driving torque')
+        0.6, unit='N m', range=(0.0, 1e6), description='rms of the driving torque'
+    )
     lowest: float = fixed(0.2, unit='Hz', range=(0.001, 1e4), description='lowest sine')
     highest: float = fixed(3.0, unit='Hz', range=(0.001, 1e4), description='highest sine')
 
@@ -36,8 +41,11 @@ def generate(parameters: Parameters, duration: float, seed: int) -> Iterator[lis
     p = parameters
     mechanics = load('single_joint', merged(PLANT, p.model_parameters))
     random = random_stream(seed, 'torque')
-    omega = 2.0 * math.pi * (p.lowest + (p.highest - p.lowest)
-                             * (np.arange(SINES) + random.random(SINES)) / SINES)
+    omega = (
+        2.0
+        * math.pi
+        * (p.lowest + (p.highest - p.lowest) * (np.arange(SINES) + random.random(SINES)) / SINES)
+    )
     phase = 2.0 * math.pi * random.random(SINES)
     size = p.torque * math.sqrt(2.0 / SINES)
 
@@ -48,5 +56,9 @@ def generate(parameters: Parameters, duration: float, seed: int) -> Iterator[lis
 
 
 SIMULATOR = Simulator(
-    name='pendulum', summary='one joint with gravity and friction, driven by a torque',
-    parameters=Parameters, topics=topics, generate=generate)
+    name='pendulum',
+    summary='one joint with gravity and friction, driven by a torque',
+    parameters=Parameters,
+    topics=topics,
+    generate=generate,
+)

@@ -20,8 +20,12 @@ class Parameters(MechanismParameters):
 
     rate: float = fixed(1000.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
     quantum: tuple[float, ...] = fixed(
-        (1.0 / 500.0, 2.0 * math.pi / 256.0, 2.0 * math.pi / 256.0), unit='m, rad, rad', kind=list,
-        range=(0.0, 10.0), description='smallest step of the encoders, for all or each; 0: exact')
+        (1.0 / 500.0, 2.0 * math.pi / 256.0, 2.0 * math.pi / 256.0),
+        unit='m, rad, rad',
+        kind=list,
+        range=(0.0, 10.0),
+        description='smallest step of the encoders, for all or each; 0: exact',
+    )
     force: float = fixed(0.0535, unit='N', range=(0.0, 1e6), description='amplitude of u1')
     torque: float = fixed(0.067, unit='N m', range=(0.0, 1e6), description='amplitude of u2')
     omega: float = fixed(10.0, unit='rad/s', range=(0.0, 1e4), description='frequency of both')
@@ -39,5 +43,9 @@ def generate(parameters: Parameters, duration: float, seed: int) -> Iterator[lis
 
 
 SIMULATOR = Simulator(
-    name='robotic_leg', summary="the paper's robotic leg with its excitation",
-    parameters=Parameters, topics=topics, generate=generate)
+    name='robotic_leg',
+    summary="the paper's robotic leg with its excitation",
+    parameters=Parameters,
+    topics=topics,
+    generate=generate,
+)

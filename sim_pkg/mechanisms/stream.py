@@ -29,10 +29,10 @@ from sim_pkg.joints.sensor import SECOND, fixed, random_stream
 MEASURED = Topic('joint_states', JOINT_STATE)
 TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 
-CHUNK = 16            # samples made at a time where nothing is fed back
-FINEST = 5e-4         # s, longest step of the plant
-PART = 0.5            # of its fastest time constant, which a step is no longer than
-RUNAWAY = 1e9         # rad or m, or per s: nobody wants a mechanism to get there
+CHUNK = 16  # samples made at a time where nothing is fed back
+FINEST = 5e-4  # s, longest step of the plant
+PART = 0.5  # of its fastest time constant, which a step is no longer than
+RUNAWAY = 1e9  # rad or m, or per s: nobody wants a mechanism to get there
 
 Vector = tuple[float, ...]
 Drive = Callable[[float, Vector, Vector], Vector]  # (time, measured, true velocity) -> inputs
@@ -44,18 +44,32 @@ class MechanismParameters:
 
     rate: float = fixed(224.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
     quantum: tuple[float, ...] = fixed(
-        (0.0,), unit='rad or m', kind=list, range=(0.0, 10.0),
-        description='smallest step of the encoders, for all positions or each; 0: exact')
+        (0.0,),
+        unit='rad or m',
+        kind=list,
+        range=(0.0, 10.0),
+        description='smallest step of the encoders, for all positions or each; 0: exact',
+    )
     noise: tuple[float, ...] = fixed(
-        (0.0,), unit='rad or m', kind=list, range=(0.0, 10.0),
-        description='standard deviation of the noise before the encoders, for all or each')
+        (0.0,),
+        unit='rad or m',
+        kind=list,
+        range=(0.0, 10.0),
+        description='standard deviation of the noise before the encoders, for all or each',
+    )
     hold: int = fixed(
-        1, unit='samples', range=(1, 1000),
-        description='samples for which a reading is repeated (2: encoders at half the rate)')
+        1,
+        unit='samples',
+        range=(1, 1000),
+        description='samples for which a reading is repeated (2: encoders at half the rate)',
+    )
     model_parameters: tuple[str, ...] = parameter(
-        (), unit='', structural=True,
+        (),
+        unit='',
+        structural=True,
         description="numbers of the plant as 'name=value' that differ from the simulator's "
-                    'defaults: what an observer with the defaults does not know')
+        'defaults: what an observer with the defaults does not know',
+    )
 
 
 def topics(parameters: MechanismParameters) -> tuple[Topic, ...]:
@@ -73,12 +87,14 @@ def spread(name: str, values: tuple[float, ...], count: int) -> np.ndarray:
 class Encoders:
     """Noise, an offset drawn once, and quantisation; readings wrap where the joint does."""
 
-    def __init__(self, mechanics: Mechanics, quantum: np.ndarray, noise: np.ndarray, hold: int,
-                 seed: int) -> None:
+    def __init__(
+        self, mechanics: Mechanics, quantum: np.ndarray, noise: np.ndarray, hold: int, seed: int
+    ) -> None:
         self._periods, self._quantum, self._noise = mechanics.periods, quantum, noise
         self._hold, self._count = hold, 0
-        self._offset = random_stream(seed, 'encoder offset').uniform(
-            -0.5, 0.5, mechanics.degrees) * quantum
+        self._offset = (
+            random_stream(seed, 'encoder offset').uniform(-0.5, 0.5, mechanics.degrees) * quantum
+        )
         self._random = random_stream(seed, 'encoder noise')
         self._last: Vector = ()
 
@@ -90,8 +106,9 @@ class Encoders:
             safe = np.where(self._quantum > 0.0, self._quantum, 1.0)
             steps = safe * np.floor((values + self._offset) / safe + 0.5) - self._offset
             values = np.where(self._quantum > 0.0, steps, values)
-            self._last = tuple(wrap(value, period)
-                               for value, period in zip(values.tolist(), self._periods))
+            self._last = tuple(
+                wrap(value, period) for value, period in zip(values.tolist(), self._periods)
+            )
         self._count += 1
         return self._last
 
@@ -104,17 +121,32 @@ def fastest(mechanics: Mechanics, q: Vector) -> float:
 
     def derivative(x: np.ndarray) -> np.ndarray:
         row = tuple(x.tolist())
-        return np.array(row[n:] + acceleration(mechanics.values, row[:n], row[n:],
-                                               (0.0,) * max(1, mechanics.inputs)))
+        return np.array(
+            row[n:]
+            + acceleration(mechanics.values, row[:n], row[n:], (0.0,) * max(1, mechanics.inputs))
+        )
 
-    slopes = np.array([(derivative(state + change) - derivative(state - change)) / (2.0 * step)
-                       for change in step * np.eye(2 * n)])
+    slopes = np.array(
+        [
+            (derivative(state + change) - derivative(state - change)) / (2.0 * step)
+            for change in step * np.eye(2 * n)
+        ]
+    )
     return float(np.abs(np.linalg.eigvals(slopes)).max())
 
 
-def stream(mechanics: Mechanics, parameters: MechanismParameters, q: Vector, v: Vector,
-           drive: Drive, duration: float, seed: int, *, chunk: int = CHUNK,
-           released: Callable[[], bool] = lambda: True) -> Iterator[list[Message]]:
+def stream(
+    mechanics: Mechanics,
+    parameters: MechanismParameters,
+    q: Vector,
+    v: Vector,
+    drive: Drive,
+    duration: float,
+    seed: int,
+    *,
+    chunk: int = CHUNK,
+    released: Callable[[], bool] = lambda: True,
+) -> Iterator[list[Message]]:
     """Measurement and truth, `chunk` samples at a time (see `sim_pkg.contract`).
 
     Parameters
@@ -128,18 +160,33 @@ def stream(mechanics: Mechanics, parameters: MechanismParameters, q: Vector, v: 
     UsageError : numbers that are not one or one for each position; a mechanism too quick to follow.
     """
     n = mechanics.degrees
-    encoders = Encoders(mechanics, spread('quantum', parameters.quantum, n),
-                        spread('noise', parameters.noise, n), parameters.hold, seed)
+    encoders = Encoders(
+        mechanics,
+        spread('quantum', parameters.quantum, n),
+        spread('noise', parameters.noise, n),
+        parameters.hold,
+        seed,
+    )
     rate = fastest(mechanics, q)
     followed(rate)
     parts = max(1, math.ceil(1.0 / parameters.rate / min(FINEST, PART / max(rate, 1e-9))))
-    return _samples(mechanics, parameters.rate, parts, q, v, drive, encoders, duration, chunk,
-                    released)
+    return _samples(
+        mechanics, parameters.rate, parts, q, v, drive, encoders, duration, chunk, released
+    )
 
 
-def _samples(mechanics: Mechanics, rate: float, parts: int, q: Vector, v: Vector, drive: Drive,
-             encoders: Encoders, duration: float, chunk: int, released: Callable[[], bool]
-             ) -> Iterator[list[Message]]:
+def _samples(
+    mechanics: Mechanics,
+    rate: float,
+    parts: int,
+    q: Vector,
+    v: Vector,
+    drive: Drive,
+    encoders: Encoders,
+    duration: float,
+    chunk: int,
+    released: Callable[[], bool],
+) -> Iterator[list[Message]]:
     n, dt = mechanics.degrees, 1.0 / rate
     plant = make_plant(mechanics)
     measure, true = Encoder(), Encoder()
@@ -150,11 +197,19 @@ def _samples(mechanics: Mechanics, rate: float, parts: int, q: Vector, v: Vector
     while k < left:
         due = round(k * SECOND / rate)
         reading = encoders.read(q)
-        messages.append(Message(due, MEASURED.name, partial(
-            _encode, measure, mechanics.joints, due, reading, (), effort)))
+        messages.append(
+            Message(
+                due,
+                MEASURED.name,
+                partial(_encode, measure, mechanics.joints, due, reading, (), effort),
+            )
+        )
         shown = tuple(wrap(x, period) for x, period in zip(q, mechanics.periods))
-        messages.append(Message(due, TRUTH.name, partial(
-            _encode, true, mechanics.joints, due, shown, v, effort)))
+        messages.append(
+            Message(
+                due, TRUTH.name, partial(_encode, true, mechanics.joints, due, shown, v, effort)
+            )
+        )
         k += 1
         if k % chunk == 0:
             yield messages
@@ -177,13 +232,22 @@ def _samples(mechanics: Mechanics, rate: float, parts: int, q: Vector, v: Vector
         yield messages
 
 
-def _encode(encoder: Encoder, names: tuple[str, ...], stamp_ns: int, positions: Vector,
-            velocities: Vector, efforts: Vector, start_ns: int) -> bytes:
+def _encode(
+    encoder: Encoder,
+    names: tuple[str, ...],
+    stamp_ns: int,
+    positions: Vector,
+    velocities: Vector,
+    efforts: Vector,
+    start_ns: int,
+) -> bytes:
     return encoder.encode(start_ns + stamp_ns, '', names, positions, velocities, efforts)
 
 
 def merged(defaults: Mapping[str, object], assignments: tuple[str, ...]) -> tuple[str, ...]:
     """Assignments for `models.load.load`: the simulator's defaults, then the user's own."""
     own = {text.partition('=')[0].strip() for text in assignments}
-    return (*(f'{name}={value}' for name, value in defaults.items() if name not in own),
-            *assignments)
+    return (
+        *(f'{name}={value}' for name, value in defaults.items() if name not in own),
+        *assignments,
+    )

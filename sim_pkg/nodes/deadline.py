@@ -6,8 +6,8 @@ import threading
 import time
 
 SECOND = 1_000_000_000  # [ns]
-LATE = 1_000_000        # what leaves later than this counts as late [ns]
-LONG = 50_000_000       # a wait beyond this is cut in two, so that `stop` is heard [ns]
+LATE = 1_000_000  # what leaves later than this counts as late [ns]
+LONG = 50_000_000  # a wait beyond this is cut in two, so that `stop` is heard [ns]
 
 
 class Deadlines:
@@ -85,6 +85,8 @@ class Deadlines:
 
     def summary(self) -> str:
         """One line for a person."""
-        return (f'{self.met} messages, {self.late} of them more than {LATE / 1e6:g} ms late '
-                f'(mean {self.mean_lateness * 1e3:.2f} ms, worst '
-                f'{self.worst_lateness * 1e3:.2f} ms)')
+        return (
+            f'{self.met} messages, {self.late} of them more than {LATE / 1e6:g} ms late '
+            f'(mean {self.mean_lateness * 1e3:.2f} ms, worst '
+            f'{self.worst_lateness * 1e3:.2f} ms)'
+        )

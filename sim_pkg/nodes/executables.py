@@ -52,10 +52,12 @@ def of_simulator(name: str, module: str) -> Callable[..., int]:
     Both ROS and the simulator are imported when it is called: they take a while, and an interrupt
     before that ends the process quietly.
     """
+
     def make_node() -> SimulatorNode:
         import rclpy
 
         from sim_pkg.nodes.simulator_node import SimulatorNode
+
         simulator = importlib.import_module(module).SIMULATOR
         return SimulatorNode(simulator, name, on_end=rclpy.try_shutdown)
 
@@ -64,6 +66,7 @@ def of_simulator(name: str, module: str) -> Callable[..., int]:
 
 def process(make_node: Callable[[], SimulatorNode]) -> Callable[..., int]:
     """The main function of a process with the node that `make_node` makes."""
+
     def main(args: list[str] | None = None) -> int:
         """Run the node until it ends or is interrupted; returns the exit code."""
         made: list[SimulatorNode] = []
@@ -82,6 +85,7 @@ def process(make_node: Callable[[], SimulatorNode]) -> Callable[..., int]:
 
 def _balanced() -> SimulatorNode:
     from sim_pkg.nodes.executables import make_node
+
     return make_node()
 
 

@@ -26,12 +26,13 @@ from sim_pkg.contract import Simulator, Topic
 from sim_pkg.nodes.deadline import Deadlines
 from sim_pkg.nodes.settings import FOREVER, RunSettings
 
-SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=50,
-                         reliability=ReliabilityPolicy.BEST_EFFORT)
-LINGER = 0.2    # the last messages get this long to leave before the process ends [s]
-LOOK = 0.01     # between two looks for the subscribers that are waited for [s]
+SENSOR_DATA = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.BEST_EFFORT
+)
+LINGER = 0.2  # the last messages get this long to leave before the process ends [s]
+LOOK = 0.01  # between two looks for the subscribers that are waited for [s]
 PATIENCE = 5.0  # after which a person is told who is waited for [s]
-BEHIND = 0.5    # lateness that no pause of the machine explains: it cannot keep up [s]
+BEHIND = 0.5  # lateness that no pause of the machine explains: it cannot keep up [s]
 
 
 def message_type(name: str) -> Any:
@@ -57,8 +58,14 @@ class SimulatorNode(Node):
     error : what ended the simulation before its time; None: nothing did.
     """
 
-    def __init__(self, simulator: Simulator, name: str, *,
-                 on_end: Callable[[], None] | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        simulator: Simulator,
+        name: str,
+        *,
+        on_end: Callable[[], None] | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__(name, **options)
         self.deadlines = Deadlines()
         self.error: Exception | None = None
@@ -83,8 +90,14 @@ class SimulatorNode(Node):
         topics = simulator.topics(parameters)
         self._senders = {topic.name: self._publisher(topic) for topic in topics}
         self._awaited = [
-            (self._senders[topic.name], settings.wait_for_truth_subscribers if topic.truth
-             else settings.wait_for_subscribers) for topic in topics]
+            (
+                self._senders[topic.name],
+                settings.wait_for_truth_subscribers
+                if topic.truth
+                else settings.wait_for_subscribers,
+            )
+            for topic in topics
+        ]
         duration = math.inf if settings.duration == FOREVER else settings.duration
         self._chunks = simulator.generate(parameters, duration, settings.seed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -92,13 +105,18 @@ class SimulatorNode(Node):
         for wrong, hint in ros_parameters.unknown().items():
             self.get_logger().warning(f"unknown parameter '{wrong}': {hint}")
         if self.get_parameter('use_sim_time').value:
-            self.get_logger().warning('use_sim_time does not apply: this node makes its own time '
-                                      'and stamps with the system time')
+            self.get_logger().warning(
+                'use_sim_time does not apply: this node makes its own time '
+                'and stamps with the system time'
+            )
 
     def _publisher(self, topic: Topic) -> Publisher:
         return self.create_publisher(
-            message_type(topic.type), topic.name, SENSOR_DATA,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+            message_type(topic.type),
+            topic.name,
+            SENSOR_DATA,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
 
     def _play(self) -> None:
         ended = True
@@ -136,13 +154,15 @@ class SimulatorNode(Node):
     def _wait_for_subscribers(self) -> bool:
         """Wait until all who were asked for listen. False if the node was ended before."""
         for look in itertools.count():
-            missing = [f'{sender.topic_name} has {count} of {wanted}'
-                       for sender, wanted in self._awaited
-                       if (count := sender.get_subscription_count()) < wanted]
+            missing = [
+                f'{sender.topic_name} has {count} of {wanted}'
+                for sender, wanted in self._awaited
+                if (count := sender.get_subscription_count()) < wanted
+            ]
             if not missing:
                 break
             if look == round(PATIENCE / LOOK):
-                self.get_logger().info(f"waiting for subscribers: {', '.join(missing)}")
+                self.get_logger().info(f'waiting for subscribers: {", ".join(missing)}')
             if not self.deadlines.pause(LOOK):
                 return False
         return True
@@ -152,18 +172,26 @@ class SimulatorNode(Node):
         told = self.deadlines
         behind = told.lateness > BEHIND
         if behind and not self._behind:
-            self.get_logger().warning(f'messages leave {told.lateness:.1f} s late: this machine is '
-                                      'too slow for so many of them')
+            self.get_logger().warning(
+                f'messages leave {told.lateness:.1f} s late: this machine is '
+                'too slow for so many of them'
+            )
         self._behind = behind
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if behind else DiagnosticStatus.OK,
             name=f'{self.get_fully_qualified_name()}: deadlines',
             message=told.summary(),
-            values=[KeyValue(key=key, value=value) for key, value in (
-                ('messages', str(told.met)), ('late', str(told.late)),
-                ('lateness [s]', f'{told.lateness:.6f}'),
-                ('mean lateness [s]', f'{told.mean_lateness:.6f}'),
-                ('worst lateness [s]', f'{told.worst_lateness:.6f}'))])
+            values=[
+                KeyValue(key=key, value=value)
+                for key, value in (
+                    ('messages', str(told.met)),
+                    ('late', str(told.late)),
+                    ('lateness [s]', f'{told.lateness:.6f}'),
+                    ('mean lateness [s]', f'{told.mean_lateness:.6f}'),
+                    ('worst lateness [s]', f'{told.worst_lateness:.6f}'),
+                )
+            ],
+        )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)

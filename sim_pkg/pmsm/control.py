@@ -16,8 +16,9 @@ from sim_pkg.pmsm.inverter import limited
 Control = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 
 
-def speed_control(wanted: float, acceleration: float, speed: float, integral: float,
-                  control: Control) -> tuple[float, float]:
+def speed_control(
+    wanted: float, acceleration: float, speed: float, integral: float, control: Control
+) -> tuple[float, float]:
     """(i_q wanted [A], integral [N m]) from mechanical speeds [rad/s].
 
     The acceleration of the profile is fed forward through the inertia.
@@ -32,8 +33,9 @@ def speed_control(wanted: float, acceleration: float, speed: float, integral: fl
     return asked / control[4], integral + control[3] * error
 
 
-def current_control(current: complex, i_q: float, theta: float, omega: float, integral: complex,
-                    control: Control) -> tuple[complex, complex]:
+def current_control(
+    current: complex, i_q: float, theta: float, omega: float, integral: complex, control: Control
+) -> tuple[complex, complex]:
     """(voltage for the next period in the static frame [V], integral [V]).
 
     Parameters
@@ -44,8 +46,11 @@ def current_control(current: complex, i_q: float, theta: float, omega: float, in
     """
     back = complex(math.cos(theta), -math.sin(theta))
     error = complex(0.0, i_q) - current * back
-    frame = (control[0] * error + integral
-             + complex(0.0, omega) * (control[6] * (current * back) + control[7]))
+    frame = (
+        control[0] * error
+        + integral
+        + complex(0.0, omega) * (control[6] * (current * back) + control[7])
+    )
     ahead = theta + 1.5 * omega * control[9]  # the middle of the period in which it acts
     voltage = limited(frame, control[10])
     if voltage == frame:  # at the limit of the inverter the integral waits
@@ -53,11 +58,31 @@ def current_control(current: complex, i_q: float, theta: float, omega: float, in
     return voltage * complex(math.cos(ahead), math.sin(ahead)), integral
 
 
-def tuned(resistance: float, inductance: float, flux: float, pole_pairs: int, inertia: float,
-          current_max: float, dc_voltage: float, period: float, current_hz: float, speed_hz: float
-          ) -> Control:
+def tuned(
+    resistance: float,
+    inductance: float,
+    flux: float,
+    pole_pairs: int,
+    inertia: float,
+    current_max: float,
+    dc_voltage: float,
+    period: float,
+    current_hz: float,
+    speed_hz: float,
+) -> Control:
     """Gains from the motor's data and the two bandwidths [Hz]."""
     fast, slow = 2.0 * math.pi * current_hz, 2.0 * math.pi * speed_hz
-    return (fast * inductance, fast * resistance * period, slow * inertia,
-            0.25 * slow * slow * inertia * period, 1.5 * pole_pairs * flux, current_max, inductance,
-            flux, float(pole_pairs), period, dc_voltage, inertia)
+    return (
+        fast * inductance,
+        fast * resistance * period,
+        slow * inertia,
+        0.25 * slow * slow * inertia * period,
+        1.5 * pole_pairs * flux,
+        current_max,
+        inductance,
+        flux,
+        float(pole_pairs),
+        period,
+        dc_voltage,
+        inertia,
+    )

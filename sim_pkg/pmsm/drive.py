@@ -37,8 +37,15 @@ class Record(NamedTuple):
     truth: NDArray[np.float64]
 
 
-def sensored(state: float, current: complex, voltage: complex, theta: float, speed: float,
-             poles: float, wanted: float) -> tuple[float, float, float, float]:
+def sensored(
+    state: float,
+    current: complex,
+    voltage: complex,
+    theta: float,
+    speed: float,
+    poles: float,
+    wanted: float,
+) -> tuple[float, float, float, float]:
     """The feedback of an ideal sensor: (state, electrical angle, electrical speed, forced i_q).
 
     `state` stays as it is. A forced current other than 0 replaces the speed control.
@@ -65,20 +72,41 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
     feedback : as `sensored`; its state may be any tuple.
     switched : the bridge with its edges, instead of the mean voltage.
     """
-    def loop(state: tuple, plant: Plant, control: tuple, drive: tuple, noise: NDArray[np.float64],
-             wanted: NDArray[np.float64], acceleration: NDArray[np.float64],
-             load: NDArray[np.float64], samples: NDArray[np.float64],
-             truth: NDArray[np.float64]) -> tuple:
-        (current, theta, speed, older, acted, active, folded, steering, held,
-         frame_before, forced_before) = state
+
+    def loop(
+        state: tuple,
+        plant: Plant,
+        control: tuple,
+        drive: tuple,
+        noise: NDArray[np.float64],
+        wanted: NDArray[np.float64],
+        acceleration: NDArray[np.float64],
+        load: NDArray[np.float64],
+        samples: NDArray[np.float64],
+        truth: NDArray[np.float64],
+    ) -> tuple:
+        (
+            current,
+            theta,
+            speed,
+            older,
+            acted,
+            active,
+            folded,
+            steering,
+            held,
+            frame_before,
+            forced_before,
+        ) = state
         step, limit, dead, offset, delay = drive
         period, dc_voltage, poles = control[9], control[10], control[8]
         for k in range(len(wanted)):
             back = complex(math.cos(theta), -math.sin(theta))
-            read = complex(quantised(current.real + noise[k][0], step, limit),
-                           quantised(current.imag + noise[k][1], step, limit))
-            held, angle, omega, forced = feedback(held, read, acted, theta, speed, poles,
-                                                  wanted[k])
+            read = complex(
+                quantised(current.real + noise[k][0], step, limit),
+                quantised(current.imag + noise[k][1], step, limit),
+            )
+            held, angle, omega, forced = feedback(held, read, acted, theta, speed, poles, wanted[k])
             if forced != 0.0:
                 i_q = forced
             else:
@@ -89,8 +117,9 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
                     folded = folded * complex(math.cos(turn), math.sin(turn))
                     flowing = read * complex(math.cos(angle), -math.sin(angle))
                     steering = control[4] * flowing.imag
-                i_q, steering = speed_control(wanted[k], acceleration[k], omega / poles, steering,
-                                              control)
+                i_q, steering = speed_control(
+                    wanted[k], acceleration[k], omega / poles, steering, control
+                )
             following, folded = current_control(read, i_q, angle, omega, folded, control)
             frame_before = angle + omega * period
             forced_before = forced
@@ -108,23 +137,58 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
             true[3], true[4] = (current * back).imag, wanted[k]
             # on to the next sample: the rest of this carrier period, the first part of the next
             if switched:
-                current, theta, speed = switch(current, theta, speed, load[k], plant, active,
-                                               dc_voltage, dead, period, offset, 1.0)
+                current, theta, speed = switch(
+                    current,
+                    theta,
+                    speed,
+                    load[k],
+                    plant,
+                    active,
+                    dc_voltage,
+                    dead,
+                    period,
+                    offset,
+                    1.0,
+                )
                 if offset > 0.0:
-                    current, theta, speed = switch(current, theta, speed, load[k], plant, following,
-                                                   dc_voltage, dead, period, 0.0, offset)
+                    current, theta, speed = switch(
+                        current,
+                        theta,
+                        speed,
+                        load[k],
+                        plant,
+                        following,
+                        dc_voltage,
+                        dead,
+                        period,
+                        0.0,
+                        offset,
+                    )
             else:
                 lost = complex(0.0, 0.0)
                 if dead > 0.0:
                     lost = dead_time_error(current, dc_voltage, dead)
-                current, theta, speed = move(current, active - lost, theta, speed, load[k], plant,
-                                             (1.0 - offset) * period)
+                current, theta, speed = move(
+                    current, active - lost, theta, speed, load[k], plant, (1.0 - offset) * period
+                )
                 if offset > 0.0:
-                    current, theta, speed = move(current, following - lost, theta, speed, load[k],
-                                                 plant, offset * period)
+                    current, theta, speed = move(
+                        current, following - lost, theta, speed, load[k], plant, offset * period
+                    )
             older, acted, active = acted, active, following
-        return (current, theta, speed, older, acted, active, folded, steering, held, frame_before,
-                forced_before)
+        return (
+            current,
+            theta,
+            speed,
+            older,
+            acted,
+            active,
+            folded,
+            steering,
+            held,
+            frame_before,
+            forced_before,
+        )
 
     return loop
 
@@ -142,10 +206,18 @@ class Drive:
     fast : compile, where Numba is there.
     """
 
-    def __init__(self, parameters: PmsmParameters, seed: int = 0, *,
-                 feedback: Callable[..., tuple] = sensored, held: Any = 0.0,
-                 profile: Profile | None = None, start_speed: float | None = None,
-                 theta: float = 0.0, fast: bool | None = None) -> None:
+    def __init__(
+        self,
+        parameters: PmsmParameters,
+        seed: int = 0,
+        *,
+        feedback: Callable[..., tuple] = sensored,
+        held: Any = 0.0,
+        profile: Profile | None = None,
+        start_speed: float | None = None,
+        theta: float = 0.0,
+        fast: bool | None = None,
+    ) -> None:
         self.parameters = parameters
         self.profile = profile or parameters.motion()
         self._random = random_stream(seed, 'current')
@@ -159,17 +231,33 @@ class Drive:
         plant = parameters.plant()
         # as if it had run without current so far
         omega = plant[3] * speed
-        voltage = [1j * omega * plant[2] * np.exp(1j * (theta + (part - 0.5) * omega
-                                                        * parameters.period))
-                   for part in (-1.0, 0.0, 1.0)]
+        voltage = [
+            1j * omega * plant[2] * np.exp(1j * (theta + (part - 0.5) * omega * parameters.period))
+            for part in (-1.0, 0.0, 1.0)
+        ]
         if feedback is not sensored:
             voltage = [zero] * 3
-        self._state: tuple = (zero, theta, speed, complex(voltage[0]), complex(voltage[1]),
-                              complex(voltage[2]), zero, 0.0, held, theta, 0.0)
+        self._state: tuple = (
+            zero,
+            theta,
+            speed,
+            complex(voltage[0]),
+            complex(voltage[1]),
+            complex(voltage[2]),
+            zero,
+            0.0,
+            held,
+            theta,
+            0.0,
+        )
         bits, reach = parameters.adc_bits, parameters.adc_range
-        self._drive = (2.0 * reach / 2 ** bits if bits else 0.0, reach,
-                       parameters.dead_time * parameters.sample_rate, parameters.sampling_offset,
-                       parameters.voltage_delay)
+        self._drive = (
+            2.0 * reach / 2**bits if bits else 0.0,
+            reach,
+            parameters.dead_time * parameters.sample_rate,
+            parameters.sampling_offset,
+            parameters.voltage_delay,
+        )
 
     @property
     def held(self) -> Any:
@@ -191,16 +279,18 @@ class Drive:
             record = Record(np.empty((size, 4)), np.empty((size, 5)))
             columns = (noise, motion.speed, motion.acceleration, load)
             given = columns if self.fast else [column.tolist() for column in columns]
-            self._state = self._loop(self._state, parameters.plant(warmed), self._control,
-                                     self._drive, *given, *record)
+            self._state = self._loop(
+                self._state, parameters.plant(warmed), self._control, self._drive, *given, *record
+            )
             records.append(record)
             self.count += size
             count -= size
-        return Record(np.concatenate([record.samples for record in records]),
-                      np.concatenate([record.truth for record in records]))
+        return Record(
+            np.concatenate([record.samples for record in records]),
+            np.concatenate([record.truth for record in records]),
+        )
 
     def chunks(self, size: int) -> Iterator[Record]:
         """Chunks of `size` samples, for ever."""
         while True:
             yield self.run(size)
-

@@ -31,8 +31,11 @@ def _sign(value: float) -> float:
 def phase_signs(current: complex) -> tuple[float, float, float]:
     """Signs of the three phase currents."""
     half = HALF_ROOT_3 * current.imag
-    return (_sign(current.real), _sign(half - 0.5 * current.real),
-            _sign(-half - 0.5 * current.real))
+    return (
+        _sign(current.real),
+        _sign(half - 0.5 * current.real),
+        _sign(-half - 0.5 * current.real),
+    )
 
 
 def dead_time_error(current: complex, dc_voltage: float, part: float) -> complex:
@@ -41,8 +44,9 @@ def dead_time_error(current: complex, dc_voltage: float, part: float) -> complex
     return dc_voltage * part * complex((2.0 * a - b - c) / 3.0, (b - c) / (2.0 * HALF_ROOT_3))
 
 
-def edges(voltage: complex, current: complex, dc_voltage: float, part: float
-          ) -> tuple[float, float, float, float, float, float]:
+def edges(
+    voltage: complex, current: complex, dc_voltage: float, part: float
+) -> tuple[float, float, float, float, float, float]:
     """When each phase goes high and low again, as parts of the period: (a, a, b, b, c, c).
 
     The common part of the three duties is centred (min-max). While both switches of a leg are off
@@ -58,13 +62,29 @@ def edges(voltage: complex, current: complex, dc_voltage: float, part: float
     dc = 0.25 + (c - middle) * scale
     ra, rb, rc = max(0.0, signs[0]) * part, max(0.0, signs[1]) * part, max(0.0, signs[2]) * part
     fa, fb, fc = max(0.0, -signs[0]) * part, max(0.0, -signs[1]) * part, max(0.0, -signs[2]) * part
-    return (0.5 - da + ra, 0.5 + da + fa, 0.5 - db + rb, 0.5 + db + fb, 0.5 - dc + rc,
-            0.5 + dc + fc)
+    return (
+        0.5 - da + ra,
+        0.5 + da + fa,
+        0.5 - db + rb,
+        0.5 + db + fb,
+        0.5 - dc + rc,
+        0.5 + dc + fc,
+    )
 
 
-def switch(current: complex, theta: float, speed: float, load: float, plant: Plant,
-           voltage: complex, dc_voltage: float, dead: float, period: float, start: float,
-           end: float) -> tuple[complex, float, float]:
+def switch(
+    current: complex,
+    theta: float,
+    speed: float,
+    load: float,
+    plant: Plant,
+    voltage: complex,
+    dc_voltage: float,
+    dead: float,
+    period: float,
+    start: float,
+    end: float,
+) -> tuple[complex, float, float]:
     """(current, electrical angle, speed) after the part from `start` to `end` of a carrier period.
 
     Parameters
@@ -85,7 +105,8 @@ def switch(current: complex, theta: float, speed: float, load: float, plant: Pla
         b = 1.0 if on_b < middle < off_b else 0.0
         c = 1.0 if on_c < middle < off_c else 0.0
         vector = dc_voltage * complex((2.0 * a - b - c) / 3.0, (b - c) / (2.0 * HALF_ROOT_3))
-        current, theta, speed = move(current, vector, theta, speed, load, plant,
-                                     (until - now) * period)
+        current, theta, speed = move(
+            current, vector, theta, speed, load, plant, (until - now) * period
+        )
         now = until
     return current, theta, speed

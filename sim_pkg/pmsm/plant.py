@@ -15,8 +15,9 @@ STICKS = 1.0  # rad/s below which Coulomb friction fades to zero
 Plant = tuple[float, float, float, float, float, float, float, float, float]
 
 
-def electric(current: complex, voltage: complex, theta: float, omega: float, plant: Plant,
-             time: float) -> complex:
+def electric(
+    current: complex, voltage: complex, theta: float, omega: float, plant: Plant, time: float
+) -> complex:
     """The current [A] after `time` [s] at constant voltage and constant speed: exact.
 
     Parameters
@@ -48,12 +49,20 @@ def resisting(speed: float, load: float, plant: Plant) -> float:
     elif friction < -1.0:
         friction = -1.0
     # what brakes vanishes with the motion, so that a rotor at rest is not driven by its load
-    return (plant[5] * speed * abs(speed) + plant[7] * speed
-            + (plant[6] + plant[8] + load) * friction)
+    return (
+        plant[5] * speed * abs(speed) + plant[7] * speed + (plant[6] + plant[8] + load) * friction
+    )
 
 
-def move(current: complex, voltage: complex, theta: float, speed: float, load: float, plant: Plant,
-         time: float) -> tuple[complex, float, float]:
+def move(
+    current: complex,
+    voltage: complex,
+    theta: float,
+    speed: float,
+    load: float,
+    plant: Plant,
+    time: float,
+) -> tuple[complex, float, float]:
     """(current, electrical angle, mechanical speed) after `time` [s] at constant voltage.
 
     The speed is of second order in `time`; the current is exact for its mean.

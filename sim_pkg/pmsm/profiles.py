@@ -14,10 +14,18 @@ from estimator_pkg.errors import UsageError
 RPM = 2.0 * math.pi / 60.0  # rad/s per revolution per minute
 
 # (duration [s], start [rpm], end [rpm]): the profile P1 of the tables, 0.70 s
-P1 = ((0.10, 3000.0, 3000.0), (0.05, 3000.0, 6000.0), (0.10, 6000.0, 6000.0),
-      (0.04, 6000.0, 3000.0), (0.04, 3000.0, 6000.0), (0.04, 6000.0, 3000.0),
-      (0.04, 3000.0, 6000.0), (0.10, 6000.0, 2000.0), (0.09, 2000.0, 2000.0),
-      (0.10, 2000.0, 5000.0))
+P1 = (
+    (0.10, 3000.0, 3000.0),
+    (0.05, 3000.0, 6000.0),
+    (0.10, 6000.0, 6000.0),
+    (0.04, 6000.0, 3000.0),
+    (0.04, 3000.0, 6000.0),
+    (0.04, 6000.0, 3000.0),
+    (0.04, 3000.0, 6000.0),
+    (0.10, 6000.0, 2000.0),
+    (0.09, 2000.0, 2000.0),
+    (0.10, 2000.0, 5000.0),
+)
 
 NAMES = ('constant', 'ramps', 'p1', 'reversal', 'standstill')
 
@@ -41,8 +49,13 @@ class Profile:
     repeat : start again after the last segment instead of staying.
     """
 
-    def __init__(self, segments: Sequence[tuple[float, float, float]], *, smooth: bool = True,
-                 repeat: bool = False) -> None:
+    def __init__(
+        self,
+        segments: Sequence[tuple[float, float, float]],
+        *,
+        smooth: bool = True,
+        repeat: bool = False,
+    ) -> None:
         table = np.asarray(segments, dtype=float)
         if table.ndim != 2 or table.shape[1] != 3 or not np.all(table[:, 0] > 0.0):
             raise UsageError('a profile is a list of (duration > 0 [s], start [rpm], end [rpm])')
@@ -80,8 +93,7 @@ class Profile:
             acceleration = rise / length
             jerk = np.zeros_like(s)
             angle = low * s + 0.5 * rise * s * s / length
-        return Motion(speed, acceleration, jerk,
-                      self._angle[k] + angle + turns * self._angle[-1])
+        return Motion(speed, acceleration, jerk, self._angle[k] + angle + turns * self._angle[-1])
 
 
 def named(name: str, speed_rpm: float, duration: float) -> Profile:
@@ -93,21 +105,28 @@ def named(name: str, speed_rpm: float, duration: float) -> Profile:
     speed_rpm : top speed [rpm]; P1 has 6000 rpm of its own and is scaled to this.
     duration : length of one run through the profile [s]; P1 has 0.70 s of its own.
     """
+
     def scaled(shape: list[tuple[float, float, float]], smooth: bool = True) -> Profile:
-        return Profile([(part * duration, low * speed_rpm, high * speed_rpm)
-                        for part, low, high in shape], smooth=smooth, repeat=True)
+        return Profile(
+            [(part * duration, low * speed_rpm, high * speed_rpm) for part, low, high in shape],
+            smooth=smooth,
+            repeat=True,
+        )
 
     if name == 'constant':
         return Profile([(duration, speed_rpm, speed_rpm)])
     if name == 'ramps':
-        return scaled([(0.2, 0.3, 0.3), (0.2, 0.3, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.3),
-                       (0.2, 0.3, 0.3)], smooth=False)
+        return scaled(
+            [(0.2, 0.3, 0.3), (0.2, 0.3, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.3), (0.2, 0.3, 0.3)],
+            smooth=False,
+        )
     if name == 'p1':
         scale = speed_rpm / 6000.0
         return Profile([(part, low * scale, high * scale) for part, low, high in P1])
     if name == 'reversal':
         return scaled([(0.3, 1.0, 1.0), (0.2, 1.0, -1.0), (0.3, -1.0, -1.0), (0.2, -1.0, 1.0)])
     if name == 'standstill':
-        return scaled([(0.2, 0.0, 0.0), (0.2, 0.0, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.0),
-                       (0.2, 0.0, 0.0)])
+        return scaled(
+            [(0.2, 0.0, 0.0), (0.2, 0.0, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.0), (0.2, 0.0, 0.0)]
+        )
     raise UsageError(f"profile '{name}' is not one of {', '.join(NAMES)}")

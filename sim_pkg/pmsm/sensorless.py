@@ -23,8 +23,15 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
     """A feedback for `drive.make_loop`; its state is from `begin`."""
     step, output = functions.step, functions.output
 
-    def feedback(held: tuple, current: complex, voltage: complex, theta: float, speed: float,
-                 poles: float, wanted: float) -> tuple:
+    def feedback(
+        held: tuple,
+        current: complex,
+        voltage: complex,
+        theta: float,
+        speed: float,
+        poles: float,
+        wanted: float,
+    ) -> tuple:
         state: Any
         state, design, coefficients, mode, angle, omega, rise, pull, enough = held
         dt = coefficients.dt
@@ -46,14 +53,25 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
             forced = pull
         else:
             forced = 1e-9  # hold the current at zero in the static frame
-        return ((state, design, coefficients, mode, angle, omega, rise, pull, enough), angle, omega,
-                forced)
+        return (
+            (state, design, coefficients, mode, angle, omega, rise, pull, enough),
+            angle,
+            omega,
+            forced,
+        )
 
     return feedback
 
 
-def begin(functions: DriveFunctions, parameters: PmsmParameters, *, forced: bool,
-          rise_rpm: float = 3000.0, pull: float = 0.5, handover_rpm: float = 600.0) -> tuple:
+def begin(
+    functions: DriveFunctions,
+    parameters: PmsmParameters,
+    *,
+    forced: bool,
+    rise_rpm: float = 3000.0,
+    pull: float = 0.5,
+    handover_rpm: float = 600.0,
+) -> tuple:
     """The state of the feedback before the first sample.
 
     Parameters
@@ -65,7 +83,14 @@ def begin(functions: DriveFunctions, parameters: PmsmParameters, *, forced: bool
     """
     design = functions.design()
     electrical = parameters.pole_pairs * math.pi / 30.0
-    return (functions.init((0.0, 0.0, 0.0, 0.0), design), design,
-            functions.prepare(design, parameters.period), FORCED if forced else WAITING, 0.0, 0.0,
-            rise_rpm * electrical, pull * parameters.rated_current,
-            handover_rpm * electrical if forced else 0.0)
+    return (
+        functions.init((0.0, 0.0, 0.0, 0.0), design),
+        design,
+        functions.prepare(design, parameters.period),
+        FORCED if forced else WAITING,
+        0.0,
+        0.0,
+        rise_rpm * electrical,
+        pull * parameters.rated_current,
+        handover_rpm * electrical if forced else 0.0,
+    )

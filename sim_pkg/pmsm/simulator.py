@@ -32,8 +32,8 @@ TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 TRUE_FLUX = Topic('ground_truth/flux_linkage', vector3.TYPE, truth=True)
 TRUE_SAMPLES = Topic('ground_truth/samples', drive_samples.TYPE, truth=True)
 
-AHEAD = 0.01     # s simulated at a time where single samples leave
-HELD = 1.5       # a batch that is overtaken leaves so many batches late
+AHEAD = 0.01  # s simulated at a time where single samples leave
+HELD = 1.5  # a batch that is overtaken leaves so many batches late
 SECOND = 1e9
 Floats = NDArray[np.float64]
 
@@ -43,33 +43,55 @@ class PmsmSimulatorParameters(PmsmParameters):
     """All that can be set of the simulator: the drive, and what it publishes."""
 
     joint: str = fixed(
-        'motor', unit='', description='name of the joint in the truth; electrical quantities are '
-        'under this and _electrical')
+        'motor',
+        unit='',
+        description='name of the joint in the truth; electrical quantities are '
+        'under this and _electrical',
+    )
     publish: str = fixed(
-        BATCHES, unit='', choices=(BATCHES, SINGLE),
-        description='batches: drive_samples; single: each sample on current and voltage')
+        BATCHES,
+        unit='',
+        choices=(BATCHES, SINGLE),
+        description='batches: drive_samples; single: each sample on current and voltage',
+    )
     batch: int = fixed(200, unit='samples', range=(1, 100000), description='rows of a batch')
     publish_rate: float = fixed(
-        0.0, unit='Hz', range=(0.0, 200000.0),
+        0.0,
+        unit='Hz',
+        range=(0.0, 200000.0),
         description='samples published per second, a whole part of sample_rate: the current at the '
-                    'stamp, the mean voltage since the sample before; 0: every sample')
+        'stamp, the mean voltage since the sample before; 0: every sample',
+    )
     phase_values: bool = fixed(
-        False, unit='', description='current and voltage carry the phases a, b, c in place of '
-        'alpha and beta')
+        False,
+        unit='',
+        description='current and voltage carry the phases a, b, c in place of alpha and beta',
+    )
     scaling: str = fixed(
-        'amplitude', unit='', choices=('amplitude', 'power'),
+        'amplitude',
+        unit='',
+        choices=('amplitude', 'power'),
         description='length of the alpha-beta vectors: amplitude of the phase quantity, or '
-                    'sqrt(1.5) times that')
+        'sqrt(1.5) times that',
+    )
     true_samples: bool = fixed(
-        True, unit='', description='with batches: electrical angle, speed and flux of every row on '
-        'ground_truth/samples')
+        True,
+        unit='',
+        description='with batches: electrical angle, speed and flux of every row on '
+        'ground_truth/samples',
+    )
     lost: float = fixed(
-        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that never arrive')
+        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that never arrive'
+    )
     repeated: float = fixed(
-        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that arrive twice')
+        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that arrive twice'
+    )
     overtaken: float = fixed(
-        0.0, unit='', range=(0.0, 1.0),
-        description='fraction of batches that arrive after the one behind them')
+        0.0,
+        unit='',
+        range=(0.0, 1.0),
+        description='fraction of batches that arrive after the one behind them',
+    )
 
     def __post_init__(self) -> None:
         """What a range cannot say; raises UsageError."""
@@ -77,8 +99,10 @@ class PmsmSimulatorParameters(PmsmParameters):
         if not self.joint:
             raise UsageError("parameter 'joint' must not be empty")
         if self.publish_rate and abs(self.sample_rate / self.publish_rate - self.every) > 1e-6:
-            raise UsageError(f'publish_rate = {self.publish_rate:g} Hz is no whole part of '
-                             f'sample_rate = {self.sample_rate:g} Hz')
+            raise UsageError(
+                f'publish_rate = {self.publish_rate:g} Hz is no whole part of '
+                f'sample_rate = {self.sample_rate:g} Hz'
+            )
         if self.phase_values and self.publish == BATCHES:
             raise UsageError("phase_values needs publish 'single': batches carry alpha and beta")
 
@@ -136,22 +160,31 @@ class Source:
         if parameters.scaling == 'power':
             values = values * POWER_INVARIANT
         speed, theta, flux = record.truth[picked, :3].T
-        true = np.stack([(theta + math.pi) % (2.0 * math.pi) - math.pi,
-                         speed * parameters.pole_pairs, flux, np.ones(count)], axis=1)
+        true = np.stack(
+            [
+                (theta + math.pi) % (2.0 * math.pi) - math.pi,
+                speed * parameters.pole_pairs,
+                flux,
+                np.ones(count),
+            ],
+            axis=1,
+        )
         stamps = np.round((begun + picked) * (SECOND / parameters.sample_rate)).astype(np.int64)
         return Rows(stamps, values, true, speed, theta / parameters.pole_pairs)
 
 
-def generate(parameters: PmsmSimulatorParameters, duration: float, seed: int
-             ) -> Iterator[list[Message]]:
+def generate(
+    parameters: PmsmSimulatorParameters, duration: float, seed: int
+) -> Iterator[list[Message]]:
     """Measurement and truth, a batch at a time (see `sim_pkg.contract`)."""
     rate = parameters.sample_rate / parameters.every
     size = parameters.batch if parameters.publish == BATCHES else max(1, round(AHEAD * rate))
     return in_order(_chunks(parameters, sizes(duration, rate, size), seed))
 
 
-def _chunks(parameters: PmsmSimulatorParameters, counts: Iterator[int], seed: int
-            ) -> Iterator[tuple[list[Message], int]]:
+def _chunks(
+    parameters: PmsmSimulatorParameters, counts: Iterator[int], seed: int
+) -> Iterator[tuple[list[Message], int]]:
     source = Source(parameters, seed)
     speak = _batch if parameters.publish == BATCHES else _single
     chance = random_stream(seed, 'batches')
@@ -161,24 +194,28 @@ def _chunks(parameters: PmsmSimulatorParameters, counts: Iterator[int], seed: in
         yield speak(parameters, rows, truth, chance.random(3)), int(rows.stamps_ns[-1]) + 1
 
 
-def _batch(parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
-           ) -> list[Message]:
+def _batch(
+    parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
+) -> list[Message]:
     """A batch leaves with its last sample; the truth with it, whatever becomes of the batch."""
     due = int(rows.stamps_ns[-1])
     length = len(rows.stamps_ns) * parameters.every / parameters.sample_rate
     leaves = due + round(HELD * length * SECOND) if chance[2] < parameters.overtaken else due
     copies = 0 if chance[0] < parameters.lost else 2 if chance[1] < parameters.repeated else 1
-    messages = [Message(leaves, SAMPLES.name, partial(_samples, rows.stamps_ns, rows.values))
-                ] * copies
+    messages = [
+        Message(leaves, SAMPLES.name, partial(_samples, rows.stamps_ns, rows.values))
+    ] * copies
     messages += truth.messages(rows, -1)
     if parameters.true_samples:
-        messages.append(Message(due, TRUE_SAMPLES.name,
-                                partial(_samples, rows.stamps_ns, rows.true)))
+        messages.append(
+            Message(due, TRUE_SAMPLES.name, partial(_samples, rows.stamps_ns, rows.true))
+        )
     return messages
 
 
-def _single(parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
-            ) -> list[Message]:
+def _single(
+    parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
+) -> list[Message]:
     """Each sample on current and voltage, and its truth."""
     messages = []
     for row, (stamp, value) in enumerate(zip(rows.stamps_ns.tolist(), rows.values.tolist())):
@@ -200,13 +237,17 @@ class Truth:
         """Speed, angle and flux of one row, due at its stamp."""
         stamp = int(rows.stamps_ns[row])
         angle, speed, flux, _ = rows.true[row].tolist()
-        state = partial(self._state, stamp, [float(rows.angle[row]), angle],
-                        [float(rows.speed[row]), speed])
-        return [Message(stamp, TRUTH.name, state),
-                Message(stamp, TRUE_FLUX.name, partial(_vector, stamp, (flux, 0.0, 0.0)))]
+        state = partial(
+            self._state, stamp, [float(rows.angle[row]), angle], [float(rows.speed[row]), speed]
+        )
+        return [
+            Message(stamp, TRUTH.name, state),
+            Message(stamp, TRUE_FLUX.name, partial(_vector, stamp, (flux, 0.0, 0.0))),
+        ]
 
-    def _state(self, stamp_ns: int, position: list[float], velocity: list[float], start_ns: int
-               ) -> bytes:
+    def _state(
+        self, stamp_ns: int, position: list[float], velocity: list[float], start_ns: int
+    ) -> bytes:
         return self._encode(start_ns + stamp_ns, '', self._names, position, velocity)
 
 
@@ -219,5 +260,9 @@ def _vector(stamp_ns: int, vector: tuple[float, float, float], start_ns: int) ->
 
 
 SIMULATOR = Simulator(
-    name='pmsm', summary='a permanent-magnet motor in its drive: currents, voltages and truth',
-    parameters=PmsmSimulatorParameters, topics=topics, generate=generate)
+    name='pmsm',
+    summary='a permanent-magnet motor in its drive: currents, voltages and truth',
+    parameters=PmsmSimulatorParameters,
+    topics=topics,
+    generate=generate,
+)

@@ -22,14 +22,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     known = ', '.join(registry.names(registry.REPRODUCTIONS))
     parser.add_argument('paper', metavar='PAPER', help=f'which paper: {known}')
     parser.add_argument('--plot', metavar='DIR', type=Path, help='draw the figures into DIR')
-    parser.add_argument('--only', metavar='ID', default='',
-                        help="only rows whose id starts so, such as 'F4'")
+    parser.add_argument(
+        '--only', metavar='ID', default='', help="only rows whose id starts so, such as 'F4'"
+    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compute and print the rows, draw the figures; 'ok' is False if a row fails."""
     reproduction: Reproduction = registry.find(registry.REPRODUCTIONS, parsed.paper)
-    tell = table.show            # what is missing is told before the work, not after it
+    tell = table.show  # what is missing is told before the work, not after it
     if parsed.plot is not None:
         _require_matplotlib()
         parsed.plot.mkdir(parents=True, exist_ok=True)
@@ -42,8 +43,11 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.plot is not None:
         for path in reproduction.draw(parsed.plot):
             show(path)
-    return {'paper': reproduction.name, 'ok': all(row.ok for row in rows),
-            'rows': [row.as_dict() for row in rows]}
+    return {
+        'paper': reproduction.name,
+        'ok': all(row.ok for row in rows),
+        'rows': [row.as_dict() for row in rows],
+    }
 
 
 def _require_matplotlib() -> None:

@@ -15,11 +15,11 @@ from typing import Any
 
 from estimator_pkg.errors import UsageError, suggestion
 
-ABSOLUTE = 'absolute'   # |value - reference| <= tolerance
-PERCENT = 'percent'     # |value - reference| <= tolerance % of |reference|
-EXACT = 'exact'         # value == reference
-AT_MOST = 'at most'     # value <= reference
-AT_LEAST = 'at least'   # value >= reference
+ABSOLUTE = 'absolute'  # |value - reference| <= tolerance
+PERCENT = 'percent'  # |value - reference| <= tolerance % of |reference|
+EXACT = 'exact'  # value == reference
+AT_MOST = 'at most'  # value <= reference
+AT_LEAST = 'at least'  # value >= reference
 KINDS = (ABSOLUTE, PERCENT, EXACT, AT_MOST, AT_LEAST)
 DPI = 100  # of the figures
 
@@ -86,9 +86,16 @@ class Row:
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``; 'tolerance' is in the unit of the value."""
         reference = self.reference
-        return {'id': reference.id, 'what': reference.what, 'value': self.value,
-                'reference': reference.value, 'tolerance': reference.allowed,
-                'kind': reference.kind, 'paper': reference.paper, 'ok': self.ok}
+        return {
+            'id': reference.id,
+            'what': reference.what,
+            'value': self.value,
+            'reference': reference.value,
+            'tolerance': reference.allowed,
+            'kind': reference.kind,
+            'paper': reference.paper,
+            'ok': self.ok,
+        }
 
 
 Values = Iterator[tuple[str, Any]]  # (id, a number of Python's or numpy's)
@@ -160,11 +167,16 @@ class Reproduction:
 
     def references(self, prefix: str = '') -> list[Reference]:
         """The references whose id starts with `prefix`, in the order of the table."""
-        return [reference for part in self.parts for reference in part.references
-                if reference.id.startswith(prefix)]
+        return [
+            reference
+            for part in self.parts
+            for reference in part.references
+            if reference.id.startswith(prefix)
+        ]
 
-    def rows(self, advance: Callable[[int], None] = lambda count: None,
-             prefix: str = '') -> Iterator[Row]:
+    def rows(
+        self, advance: Callable[[int], None] = lambda count: None, prefix: str = ''
+    ) -> Iterator[Row]:
         """The rows whose id starts with `prefix`; parts that hold none of them are not run.
 
         Parameters
@@ -177,8 +189,9 @@ class Reproduction:
         """
         if not self.references(prefix):
             names = [part.name for part in self.parts]
-            raise UsageError(f"no row of {self.name} starts with '{prefix}': "
-                             f'{suggestion(prefix, names)}')
+            raise UsageError(
+                f"no row of {self.name} starts with '{prefix}': {suggestion(prefix, names)}"
+            )
         for part in self.parts:
             if not part.concerns(prefix):
                 continue
@@ -191,9 +204,14 @@ class Reproduction:
             yield from sorted(found, key=lambda row: order[row.reference.id])
 
 
-def family(name: str, what: str, values: Mapping[str, float], tolerance: float = 0.0,
-           kind: str = ABSOLUTE, paper: Mapping[str, float | str] | None = None
-           ) -> tuple[Reference, ...]:
+def family(
+    name: str,
+    what: str,
+    values: Mapping[str, float],
+    tolerance: float = 0.0,
+    kind: str = ABSOLUTE,
+    paper: Mapping[str, float | str] | None = None,
+) -> tuple[Reference, ...]:
     """One row for several variants: 'name variant' for each of `values`.
 
     Parameters
@@ -202,6 +220,7 @@ def family(name: str, what: str, values: Mapping[str, float], tolerance: float =
     values : variant -> reference.
     paper : variant -> what the paper prints of it.
     """
-    return tuple(Reference(f'{name} {variant}', what, value, tolerance, kind,
-                           (paper or {}).get(variant))
-                 for variant, value in values.items())
+    return tuple(
+        Reference(f'{name} {variant}', what, value, tolerance, kind, (paper or {}).get(variant))
+        for variant, value in values.items()
+    )

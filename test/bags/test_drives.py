@@ -25,14 +25,17 @@ BAGS = ROOT / 'bags' / 'simulated'
 PARAMS = ['--params', str(ROOT / 'config' / 'pmsm_observer.yaml')]
 # bag: rms and largest error of the speed [rad/s], of the electrical angle [deg], and the part of
 # the time in which an estimate is published: at least this, by at most 0.05 more
-BOUNDS = {'drive_startup': (0.79, 1.60, 0.256, 1.03, 0.50),
-          'drive_profile': (1.16, 3.19, 0.20, 0.546, 0.94),
-          'drive_reversal': (0.62, 1.60, 0.288, 1.44, 0.85)}
+BOUNDS = {
+    'drive_startup': (0.79, 1.60, 0.256, 1.03, 0.50),
+    'drive_profile': (1.16, 3.19, 0.20, 0.546, 0.94),
+    'drive_reversal': (0.62, 1.60, 0.288, 1.44, 0.85),
+}
 
 
 def simulate(out, *words, duration=0.2):
-    assert cli.main(['simulate', 'pmsm', '--out', str(out), '--duration', str(duration),
-                     *words]) == 0
+    assert (
+        cli.main(['simulate', 'pmsm', '--out', str(out), '--duration', str(duration), *words]) == 0
+    )
 
 
 def settings(**values):
@@ -46,8 +49,10 @@ def states(bag, topic):
 
 def rows(bag, topic):
     batches = [drive_samples.decode(bytes(message.raw)) for message in bag.messages([topic])]
-    return (np.concatenate([batch.stamps_ns for batch in batches]),
-            np.concatenate([batch.values for batch in batches]))
+    return (
+        np.concatenate([batch.stamps_ns for batch in batches]),
+        np.concatenate([batch.values for batch in batches]),
+    )
 
 
 def replay(bag, out, *words, params=PARAMS):
@@ -67,11 +72,17 @@ def test_small_bags_stay_within_two_sided_bounds(name, tmp_path):
     pairs = [(state, true[state.stamp_ns]) for state in found if state.names]
     assert all(state.names == ('motor', 'motor_electrical') for state, _ in pairs)
     speed = np.array([state.velocities[0] - truth.velocities[0] for state, truth in pairs])
-    angle = angle_error([state.positions[1] for state, _ in pairs],
-                        np.array([truth.positions[1] for _, truth in pairs]))
+    angle = angle_error(
+        [state.positions[1] for state, _ in pairs],
+        np.array([truth.positions[1] for _, truth in pairs]),
+    )
     *limits, part = BOUNDS[name]
-    measured = [np.sqrt(np.mean(speed ** 2)), np.abs(speed).max(),
-                np.sqrt(np.mean(angle ** 2)), np.abs(angle).max()]
+    measured = [
+        np.sqrt(np.mean(speed**2)),
+        np.abs(speed).max(),
+        np.sqrt(np.mean(angle**2)),
+        np.abs(angle).max(),
+    ]
     for value, limit, what in zip(measured, limits, ('rms', 'max', 'angle rms', 'angle max')):
         assert judge(float(value), limit) == '', what
     assert part <= len(pairs) / len(found) < part + 0.05
@@ -100,14 +111,17 @@ def rows_or_states(bag, topic):
 
 
 def test_measurement_and_truth_belong_together(tmp_path):
-    simulate(tmp_path / 'bag', *settings(current_noise=0, adc_bits=0, profile='constant',
-                                         speed_rpm=3000))
+    simulate(
+        tmp_path / 'bag', *settings(current_noise=0, adc_bits=0, profile='constant', speed_rpm=3000)
+    )
     with open_bag(tmp_path / 'bag') as bag:
         stamps, values = rows(bag, '/drive_samples')
         true_stamps, true = rows(bag, '/ground_truth/samples')
         last = states(bag, '/ground_truth/joint_states')[-1]
-        flux = [vector3.decode(bytes(message.raw))
-                for message in bag.messages(['/ground_truth/flux_linkage'])]
+        flux = [
+            vector3.decode(bytes(message.raw))
+            for message in bag.messages(['/ground_truth/flux_linkage'])
+        ]
     assert np.array_equal(stamps, true_stamps) and set(np.diff(stamps)) == {50_000}
     assert len(stamps) == 4000
     # u = R i + L di/dt + j w phi e^{j theta}, in the mean of each interval
@@ -141,12 +155,17 @@ def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
     simulate(tmp_path / 'phases', *common, *settings(publish='single', phase_values='true'))
     found = {}
     apart = settings(input='current_voltage')
-    for name, words in (('batches', []), ('single', apart),
-                        ('phases', [*apart, *settings(frame='abc')])):
-        with replay(tmp_path / name, tmp_path / f'{name}_out', *words,
-                    *settings(compile='false')) as bag:
-            found[name] = {state.stamp_ns: state
-                           for state in states(bag, '/pmsm_observer/estimate')}
+    for name, words in (
+        ('batches', []),
+        ('single', apart),
+        ('phases', [*apart, *settings(frame='abc')]),
+    ):
+        with replay(
+            tmp_path / name, tmp_path / f'{name}_out', *words, *settings(compile='false')
+        ) as bag:
+            found[name] = {
+                state.stamp_ns: state for state in states(bag, '/pmsm_observer/estimate')
+            }
     assert len(found['single']) == len(found['phases']) == 1000
     last = max(found['batches'])
     assert found['batches'][last].names
@@ -158,18 +177,36 @@ def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
 
 
 def test_alpha_beta_taken_for_phases_is_said(tmp_path, capsys):
-    simulate(tmp_path / 'bag', *settings(sample_rate=5000, current_hz=300, profile='constant',
-                                         speed_rpm=2000, publish='single'))
-    with replay(tmp_path / 'bag', tmp_path / 'out', *settings(input='current_voltage', frame='abc',
-                                                              compile='false')):
+    simulate(
+        tmp_path / 'bag',
+        *settings(
+            sample_rate=5000, current_hz=300, profile='constant', speed_rpm=2000, publish='single'
+        ),
+    )
+    with replay(
+        tmp_path / 'bag',
+        tmp_path / 'out',
+        *settings(input='current_voltage', frame='abc', compile='false'),
+    ):
         pass
     assert 'the phase currents do not sum to zero' in capsys.readouterr().out
 
 
 def test_lost_repeated_and_overtaken_batches_are_counted_and_coasted_over(tmp_path, capsys):
-    simulate(tmp_path / 'bag', '--seed', '4', *settings(
-        lost=0.05, repeated=0.1, overtaken=0.05, profile='constant', speed_rpm=4000,
-        current_noise=0.05), duration=1.0)
+    simulate(
+        tmp_path / 'bag',
+        '--seed',
+        '4',
+        *settings(
+            lost=0.05,
+            repeated=0.1,
+            overtaken=0.05,
+            profile='constant',
+            speed_rpm=4000,
+            current_noise=0.05,
+        ),
+        duration=1.0,
+    )
     out = tmp_path / 'result.json'
     with replay(tmp_path / 'bag', tmp_path / 'out', '--json', str(out)) as bag:
         stamps, found = rows(bag, '/pmsm_observer/estimate_samples')
@@ -186,15 +223,19 @@ def test_lost_repeated_and_overtaken_batches_are_counted_and_coasted_over(tmp_pa
     assert valid.mean() > 0.6
     assert set(found[:, 3]) == {0.0, 1.0}
     # the relative position is carried over the gaps: its offset to the truth stays
-    offset = [float(angle_error(state.positions[0], truth[state.stamp_ns].positions[0]))
-              for state in mechanical if state.names]
+    offset = [
+        float(angle_error(state.positions[0], truth[state.stamp_ns].positions[0]))
+        for state in mechanical
+        if state.names
+    ]
     assert len(offset) > 60 and np.ptp(np.unwrap(np.radians(offset))) < math.radians(3.0)
 
 
 def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
     simulate(tmp_path / 'bag', *settings(profile='constant'))
-    with replay(tmp_path / 'bag', tmp_path / 'out', *settings(joint='hub'),
-                *settings(compile='false')) as bag:
+    with replay(
+        tmp_path / 'bag', tmp_path / 'out', *settings(joint='hub'), *settings(compile='false')
+    ) as bag:
         assert '/hub' not in bag.topics
         assert states(bag, '/pmsm_observer/estimate')[-1].names == ('hub', 'hub_electrical')
         stddev = states(bag, '/pmsm_observer/estimate_stddev')[-1]
@@ -202,9 +243,17 @@ def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
         assert stddev.positions[1] == pytest.approx(7.0 * stddev.positions[0])
         flux = [vector3.decode(bytes(m.raw)) for m in bag.messages(['/pmsm_observer/flux_linkage'])]
         assert flux[-1].x == pytest.approx(1.9e-3, rel=0.02) and 0.0 < flux[-1].y < 1e-4
-    with replay(tmp_path / 'bag', tmp_path / 'again', '--name', 'mine', params=[
-            '--observer', 'pmsm', *settings(resistance=0.06, inductance=33.75e-6, flux=1.9e-3,
-                                            pole_pairs=7)]):
+    with replay(
+        tmp_path / 'bag',
+        tmp_path / 'again',
+        '--name',
+        'mine',
+        params=[
+            '--observer',
+            'pmsm',
+            *settings(resistance=0.06, inductance=33.75e-6, flux=1.9e-3, pole_pairs=7),
+        ],
+    ):
         pass
     capsys.readouterr()
     assert cli.main(['evaluate', str(tmp_path / 'again')]) == 0
@@ -212,19 +261,26 @@ def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
     assert '/mine/estimate' in said and 'motor_electrical' in said
 
 
-@pytest.mark.parametrize(('words', 'said'), [
-    (['--observer', 'pmsm'], 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
-    ([*PARAMS, '--set', 'resistance=0'], "'resistance' = 0 is outside"),
-    ([*PARAMS, '--set', 'inductance=-1'], "'inductance' = -1 is outside"),
-    ([*PARAMS, '--set', 'flux=0'], "'flux' = 0 is outside"),
-    ([*PARAMS, '--set', 'pole_pairs=0'], "'pole_pairs' = 0 is outside"),
-    ([*PARAMS, '--set', 'pole_pairs=2.5'], 'whole number'),
-    ([*PARAMS, '--set', 'resistanse=1'], "did you mean 'resistance'?"),
-    ([*PARAMS, '--measurement', '/nothing'], '/nothing'),
-    ([*PARAMS, '--set', 'input=current_voltage'], '/current'),
-    ([*PARAMS, '--set', 'observer=kalman'], 'does not work from currents'),
-    ([*PARAMS, '--angle', '/a:b'], '--angle'),
-    ([*PARAMS, '--joint', 'a', '--joint', 'b'], 'one joint')])
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (
+            ['--observer', 'pmsm'],
+            'pmsm needs the motor data resistance, inductance, flux, pole_pairs',
+        ),
+        ([*PARAMS, '--set', 'resistance=0'], "'resistance' = 0 is outside"),
+        ([*PARAMS, '--set', 'inductance=-1'], "'inductance' = -1 is outside"),
+        ([*PARAMS, '--set', 'flux=0'], "'flux' = 0 is outside"),
+        ([*PARAMS, '--set', 'pole_pairs=0'], "'pole_pairs' = 0 is outside"),
+        ([*PARAMS, '--set', 'pole_pairs=2.5'], 'whole number'),
+        ([*PARAMS, '--set', 'resistanse=1'], "did you mean 'resistance'?"),
+        ([*PARAMS, '--measurement', '/nothing'], '/nothing'),
+        ([*PARAMS, '--set', 'input=current_voltage'], '/current'),
+        ([*PARAMS, '--set', 'observer=kalman'], 'does not work from currents'),
+        ([*PARAMS, '--angle', '/a:b'], '--angle'),
+        ([*PARAMS, '--joint', 'a', '--joint', 'b'], 'one joint'),
+    ],
+)
 def test_wrong_use_is_one_line(words, said, capsys):
     assert cli.main(['replay', str(BAGS / 'drive_profile'), *words]) in (1, 2)
     lines = capsys.readouterr().err.splitlines()
@@ -255,7 +311,7 @@ def test_malformed_and_bad_rows_are_counted(tmp_path, capsys):
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic('/drive_samples', drive_samples.TYPE)
         for index, raw in enumerate(raws):
-            writer.write('/drive_samples', 10 ** 18 + index * 10 ** 7, raw)
+            writer.write('/drive_samples', 10**18 + index * 10**7, raw)
     with replay(tmp_path / 'bag', tmp_path / 'out') as bag:
         _, found = rows(bag, '/pmsm_observer/estimate_samples')
         assert bag.topics['/pmsm_observer/estimate'].count == 69
@@ -278,6 +334,6 @@ def test_time_has_no_end_and_the_first_messages_do_not_depend_on_it():
     endless = [message for _ in range(5) for message in next(chunks)]
     finite = [message for chunk in SIMULATOR.generate(parameters, 0.03, 5) for message in chunk]
     assert [m.due_ns for m in endless] == sorted(m.due_ns for m in endless)
-    due = [(m.due_ns, m.topic, m.encode(10 ** 18)) for m in finite if m.due_ns < 29_000_000]
+    due = [(m.due_ns, m.topic, m.encode(10**18)) for m in finite if m.due_ns < 29_000_000]
     assert len(due) >= 8
-    assert due == [(m.due_ns, m.topic, m.encode(10 ** 18)) for m in endless[:len(due)]]
+    assert due == [(m.due_ns, m.topic, m.encode(10**18)) for m in endless[: len(due)]]

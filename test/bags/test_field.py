@@ -31,48 +31,66 @@ def values_of(type_name, path, raws):
     for group in groups:
         for i, row in enumerate(group.rows.tolist()):
             stamp = None if group.stamps_ns is None else int(group.stamps_ns[i])
-            found[row] = None if group.values is None else (
-                float(group.values[i]), stamp, group.frame_id)
+            found[row] = (
+                None if group.values is None else (float(group.values[i]), stamp, group.frame_id)
+            )
     assert all(found[row] is None for row in malformed)
     return found
 
 
 def header(i, frame='base'):
     return T['std_msgs/msg/Header'](
-        stamp=T['builtin_interfaces/msg/Time'](sec=5 + i, nanosec=7), frame_id=frame)
+        stamp=T['builtin_interfaces/msg/Time'](sec=5 + i, nanosec=7), frame_id=frame
+    )
 
 
 def pose(i, yaw):
     return T['geometry_msgs/msg/Pose'](
         position=T['geometry_msgs/msg/Point'](x=1.0 * i, y=-2.0 * i, z=3.0),
-        orientation=T['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=math.sin(yaw / 2),
-                                                      w=math.cos(yaw / 2)))
+        orientation=T['geometry_msgs/msg/Quaternion'](
+            x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2)
+        ),
+    )
 
 
 def odometry(i, frame='base', child='foot'):
     return T[ODOMETRY](
-        header=header(i, frame), child_frame_id=child,
-        pose=T['geometry_msgs/msg/PoseWithCovariance'](pose=pose(i, 0.3 * i),
-                                                       covariance=np.arange(36) + 0.5 * i),
+        header=header(i, frame),
+        child_frame_id=child,
+        pose=T['geometry_msgs/msg/PoseWithCovariance'](
+            pose=pose(i, 0.3 * i), covariance=np.arange(36) + 0.5 * i
+        ),
         twist=T['geometry_msgs/msg/TwistWithCovariance'](
             twist=T['geometry_msgs/msg/Twist'](
                 linear=T['geometry_msgs/msg/Vector3'](x=9.0, y=8.0, z=7.0 + i),
-                angular=T['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0)),
-            covariance=np.zeros(36)))
+                angular=T['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0),
+            ),
+            covariance=np.zeros(36),
+        ),
+    )
 
 
 @pytest.mark.parametrize('little', [True, False])
-@pytest.mark.parametrize('path, wanted', [
-    ('pose.pose.position.y', lambda i: -2.0 * i),
-    ('pose.covariance[7]', lambda i: 7 + 0.5 * i),
-    ('twist.twist.linear.z', lambda i: 7.0 + i),
-    ('header.stamp.sec', lambda i: 5.0 + i),
-])
+@pytest.mark.parametrize(
+    'path, wanted',
+    [
+        ('pose.pose.position.y', lambda i: -2.0 * i),
+        ('pose.covariance[7]', lambda i: 7 + 0.5 * i),
+        ('twist.twist.linear.z', lambda i: 7.0 + i),
+        ('header.stamp.sec', lambda i: 5.0 + i),
+    ],
+)
 def test_fields_of_odometry(path, wanted, little):
     frames = ['base', 'tool', '', 'some_longer_frame']
     children = ['', 'foot', 'ab']
-    raws = [bytes(STORE.serialize_cdr(odometry(i, frames[i % 4], children[i % 3]), ODOMETRY,
-                                      little_endian=little)) for i in range(24)]
+    raws = [
+        bytes(
+            STORE.serialize_cdr(
+                odometry(i, frames[i % 4], children[i % 3]), ODOMETRY, little_endian=little
+            )
+        )
+        for i in range(24)
+    ]
     for i, (value, stamp, frame) in enumerate(values_of(ODOMETRY, path, raws)):
         assert value == wanted(i)
         if not path.startswith('header'):
@@ -82,35 +100,54 @@ def test_fields_of_odometry(path, wanted, little):
 @settings(max_examples=30, deadline=None)
 @given(yaws=st.lists(st.floats(-3.1, 3.1), min_size=1, max_size=5))
 def test_yaw_of_an_orientation(yaws):
-    messages = [T['geometry_msgs/msg/PoseStamped'](header=header(i), pose=pose(i, yaw))
-                for i, yaw in enumerate(yaws)]
-    raws = [bytes(STORE.serialize_cdr(message, 'geometry_msgs/msg/PoseStamped'))
-            for message in messages]
+    messages = [
+        T['geometry_msgs/msg/PoseStamped'](header=header(i), pose=pose(i, yaw))
+        for i, yaw in enumerate(yaws)
+    ]
+    raws = [
+        bytes(STORE.serialize_cdr(message, 'geometry_msgs/msg/PoseStamped')) for message in messages
+    ]
     found = values_of('geometry_msgs/msg/PoseStamped', 'pose.orientation.yaw', raws)
     assert [value for value, _, _ in found] == pytest.approx(yaws, abs=1e-12)
 
 
 def test_yaw_is_right_under_roll_and_pitch():
     roll, pitch, yaw = 0.4, -0.5, 2.5
-    cr, sr, cp, sp, cy, sy = (f(0.5 * angle) for angle in (roll, pitch, yaw)
-                              for f in (math.cos, math.sin))
+    cr, sr, cp, sp, cy, sy = (
+        f(0.5 * angle) for angle in (roll, pitch, yaw) for f in (math.cos, math.sin)
+    )
     imu = T['sensor_msgs/msg/Imu'](
-        header=header(1), orientation=T['geometry_msgs/msg/Quaternion'](
-            x=sr * cp * cy - cr * sp * sy, y=cr * sp * cy + sr * cp * sy,
-            z=cr * cp * sy - sr * sp * cy, w=cr * cp * cy + sr * sp * sy),
+        header=header(1),
+        orientation=T['geometry_msgs/msg/Quaternion'](
+            x=sr * cp * cy - cr * sp * sy,
+            y=cr * sp * cy + sr * cp * sy,
+            z=cr * cp * sy - sr * sp * cy,
+            w=cr * cp * cy + sr * sp * sy,
+        ),
         orientation_covariance=np.zeros(9),
         angular_velocity=T['geometry_msgs/msg/Vector3'](x=1.0, y=2.0, z=3.0),
         angular_velocity_covariance=np.zeros(9),
         linear_acceleration=T['geometry_msgs/msg/Vector3'](x=4.0, y=5.0, z=6.0),
-        linear_acceleration_covariance=np.zeros(9))
+        linear_acceleration_covariance=np.zeros(9),
+    )
     raw = bytes(STORE.serialize_cdr(imu, 'sensor_msgs/msg/Imu'))
     assert values_of('sensor_msgs/msg/Imu', 'orientation.yaw', [raw])[0][0] == pytest.approx(yaw)
     assert values_of('sensor_msgs/msg/Imu', 'linear_acceleration.y', [raw])[0][0] == 5.0
 
 
-@pytest.mark.parametrize('name, value', [
-    ('Float64', 2.5), ('Float32', 0.5), ('Int64', -2**40), ('Int32', -5), ('UInt16', 65535),
-    ('Int8', -1), ('UInt8', 200), ('Bool', True)])
+@pytest.mark.parametrize(
+    'name, value',
+    [
+        ('Float64', 2.5),
+        ('Float32', 0.5),
+        ('Int64', -(2**40)),
+        ('Int32', -5),
+        ('UInt16', 65535),
+        ('Int8', -1),
+        ('UInt8', 200),
+        ('Bool', True),
+    ],
+)
 def test_single_numbers(name, value):
     kind = f'std_msgs/msg/{name}'
     raw = bytes(STORE.serialize_cdr(T[kind](data=value), kind))
@@ -124,12 +161,19 @@ def test_elements_of_sequences_of_any_length():
     raws = []
     for i in range(12):
         dims = [dimension(label='l' * j, size=1, stride=1) for j in range(i % 4)]
-        raws.append(bytes(STORE.serialize_cdr(
-            T[kind](layout=layout(dim=dims, data_offset=0), data=np.arange(i) + 0.5), kind)))
+        raws.append(
+            bytes(
+                STORE.serialize_cdr(
+                    T[kind](layout=layout(dim=dims, data_offset=0), data=np.arange(i) + 0.5), kind
+                )
+            )
+        )
     assert values_of(kind, 'data[3]', raws) == [
-        (3.5, None, '') if i > 3 else None for i in range(12)]
+        (3.5, None, '') if i > 3 else None for i in range(12)
+    ]
     assert values_of(kind, 'layout.dim[1].stride', raws) == [
-        (1.0, None, '') if i % 4 > 1 else None for i in range(12)]
+        (1.0, None, '') if i % 4 > 1 else None for i in range(12)
+    ]
 
 
 def test_the_header_of_an_element_gives_its_stamp():
@@ -137,13 +181,21 @@ def test_the_header_of_an_element_gives_its_stamp():
     turned = T['geometry_msgs/msg/TransformStamped']
     transform = T['geometry_msgs/msg/Transform']
     vector, quaternion = T['geometry_msgs/msg/Vector3'], T['geometry_msgs/msg/Quaternion']
-    message = T[kind](transforms=[
-        turned(header=header(i, f'frame_{i}'), child_frame_id='x' * i, transform=transform(
-            translation=vector(x=1.0 * i, y=0.0, z=0.0),
-            rotation=quaternion(x=0.0, y=0.0, z=math.sin(0.1 * i), w=math.cos(0.1 * i))))
-        for i in range(4)])
+    message = T[kind](
+        transforms=[
+            turned(
+                header=header(i, f'frame_{i}'),
+                child_frame_id='x' * i,
+                transform=transform(
+                    translation=vector(x=1.0 * i, y=0.0, z=0.0),
+                    rotation=quaternion(x=0.0, y=0.0, z=math.sin(0.1 * i), w=math.cos(0.1 * i)),
+                ),
+            )
+            for i in range(4)
+        ]
+    )
     raw = bytes(STORE.serialize_cdr(message, kind))
-    (value, stamp, frame), = values_of(kind, 'transforms[2].transform.rotation.yaw', [raw])
+    ((value, stamp, frame),) = values_of(kind, 'transforms[2].transform.rotation.yaw', [raw])
     assert value == pytest.approx(0.4)
     assert (stamp, frame) == (7 * 10**9 + 7, 'frame_2')
 
@@ -158,19 +210,22 @@ def test_bytes_that_are_no_message_are_malformed(cut, noise):
     assert (found[0] is None) == (cut < needed)
 
 
-@pytest.mark.parametrize('path, said', [
-    ('pose.pose.positon.x', "has no field 'positon': did you mean 'position'?"),
-    ('pose.pose.position', "is no number but a geometry_msgs/msg/Point: it has x, y, z"),
-    ('pose.pose.orientation', "take its yaw with 'pose.pose.orientation.yaw'"),
-    ('pose.pose.orientation.yaw.x', 'yaw has no fields'),
-    ('pose.covariance', "is a list: name an element, as in 'covariance[0]'"),
-    ('pose.covariance[36]', 'has 36 elements'),
-    ('pose[0].pose', 'is no list'),
-    ('header.frame_id', 'is no number but a string'),
-    ('header.stamp.sec.x', 'has no fields of its own'),
-    ('pose..x', 'is no field'),
-    ('a[b]', 'is no field'),
-])
+@pytest.mark.parametrize(
+    'path, said',
+    [
+        ('pose.pose.positon.x', "has no field 'positon': did you mean 'position'?"),
+        ('pose.pose.position', 'is no number but a geometry_msgs/msg/Point: it has x, y, z'),
+        ('pose.pose.orientation', "take its yaw with 'pose.pose.orientation.yaw'"),
+        ('pose.pose.orientation.yaw.x', 'yaw has no fields'),
+        ('pose.covariance', "is a list: name an element, as in 'covariance[0]'"),
+        ('pose.covariance[36]', 'has 36 elements'),
+        ('pose[0].pose', 'is no list'),
+        ('header.frame_id', 'is no number but a string'),
+        ('header.stamp.sec.x', 'has no fields of its own'),
+        ('pose..x', 'is no field'),
+        ('a[b]', 'is no field'),
+    ],
+)
 def test_wrong_paths_say_what_is_right(path, said):
     with pytest.raises(UsageError) as caught:
         Field(STORE, ODOMETRY, path)

@@ -37,7 +37,9 @@ def test_every_kind_gives_the_same_messages(kind, tmp_path, capsys):
     assert read(path, [OTHER]) == [item for item in messages if item[0] == OTHER]
     with open_bag(path) as bag:
         assert {topic.name: (topic.type, topic.count) for topic in bag.topics.values()} == {
-            STATES: (TYPE, 50), OTHER: (TEXT, 17)}
+            STATES: (TYPE, 50),
+            OTHER: (TEXT, 17),
+        }
         assert not bag.warnings
     assert capsys.readouterr().err == ''
 
@@ -46,16 +48,19 @@ def test_every_kind_gives_the_same_messages(kind, tmp_path, capsys):
 def test_a_single_file_of_a_folder_is_a_bag(kind, tmp_path):
     messages = make.content()
     folder = make.KINDS[kind](tmp_path / 'bag', messages)
-    file, = (file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3'))
+    (file,) = (file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3'))
     assert read(file) == messages
 
 
-@pytest.mark.parametrize('path', sorted(RECORDINGS.glob('*/*/metadata.yaml')),
-                         ids=lambda path: path.parent.name)
+@pytest.mark.parametrize(
+    'path', sorted(RECORDINGS.glob('*/*/metadata.yaml')), ids=lambda path: path.parent.name
+)
 def test_the_recordings_open_and_hold_what_their_metadata_say(path):
     listed = yaml.safe_load(path.read_text())['rosbag2_bagfile_information']
-    counts = {item['topic_metadata']['name']: item['message_count']
-              for item in listed['topics_with_message_count']}
+    counts = {
+        item['topic_metadata']['name']: item['message_count']
+        for item in listed['topics_with_message_count']
+    }
     with open_bag(path.parent) as bag:
         assert {topic.name: topic.count for topic in bag.topics.values()} == counts
         read_counts = dict.fromkeys(counts, 0)
@@ -69,13 +74,14 @@ def test_recordings_fit_into_six_megabytes():
     assert sum(file.stat().st_size for file in RECORDINGS.rglob('*') if file.is_file()) < 6e6
 
 
-@settings(max_examples=40, deadline=None,
-          suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(offsets=st.lists(st.integers(0, 60), min_size=1, max_size=60),
-       chunk_size=st.integers(1, 3000))
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    offsets=st.lists(st.integers(0, 60), min_size=1, max_size=60), chunk_size=st.integers(1, 3000)
+)
 def test_overlapping_chunks_come_in_log_order(offsets, chunk_size, tmp_path):
-    messages = [(OTHER, make.START + offset, make.text(str(i)))
-                for i, offset in enumerate(offsets)]
+    messages = [(OTHER, make.START + offset, make.text(str(i))) for i, offset in enumerate(offsets)]
     path = make.mcap(tmp_path / 'bag.mcap', messages, chunk_size=chunk_size)
     found = read(path)
     assert [item[1] for item in found] == sorted(item[1] for item in messages)
@@ -96,11 +102,11 @@ def test_an_index_that_lacks_messages_loses_none(tmp_path):
     messages = make.content()
     path = make.mcap(tmp_path / 'bag.mcap', messages)
     with open(path, 'rb') as stream:
-        chunk, = make_reader(stream).get_summary().chunk_indexes
+        (chunk,) = make_reader(stream).get_summary().chunk_indexes
     raw = bytearray(path.read_bytes())
     length_at = min(chunk.message_index_offsets.values()) + 11
-    length = int.from_bytes(raw[length_at:length_at + 4], 'little')
-    raw[length_at:length_at + 4] = (length - 16).to_bytes(4, 'little')
+    length = int.from_bytes(raw[length_at : length_at + 4], 'little')
+    raw[length_at : length_at + 4] = (length - 16).to_bytes(4, 'little')
     path.write_bytes(raw)
     assert read(path) == messages
 
@@ -126,22 +132,23 @@ def test_both_times_are_kept(tmp_path):
         assert all(message.publish_ns == message.log_ns for message in bag.messages())
 
 
-@pytest.mark.parametrize('kind', ['mcap zstd', 'mcap plain', 'mcap lz4', 'mcap small chunks',
-                                  'mcap without chunks'])
+@pytest.mark.parametrize(
+    'kind', ['mcap zstd', 'mcap plain', 'mcap lz4', 'mcap small chunks', 'mcap without chunks']
+)
 def test_a_cut_off_file_gives_what_is_there_and_says_so(kind, tmp_path, capsys):
     messages = make.content(200)
     whole = make.KINDS[kind](tmp_path / 'bag', messages).read_bytes()
     file = tmp_path / 'cut.mcap'
     most = 0
     for part in np.linspace(0.02, 0.98, 25):
-        file.write_bytes(whole[:int(part * len(whole))])
+        file.write_bytes(whole[: int(part * len(whole))])
         capsys.readouterr()
         try:
             found = read(file)
         except UserError as error:
             assert 'cut off before its first message' in str(error)
             continue
-        assert found == messages[:len(found)]
+        assert found == messages[: len(found)]
         if len(found) < len(messages):
             assert capsys.readouterr().err.count('is cut off') == 1
         most = max(most, len(found))
@@ -164,14 +171,17 @@ def test_metadata_that_cannot_be_read_is_told_once(tmp_path, capsys):
     (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: [1, 2')
     with open_bag(path) as bag:
         assert bag.count == 6
-    assert capsys.readouterr().err == (f'warning: {path / "metadata.yaml"} cannot be read as '
-                                       'metadata; reading the files beside it\n')
+    assert capsys.readouterr().err == (
+        f'warning: {path / "metadata.yaml"} cannot be read as '
+        'metadata; reading the files beside it\n'
+    )
 
 
 def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path, capsys):
     messages = make.content()
-    path = make.mcap(tmp_path / 'bag.mcap', messages, compression=CompressionType.NONE,
-                     chunk_size=600)
+    path = make.mcap(
+        tmp_path / 'bag.mcap', messages, compression=CompressionType.NONE, chunk_size=600
+    )
     raw = bytearray(path.read_bytes())
     hit = raw.index(messages[20][2]) + 30
     raw[hit] ^= 255
@@ -182,9 +192,14 @@ def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path, capsys):
     assert 'wrong checksum' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(('kind', 'data', 'said'), [
-    ('sqlite3', 'text', 'messages are no bytes'), ('sqlite3', 5, 'messages are no bytes'),
-    ('sqlite3, messages compressed', b'\0' * 20, 'cannot be unpacked')])
+@pytest.mark.parametrize(
+    ('kind', 'data', 'said'),
+    [
+        ('sqlite3', 'text', 'messages are no bytes'),
+        ('sqlite3', 5, 'messages are no bytes'),
+        ('sqlite3, messages compressed', b'\0' * 20, 'cannot be unpacked'),
+    ],
+)
 def test_messages_that_are_damaged_are_left_out(kind, data, said, tmp_path, capsys):
     path = make.KINDS[kind](tmp_path / 'bag', make.content(9))
     with sqlite3.connect(next(path.glob('*.db3'))) as base:
@@ -210,17 +225,18 @@ def test_an_index_that_leads_out_of_the_chunk(tmp_path):
     with open_bag(path) as bag:
         at = bag._mcaps[0][0]._parts[0].at
     raw = bytearray(path.read_bytes())
-    index = at + 9 + int.from_bytes(raw[at + 1:at + 9], 'little')   # behind the chunk
+    index = at + 9 + int.from_bytes(raw[at + 1 : at + 9], 'little')  # behind the chunk
     assert raw[index] == Opcode.MESSAGE_INDEX
-    raw[index + 23:index + 31] = (2**63 - 1).to_bytes(8, 'little')  # of the first message
+    raw[index + 23 : index + 31] = (2**63 - 1).to_bytes(8, 'little')  # of the first message
     path.write_bytes(raw)
     with open_bag(path) as bag:
         assert len(list(bag.messages())) == bag.count
 
 
 @pytest.mark.parametrize('name', ['d%41', 'a#b', 'a?mode=memory', 'a%', 'ä %20', "a'b", '%2e%2e'])
-@pytest.mark.parametrize('kind', ['sqlite3', 'sqlite3, file compressed', 'mcap folder',
-                                  'mcap zstd'])
+@pytest.mark.parametrize(
+    'kind', ['sqlite3', 'sqlite3, file compressed', 'mcap folder', 'mcap zstd']
+)
 def test_a_path_means_itself_alone(kind, name, tmp_path, capsys):
     """In a URI %41 is A: dA is another bag."""
     mine = make.content(4)
@@ -250,24 +266,43 @@ def information(**changes):
 
 
 def about(**changes):
-    return [{'topic_metadata': {'name': '/x', 'type': TEXT, 'serialization_format': 'cdr',
-                                **changes}, 'message_count': 1}]
+    return [
+        {
+            'topic_metadata': {
+                'name': '/x',
+                'type': TEXT,
+                'serialization_format': 'cdr',
+                **changes,
+            },
+            'message_count': 1,
+        }
+    ]
 
 
 STRANGE = [None, True, 5, 1.5, [], {}, ['a'], '']
 
 
-@pytest.mark.parametrize('content', [
-    *({'rosbag2_bagfile_information': each} for each in STRANGE), *STRANGE,
-    *(information(relative_file_paths=each) for each in [
-        None, True, 5, [], {}, '', [True], [None], [[]], ['..'], ['a\0b']]),
-    *(information(topics_with_message_count=each) for each in STRANGE),
-    *(information(topics_with_message_count=[each]) for each in STRANGE),
-    *(information(topics_with_message_count=[{'topic_metadata': each}]) for each in STRANGE),
-    *(information(topics_with_message_count=about(**{key: each})) for each in STRANGE
-      for key in ('name', 'type', 'offered_qos_profiles', 'type_description_hash')),
-    *(information(compression_mode=each) for each in STRANGE)],
-    ids=lambda content: str(content).replace('\0', '0')[:60])
+@pytest.mark.parametrize(
+    'content',
+    [
+        *({'rosbag2_bagfile_information': each} for each in STRANGE),
+        *STRANGE,
+        *(
+            information(relative_file_paths=each)
+            for each in [None, True, 5, [], {}, '', [True], [None], [[]], ['..'], ['a\0b']]
+        ),
+        *(information(topics_with_message_count=each) for each in STRANGE),
+        *(information(topics_with_message_count=[each]) for each in STRANGE),
+        *(information(topics_with_message_count=[{'topic_metadata': each}]) for each in STRANGE),
+        *(
+            information(topics_with_message_count=about(**{key: each}))
+            for each in STRANGE
+            for key in ('name', 'type', 'offered_qos_profiles', 'type_description_hash')
+        ),
+        *(information(compression_mode=each) for each in STRANGE),
+    ],
+    ids=lambda content: str(content).replace('\0', '0')[:60],
+)
 @pytest.mark.parametrize('bare', [True, False])
 def test_no_metadata_keep_a_bag_from_being_read(content, bare, tmp_path, capsys):
     messages = make.content(4)
@@ -281,8 +316,18 @@ def test_no_metadata_keep_a_bag_from_being_read(content, bare, tmp_path, capsys)
     assert 'Traceback' not in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('text', ['[' * 20000, 'a: ' + '1' * 6000, 'a: 2020-99-99', '\0',
-                                  'a: &a [*a, *a]', '? [a, b]\n: c', '\xff'])
+@pytest.mark.parametrize(
+    'text',
+    [
+        '[' * 20000,
+        'a: ' + '1' * 6000,
+        'a: 2020-99-99',
+        '\0',
+        'a: &a [*a, *a]',
+        '? [a, b]\n: c',
+        '\xff',
+    ],
+)
 def test_metadata_that_break_the_parser(text, tmp_path, capsys):
     messages = make.content(4)
     path = make.ours(tmp_path / 'bag', messages)
@@ -312,14 +357,16 @@ def test_a_missing_file_of_a_split_bag_is_named(tmp_path, capsys):
     assert 'bag_2.mcap is empty (0 bytes); it is left out' in capsys.readouterr().err
 
 
-@settings(max_examples=60, deadline=None,
-          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(data=st.data())
 def test_no_damage_gives_a_traceback(data, tmp_path):
     source = RECORDINGS / 'simulated/trapezoid_raw_counts/trapezoid_raw_counts_0.mcap'
     if data.draw(st.booleans()):
-        source = make.mcap(tmp_path / 'plain.mcap', make.content(20),
-                           compression=CompressionType.NONE)
+        source = make.mcap(
+            tmp_path / 'plain.mcap', make.content(20), compression=CompressionType.NONE
+        )
     raw = bytearray(source.read_bytes())
     for _ in range(data.draw(st.integers(1, 8))):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
@@ -338,23 +385,33 @@ def wrong_bags(tmp_path):
     messages = make.content(5)
     empty_folder = tmp_path / 'folder'
     empty_folder.mkdir()
-    files = {'empty.mcap': b'', 'empty.db3': b'', 'text.mcap': b'hello world', 'text.db3': b'hi',
-             'old.bag': b'#ROSBAG V2.0\n', 'other.db3': b'SQLite format 3\0' + bytes(100)}
+    files = {
+        'empty.mcap': b'',
+        'empty.db3': b'',
+        'text.mcap': b'hello world',
+        'text.db3': b'hi',
+        'old.bag': b'#ROSBAG V2.0\n',
+        'other.db3': b'SQLite format 3\0' + bytes(100),
+    }
     for name, raw in files.items():
         (tmp_path / name).write_bytes(raw)
     cut = make.rosbags(tmp_path / 'sqlite', messages)
-    database, = cut.glob('*.db3')
+    (database,) = cut.glob('*.db3')
     (tmp_path / 'cut.db3').write_bytes(database.read_bytes()[:9000])
     lonely = make.ours(tmp_path / 'lonely', messages)
     next(lonely.glob('*.mcap')).unlink()
-    return [(tmp_path / 'nowhere', 'does not exist'), (empty_folder, 'is no bag: it holds neither'),
-            (tmp_path / 'empty.mcap', 'is empty (0 bytes)'),
-            (tmp_path / 'empty.db3', 'is empty (0 bytes)'),
-            (tmp_path / 'text.mcap', 'is no bag: neither MCAP nor sqlite3'),
-            (tmp_path / 'text.db3', 'is no bag'), (tmp_path / 'old.bag', 'is a bag of ROS 1'),
-            (tmp_path / 'other.db3', 'cannot be read as a bag'),
-            (tmp_path / 'cut.db3', 'cannot be read as a bag'),
-            (lonely, 'is missing, which metadata.yaml names')]
+    return [
+        (tmp_path / 'nowhere', 'does not exist'),
+        (empty_folder, 'is no bag: it holds neither'),
+        (tmp_path / 'empty.mcap', 'is empty (0 bytes)'),
+        (tmp_path / 'empty.db3', 'is empty (0 bytes)'),
+        (tmp_path / 'text.mcap', 'is no bag: neither MCAP nor sqlite3'),
+        (tmp_path / 'text.db3', 'is no bag'),
+        (tmp_path / 'old.bag', 'is a bag of ROS 1'),
+        (tmp_path / 'other.db3', 'cannot be read as a bag'),
+        (tmp_path / 'cut.db3', 'cannot be read as a bag'),
+        (lonely, 'is missing, which metadata.yaml names'),
+    ]
 
 
 def test_wrong_bags_are_refused_in_one_line(tmp_path):
@@ -381,8 +438,11 @@ def test_require_says_what_is_there(tmp_path):
     path = make.ours(tmp_path / 'bag', make.content(5))
     with open_bag(path) as bag:
         assert bag.require(STATES, [TYPE]).count == 5
-        with pytest.raises(UserError, match=r"no topic '/nope'; it has /chatter \(std_msgs/msg/"
-                                            r'String, 2\), /joint_states \('):
+        with pytest.raises(
+            UserError,
+            match=r"no topic '/nope'; it has /chatter \(std_msgs/msg/"
+            r'String, 2\), /joint_states \(',
+        ):
             bag.require('/nope')
         with pytest.raises(UserError, match=r"'joint_states' \(did you mean '/joint_states'\?\)"):
             bag.require('joint_states')
@@ -392,6 +452,7 @@ def test_require_says_what_is_there(tmp_path):
 
 def test_topics_without_messages_are_known(tmp_path):
     from estimator_pkg.bags.writer import BagWriter
+
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic(STATES, TYPE)
     with open_bag(tmp_path / 'bag') as bag:

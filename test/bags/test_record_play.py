@@ -33,29 +33,41 @@ def listen(probe, kind, topic, profile=100):
     """What comes on a topic from now on: (when, bytes)."""
     found = []
     subscription = probe.node.create_subscription(
-        kind, topic, lambda raw: found.append((time.monotonic(), raw)), profile, raw=True)
+        kind, topic, lambda raw: found.append((time.monotonic(), raw)), profile, raw=True
+    )
     return found, subscription
 
 
 def best_effort(depth=100):
     from rclpy.qos import QoSProfile, ReliabilityPolicy
+
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def latched():
     from rclpy.qos import DurabilityPolicy, QoSProfile
+
     return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_record_keeps_bytes_qos_and_times(probe, tmp_path):
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
+
     out = tmp_path / 'bag'
     text = make.text('said before anyone came')  # 32 bytes: DDS fills up to a multiple of 4
     early = probe.node.create_publisher(String, '/rp1/latched', latched())
     early.publish(text)
-    with command('record', 'rp1/states', '/rp1/latched', '/rp1/late', '--out', out,
-                 '--json', tmp_path / 'json') as process:
+    with command(
+        'record',
+        'rp1/states',
+        '/rp1/latched',
+        '/rp1/late',
+        '--out',
+        out,
+        '--json',
+        tmp_path / 'json',
+    ) as process:
         process.prints('recording /rp1/latched')
         process.prints('waiting for /rp1/states')
         publisher = probe.node.create_publisher(JointState, '/rp1/states', best_effort())
@@ -83,7 +95,8 @@ def test_record_keeps_bytes_qos_and_times(probe, tmp_path):
         assert all(before < message.publish_ns <= message.log_ns < after for message in found)
         assert [message.raw for message in bag.messages(['/rp1/latched'])] == [text]
         assert [message.raw for message in bag.messages(['/rp1/late'])] == [
-            make.text('too-late-..')]
+            make.text('too-late-..')
+        ]
         assert bag.topics['/rp1/states'].qos[0].reliability.name == 'BEST_EFFORT'
         assert bag.topics['/rp1/latched'].qos[0].durability.name == 'TRANSIENT_LOCAL'
         assert bag.topics['/rp1/states'].type_hash.startswith('RIHS01_a13ee3a330')
@@ -95,6 +108,7 @@ def test_record_keeps_bytes_qos_and_times(probe, tmp_path):
 
 def test_record_for_a_time_without_names_takes_all(probe, tmp_path):
     from std_msgs.msg import String
+
     publisher = probe.node.create_publisher(String, '/rp2/said', 10)
     with command('record', '--out', tmp_path / 'bag', '--duration', '0.5') as process:
         process.prints('recording /rp2/said')
@@ -112,6 +126,7 @@ def test_record_for_a_time_without_names_takes_all(probe, tmp_path):
 
 def test_record_follows_a_publisher_that_offers_less(probe, tmp_path):
     from std_msgs.msg import String
+
     reliable = probe.node.create_publisher(String, '/rp3/said', 10)
     with command('record', '/rp3/said', '--out', tmp_path / 'bag') as process:
         process.prints('recording /rp3/said')
@@ -146,9 +161,10 @@ def test_record_without_messages_leaves_nothing(number, tmp_path):
 def test_record_refuses_what_it_cannot_do(tmp_path, capsys):
     (tmp_path / 'there').mkdir()
     for words, said, code in (
-            (['--out', tmp_path / 'there'], 'exists already', 1),
-            (['--out', tmp_path / 'no' / 'bag'], 'there is no folder', 1),
-            (['--out', tmp_path / 'bag', '--duration', '-1'], 'must be above 0 s', 2)):
+        (['--out', tmp_path / 'there'], 'exists already', 1),
+        (['--out', tmp_path / 'no' / 'bag'], 'there is no folder', 1),
+        (['--out', tmp_path / 'bag', '--duration', '-1'], 'must be above 0 s', 2),
+    ):
         assert cli.main(['record', '/x', *map(str, words)]) == code
         error = capsys.readouterr().err
         assert said in error
@@ -185,10 +201,20 @@ def reliable(tmp_path_factory):
 def test_play_gives_bytes_timing_and_qos(probe, recording, tmp_path):
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
+
     states, one = listen(probe, JointState, '/rp5/states', best_effort())
     texts, two = listen(probe, String, '/rp5/text', latched())
-    with command('play', recording, '--rate', '0.5', '--remap', f'{STATES}:=/rp5/states',
-                 f'{OTHER}:=rp5/text', '--json', tmp_path / 'json') as process:
+    with command(
+        'play',
+        recording,
+        '--rate',
+        '0.5',
+        '--remap',
+        f'{STATES}:=/rp5/states',
+        f'{OTHER}:=rp5/text',
+        '--json',
+        tmp_path / 'json',
+    ) as process:
         probe.until(lambda: len(states) >= 150 and texts)
         offered = {}
         for info in probe.node.get_publishers_info_by_topic('/rp5/states'):
@@ -200,22 +226,37 @@ def test_play_gives_bytes_timing_and_qos(probe, recording, tmp_path):
     assert [raw for _, raw in texts] == [make.text('hello--')]
     assert 0.9 * 0.596 < states[-1][0] - states[0][0] < 3.0  # twice as long as in the bag
     assert offered in ({}, {TYPE: 'BEST_EFFORT'})  # it may have ended by now
-    assert "/own is not played: its type own_msgs/msg/Unknown is not installed" in process.output
+    assert '/own is not played: its type own_msgs/msg/Unknown is not installed' in process.output
     assert json.loads((tmp_path / 'json').read_text())['sent'] == {
-        '/rp5/states': 150, '/rp5/text': 1}
+        '/rp5/states': 150,
+        '/rp5/text': 1,
+    }
 
 
 def test_play_tells_the_time_and_loops(probe, recording):
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
+
     clocks, states = [], []
     one = probe.node.create_subscription(
-        Clock, '/clock', lambda message: clocks.append(
-            message.clock.sec * 10**9 + message.clock.nanosec), 1000)
-    two = probe.node.create_subscription(JointState, '/rp6/states', states.append,
-                                         best_effort(1000), raw=True)
-    with command('play', recording, '--loop', '--clock', '--topics', STATES,
-                 '--remap', f'{STATES}:=/rp6/states') as process:
+        Clock,
+        '/clock',
+        lambda message: clocks.append(message.clock.sec * 10**9 + message.clock.nanosec),
+        1000,
+    )
+    two = probe.node.create_subscription(
+        JointState, '/rp6/states', states.append, best_effort(1000), raw=True
+    )
+    with command(
+        'play',
+        recording,
+        '--loop',
+        '--clock',
+        '--topics',
+        STATES,
+        '--remap',
+        f'{STATES}:=/rp6/states',
+    ) as process:
         probe.until(lambda: len(states) >= 350)
         process.signal(signal.SIGINT)
         assert process.ends() == 0, process.output
@@ -233,9 +274,19 @@ def test_play_tells_the_time_and_loops(probe, recording):
 def test_play_starts_paused_and_resumes_by_service(probe, reliable):
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
+
     states, subscription = listen(probe, JointState, '/rp7/states', 1000)
-    with command('play', reliable, '--start-paused', '--rate', '0.2', '--topics', STATES,
-                 '--remap', f'{STATES}:=/rp7/states') as process:
+    with command(
+        'play',
+        reliable,
+        '--start-paused',
+        '--rate',
+        '0.2',
+        '--topics',
+        STATES,
+        '--remap',
+        f'{STATES}:=/rp7/states',
+    ) as process:
         process.prints('paused')
         probe.spin(0.5)
         assert not states
@@ -260,13 +311,28 @@ def test_play_is_paused_by_the_space_bar(reliable, probe):
     import sys
 
     from sensor_msgs.msg import JointState
+
     states, subscription = listen(probe, JointState, '/rp8/states', 1000)
     master, slave = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, '-m', CLI, 'play', str(reliable), '--start-paused', '--topics', STATES,
-         '--remap', f'{STATES}:=/rp8/states'],
-        stdin=slave, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        preexec_fn=lambda: (os.setsid(), os.tcsetpgrp(_own_terminal(slave), os.getpgrp())))
+        [
+            sys.executable,
+            '-m',
+            CLI,
+            'play',
+            str(reliable),
+            '--start-paused',
+            '--topics',
+            STATES,
+            '--remap',
+            f'{STATES}:=/rp8/states',
+        ],
+        stdin=slave,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=lambda: (os.setsid(), os.tcsetpgrp(_own_terminal(slave), os.getpgrp())),
+    )
     try:
         assert process.stdout is not None
         assert 'paused' in _line_with(process.stdout, 'paused')
@@ -287,6 +353,7 @@ def _own_terminal(slave):
     """Make the terminal that of this new session."""
     import fcntl
     import termios
+
     fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
     return slave
 
@@ -300,13 +367,14 @@ def _line_with(stream, text):
 
 def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
     for words, said, code in (
-            ([tmp_path / 'nowhere'], 'does not exist', 1),
-            ([recording, '--rate', '0'], '--rate 0: it must be above 0', 2),
-            ([recording, '--clock', '-1'], '--clock -1', 2),
-            ([recording, '--wait', 'nan'], '--wait nan', 2),
-            ([recording, '--remap', 'x'], "'x' is not FROM:=TO", 2),
-            ([recording, '--remap', '/x:=/y'], "no topic '/x'", 1),
-            ([recording, '--topics', '/x'], "no topic '/x'", 1)):
+        ([tmp_path / 'nowhere'], 'does not exist', 1),
+        ([recording, '--rate', '0'], '--rate 0: it must be above 0', 2),
+        ([recording, '--clock', '-1'], '--clock -1', 2),
+        ([recording, '--wait', 'nan'], '--wait nan', 2),
+        ([recording, '--remap', 'x'], "'x' is not FROM:=TO", 2),
+        ([recording, '--remap', '/x:=/y'], "no topic '/x'", 1),
+        ([recording, '--topics', '/x'], "no topic '/x'", 1),
+    ):
         assert cli.main(['play', *map(str, words)]) == code
         error = capsys.readouterr().err
         assert said in error
@@ -329,8 +397,16 @@ def test_a_played_bag_is_recorded_again(number, recording, tmp_path):
     with command('record', '/rp9/states', '--out', tmp_path / 'bag') as recorder:
         recorder.prints('waiting for')
         # at once: the last ones still wait to be taken in when the recorder is ended
-        with command('play', recording, '--topics', STATES, '--rate', '1000', '--remap',
-                     f'{STATES}:=/rp9/states') as player:
+        with command(
+            'play',
+            recording,
+            '--topics',
+            STATES,
+            '--rate',
+            '1000',
+            '--remap',
+            f'{STATES}:=/rp9/states',
+        ) as player:
             assert player.ends() == 0, player.output
         recorder.signal(number)
         assert recorder.ends() == 0, recorder.output

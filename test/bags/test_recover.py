@@ -44,7 +44,7 @@ def crash(path):
     """A recorder of `path` is killed; the folder that it leaves."""
     done = subprocess.run([sys.executable, '-c', CRASHING, str(path)], timeout=60, check=False)
     assert done.returncode == -9 and not path.exists()
-    left, = (each for each in path.parent.iterdir() if each.name.endswith('.part'))
+    (left,) = (each for each in path.parent.iterdir() if each.name.endswith('.part'))
     return left
 
 
@@ -60,8 +60,9 @@ def opened_by_others(path):
         with open(file, 'rb') as stream:
             count = len(list(make_reader(stream, validate_crcs=True).iter_messages()))
     with AnyReader([path]) as reader:
-        found = [(connection.topic, time, bytes(raw))
-                 for connection, time, raw in reader.messages()]
+        found = [
+            (connection.topic, time, bytes(raw)) for connection, time, raw in reader.messages()
+        ]
     assert len(found) == count
     return found
 
@@ -78,19 +79,25 @@ def recovered(path, out, capsys):
 def test_a_crashed_recording_is_named_and_recovered(name, tmp_path, capsys):
     path = tmp_path / name
     left = crash(path)
-    with BagWriter(path) as bag:    # the next one to the same place
+    with BagWriter(path) as bag:  # the next one to the same place
         bag.add_topic(OTHER, TEXT)
         bag.write(OTHER, START, b'x')
     said = capsys.readouterr().err
     assert f'{left} holds what was written when a process that made {path} was killed' in said
     assert 'velocity_estimator record --recover ' in said and said.count('\n') == 1
     words = said.split('`')[1].replace(' BAG', f" '{tmp_path / 'again'}'")
-    done = subprocess.run(words.replace('velocity_estimator',
-                                        f'{sys.executable} -m estimator_pkg.cli', 1),
-                          shell=True, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        words.replace('velocity_estimator', f'{sys.executable} -m estimator_pkg.cli', 1),
+        shell=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert [raw[4:] for _, _, raw in opened_by_others(tmp_path / 'again')] == [
-        bytes([i]) for i in range(100)]
+        bytes([i]) for i in range(100)
+    ]
 
 
 def test_nobody_deletes_what_another_one_made(tmp_path, capsys, monkeypatch):
@@ -116,37 +123,55 @@ def test_a_recorder_that_lives_is_no_crash(tmp_path, capsys):
         one.write(OTHER, START, b'x')
         one.flush()
         assert writer_module.crashed(tmp_path / 'bag') == []
-        folder, = tmp_path.iterdir()
+        (folder,) = tmp_path.iterdir()
         assert cli.main(['record', '--recover', str(folder), '--out', str(tmp_path / 'x')]) == 1
         assert 'is still being written' in capsys.readouterr().err
     assert [each.name for each in tmp_path.iterdir()] == ['bag']
 
 
 def test_folders_of_other_bags_are_not_taken_for_ones_own(tmp_path):
-    for name in ('.bag.other.12ab.part', '.bags.12ab.part', '.bag.12ab.partly', '.bag.xyz.part',
-                 '.bag.12ab.part', '.bag.4711.part'):
+    for name in (
+        '.bag.other.12ab.part',
+        '.bags.12ab.part',
+        '.bag.12ab.partly',
+        '.bag.xyz.part',
+        '.bag.12ab.part',
+        '.bag.4711.part',
+    ):
         (tmp_path / name).mkdir()
         (tmp_path / name / 'bag_0.mcap').write_bytes(b'x')
     assert [each.name for each in writer_module.crashed(tmp_path / 'bag')] == [
-        '.bag.12ab.part', '.bag.4711.part']
+        '.bag.12ab.part',
+        '.bag.4711.part',
+    ]
 
 
-@pytest.mark.parametrize('kind', ['ours', 'mcap zstd', 'mcap plain', 'mcap lz4',
-                                  'mcap small chunks', 'mcap without chunks', 'mcap folder'])
+@pytest.mark.parametrize(
+    'kind',
+    [
+        'ours',
+        'mcap zstd',
+        'mcap plain',
+        'mcap lz4',
+        'mcap small chunks',
+        'mcap without chunks',
+        'mcap folder',
+    ],
+)
 @pytest.mark.parametrize('part', [0.4, 0.7, 0.98])
 def test_a_torn_mcap_comes_out_with_all_complete_messages(kind, part, tmp_path, capsys):
     messages = make.content(4000)
     path = make.KINDS[kind](tmp_path / 'bag', messages)
-    file, = path.glob('*.mcap') if path.is_dir() else [path]
+    (file,) = path.glob('*.mcap') if path.is_dir() else [path]
     whole = file.read_bytes()
     os.truncate(file, int(part * len(whole)))
     if path.is_dir():
         (path / 'metadata.yaml').unlink()
     found = recovered(path, tmp_path / 'out', capsys)
-    assert found and found == messages[:len(found)]
+    assert found and found == messages[: len(found)]
     if kind in ('mcap plain', 'mcap without chunks'):
-        missing = [raw for topic, _, raw in messages[len(found):] if topic == STATES]
-        assert not any(raw in whole[:int(part * len(whole))] for raw in missing)
+        missing = [raw for topic, _, raw in messages[len(found) :] if topic == STATES]
+        assert not any(raw in whole[: int(part * len(whole))] for raw in missing)
     with open_bag(tmp_path / 'out') as bag:
         assert bag.topics[STATES].type_hash and bag.topics[STATES].definition
 
@@ -178,10 +203,12 @@ def test_a_database_with_a_log_or_a_journal_is_finished_first(tmp_path, capsys):
     file = database(tmp_path / 'bag', messages)
     base = sqlite3.connect(file)
     base.execute('pragma journal_mode = wal')
-    base.execute('insert into messages(topic_id, timestamp, data) values (1, ?, ?)',
-                 (START + 10**12, make.text('in the log')))
+    base.execute(
+        'insert into messages(topic_id, timestamp, data) values (1, ?, ?)',
+        (START + 10**12, make.text('in the log')),
+    )
     base.commit()
-    shutil.copytree(tmp_path / 'bag', tmp_path / 'crashed')     # the log is still beside it
+    shutil.copytree(tmp_path / 'bag', tmp_path / 'crashed')  # the log is still beside it
     base.close()
     found = recovered(tmp_path / 'crashed', tmp_path / 'out', capsys)
     assert found[:-1] == messages and found[-1][1:] == (START + 10**12, make.text('in the log'))
@@ -190,7 +217,7 @@ def test_a_database_with_a_log_or_a_journal_is_finished_first(tmp_path, capsys):
     base.execute('pragma journal_mode = delete')
     base.execute('pragma cache_size = 1')
     base.execute('begin')
-    base.execute("update messages set data = x'00010000ff'")    # half of it is on the disk
+    base.execute("update messages set data = x'00010000ff'")  # half of it is on the disk
     shutil.copytree(tmp_path / 'bag', tmp_path / 'half')
     base.close()
     assert list((tmp_path / 'half').glob('*-journal'))
@@ -199,22 +226,33 @@ def test_a_database_with_a_log_or_a_journal_is_finished_first(tmp_path, capsys):
 
 def test_split_and_compressed_bags_are_recovered(tmp_path, capsys):
     messages = make.content()
-    for kind in ('mcap split', 'sqlite3 split', 'sqlite3, messages compressed',
-                 'sqlite3, file compressed'):
+    for kind in (
+        'mcap split',
+        'sqlite3 split',
+        'sqlite3, messages compressed',
+        'sqlite3, file compressed',
+    ):
         path = make.KINDS[kind](tmp_path / f'{kind}', messages)
         (path / 'metadata.yaml').unlink()
         assert recovered(path, tmp_path / f'out {kind}', capsys) == messages
 
 
-@pytest.mark.parametrize(('make_it', 'said'), [
-    (lambda path: None, 'does not exist'), (lambda path: path.mkdir(), 'holds no .mcap or .db3'),
-    (lambda path: path.write_bytes(b''), 'holds no complete message'),
-    (lambda path: path.write_bytes(b'hello'), 'is no bag'),
-    (lambda path: path.write_bytes(b'SQLite format 3\0' + bytes(5000)), 'cannot be recovered')])
+@pytest.mark.parametrize(
+    ('make_it', 'said'),
+    [
+        (lambda path: None, 'does not exist'),
+        (lambda path: path.mkdir(), 'holds no .mcap or .db3'),
+        (lambda path: path.write_bytes(b''), 'holds no complete message'),
+        (lambda path: path.write_bytes(b'hello'), 'is no bag'),
+        (lambda path: path.write_bytes(b'SQLite format 3\0' + bytes(5000)), 'cannot be recovered'),
+    ],
+)
 def test_what_cannot_be_recovered_is_one_line(make_it, said, tmp_path, capsys):
     make_it(tmp_path / 'left')
-    assert cli.main(['record', '--recover', str(tmp_path / 'left'), '--out',
-                     str(tmp_path / 'out')]) == 1
+    assert (
+        cli.main(['record', '--recover', str(tmp_path / 'left'), '--out', str(tmp_path / 'out')])
+        == 1
+    )
     assert said in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / 'out').exists()
     assert cli.main(['record', '/x', '--recover', 'y', '--out', str(tmp_path / 'out')]) == 2
@@ -239,6 +277,7 @@ def test_no_damage_of_a_database_gives_a_traceback(tmp_path, capsys):
 
 
 # ---------------------------------------------------------------- no hard links
+
 
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
 @pytest.mark.parametrize('number', [1, 95, 38])
@@ -269,26 +308,39 @@ def test_what_cannot_be_moved_is_kept(name, tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(os, 'replace', refused)
     monkeypatch.setattr(os, 'rename', refused)
-    with pytest.raises(Exception, match='Input/output error'), \
-            BagWriter(tmp_path / name, keep=True) as bag:
+    with (
+        pytest.raises(Exception, match='Input/output error'),
+        BagWriter(tmp_path / name, keep=True) as bag,
+    ):
         bag.add_topic(OTHER, TEXT)
         bag.write(OTHER, START, b'x')
     monkeypatch.undo()
-    left, = tmp_path.iterdir()      # nothing stands in the place of the bag
+    (left,) = tmp_path.iterdir()  # nothing stands in the place of the bag
     assert f'{left} holds what was written until then' in capsys.readouterr().err
     assert [raw for _, _, raw in read(next(left.glob('*.mcap')))] == [b'x']
 
 
 # ---------------------------------------------------------------- signals
 
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_simulate_ends_with_what_it_has(number, tmp_path):
-    with dds.NodeProcess('estimator_pkg.cli', 'simulate', 'encoder', '--duration', '100000',
-                         '--out', str(tmp_path / 'bag'), '--json', str(tmp_path / 'j')) as process:
-        assert dds.until(lambda: any(file.stat().st_size > 100_000
-                                     for file in tmp_path.glob('.bag.*/*')))
+    with dds.NodeProcess(
+        'estimator_pkg.cli',
+        'simulate',
+        'encoder',
+        '--duration',
+        '100000',
+        '--out',
+        str(tmp_path / 'bag'),
+        '--json',
+        str(tmp_path / 'j'),
+    ) as process:
+        assert dds.until(
+            lambda: any(file.stat().st_size > 100_000 for file in tmp_path.glob('.bag.*/*'))
+        )
         process.signal(number)
-        process.signal(signal.SIGTERM)      # a launcher may send several
+        process.signal(signal.SIGTERM)  # a launcher may send several
         assert process.ends() == 128 + number, process.output
     assert 'interrupted: 100000 s were requested' in process.output
     assert sorted(each.name for each in tmp_path.iterdir()) == ['bag', 'j']
@@ -304,10 +356,23 @@ def long_bag(tmp_path_factory):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_replay_ends_with_what_it_has(number, long_bag, tmp_path):
-    with dds.NodeProcess('estimator_pkg.cli', 'replay', str(long_bag), '--observer', 'adaptive',
-                         '--set', 'gravity=false', '--out', str(tmp_path / 'out')) as process:
-        assert dds.until(lambda: not process.alive or any(
-            file.stat().st_size > 100_000 for file in tmp_path.glob('.out.*/*')))
+    with dds.NodeProcess(
+        'estimator_pkg.cli',
+        'replay',
+        str(long_bag),
+        '--observer',
+        'adaptive',
+        '--set',
+        'gravity=false',
+        '--out',
+        str(tmp_path / 'out'),
+    ) as process:
+        assert dds.until(
+            lambda: (
+                not process.alive
+                or any(file.stat().st_size > 100_000 for file in tmp_path.glob('.out.*/*'))
+            )
+        )
         process.signal(number)
         assert process.ends() == 128 + number, process.output
     assert 'interrupted' in process.output and 'Traceback' not in process.output
@@ -321,8 +386,17 @@ def test_evaluate_writes_the_bags_that_it_has(number, tmp_path):
     for name in range(40):
         shutil.copytree(FAULTS, tmp_path / 'bags' / f'b{name:02}')
     page = tmp_path / 'page.html'
-    with dds.NodeProcess('estimator_pkg.cli', 'evaluate', str(tmp_path / 'bags'), '--observer',
-                         'pll', '--html', str(page), '--json', str(tmp_path / 'j')) as process:
+    with dds.NodeProcess(
+        'estimator_pkg.cli',
+        'evaluate',
+        str(tmp_path / 'bags'),
+        '--observer',
+        'pll',
+        '--html',
+        str(page),
+        '--json',
+        str(tmp_path / 'j'),
+    ) as process:
         process.prints('bags/b00')
         process.signal(number)
         assert process.ends() == 128 + number, process.output
@@ -332,9 +406,14 @@ def test_evaluate_writes_the_bags_that_it_has(number, tmp_path):
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize('words', [['evaluate', 'BAG', '--observer', 'all', '--html', 'OUT'],
-                                   ['tune', 'BAG', '--observer', 'pll', '--out', 'OUT'],
-                                   ['identify', 'BAG', '--out', 'OUT']])
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['evaluate', 'BAG', '--observer', 'all', '--html', 'OUT'],
+        ['tune', 'BAG', '--observer', 'pll', '--out', 'OUT'],
+        ['identify', 'BAG', '--out', 'OUT'],
+    ],
+)
 def test_nothing_is_left_of_what_had_nothing(number, words, long_bag, tmp_path):
     at = {'BAG': str(long_bag), 'OUT': str(tmp_path / 'out')}
     with dds.NodeProcess('estimator_pkg.cli', *(at.get(word, word) for word in words)) as process:
@@ -346,25 +425,42 @@ def test_nothing_is_left_of_what_had_nothing(number, words, long_bag, tmp_path):
 
 
 def test_nohup_keeps_a_command_running(tmp_path):
-    script = ('import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n'
-              'from estimator_pkg import cli, interrupts\n'
-              'with interrupts.handled():\n'
-              '    os.kill(os.getpid(), signal.SIGHUP)\n'
-              '    sys.exit(interrupts.came())')
+    script = (
+        'import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n'
+        'from estimator_pkg import cli, interrupts\n'
+        'with interrupts.handled():\n'
+        '    os.kill(os.getpid(), signal.SIGHUP)\n'
+        '    sys.exit(interrupts.came())'
+    )
     assert subprocess.run([sys.executable, '-c', script], timeout=60, check=False).returncode == 0
 
 
 def test_a_terminal_that_goes_away_takes_nothing_along(tmp_path):
     """Output to a terminal that was closed fails; the bag is finished all the same."""
     import pty
+
     master, slave = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, '-m', 'estimator_pkg.cli', 'simulate', 'encoder', '--duration', '100000',
-         '--out', str(tmp_path / 'bag')], stdin=slave, stdout=slave, stderr=slave,
-        start_new_session=True)
+        [
+            sys.executable,
+            '-m',
+            'estimator_pkg.cli',
+            'simulate',
+            'encoder',
+            '--duration',
+            '100000',
+            '--out',
+            str(tmp_path / 'bag'),
+        ],
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        start_new_session=True,
+    )
     os.close(slave)
-    assert dds.until(lambda: any(file.stat().st_size > 100_000
-                                 for file in tmp_path.glob('.bag.*/*')))
+    assert dds.until(
+        lambda: any(file.stat().st_size > 100_000 for file in tmp_path.glob('.bag.*/*'))
+    )
     os.close(master)
     process.send_signal(signal.SIGHUP)
     assert process.wait(60) == 128 + signal.SIGHUP

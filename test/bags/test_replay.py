@@ -46,11 +46,24 @@ def by_hand(raws, setup, only=()):
         valid = bank.update(message.stamp_ns, message.names, message.positions)
         names = [name for name, _, _ in valid]
         deviations = [joint.stddev() for _, joint, _ in valid]
-        found.append((
-            encode(message.stamp_ns, message.frame_id, names, [item[2][0] for item in valid],
-                   [item[2][1] for item in valid]),
-            encode_stddev(message.stamp_ns, message.frame_id, names,
-                          [item[0] for item in deviations], [item[1] for item in deviations])))
+        found.append(
+            (
+                encode(
+                    message.stamp_ns,
+                    message.frame_id,
+                    names,
+                    [item[2][0] for item in valid],
+                    [item[2][1] for item in valid],
+                ),
+                encode_stddev(
+                    message.stamp_ns,
+                    message.frame_id,
+                    names,
+                    [item[0] for item in deviations],
+                    [item[1] for item in deviations],
+                ),
+            )
+        )
     return bank, found
 
 
@@ -68,7 +81,7 @@ def in_blocks(raws, cuts, setup, only=(), fast=False):
             for row, message in zip(answers.rows.tolist(), answers.raw):
                 found[low + row][answers.output] = message.tobytes()
     single = AngleStream(AngleSettings(joints=only or None), setup)
-    if not fast:    # message by message, as the node, every output
+    if not fast:  # message by message, as the node, every output
         assert found == [single.feed(0, raw, 0)[0] for raw in raws]
     return stream, [(answer[0], answer[1]) for answer in found]
 
@@ -94,15 +107,24 @@ def streams(draw):
         positions = [0.01 * i + 0.3 * j for j in range(width)]
         if odd == 10 and positions:
             positions[-1] = draw(st.sampled_from([math.nan, math.inf, -math.inf, 1e300]))
-        raws.append(encode(stamp, draw(st.sampled_from(['', 'base'])) if odd == 11 else 'base',
-                           names, positions))
+        raws.append(
+            encode(
+                stamp,
+                draw(st.sampled_from(['', 'base'])) if odd == 11 else 'base',
+                names,
+                positions,
+            )
+        )
     return raws
 
 
 @settings(max_examples=120, deadline=None)
-@given(raws=streams(), cuts=st.lists(st.integers(0, 120), max_size=8),
-       name=st.sampled_from(['finite_difference', 'hybrid_angle', 'pll']),
-       only=st.sampled_from([(), ('a',), ('b', 'nobody')]))
+@given(
+    raws=streams(),
+    cuts=st.lists(st.integers(0, 120), max_size=8),
+    name=st.sampled_from(['finite_difference', 'hybrid_angle', 'pll']),
+    only=st.sampled_from([(), ('a',), ('b', 'nobody')]),
+)
 def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, only):
     bank, wanted = by_hand(raws, configuration(name), only)
     stream, found = in_blocks(raws, cuts, configuration(name), only)
@@ -116,9 +138,15 @@ def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, onl
 @pytest.mark.skipif(not available(), reason='the extra "fast" is not there')
 def test_compiled_and_plain_agree():
     rng = np.random.default_rng(3)
-    raws = [Encoder().encode(START + i * 1_000_000 + int(rng.integers(0, 1000)), '', ['a', 'b'],
-                             [math.remainder(0.02 * i, 2 * math.pi), 0.1 * math.sin(0.01 * i)])
-            for i in range(2000)]
+    raws = [
+        Encoder().encode(
+            START + i * 1_000_000 + int(rng.integers(0, 1000)),
+            '',
+            ['a', 'b'],
+            [math.remainder(0.02 * i, 2 * math.pi), 0.1 * math.sin(0.01 * i)],
+        )
+        for i in range(2000)
+    ]
     decode = Decoder().decode
     plain = in_blocks(raws, [700], configuration(), fast=False)[1]
     compiled = in_blocks(raws, [1, 2, 1500], configuration(), fast=True)[1]
@@ -158,8 +186,9 @@ def test_the_new_bag_holds_all_and_the_estimates(kind, tmp_path):
     assert [message.raw for message in messages_of(out, ESTIMATE)] == [one for one, _ in wanted]
     assert [message.raw for message in messages_of(out, STDDEV)] == [two for _, two in wanted]
     found = messages_of(out)
-    assert [message[:2] + (message.raw,) for message in found
-            if message.topic in (STATES, OTHER)] == content
+    assert [
+        message[:2] + (message.raw,) for message in found if message.topic in (STATES, OTHER)
+    ] == content
     for before, message in itertools.pairwise(found):  # each estimate follows its measurement
         if message.topic == ESTIMATE:
             assert before.topic == STATES
@@ -186,6 +215,7 @@ def test_without_out_nothing_is_written(recording, tmp_path, capsys, monkeypatch
 
 def test_an_observer_that_fails_is_told_in_one_line(recording, tmp_path, capsys, monkeypatch):
     """As an observer or a model of the user's own may, at any sample."""
+
     def fails(self, *samples):
         return {}['gone']
 
@@ -209,17 +239,35 @@ def test_every_sample_is_accounted_for(tmp_path):
         return START + i * 1_000_000
 
     raws = [encode(at(i), '', ['a', 'b'], [0.001 * i, 0.002 * i]) for i in range(50)]
-    raws += [encode(at(49), '', ['a', 'b'], [0.05, 0.1]), encode(at(48), '', ['a'], [0.05]),
-             encode(at(50), '', ['a', 'b'], [math.nan, 0.1]), encode(0, '', ['b'], [0.1]),
-             encode(at(51), '', [], []), encode(at(51), '', ['a', 'b'], [0.05]),
-             encode(at(51), '', ['a'], []), b'\0\1\0\0', b'garbage']
+    raws += [
+        encode(at(49), '', ['a', 'b'], [0.05, 0.1]),
+        encode(at(48), '', ['a'], [0.05]),
+        encode(at(50), '', ['a', 'b'], [math.nan, 0.1]),
+        encode(0, '', ['b'], [0.1]),
+        encode(at(51), '', [], []),
+        encode(at(51), '', ['a', 'b'], [0.05]),
+        encode(at(51), '', ['a'], []),
+        b'\0\1\0\0',
+        b'garbage',
+    ]
     path = make.ours(tmp_path / 'bag', [(STATES, at(i), raw) for i, raw in enumerate(raws)])
-    replay(path, '--observer', 'finite_difference', '--json', tmp_path / 'json', '--out',
-           tmp_path / 'out')
+    replay(
+        path,
+        '--observer',
+        'finite_difference',
+        '--json',
+        tmp_path / 'json',
+        '--out',
+        tmp_path / 'out',
+    )
     result = json.loads((tmp_path / 'json').read_text())
     counts = result['messages']
-    assert counts == {'received': 59, 'used': 54,
-                      'dropped': {'empty': 2, 'mismatched': 1, 'malformed': 2}, 'estimates': 41}
+    assert counts == {
+        'received': 59,
+        'used': 54,
+        'dropped': {'empty': 2, 'mismatched': 1, 'malformed': 2},
+        'estimates': 41,
+    }
     assert result['joints']['a']['dropped'] == {'duplicate': 1, 'late': 1, 'non_finite': 1}
     assert result['joints']['b']['dropped'] == {'duplicate': 1, 'zero_stamp': 1}
     for joint in result['joints'].values():
@@ -233,8 +281,11 @@ def test_every_sample_is_accounted_for(tmp_path):
 
 def test_gaps_and_loops_in_the_summary(tmp_path):
     encode = Encoder().encode
-    stamps = [i * 10 for i in range(100)] + [2000 + i * 10 for i in range(100)] + [
-        i * 10 for i in range(100)]
+    stamps = (
+        [i * 10 for i in range(100)]
+        + [2000 + i * 10 for i in range(100)]
+        + [i * 10 for i in range(100)]
+    )
     raws = [encode(START + stamp * 1_000_000, '', ['a'], [0.001 * stamp]) for stamp in stamps]
     path = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
     replay(path, '--observer', 'finite_difference', '--json', tmp_path / 'json')
@@ -255,11 +306,15 @@ def test_a_stray_stamp_is_no_gap(size):
     assert seconds.get('gap', 0.0) == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(('stamp', 'names', 'positions', 'why'), [
-    (0, ['a'], [0.1], "every sample of a was dropped: no stamp: use 'stamp_source: publisher'"),
-    (1, ['a'], [math.nan], 'every sample of a was dropped: NaN or infinite'),
-    (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
-    (1, ['a'], [], 'no message of /joint_states has a position')])
+@pytest.mark.parametrize(
+    ('stamp', 'names', 'positions', 'why'),
+    [
+        (0, ['a'], [0.1], "every sample of a was dropped: no stamp: use 'stamp_source: publisher'"),
+        (1, ['a'], [math.nan], 'every sample of a was dropped: NaN or infinite'),
+        (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
+        (1, ['a'], [], 'no message of /joint_states has a position'),
+    ],
+)
 def test_why_there_is_no_estimate(stamp, names, positions, why, tmp_path, capsys):
     raws = [Encoder().encode(stamp and START + i, '', names, positions) for i in range(9)]
     bag = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
@@ -277,8 +332,10 @@ def test_copies_and_names(recording, tmp_path, capsys):
     words = [recording, '--observer', 'finite_difference']
     replay(*words, '--out', tmp_path / 'none', '--copy', '--name', 'mine')
     replay(*words, '--out', tmp_path / 'one', '--copy', OTHER)
-    for name, topics in (('none', {'/mine/estimate', '/mine/estimate_stddev'}),
-                         ('one', {OTHER, ESTIMATE, STDDEV})):
+    for name, topics in (
+        ('none', {'/mine/estimate', '/mine/estimate_stddev'}),
+        ('one', {OTHER, ESTIMATE, STDDEV}),
+    ):
         with open_bag(tmp_path / name) as bag:
             assert set(bag.topics) == topics
     # what was estimated before gives way, and the measurement is still found
@@ -289,7 +346,8 @@ def test_copies_and_names(recording, tmp_path, capsys):
     with open_bag(tmp_path / 'second') as bag:
         assert bag.topics[ESTIMATE].count == 400
     assert [m.raw for m in messages_of(tmp_path / 'second', ESTIMATE)] != [
-        m.raw for m in messages_of(tmp_path / 'first', ESTIMATE)]
+        m.raw for m in messages_of(tmp_path / 'first', ESTIMATE)
+    ]
 
 
 def test_the_same_replay_makes_the_same_bytes(recording, tmp_path):
@@ -297,15 +355,17 @@ def test_the_same_replay_makes_the_same_bytes(recording, tmp_path):
         (tmp_path / name).mkdir()
         replay(recording, '--observer', 'finite_difference', '--out', tmp_path / name / 'out')
     assert (tmp_path / 'a/out/out_0.mcap').read_bytes() == (
-        tmp_path / 'b/out/out_0.mcap').read_bytes()
+        tmp_path / 'b/out/out_0.mcap'
+    ).read_bytes()
 
 
 def angle_bag(path, kind, values, *, publish_step=1_000_000):
     with BagWriter(path) as bag:
         bag.add_topic('/angle', f'std_msgs/msg/{kind}')
         for i, value in enumerate(values):
-            raw = STORE.serialize_cdr(STORE.types[f'std_msgs/msg/{kind}'](value),
-                                      f'std_msgs/msg/{kind}')
+            raw = STORE.serialize_cdr(
+                STORE.types[f'std_msgs/msg/{kind}'](value), f'std_msgs/msg/{kind}'
+            )
             bag.write('/angle', START + i * 2_000_000, bytes(raw), START + i * publish_step)
     return path
 
@@ -313,15 +373,30 @@ def angle_bag(path, kind, values, *, publish_step=1_000_000):
 def test_raw_counts_at_their_publish_times(tmp_path):
     counts = [(7 * i) % 4096 for i in range(300)]
     path = angle_bag(tmp_path / 'bag', 'Int32', counts)
-    replay(path, '--observer', 'finite_difference', '--angle', '/angle:data', '--set',
-           'counts_per_revolution=4096', '--set', 'angle_sign=-1', '--joint', 'wheel',
-           '--out', tmp_path / 'out')
+    replay(
+        path,
+        '--observer',
+        'finite_difference',
+        '--angle',
+        '/angle:data',
+        '--set',
+        'counts_per_revolution=4096',
+        '--set',
+        'angle_sign=-1',
+        '--joint',
+        'wheel',
+        '--out',
+        tmp_path / 'out',
+    )
     angle = RawAngle(4096.0, 0.0, -1)
     setup = Configuration(observers.find('finite_difference'), {'quantum': angle.quantum})
-    raws = [Encoder().encode(START + i * 1_000_000, '', ['wheel'], [angle.angle(count)])
-            for i, count in enumerate(counts)]
+    raws = [
+        Encoder().encode(START + i * 1_000_000, '', ['wheel'], [angle.angle(count)])
+        for i, count in enumerate(counts)
+    ]
     assert [message.raw for message in messages_of(tmp_path / 'out', ESTIMATE)] == [
-        one for one, _ in by_hand(raws, setup)[1]]
+        one for one, _ in by_hand(raws, setup)[1]
+    ]
     speed = Decoder().decode(messages_of(tmp_path / 'out', ESTIMATE)[-1].raw).velocities[0]
     assert speed == pytest.approx(-7 * 2 * math.pi / 4096 * 1000, rel=0.01)
 
@@ -329,9 +404,11 @@ def test_raw_counts_at_their_publish_times(tmp_path):
 def test_the_parameter_file_of_a_node_with_an_angle_topic(tmp_path):
     path = angle_bag(tmp_path / 'bag', 'Float64', [0.01 * i for i in range(200)])
     params = tmp_path / 'params.yaml'
-    params.write_text('joint_observer:\n  ros__parameters:\n    input: angle\n'
-                      '    angle_joint: arm\n    observer: finite_difference\n'
-                      '    use_sim_time: true\n    qos_overrides: {/x: {depth: 3}}\n')
+    params.write_text(
+        'joint_observer:\n  ros__parameters:\n    input: angle\n'
+        '    angle_joint: arm\n    observer: finite_difference\n'
+        '    use_sim_time: true\n    qos_overrides: {/x: {depth: 3}}\n'
+    )
     replay(path, '--params', params, '--out', tmp_path / 'out')
     with open_bag(tmp_path / 'out') as bag:
         assert joint_series(bag, ESTIMATE)['arm'].velocity[-1] == pytest.approx(10.0)
@@ -343,25 +420,41 @@ def test_stamps_of_the_publisher(tmp_path):
         bag.add_topic(STATES, TYPE)
         for i, raw in enumerate(raws):
             bag.write(STATES, START + 5 * i, raw, START + i * 1_000_000)
-    replay(tmp_path / 'bag', '--observer', 'finite_difference', '--set', 'stamp_source=publisher',
-           '--out', tmp_path / 'out')
+    replay(
+        tmp_path / 'bag',
+        '--observer',
+        'finite_difference',
+        '--set',
+        'stamp_source=publisher',
+        '--out',
+        tmp_path / 'out',
+    )
     with open_bag(tmp_path / 'out') as bag:
         series = joint_series(bag, ESTIMATE)['a']
     assert series.velocity[-1] == pytest.approx(10.0)
     assert series.stamps_ns[-1] == START + 99 * 1_000_000
     # estimates were never published: their times are those at which they would have been recorded
-    assert [(message.log_ns, message.publish_ns) for message in
-            messages_of(tmp_path / 'out', ESTIMATE)] == [(START + 5 * i, START + 5 * i)
-                                                         for i in range(100)]
+    assert [
+        (message.log_ns, message.publish_ns) for message in messages_of(tmp_path / 'out', ESTIMATE)
+    ] == [(START + 5 * i, START + 5 * i) for i in range(100)]
 
 
 @pytest.mark.parametrize('name', ['yawbag', 'flybag', 'yx2bag'])
 def test_yaw_of_motion_capture(name, tmp_path):
     path = RECORDINGS / 'vicon' / name
     with open_bag(path) as bag:
-        topic, = (topic for topic in bag.topics.values() if 'PoseStamped' in topic.type)
-    replay(path, '--observer', 'finite_difference', '--angle', f'{topic.name}:pose.orientation.yaw',
-           '--out', tmp_path / 'out', '--json', tmp_path / 'json')
+        (topic,) = (topic for topic in bag.topics.values() if 'PoseStamped' in topic.type)
+    replay(
+        path,
+        '--observer',
+        'finite_difference',
+        '--angle',
+        f'{topic.name}:pose.orientation.yaw',
+        '--out',
+        tmp_path / 'out',
+        '--json',
+        tmp_path / 'json',
+    )
     result = json.loads((tmp_path / 'json').read_text())
     assert result['messages']['used'] == topic.count
     with open_bag(tmp_path / 'out') as bag:
@@ -377,8 +470,11 @@ def refused():
     """(words behind the bag, what the line says, exit code)."""
     return [
         (['--observer', 'finite_diference'], "did you mean 'finite_difference'?", 2),
-        (['--set', 'bandwith_hz=3'], "unknown parameter 'bandwith_hz': did you mean "
-                                     "'bandwidth_hz'?", 2),
+        (
+            ['--set', 'bandwith_hz=3'],
+            "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?",
+            2,
+        ),
         (['--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
         (['--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
@@ -414,10 +510,12 @@ def test_wrong_use_is_one_line_and_leaves_nothing(words, said, code, recording, 
 
 def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
     params = tmp_path / 'params.yaml'
-    for text, said in (('bandwith_hz: 3', "did you mean 'bandwidth_hz'?"),
-                       ('bandwidth_hz: 1e9', 'is outside'),
-                       ('joints: {a: {ordre: 2}}', 'unknown parameter'),
-                       ('joints: [zz]', "has no joint 'zz'; it has a, b")):
+    for text, said in (
+        ('bandwith_hz: 3', "did you mean 'bandwidth_hz'?"),
+        ('bandwidth_hz: 1e9', 'is outside'),
+        ('joints: {a: {ordre: 2}}', 'unknown parameter'),
+        ('joints: [zz]', "has no joint 'zz'; it has a, b"),
+    ):
         params.write_text(f'/**:\n  ros__parameters:\n    {text}\n')
         assert cli.main(['replay', str(recording), '--params', str(params)]) in (1, 2)
         error = capsys.readouterr().err
@@ -440,8 +538,12 @@ def test_which_topic_is_the_measurement(tmp_path, capsys):
                 writer.write(topic, START, raw)
         return tmp_path / name
 
-    truth = ['/ground_truth/joint_states', '/x/ground_truth/joint_states', '/obs/estimate',
-             '/obs/estimate_stddev']
+    truth = [
+        '/ground_truth/joint_states',
+        '/x/ground_truth/joint_states',
+        '/obs/estimate',
+        '/obs/estimate_stddev',
+    ]
     replay(bag('one', ['/arm/joint_states', *truth]))
     assert 'on /arm/joint_states' in capsys.readouterr().out
     replay(bag('usual', ['/arm/joint_states', STATES, *truth]))
@@ -455,11 +557,21 @@ def test_which_topic_is_the_measurement(tmp_path, capsys):
 def test_gains_that_are_unstable_at_this_rate_are_told(recording, capsys, tmp_path):
     # what no observer takes: a sample time far beyond the bandwidth
     encode = Encoder().encode
-    content = [(STATES, START + i, encode(START + i * 2 * 10**9, '', ['a'], [0.1 * i]))
-               for i in range(40)]
+    content = [
+        (STATES, START + i, encode(START + i * 2 * 10**9, '', ['a'], [0.1 * i])) for i in range(40)
+    ]
     path = make.ours(tmp_path / 'slow', content)
-    replay(path, '--observer', 'hybrid_angle', '--set', 'form=paper', '--set', 'bandwidth_hz=200',
-           '--json', tmp_path / 'json')
+    replay(
+        path,
+        '--observer',
+        'hybrid_angle',
+        '--set',
+        'form=paper',
+        '--set',
+        'bandwidth_hz=200',
+        '--json',
+        tmp_path / 'json',
+    )
     joint = json.loads((tmp_path / 'json').read_text())['joints']['a']
     assert joint['received'] == joint['used'] + sum(joint['dropped'].values())
     assert joint['dropped'].get('misconfigured') or not joint['why']
@@ -478,7 +590,7 @@ def test_an_interrupt_leaves_nothing(recording, tmp_path, monkeypatch, capsys):
 def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(recording, tmp_path, capsys):
     raw = (recording / 'bag_0.mcap').read_bytes()
     file = tmp_path / 'cut.mcap'
-    file.write_bytes(raw[:len(raw) // 2])
+    file.write_bytes(raw[: len(raw) // 2])
     replay(file, '--observer', 'finite_difference', '--json', tmp_path / 'json')
     result = json.loads((tmp_path / 'json').read_text())
     assert 0 < result['messages']['received'] <= 400

@@ -58,6 +58,7 @@ def gripper(tmp_path_factory):
 
 # ---------------------------------------------------------------- over DDS
 
+
 def subscribed(probe, kind, topic, depth=5000):
     found = []
     return found, probe.node.create_subscription(kind, topic, found.append, depth, raw=True)
@@ -68,14 +69,31 @@ def test_adaptive_replay_equals_the_live_node(motor, probe, tmp_path):
     from diagnostic_msgs.msg import DiagnosticArray
     from sensor_msgs.msg import JointState
 
-    result = result_of(tmp_path, 'replay', motor, '--observer', 'adaptive', '--out',
-                       tmp_path / 'out', *settings('bandwidth_hz=6'))
+    result = result_of(
+        tmp_path,
+        'replay',
+        motor,
+        '--observer',
+        'adaptive',
+        '--out',
+        tmp_path / 'out',
+        *settings('bandwidth_hz=6'),
+    )
     deviations, first = subscribed(probe, JointState, '/adaptive_observer/estimate_stddev')
-    identified, second = subscribed(probe, DiagnosticArray,
-                                    '/adaptive_observer/identified_parameters')
-    with dds.NodeProcess('estimator_pkg.nodes.executables adaptive_observer', '--ros-args', '-r',
-                         'joint_states:=/motor', '-p', 'bandwidth_hz:=6.0'), \
-            dds.Observer(probe, '/adaptive_observer', '/motor') as node:
+    identified, second = subscribed(
+        probe, DiagnosticArray, '/adaptive_observer/identified_parameters'
+    )
+    with (
+        dds.NodeProcess(
+            'estimator_pkg.nodes.executables adaptive_observer',
+            '--ros-args',
+            '-r',
+            'joint_states:=/motor',
+            '-p',
+            'bandwidth_hz:=6.0',
+        ),
+        dds.Observer(probe, '/adaptive_observer', '/motor') as node,
+    ):
         node.connect()
         probe.until(lambda: first.get_publisher_count() and second.get_publisher_count())
         probe.spin(0.3)
@@ -96,8 +114,9 @@ def test_adaptive_replay_equals_the_live_node(motor, probe, tmp_path):
 
 
 def test_identified_parameters_are_written_ten_times_a_second(motor, tmp_path):
-    result = result_of(tmp_path, 'replay', motor, '--observer', 'adaptive', '--out',
-                       tmp_path / 'out')
+    result = result_of(
+        tmp_path, 'replay', motor, '--observer', 'adaptive', '--out', tmp_path / 'out'
+    )
     raws = raws_of(tmp_path / 'out', '/adaptive_observer/identified_parameters')
     messages = [jazzy().deserialize_cdr(raw, diagnostics.TYPE) for raw in raws]
     stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages]
@@ -105,7 +124,8 @@ def test_identified_parameters_are_written_ten_times_a_second(motor, tmp_path):
     assert all(0.09 < b - a < 0.11 for a, b in itertools.pairwise(stamps))
     last = messages[-1].status[0]
     assert last.name == 'joint' and last.message.startswith(
-        result['joints']['joint']['identified']['state'])
+        result['joints']['joint']['identified']['state']
+    )
     values = {item.key: item.value for item in last.values}
     assert float(values['b/J']) == pytest.approx(2.0, rel=0.1)
 
@@ -114,19 +134,44 @@ def test_switched_replay_equals_the_live_node(gripper, probe, tmp_path):
     """Bytes of estimates, standard deviations and discrete states, across the event."""
     from sensor_msgs.msg import JointState
 
-    result = result_of(tmp_path, 'replay', gripper, '--observer', 'switched', '--out',
-                       tmp_path / 'out', *settings('quantum=9.6e-5'))
-    assert result['switch_events'] and set(result['switch_events']) <= {'waiting', 'applied',
-                                                                        'late'}
-    others = [subscribed(probe, JointState, f'/switched_observer/{name}')
-              for name in ('estimate_stddev', 'discrete_state')]
+    result = result_of(
+        tmp_path,
+        'replay',
+        gripper,
+        '--observer',
+        'switched',
+        '--out',
+        tmp_path / 'out',
+        *settings('quantum=9.6e-5'),
+    )
+    assert result['switch_events'] and set(result['switch_events']) <= {
+        'waiting',
+        'applied',
+        'late',
+    }
+    others = [
+        subscribed(probe, JointState, f'/switched_observer/{name}')
+        for name in ('estimate_stddev', 'discrete_state')
+    ]
     event = probe.node.create_publisher(JointState, EVENTS, 10)
-    with dds.NodeProcess('estimator_pkg.nodes.executables switched_observer', '--ros-args', '-r',
-                         'joint_states:=/gripper', '-p', 'quantum:=9.6e-5'), \
-            dds.Observer(probe, '/switched_observer', '/gripper') as node:
+    with (
+        dds.NodeProcess(
+            'estimator_pkg.nodes.executables switched_observer',
+            '--ros-args',
+            '-r',
+            'joint_states:=/gripper',
+            '-p',
+            'quantum:=9.6e-5',
+        ),
+        dds.Observer(probe, '/switched_observer', '/gripper') as node,
+    ):
         node.connect()
-        probe.until(lambda: event.get_subscription_count()
-                    and all(subscription.get_publisher_count() for _, subscription in others))
+        probe.until(
+            lambda: (
+                event.get_subscription_count()
+                and all(subscription.get_publisher_count() for _, subscription in others)
+            )
+        )
         probe.spin(0.3)
         with open_bag(gripper) as bag:
             for message in bag.messages([STATES, EVENTS]):
@@ -135,8 +180,10 @@ def test_switched_replay_equals_the_live_node(gripper, probe, tmp_path):
                 else:  # it has been taken before the next sample comes
                     event.publish(bytes(message.raw))
                     probe.spin(0.3)
-        replayed = [raws_of(tmp_path / 'out', f'/switched_observer/{name}')
-                    for name in ('estimate', 'estimate_stddev', 'discrete_state')]
+        replayed = [
+            raws_of(tmp_path / 'out', f'/switched_observer/{name}')
+            for name in ('estimate', 'estimate_stddev', 'discrete_state')
+        ]
         probe.until(lambda: len(others[1][0]) >= len(replayed[2]))
     for _, subscription in others:
         probe.node.destroy_subscription(subscription)
@@ -145,20 +192,21 @@ def test_switched_replay_equals_the_live_node(gripper, probe, tmp_path):
     decode = Decoder().decode
     before, after = decode(replayed[2][200]), decode(replayed[2][-1])
     assert before.names[0] == after.names[0] and len(replayed[2]) > 800
-    assert abs(after.positions[0] / before.positions[0] - 1.0) > 0.2   # the load has changed
+    assert abs(after.positions[0] / before.positions[0] - 1.0) > 0.2  # the load has changed
 
 
 # ---------------------------------------------------------------- evaluate equals replay
 
+
 def evaluated(tmp_path, bag, *words):
-    found, = result_of(tmp_path, 'evaluate', bag, *words)['bags'].values()
+    (found,) = result_of(tmp_path, 'evaluate', bag, *words)['bags'].values()
     return found['estimates']
 
 
 def same_rows(tmp_path, bag, observer, node, *words):
     """`evaluate --observer` gives the rows that `evaluate` gives of the replayed bag."""
     run('replay', bag, '--observer', observer, *words, '--out', tmp_path / 'replayed')
-    told, = evaluated(tmp_path, tmp_path / 'replayed').values()
+    (told,) = evaluated(tmp_path, tmp_path / 'replayed').values()
     direct = evaluated(tmp_path, bag, '--observer', observer, *words)[observer]
     assert direct['joints'].keys() == told['joints'].keys()
     for joint, row in direct['joints'].items():
@@ -178,26 +226,44 @@ def test_evaluate_switched(gripper, tmp_path):
 
 
 def test_evaluate_a_drive(tmp_path):
-    rows = same_rows(tmp_path, DRIVES / 'drive_profile', 'pmsm', 'pmsm_observer',
-                     *settings(*MOTOR, 'compile=false'))
+    rows = same_rows(
+        tmp_path,
+        DRIVES / 'drive_profile',
+        'pmsm',
+        'pmsm_observer',
+        *settings(*MOTOR, 'compile=false'),
+    )
     assert set(rows['joints']) == {'motor', 'motor_electrical'}
 
 
 def test_mechanical_stands_beside_angle_observers(tmp_path, capsys):
     run('simulate', 'pendulum', '--duration', 6, '--set', 'rate=500', '--out', tmp_path / 'bag')
     params = tmp_path / 'params.yaml'
-    params.write_text('/**:\n  ros__parameters:\n    observer: geso\n    bandwidth_hz: 5.0\n'
-                      '    model_parameters: [inertia=0.05, damping=0.02, gravity=1.5, '
-                      'coulomb=0.05]\n')
+    params.write_text(
+        '/**:\n  ros__parameters:\n    observer: geso\n    bandwidth_hz: 5.0\n'
+        '    model_parameters: [inertia=0.05, damping=0.02, gravity=1.5, '
+        'coulomb=0.05]\n'
+    )
     words = ['--params', params]
     same_rows(tmp_path, tmp_path / 'bag', 'geso', 'mechanical_observer', *words)
     capsys.readouterr()
-    rows = evaluated(tmp_path, tmp_path / 'bag', '--observer', 'geso', '--observer', 'pll',
-                     '--html', tmp_path / 'page.html', *words)
+    rows = evaluated(
+        tmp_path,
+        tmp_path / 'bag',
+        '--observer',
+        'geso',
+        '--observer',
+        'pll',
+        '--html',
+        tmp_path / 'page.html',
+        *words,
+    )
     said = capsys.readouterr().out
     assert '\ngeso ' in said and '\npll ' in said
-    assert rows['geso']['joints']['joint']['velocity']['rms'] < 0.5 * (
-        rows['pll']['joints']['joint']['velocity']['rms'])
+    assert (
+        rows['geso']['joints']['joint']['velocity']['rms']
+        < 0.5 * (rows['pll']['joints']['joint']['velocity']['rms'])
+    )
     assert 'geso' in (tmp_path / 'page.html').read_text()
     # the file's bandwidth is that of its own observer
     alone = evaluated(tmp_path, tmp_path / 'bag', '--observer', 'pll')
@@ -206,25 +272,35 @@ def test_mechanical_stands_beside_angle_observers(tmp_path, capsys):
 
 def test_a_file_without_an_observer_goes_to_the_kind_that_knows_its_parameters(tmp_path):
     run('simulate', 'pendulum', '--duration', 1, '--set', 'rate=500', '--out', tmp_path / 'bag')
-    params = tmp_path / 'identified.yaml'   # as identify writes it
-    for parameters, observer in (('model_parameters: [inertia=0.05]', 'geso'),
-                                 ('joints.joint: {gravity: true}', 'adaptive'),
-                                 ('bandwidth_hz: 20.0', 'hybrid_angle'),
-                                 ('joints.joint: {bandwidth_hz: 20.0}', 'hybrid_angle')):
+    params = tmp_path / 'identified.yaml'  # as identify writes it
+    for parameters, observer in (
+        ('model_parameters: [inertia=0.05]', 'geso'),
+        ('joints.joint: {gravity: true}', 'adaptive'),
+        ('bandwidth_hz: 20.0', 'hybrid_angle'),
+        ('joints.joint: {bandwidth_hz: 20.0}', 'hybrid_angle'),
+    ):
         params.write_text(f'/**:\n  ros__parameters:\n    {parameters}\n')
         found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--params', params)
         assert found['observer'] == observer, parameters
 
 
 def test_parameters_go_to_the_observers_that_know_them(motor, tmp_path):
-    rows = evaluated(tmp_path, motor, '--observer', 'pll', '--observer', 'adaptive',
-                     *settings('damping=0.9', 'order=2'))
+    rows = evaluated(
+        tmp_path,
+        motor,
+        '--observer',
+        'pll',
+        '--observer',
+        'adaptive',
+        *settings('damping=0.9', 'order=2'),
+    )
     alone = evaluated(tmp_path, motor, '--observer', 'pll')
     assert list(rows) == ['pll', 'adaptive']
     assert rows['pll'] != alone['pll']
 
 
 # ---------------------------------------------------------------- what a kind is
+
 
 def test_a_damaged_input_is_not_taken_for_a_measurement(tmp_path):
     encode = Encoder().encode
@@ -235,8 +311,14 @@ def test_a_damaged_input_is_not_taken_for_a_measurement(tmp_path):
             raw = encode(i * 10**7, '', ['joint'], [0.01 * i], [], [0.1])
             bag.write(STATES, i * 10**7, raw if i > 1 else b'bad')
             bag.write('/effort_command', i * 10**7, raw if i % 4 else b'bad')
-    found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--observer', 'geso',
-                      *settings('input=effort_command', 'joints=[joint]'))['messages']
+    found = result_of(
+        tmp_path,
+        'replay',
+        tmp_path / 'bag',
+        '--observer',
+        'geso',
+        *settings('input=effort_command', 'joints=[joint]'),
+    )['messages']
     assert (found['received'], found['used'], found['inputs_malformed']) == (100, 99, 25)
     assert found['dropped'] == {'malformed': 1}
 
@@ -260,12 +342,16 @@ def test_every_observer_has_a_kind():
 def test_replay_knows_no_kinds():
     """What it says of a kind, the kind says itself."""
     from estimator_pkg.bags import replay
+
     text = Path(replay.__file__).read_text()
-    assert not any(f'{word}' in text for word in (
-        'mechanical', 'pmsm', 'adaptive', 'switched', 'drive_samples'))
+    assert not any(
+        f'{word}' in text
+        for word in ('mechanical', 'pmsm', 'adaptive', 'switched', 'drive_samples')
+    )
 
 
 # ---------------------------------------------------------------- errors, one line each
+
 
 @pytest.fixture(scope='module')
 def bare(tmp_path_factory):
@@ -276,22 +362,27 @@ def bare(tmp_path_factory):
         for topic in (STATES, '/ground_truth/joint_states'):
             bag.add_topic(topic, TYPE)
         for i in range(400):
-            stamp = 10 ** 18 + i * 2_000_000
+            stamp = 10**18 + i * 2_000_000
             bag.write(STATES, stamp, encode(stamp, '', ['joint'], [2e-3 * i]))
-            bag.write('/ground_truth/joint_states', stamp,
-                      encode(stamp, '', ['joint'], [2e-3 * i], [1.0]))
+            bag.write(
+                '/ground_truth/joint_states', stamp, encode(stamp, '', ['joint'], [2e-3 * i], [1.0])
+            )
     return path
 
 
-@pytest.mark.parametrize(('words', 'said'), [
-    (['--observer', 'geso'], 'geso gives no estimate: '),
-    (['--observer', 'adaptive'], '/joint_states carries no effort'),
-    (['--observer', 'switched'], 'with the effort that the model needs'),
-    (['--observer', 'pmsm', *settings(*MOTOR)], "has no topic '/drive_samples'"),
-    (['--observer', 'geso', *settings('modle=x')], "did you mean 'model'?"),
-    (['--observer', 'pmsm'], 'pmsm needs the motor data'),
-    (['--observer', 'pll', '--params', '/nowhere.yaml'], 'cannot read /nowhere.yaml'),
-    (['--set', 'order=2'], '--observer')])
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['--observer', 'geso'], 'geso gives no estimate: '),
+        (['--observer', 'adaptive'], '/joint_states carries no effort'),
+        (['--observer', 'switched'], 'with the effort that the model needs'),
+        (['--observer', 'pmsm', *settings(*MOTOR)], "has no topic '/drive_samples'"),
+        (['--observer', 'geso', *settings('modle=x')], "did you mean 'model'?"),
+        (['--observer', 'pmsm'], 'pmsm needs the motor data'),
+        (['--observer', 'pll', '--params', '/nowhere.yaml'], 'cannot read /nowhere.yaml'),
+        (['--set', 'order=2'], '--observer'),
+    ],
+)
 def test_evaluate_says_what_a_bag_lacks(bare, words, said, capsys):
     assert cli.main(['evaluate', str(bare), *words]) in (1, 2)
     lines = capsys.readouterr().err.strip().splitlines()

@@ -15,16 +15,22 @@ from estimator_pkg.messages.joint_state import Encoder
 
 def test_joints_come_go_and_change_order(tmp_path):
     encode = Encoder().encode
-    given = [(1, ['a', 'b'], [1.0, 2.0], [], [0.1, 0.2]),
-             (2, ['b', 'a'], [3.0, 4.0], [5.0, 6.0], []),
-             (3, ['b'], [7.0], [], []), (4, ['a', 'b'], [8.0], [], [0.3, 0.4]), (5, [], [], [], [])]
+    given = [
+        (1, ['a', 'b'], [1.0, 2.0], [], [0.1, 0.2]),
+        (2, ['b', 'a'], [3.0, 4.0], [5.0, 6.0], []),
+        (3, ['b'], [7.0], [], []),
+        (4, ['a', 'b'], [8.0], [], [0.3, 0.4]),
+        (5, [], [], [], []),
+    ]
     messages = [(STATES, START + 10 * stamp, encode(stamp, 'f', *rest)) for stamp, *rest in given]
     with open_bag(make.ours(tmp_path / 'bag', messages)) as bag:
         series = joint_series(bag, STATES)
     assert list(series) == ['a', 'b']
     nan = np.nan
-    expected = {'a': ([1, 2, 4], [1, 4, nan], [nan, 6, nan], [0.1, nan, 0.3]),
-                'b': ([1, 2, 3, 4], [2, 3, 7, nan], [nan, 5, nan, nan], [0.2, nan, nan, 0.4])}
+    expected = {
+        'a': ([1, 2, 4], [1, 4, nan], [nan, 6, nan], [0.1, nan, 0.3]),
+        'b': ([1, 2, 3, 4], [2, 3, 7, nan], [nan, 5, nan, nan], [0.2, nan, nan, 0.4]),
+    }
     for name, columns in expected.items():
         for found, wanted in zip(series[name], columns):
             np.testing.assert_array_equal(found, wanted)

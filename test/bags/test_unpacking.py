@@ -20,43 +20,61 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.errors import UserError
 
 MIB = unpacking.MIB
-BOMBS = {'zstd': lambda size: zstandard.compress(bytes(size)),
-         'zstd without its size': lambda size: zstandard.ZstdCompressor(
-             write_content_size=False).compress(bytes(size)),
-         'lz4': lambda size: lz4.frame.compress(bytes(size)),
-         'lz4 without its size': lambda size: lz4.frame.compress(bytes(size), store_size=False)}
+BOMBS = {
+    'zstd': lambda size: zstandard.compress(bytes(size)),
+    'zstd without its size': lambda size: zstandard.ZstdCompressor(
+        write_content_size=False
+    ).compress(bytes(size)),
+    'lz4': lambda size: lz4.frame.compress(bytes(size)),
+    'lz4 without its size': lambda size: lz4.frame.compress(bytes(size), store_size=False),
+}
 
 
 def with_chunk(path, kind, unpacked, declared):
     """An MCAP without index whose second chunk unpacks to `unpacked` and declares `declared`."""
     from mcap.data_stream import RecordBuilder
     from mcap.records import Chunk
+
     make.mcap(path, make.content(5), chunk_size=1)
     with open(path, 'rb') as stream:
         index = make_reader(stream).get_summary().chunk_indexes[-1]
     packed = BOMBS[kind](unpacked)
     builder = RecordBuilder()
-    Chunk(compression=kind.split()[0], data=packed, message_start_time=make.START,
-          message_end_time=make.START, uncompressed_crc=0, uncompressed_size=declared
-          ).write(builder)
+    Chunk(
+        compression=kind.split()[0],
+        data=packed,
+        message_start_time=make.START,
+        message_end_time=make.START,
+        uncompressed_crc=0,
+        uncompressed_size=declared,
+    ).write(builder)
     whole = path.read_bytes()
-    path.write_bytes(whole[:index.chunk_start_offset] + builder.end()
-                     + whole[index.chunk_start_offset:index.chunk_start_offset
-                             + index.chunk_length])
+    path.write_bytes(
+        whole[: index.chunk_start_offset]
+        + builder.end()
+        + whole[index.chunk_start_offset : index.chunk_start_offset + index.chunk_length]
+    )
     return path
 
 
 @pytest.mark.parametrize('kind', BOMBS)
 def test_a_chunk_unpacks_to_no_more_than_it_declares(kind, tmp_path):
     path = with_chunk(tmp_path / 'bag.mcap', kind, 64 * MIB, 1000)
-    script = ('import resource, sys; from estimator_pkg.bags.reader import open_bag\n'
-              'before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n'
-              'bag = open_bag(sys.argv[1]); print(len(list(bag.messages())))\n'
-              'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)')
-    done = subprocess.run([sys.executable, '-c', script, str(path)], capture_output=True,
-                          text=True, timeout=60, check=True)
+    script = (
+        'import resource, sys; from estimator_pkg.bags.reader import open_bag\n'
+        'before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n'
+        'bag = open_bag(sys.argv[1]); print(len(list(bag.messages())))\n'
+        'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
     count, kilobytes = map(int, done.stdout.split())
-    assert count == 7       # of the sound chunks
+    assert count == 7  # of the sound chunks
     assert kilobytes < 32 * 1024
     assert 'the chunk at byte' in done.stderr and 'is damaged' in done.stderr
 
@@ -64,14 +82,22 @@ def test_a_chunk_unpacks_to_no_more_than_it_declares(kind, tmp_path):
 @pytest.mark.parametrize('kind', BOMBS)
 def test_a_chunk_unpacks_to_no_more_than_the_limit(kind, tmp_path, capsys):
     path = with_chunk(tmp_path / 'bag.mcap', kind, 3 * MIB, 3 * MIB)
-    with pytest.raises(UserError, match=r'the chunk at byte \d+ unpacks to more than 2 MiB: if '
-                                        'you trust the bag, raise --unpack-limit'):
+    with pytest.raises(
+        UserError,
+        match=r'the chunk at byte \d+ unpacks to more than 2 MiB: if '
+        'you trust the bag, raise --unpack-limit',
+    ):
         open_bag(path, 2 * MIB)
     with open_bag(path) as bag:
         assert bag.count == 7
     capsys.readouterr()
-    for command in (['replay', path], ['evaluate', path], ['identify', path], ['play', path],
-                    ['tune', path, '--observer', 'pll', '--out', tmp_path / 'out.yaml']):
+    for command in (
+        ['replay', path],
+        ['evaluate', path],
+        ['identify', path],
+        ['play', path],
+        ['tune', path, '--observer', 'pll', '--out', tmp_path / 'out.yaml'],
+    ):
         assert cli.main([*map(str, command), '--unpack-limit', '2']) == 1
         said = capsys.readouterr().err
         assert 'raise --unpack-limit' in said and said.count('\n') == 1
@@ -110,8 +136,10 @@ def test_messages_compressed_one_by_one_are_bounded(kind, tmp_path):
     with sqlite3.connect(next(path.glob('*.db3'))) as base:
         base.execute('update messages set data = ? where id = 3', (BOMBS[kind](3 * MIB),))
     base.close()
-    with open_bag(path, 2 * MIB) as bag, pytest.raises(UserError, match='a message unpacks to '
-                                                                        'more than 2 MiB'):
+    with (
+        open_bag(path, 2 * MIB) as bag,
+        pytest.raises(UserError, match='a message unpacks to more than 2 MiB'),
+    ):
         list(bag.messages())
     with open_bag(path) as bag:
         assert max(len(message.raw) for message in bag.messages()) == 3 * MIB
@@ -130,14 +158,13 @@ def test_many_large_messages_come_a_few_at_a_time(tmp_path):
 @pytest.mark.parametrize('kind', ['sqlite3, file compressed', 'mcap folder, file compressed'])
 def test_a_compressed_file_is_bounded(kind, tmp_path, monkeypatch):
     path = make.KINDS[kind](tmp_path / 'bag', make.content(9))
-    packed, = (file for file in path.iterdir() if file.suffix == '.zstd')
+    (packed,) = (file for file in path.iterdir() if file.suffix == '.zstd')
     packed.write_bytes(BOMBS['zstd without its size'](64 * MIB))
     monkeypatch.setattr(unpacking, 'RATIO', 2)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4 * MIB, limits[1]))     # no file is larger
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4 * MIB, limits[1]))  # no file is larger
     try:
         with pytest.raises(UserError, match=f'{packed.name} unpacks to more than 1 MiB'):
             open_bag(path, MIB)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-

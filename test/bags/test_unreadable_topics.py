@@ -22,17 +22,22 @@ COUNT = 60
 def commands(path, tmp_path):
     """Every command that reads a bag, but play, which needs a ROS graph."""
     out = tmp_path / 'out'
-    return [['replay', path], ['replay', path, '--out', out], ['evaluate', path],
-            ['replay', path, '--measurement', STATES], ['evaluate', path, '--observer', 'pll'],
-            ['replay', path, '--angle', f'{STATES}:position[0]'],
-            ['evaluate', path, '--html', f'{out}.html', '--observer', 'pll'],
-            ['replay', path, '--observer', 'geso', '--set', 'joints=[a]'],
-            ['replay', path, '--observer', 'adaptive'],
-            ['evaluate', path, '--observer', 'adaptive'],
-            ['evaluate', path, '--observer', 'pll', '--angle', f'{STATES}:position[0]'],
-            ['tune', path, '--observer', 'pll', '--out', f'{out}.yaml'],
-            ['tune', path, '--observer', 'adaptive', '--out', f'{out}.yaml'],
-            ['identify', path, '--out', f'{out}.yaml']]
+    return [
+        ['replay', path],
+        ['replay', path, '--out', out],
+        ['evaluate', path],
+        ['replay', path, '--measurement', STATES],
+        ['evaluate', path, '--observer', 'pll'],
+        ['replay', path, '--angle', f'{STATES}:position[0]'],
+        ['evaluate', path, '--html', f'{out}.html', '--observer', 'pll'],
+        ['replay', path, '--observer', 'geso', '--set', 'joints=[a]'],
+        ['replay', path, '--observer', 'adaptive'],
+        ['evaluate', path, '--observer', 'adaptive'],
+        ['evaluate', path, '--observer', 'pll', '--angle', f'{STATES}:position[0]'],
+        ['tune', path, '--observer', 'pll', '--out', f'{out}.yaml'],
+        ['tune', path, '--observer', 'adaptive', '--out', f'{out}.yaml'],
+        ['identify', path, '--out', f'{out}.yaml'],
+    ]
 
 
 def refused(words, capsys):
@@ -65,8 +70,12 @@ def in_metadata(path, make_bag=make.ours):
     return path
 
 
-DECLARED = {'mcap': in_mcap, 'sqlite': in_sqlite, 'metadata of mcap': in_metadata,
-            'metadata of sqlite': lambda path: in_metadata(path, make.rosbags)}
+DECLARED = {
+    'mcap': in_mcap,
+    'sqlite': in_sqlite,
+    'metadata of mcap': in_metadata,
+    'metadata of sqlite': lambda path: in_metadata(path, make.rosbags),
+}
 
 
 @pytest.mark.parametrize('where', DECLARED)
@@ -84,13 +93,15 @@ def test_a_folder_of_mcap_keeps_what_its_file_declares(tmp_path):
     """metadata.yaml without serialization_format changes nothing."""
     path = make.ours(tmp_path / 'bag', make.content(4))
     make.mcap(tmp_path / 'other.mcap', make.content(4), encoding='json').replace(
-        path / 'bag_0.mcap')
+        path / 'bag_0.mcap'
+    )
     with open_bag(path) as bag:
         assert {topic.serialization for topic in bag.topics.values()} == {'json'}
 
 
 def test_replay_copies_other_serialisations_as_they_are(tmp_path):
     from mcap.reader import make_reader
+
     path = make.ours(tmp_path / 'bag', make.content())
     with BagWriter(tmp_path / 'both') as writer, open_bag(path) as bag:
         writer.add_topic(STATES, TYPE)
@@ -103,11 +114,14 @@ def test_replay_copies_other_serialisations_as_they_are(tmp_path):
         assert bag.topics['/json'].serialization == 'json'
         assert [message.raw for message in bag.messages(['/json'])] == [b'{"a": 1}']
     with open(tmp_path / 'out' / 'out_0.mcap', 'rb') as stream:
-        assert {channel.message_encoding for channel in
-                make_reader(stream).get_summary().channels.values()} == {'cdr', 'json'}
+        assert {
+            channel.message_encoding
+            for channel in make_reader(stream).get_summary().channels.values()
+        } == {'cdr', 'json'}
 
 
 # ---------------------------------------------------------------- malformed messages
+
 
 def bag_of(path, topics, bad, part=1.0):
     """Topics by name -> (type, bytes by number); the first `part` of those in `bad` are rubbish."""
@@ -123,12 +137,16 @@ def bag_of(path, topics, bad, part=1.0):
 
 def state(i, velocity=None):
     effort = [0.1] if velocity is None else []
-    return Encoder().encode(START + i * 10**7, '', ['a'], [0.01 * i],
-                            [] if velocity is None else [velocity], effort)
+    return Encoder().encode(
+        START + i * 10**7, '', ['a'], [0.01 * i], [] if velocity is None else [velocity], effort
+    )
 
 
-JOINTS = {STATES: (TYPE, state), TRUTH: (TYPE, lambda i: state(i, 1.0)),
-          '/effort_command': (TYPE, state)}
+JOINTS = {
+    STATES: (TYPE, state),
+    TRUTH: (TYPE, lambda i: state(i, 1.0)),
+    '/effort_command': (TYPE, state),
+}
 
 
 def test_every_message_malformed_is_exit_1(tmp_path, capsys):
@@ -139,13 +157,30 @@ def test_every_message_malformed_is_exit_1(tmp_path, capsys):
     assert [each.name for each in tmp_path.iterdir()] == ['bag']
 
 
-@pytest.mark.parametrize(('bad', 'words'), [
-    (TRUTH, ['evaluate', '--observer', 'pll']),
-    (TRUTH, ['tune', '--observer', 'pll', '--out', 'OUT']),
-    ('/effort_command', ['replay', '--observer', 'geso', '--set', 'joints=[a]',
-                         '--set', 'input=effort_command']),
-    ('/effort_command', ['evaluate', '--observer', 'adaptive', '--set', 'input=effort_command']),
-    ('/effort_command', ['replay', '--angle', '/effort_command:position[0]'])])
+@pytest.mark.parametrize(
+    ('bad', 'words'),
+    [
+        (TRUTH, ['evaluate', '--observer', 'pll']),
+        (TRUTH, ['tune', '--observer', 'pll', '--out', 'OUT']),
+        (
+            '/effort_command',
+            [
+                'replay',
+                '--observer',
+                'geso',
+                '--set',
+                'joints=[a]',
+                '--set',
+                'input=effort_command',
+            ],
+        ),
+        (
+            '/effort_command',
+            ['evaluate', '--observer', 'adaptive', '--set', 'input=effort_command'],
+        ),
+        ('/effort_command', ['replay', '--angle', '/effort_command:position[0]']),
+    ],
+)
 def test_one_topic_of_several_wholly_malformed(bad, words, tmp_path, capsys):
     path = bag_of(tmp_path / 'bag', JOINTS, [bad])
     words = [str(tmp_path / 'out.yaml') if word == 'OUT' else word for word in words]
@@ -165,12 +200,23 @@ def test_drives(bad, tmp_path, capsys):
     def vector(i):
         return vector3.encode(START + i * 10**7, '', 1.0, 0.0)
 
-    topics = ({bad: (drive_samples.TYPE, vector)} if bad == '/drive_samples' else
-              {'/current': (vector3.TYPE, vector), '/voltage': (vector3.TYPE, vector)})
+    topics = (
+        {bad: (drive_samples.TYPE, vector)}
+        if bad == '/drive_samples'
+        else {'/current': (vector3.TYPE, vector), '/voltage': (vector3.TYPE, vector)}
+    )
     path = bag_of(tmp_path / 'bag', topics, [bad])
     motor = ('resistance=0.5', 'inductance=1e-3', 'flux=0.01', 'pole_pairs=4')
-    said = refused(['replay', path, '--observer', 'pmsm',
-                    *(word for each in motor for word in ('--set', each))], capsys)
+    said = refused(
+        [
+            'replay',
+            path,
+            '--observer',
+            'pmsm',
+            *(word for each in motor for word in ('--set', each)),
+        ],
+        capsys,
+    )
     assert f"no message of '{bad}' of {path} can be read: all {COUNT} are malformed: " in said
 
 

@@ -30,16 +30,19 @@ HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'
 
 def messages_of(path):
     with open_bag(path) as bag:
-        return [(message.topic, message.log_ns, message.publish_ns, message.raw)
-                for message in bag.messages()]
+        return [
+            (message.topic, message.log_ns, message.publish_ns, message.raw)
+            for message in bag.messages()
+        ]
 
 
 def test_rosbags_reads_every_message(tmp_path):
     messages = make.content(300)
     path = make.ours(tmp_path / 'bag', messages)
     with AnyReader([path]) as reader:
-        found = [(connection.topic, time, bytes(raw)) for connection, time, raw
-                 in reader.messages()]
+        found = [
+            (connection.topic, time, bytes(raw)) for connection, time, raw in reader.messages()
+        ]
         state = reader.deserialize(next(iter(reader.messages()))[2], TYPE)
     assert found == messages
     assert list(state.name) == ['a', 'b']
@@ -52,14 +55,18 @@ def test_the_mcap_library_finds_no_fault(tmp_path):
     with open(path, 'rb') as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
-        found = [(channel.topic, message.log_time, message.data)
-                 for _, channel, message in reader.iter_messages()]
+        found = [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in reader.iter_messages()
+        ]
         assert found == messages
         assert reader.get_header().profile == 'ros2'
         inside = yaml.safe_load(next(reader.iter_metadata()).metadata['serialized_metadata'])
     assert summary.statistics.message_count == len(messages)
     assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (
-        messages[0][1], messages[-1][1])
+        messages[0][1],
+        messages[-1][1],
+    )
     assert inside['message_count'] == len(messages)
     assert all(index.compression == 'zstd' for index in summary.chunk_indexes)
     with open(path, 'rb') as stream:  # in the order of the file, without any index
@@ -70,10 +77,11 @@ def test_message_indices_point_at_their_messages(tmp_path):
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk, Message, MessageIndex
     from mcap.stream_reader import get_chunk_data_stream
+
     messages = make.content(30)
     path = make.ours(tmp_path / 'bag', messages) / 'bag_0.mcap'
     with open(path, 'rb') as stream:
-        index, = make_reader(stream).get_summary().chunk_indexes
+        (index,) = make_reader(stream).get_summary().chunk_indexes
         stream.seek(index.chunk_start_offset + 9)
         unpacked, size = get_chunk_data_stream(Chunk.read(ReadDataStream(stream)))
         data = unpacked.read(size)
@@ -82,8 +90,8 @@ def test_message_indices_point_at_their_messages(tmp_path):
             stream.seek(offset + 9)
             for time, at in MessageIndex.read(ReadDataStream(stream)).records:
                 assert data[at] == 5  # the opcode of a message
-                length = int.from_bytes(data[at + 1:at + 9], 'little')
-                message = Message.read(ReadDataStream(io.BytesIO(data[at + 9:])), length)
+                length = int.from_bytes(data[at + 1 : at + 9], 'little')
+                message = Message.read(ReadDataStream(io.BytesIO(data[at + 9 :])), length)
                 assert (message.channel_id, message.log_time) == (channel, time)
                 found.append((time, message.data))
     assert sorted(found) == sorted((time, raw) for _, time, raw in messages)
@@ -96,17 +104,22 @@ def test_metadata_are_those_of_jazzy(tmp_path):
         bag.write(STATES, START, make.content(1)[0][2], START - 5)
         bag.write(STATES, START + 7, make.content(1)[0][2])
     information = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())[
-        'rosbag2_bagfile_information']
+        'rosbag2_bagfile_information'
+    ]
     assert information['version'] == 9
     assert information['storage_identifier'] == 'mcap'
     assert information['relative_file_paths'] == ['bag_0.mcap']
     assert information['starting_time'] == {'nanoseconds_since_epoch': START}
     assert information['duration'] == {'nanoseconds': 7}
-    assert information['files'] == [{'path': 'bag_0.mcap', 'message_count': 2,
-                                     'starting_time': {'nanoseconds_since_epoch': START},
-                                     'duration': {'nanoseconds': 7}}]
-    state, latched = (item['topic_metadata'] for item in
-                      information['topics_with_message_count'])
+    assert information['files'] == [
+        {
+            'path': 'bag_0.mcap',
+            'message_count': 2,
+            'starting_time': {'nanoseconds_since_epoch': START},
+            'duration': {'nanoseconds': 7},
+        }
+    ]
+    state, latched = (item['topic_metadata'] for item in information['topics_with_message_count'])
     assert state['type_description_hash'] == HASH
     assert state['offered_qos_profiles'][0]['reliability'] == 'best_effort'
     assert state['offered_qos_profiles'][0]['depth'] == 50
@@ -115,7 +128,9 @@ def test_metadata_are_those_of_jazzy(tmp_path):
         assert bag.topics[STATES].qos == (qos.profile(reliable=False, depth=50),)
         assert bag.topics[STATES].type_hash == HASH
         assert [(message.log_ns, message.publish_ns) for message in bag.messages()] == [
-            (START, START - 5), (START + 7, START + 7)]
+            (START, START - 5),
+            (START + 7, START + 7),
+        ]
 
 
 def test_a_file_alone_carries_hash_qos_and_definition(tmp_path):
@@ -133,20 +148,27 @@ def test_a_file_alone_carries_hash_qos_and_definition(tmp_path):
 
 def test_the_same_calls_make_the_same_bytes(tmp_path):
     messages = make.content(500)
-    one, two = (make.ours(tmp_path / name / 'bag', messages) for name in ('a', 'b')
-                if not (tmp_path / name).mkdir())
+    one, two = (
+        make.ours(tmp_path / name / 'bag', messages)
+        for name in ('a', 'b')
+        if not (tmp_path / name).mkdir()
+    )
     for name in ('bag_0.mcap', 'metadata.yaml'):
         assert (one / name).read_bytes() == (two / name).read_bytes()
 
 
-@settings(max_examples=40, deadline=None,
-          suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(rows=st.lists(st.tuples(st.booleans(), st.integers(0, 50), st.integers(0, 400)),
-                     max_size=120))
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    rows=st.lists(st.tuples(st.booleans(), st.integers(0, 50), st.integers(0, 400)), max_size=120)
+)
 def test_messages_of_any_length_and_time_come_back(rows, tmp_path_factory):
     path = tmp_path_factory.mktemp('any') / 'bag'
-    written = [(STATES if first else OTHER, START + time, START - time, bytes([size % 251]) * size)
-               for first, time, size in rows]
+    written = [
+        (STATES if first else OTHER, START + time, START - time, bytes([size % 251]) * size)
+        for first, time, size in rows
+    ]
     with BagWriter(path) as bag:
         bag.add_topic(STATES, TYPE)
         bag.add_topic(OTHER, TEXT)
@@ -165,7 +187,8 @@ def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
     assert [(topic, log_ns, raw) for topic, log_ns, _, raw in messages_of(path)] == messages
     backwards = make.ours(tmp_path / 'backwards', messages[::-1])
     information = yaml.safe_load((backwards / 'metadata.yaml').read_text())[
-        'rosbag2_bagfile_information']
+        'rosbag2_bagfile_information'
+    ]
     assert information['starting_time'] == {'nanoseconds_since_epoch': messages[0][1]}
     assert information['duration'] == {'nanoseconds': messages[-1][1] - messages[0][1]}
 
@@ -176,13 +199,22 @@ def test_a_block_is_written_as_its_messages_are(tmp_path):
         number = {STATES: bag.add_topic(STATES, TYPE), OTHER: bag.add_topic(OTHER, TEXT)}
         times = [log_ns for _, log_ns, _ in messages]
         bag.write(STATES, START - 1, b'before')
-        bag.write_block(from_messages([number[topic] for topic, _, _ in messages], times, times,
-                                      [raw for _, _, raw in messages]))
+        bag.write_block(
+            from_messages(
+                [number[topic] for topic, _, _ in messages],
+                times,
+                times,
+                [raw for _, _, raw in messages],
+            )
+        )
         assert bag.counts() == {STATES: 51, OTHER: 17}
         bag.write(OTHER, START + 10**9, b'after')
         assert bag.counts() == {STATES: 51, OTHER: 18}
     assert [raw for _, _, _, raw in messages_of(tmp_path / 'bag')] == [
-        b'before', *(raw for _, _, raw in messages), b'after']
+        b'before',
+        *(raw for _, _, raw in messages),
+        b'after',
+    ]
 
 
 def test_a_bag_without_messages_is_a_bag(tmp_path):
@@ -237,8 +269,13 @@ except UserError as error:
 def test_a_recording_is_kept_when_the_disk_is_full(tmp_path, capsys):
     pytest.importorskip('resource', reason='not run: no limits of files here')
     path = tmp_path / 'bag'
-    done = subprocess.run([sys.executable, '-c', FULL, str(path)], capture_output=True, text=True,
-                          timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, '-c', FULL, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.stdout == f'{path} cannot be written: File too large\n'
     assert done.stderr == f'{path} holds what was written until then\n'
     with open_bag(path) as bag:
@@ -251,8 +288,10 @@ def test_a_full_disk_leaves_nothing_and_says_so(tmp_path, monkeypatch):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('estimator_pkg.bags.mcap_output.McapOutput.write', full)
-    with pytest.raises(UserError, match='bag cannot be written: No space left on device'), \
-            BagWriter(tmp_path / 'bag') as bag:
+    with (
+        pytest.raises(UserError, match='bag cannot be written: No space left on device'),
+        BagWriter(tmp_path / 'bag') as bag,
+    ):
         bag.add_topic(STATES, TYPE)
         bag.write(STATES, START, b'x')
     assert list(tmp_path.iterdir()) == []
@@ -293,6 +332,7 @@ def test_places_that_cannot_be_written_are_refused_at_once(tmp_path):
 
 def test_frames_of_many_lengths_are_those_of_few(monkeypatch):
     from estimator_pkg.bags import mcap_output
+
     raws = [bytes([i]) * (i % 5) for i in range(40)]
     block = from_messages([1] * 40, list(range(40)), list(range(40)), raws)
     few, starts = mcap_output.frame(block)

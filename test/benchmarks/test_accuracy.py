@@ -23,22 +23,27 @@ SHORT = tuple(Signal(s.name, s.summary, s.motion, s.jitter, s.dropped) for s in 
 
 # ---------------------------------------------------------------- the signals
 
+
 @pytest.mark.parametrize('signal', SIGNALS, ids=lambda signal: signal.name)
 def test_velocity_is_the_derivative_of_what_the_encoder_reads(signal):
     samples = signal.samples(duration=4.0)
     seconds = (samples.stamps - samples.stamps[0]) * 1e-9
     assert np.all((samples.angle >= -np.pi) & (samples.angle < np.pi))
     turned = np.unwrap(samples.angle) - samples.angle[0]
-    travelled = np.concatenate([[0.0], np.cumsum(
-        0.5 * (samples.velocity[1:] + samples.velocity[:-1]) * np.diff(seconds))])
+    travelled = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (samples.velocity[1:] + samples.velocity[:-1]) * np.diff(seconds))]
+    )
     assert np.max(np.abs(turned - travelled)) < 2.1 * QUANTUM
 
 
 def test_the_shared_set_is_the_one_agreed_on():
-    peaks = {signal.name: np.max(np.abs(signal.samples(duration=4.0).velocity))
-             for signal in SIGNALS}
-    assert peaks == pytest.approx({'slow': 0.02, 'sine': 5.0, 'trapezoid': 20.0, 'fast': 200.0,
-                                   'jitter': 5.0, 'drops': 5.0}, rel=1e-3)
+    peaks = {
+        signal.name: np.max(np.abs(signal.samples(duration=4.0).velocity)) for signal in SIGNALS
+    }
+    assert peaks == pytest.approx(
+        {'slow': 0.02, 'sine': 5.0, 'trapezoid': 20.0, 'fast': 200.0, 'jitter': 5.0, 'drops': 5.0},
+        rel=1e-3,
+    )
 
 
 def test_the_trapezoid_climbs_at_its_acceleration():
@@ -47,8 +52,10 @@ def test_the_trapezoid_climbs_at_its_acceleration():
     slope = np.abs(np.diff(velocity) / np.diff(time))
     assert np.max(slope) == pytest.approx(100.0)
     assert np.mean(slope > 1.0) == pytest.approx(0.2, abs=0.01)  # 0.4 s of every 2 s
-    assert np.max(np.abs(np.diff(position) - 0.5 * (velocity[1:] + velocity[:-1])
-                         * np.diff(time))) < 1e-6
+    assert (
+        np.max(np.abs(np.diff(position) - 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time)))
+        < 1e-6
+    )
 
 
 def test_jitter_and_drops_are_as_declared_and_repeatable():
@@ -64,16 +71,20 @@ def test_jitter_and_drops_are_as_declared_and_repeatable():
 
 def test_the_encoder_rounds_down_to_a_count():
     assert encoder(np.array([0.0, 1.99 * QUANTUM, -0.01 * QUANTUM, np.pi])) == pytest.approx(
-        np.array([0.0, QUANTUM, -QUANTUM, -np.pi]))
+        np.array([0.0, QUANTUM, -QUANTUM, -np.pi])
+    )
 
 
 # ---------------------------------------------------------------- accuracy
+
 
 def test_accuracy_has_every_observer_on_every_signal():
     entries = [Entry('finite_difference', 'finite_difference'), Entry('pll', 'pll')]
     found = accuracy.run(entries, SHORT)
     assert [(r['observer'], r['signal'], r['tuning']) for r in found['results']] == [
-        ('finite_difference', 'sine', 'defaults'), ('pll', 'sine', 'defaults')]
+        ('finite_difference', 'sine', 'defaults'),
+        ('pll', 'sine', 'defaults'),
+    ]
     text = accuracy.describe(found)
     assert 'finite_difference  defaults' in text
 
@@ -92,12 +103,18 @@ def test_accuracy_measures_the_errors_of_the_observer():
 
 def test_both_models_of_the_kalman_filter_are_compared():
     labels = [entry.label for entry in at_defaults()]
-    assert {'hybrid_angle', 'pll', 'finite_difference', 'kalman acceleration',
-            'kalman velocity'} <= set(labels)
+    assert {
+        'hybrid_angle',
+        'pll',
+        'finite_difference',
+        'kalman acceleration',
+        'kalman velocity',
+    } <= set(labels)
     assert len(set(labels)) == len(labels)
 
 
 # ---------------------------------------------------------------- timing
+
 
 def test_sides_are_interleaved_and_the_first_round_does_not_count():
     order = []
@@ -106,6 +123,7 @@ def test_sides_are_interleaved_and_the_first_round_does_not_count():
         def run(number):
             order.append((name, number))
             return float(number)
+
         return run
 
     times = timing.interleave({'a': side('a'), 'b': side('b')}, 2)
@@ -126,6 +144,7 @@ def test_limits_work_both_ways():
 
 
 # ---------------------------------------------------------------- speed
+
 
 def test_updates_name_every_observer_beside_filterpy():
     rows = {row['name']: row for row in update.updates(rounds=1)}
@@ -149,8 +168,11 @@ def test_filterpy_filters_what_the_observers_get():
 
     peers = update._filterpy(chunk)
     peers[update.SAME_WORK](0)
-    kalman = next(cell.cell_contents for cell in peers[update.SAME_WORK].__closure__
-                  if type(cell.cell_contents).__name__ == 'KalmanFilter')
+    kalman = next(
+        cell.cell_contents
+        for cell in peers[update.SAME_WORK].__closure__
+        if type(cell.cell_contents).__name__ == 'KalmanFilter'
+    )
     assert seen == [0]
     assert kalman.x[1, 0] == pytest.approx(20.0, rel=0.1)
 
@@ -195,41 +217,101 @@ def test_replay_is_measured_beside_rosbags():
 
 
 def test_reports_of_the_live_nodes_become_lines():
-    cost = live._cost({'rows': [
-        {'node': node, 'rate_hz': 1000.0, 'joints': 7, 'node_us_per_message': 300.0,
-         'null_us_per_message': 150.0, 'ratio': 2.0, 'allowed': 1.5, 'published': 10,
-         'answered': 10} for node in ('joint_observer', 'switched_observer')]})
+    cost = live._cost(
+        {
+            'rows': [
+                {
+                    'node': node,
+                    'rate_hz': 1000.0,
+                    'joints': 7,
+                    'node_us_per_message': 300.0,
+                    'null_us_per_message': 150.0,
+                    'ratio': 2.0,
+                    'allowed': 1.5,
+                    'published': 10,
+                    'answered': 10,
+                }
+                for node in ('joint_observer', 'switched_observer')
+            ]
+        }
+    )
     assert [row['ok'] for row in cost] == [None, None, False, None, None, None]
-    loss = live._loss({'rows': [
-        {'rate_hz': 1000.0, 'joints': 7, 'published': 5000, 'true_loss': 1, 'reported': 1},
-        {'rate_hz': 5000.0, 'joints': 7, 'published': 5000, 'true_loss': 40, 'reported': 39}]})
+    loss = live._loss(
+        {
+            'rows': [
+                {'rate_hz': 1000.0, 'joints': 7, 'published': 5000, 'true_loss': 1, 'reported': 1},
+                {
+                    'rate_hz': 5000.0,
+                    'joints': 7,
+                    'published': 5000,
+                    'true_loss': 40,
+                    'reported': 39,
+                },
+            ]
+        }
+    )
     assert [(row['value'], row['ok']) for row in loss] == [(1, False), (40, None), (1, False)]
 
 
 def test_start_and_latency_become_lines():
-    start = live._start({'rows': [
-        {'node': 'null_node', 'message_s': 1.0, 'message_ratio': 1.0, 'cpu_s': 0.5,
-         'cpu_ratio': 1.0, 'estimate_s': 1.0, 'estimate_ratio': 1.0},
-        {'node': 'adaptive_observer', 'message_s': 1.5, 'message_ratio': 1.5, 'cpu_s': 0.7,
-         'cpu_ratio': 1.4}]})
+    start = live._start(
+        {
+            'rows': [
+                {
+                    'node': 'null_node',
+                    'message_s': 1.0,
+                    'message_ratio': 1.0,
+                    'cpu_s': 0.5,
+                    'cpu_ratio': 1.0,
+                    'estimate_s': 1.0,
+                    'estimate_ratio': 1.0,
+                },
+                {
+                    'node': 'adaptive_observer',
+                    'message_s': 1.5,
+                    'message_ratio': 1.5,
+                    'cpu_s': 0.7,
+                    'cpu_ratio': 1.4,
+                },
+            ]
+        }
+    )
     by_name = {row['name']: row for row in start}
     assert by_name['adaptive_observer: process start to first message / null node']['value'] == 1.5
     assert by_name['adaptive_observer: process start to first estimate']['value'] is None
     assert by_name['adaptive_observer: CPU time to first message / null node']['value'] == 1.4
     assert not any('null_node' in name and '/' in name for name in by_name)
-    late = live._latency({'rows': [
-        {'node': 'joint_observer', 'median_ms': 0.3, 'median_ms_more': 0.1, 'median_ms_ratio': 1.5,
-         'late_ms': 2.0, 'late_ms_more': -1.0, 'late_ms_ratio': 0.7},
-        {'node': 'switched_observer'}]})
+    late = live._latency(
+        {
+            'rows': [
+                {
+                    'node': 'joint_observer',
+                    'median_ms': 0.3,
+                    'median_ms_more': 0.1,
+                    'median_ms_ratio': 1.5,
+                    'late_ms': 2.0,
+                    'late_ms_more': -1.0,
+                    'late_ms_ratio': 0.7,
+                },
+                {'node': 'switched_observer'},
+            ]
+        }
+    )
     assert [row['value'] for row in late] == [0.3, 0.1, 1.5, 2.0, -1.0, 0.7, None, None]
 
 
 def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
     pytest.importorskip('rclpy')
     from benchmarks.live import latency, start
-    taken = iter([{'message': 1.0, 'cpu': 0.5, 'estimate': 1.0}, {'message': 2.0, 'cpu': 1.0},
-                  {'message': 4.0, 'cpu': 0.5, 'estimate': 4.0},
-                  {'message': 4.0, 'cpu': 2.0, 'estimate': 6.0}])
+
+    taken = iter(
+        [
+            {'message': 1.0, 'cpu': 0.5, 'estimate': 1.0},
+            {'message': 2.0, 'cpu': 1.0},
+            {'message': 4.0, 'cpu': 0.5, 'estimate': 4.0},
+            {'message': 4.0, 'cpu': 2.0, 'estimate': 6.0},
+        ]
+    )
     monkeypatch.setattr(start, 'NODES', {'joint_observer': ()})
     monkeypatch.setattr(start, 'once', lambda name: next(taken))
     null, node = start.measure(2)['rows']
@@ -250,6 +332,7 @@ def test_a_node_starts_and_answers_over_dds():
     """As the benchmark does it; the numbers are not judged here."""
     pytest.importorskip('rclpy')
     from benchmarks.live import latency, start
+
     found = start.once('joint_observer')
     assert found['cpu'] > 0.1 and 0.2 < found['message'] <= found['estimate'] < start.LONGEST
     late = latency.once('mechanical_observer', rate=200.0, seconds=2.0)
@@ -271,6 +354,7 @@ def test_a_program_that_fails_says_why(tmp_path, monkeypatch):
 
 # ---------------------------------------------------------------- the command
 
+
 def test_bench_prints_and_gives_json(tmp_path, capsys):
     out = tmp_path / 'bench.json'
     assert main(['speed', '--part', 'update', '--quick', '--json', str(out)]) == 0
@@ -281,8 +365,9 @@ def test_bench_prints_and_gives_json(tmp_path, capsys):
     assert 'update hybrid_angle' in printed and 'filterpy' in printed
 
 
-@pytest.mark.parametrize('words', [('speed', '--part', 'nonsense'), ('nonsense',),
-                                   ('speed', '--messages', '0')])
+@pytest.mark.parametrize(
+    'words', [('speed', '--part', 'nonsense'), ('nonsense',), ('speed', '--messages', '0')]
+)
 def test_wrong_use(words, capsys):
     with pytest.raises(SystemExit) as stop:
         main(words)

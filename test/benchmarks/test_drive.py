@@ -25,14 +25,18 @@ def modulated(rpm, frequency, part=0.02, duration=1.0):
     speed = mean + swing * np.sin(turn * t)
     e = np.exp(1j * (mean * t + swing / turn * (1.0 - np.cos(turn * t))))
     i = 5j * e
-    u = e * (1j * (MOTOR['resistance'] * 5.0 + speed * MOTOR['flux'])
-             - MOTOR['inductance'] * speed * 5.0)
+    u = e * (
+        1j * (MOTOR['resistance'] * 5.0 + speed * MOTOR['flux']) - MOTOR['inductance'] * speed * 5.0
+    )
     means = u.reshape(n, fine).mean(axis=1)
     means = np.append(means[:1], means[:-1])  # over the interval that ends at the sample
     at = slice(0, n * fine, fine)
-    return Signal(10 ** 18 + 50_000 * np.arange(n),
-                  np.column_stack([i[at].real, i[at].imag, means.real, means.imag]),
-                  np.angle(e[at]), speed[at])
+    return Signal(
+        10**18 + 50_000 * np.arange(n),
+        np.column_stack([i[at].real, i[at].imag, means.real, means.imag]),
+        np.angle(e[at]),
+        speed[at],
+    )
 
 
 def gain(signal, estimate, frequency):
@@ -49,8 +53,7 @@ def gain(signal, estimate, frequency):
 def test_both_speed_outputs_have_the_same_bandwidth(rpm):
     signal = modulated(rpm, drive.BANDWIDTH_HZ)
     for found in (ours(signal), motulator(signal, 'at the sample')):
-        assert gain(signal, found, drive.BANDWIDTH_HZ) == pytest.approx(
-            math.sqrt(0.5), rel=0.05)
+        assert gain(signal, found, drive.BANDWIDTH_HZ) == pytest.approx(math.sqrt(0.5), rel=0.05)
 
 
 def test_errors_are_of_mechanical_speed_and_electrical_angle_once_settled():
@@ -68,8 +71,9 @@ def test_what_is_given_to_both_is_as_the_simulator_says():
     signal = drive.simulate({'profile': 'constant', 'speed_rpm': 2000.0}, 0.1)
     assert signal.samples.shape == (2000, 4) and set(np.diff(signal.stamps)) == {50_000}
     assert signal.speed.mean() == pytest.approx(2000.0 * math.pi / 30.0 * 7.0, rel=0.01)
-    quiet = drive.simulate({'profile': 'constant', 'speed_rpm': 2000.0,
-                                  'current_noise': 0.0, 'adc_bits': 0}, 0.1)
+    quiet = drive.simulate(
+        {'profile': 'constant', 'speed_rpm': 2000.0, 'current_noise': 0.0, 'adc_bits': 0}, 0.1
+    )
     loud = signal.samples[1000:, 0] - quiet.samples[1000:, 0]
     assert 0.05 < np.std(loud) < 0.2
 

@@ -20,28 +20,36 @@ DROPS = next(signal for signal in SIGNALS if signal.name == 'drops')
 
 
 def columns():
-    return [of_signal(Signal('one', 'a sine', sine(5.0, 2.0)), 2.0),
-            of_signal(Signal('two', 'constant', constant(3.0)), 2.0)]
+    return [
+        of_signal(Signal('one', 'a sine', sine(5.0, 2.0)), 2.0),
+        of_signal(Signal('two', 'constant', constant(3.0)), 2.0),
+    ]
 
 
 def made(name, errors, share=1.0):
     """An estimator that is off by errors[gain][column], and publishes this share."""
+
     def run(column, value):
         velocity = column.samples.velocity + errors[value][0 if column.name == 'one' else 1]
         velocity[np.arange(len(velocity)) % 10 >= round(10.0 * share)] = np.nan
         return velocity
+
     return Estimator(name, run, tuple(errors), 'gain')
 
 
 def test_one_setting_and_the_best_of_each_column():
-    found = field.run(columns(), [made('x', {1: (1.0, 9.0), 2: (2.0, 2.0), 3: (9.0, 1.0),
-                                                   4: (math.inf, 0.5)})])
-    row, = found['rows']
+    found = field.run(
+        columns(), [made('x', {1: (1.0, 9.0), 2: (2.0, 2.0), 3: (9.0, 1.0), 4: (math.inf, 0.5)})]
+    )
+    (row,) = found['rows']
     assert row['setting'] == 2
     assert {name: cell['rms'] for name, cell in row['one'].items()} == pytest.approx(
-        {'one': 2.0, 'two': 2.0})
+        {'one': 2.0, 'two': 2.0}
+    )
     assert [(cell['rms'], cell['setting']) for cell in row['best'].values()] == [
-        (pytest.approx(1.0), 1), (pytest.approx(0.5), 4)]
+        (pytest.approx(1.0), 1),
+        (pytest.approx(0.5), 4),
+    ]
     assert 'gain 2' in field.describe(found, 'the field')
 
 
@@ -54,8 +62,10 @@ def test_a_late_estimate_is_told_with_its_delay():
 
 
 def test_what_is_not_published_is_not_judged_but_told():
-    found = field.run(columns(), [made('half', {1: (1.0, 1.0)}, share=0.7),
-                                        made('hardly', {1: (1.0, 1.0)}, share=0.1)])
+    found = field.run(
+        columns(),
+        [made('half', {1: (1.0, 1.0)}, share=0.7), made('hardly', {1: (1.0, 1.0)}, share=0.1)],
+    )
     half, hardly = (row['one']['one'] for row in found['rows'])
     assert half['rms'] == pytest.approx(1.0) and 0.3 < half['published'] < 0.9
     assert hardly['rms'] is None
@@ -71,9 +81,21 @@ def test_an_error_that_the_reference_cannot_tell_is_marked():
 
 def test_every_observer_has_a_row_or_a_reason():
     rows = {each.name for each in [*ours.ours(), *ours.told()]}
-    for name in ('edge_adaptive', 'hybrid_angle', 'kalman acceleration', 'pll', 'super_twisting',
-                 'finite_difference', 'finite_difference, raw', 'geso', 'hgo', 'ehgo', 'smo',
-                 'adaptive', 'switched'):
+    for name in (
+        'edge_adaptive',
+        'hybrid_angle',
+        'kalman acceleration',
+        'pll',
+        'super_twisting',
+        'finite_difference',
+        'finite_difference, raw',
+        'geso',
+        'hgo',
+        'ehgo',
+        'smo',
+        'adaptive',
+        'switched',
+    ):
         assert name in rows
     assert 'pmsm' in ours.NOT_HERE
 
@@ -108,8 +130,7 @@ def test_the_peers_that_are_installed_follow_the_motion():
         pytest.skip(f'not run, not installed: {", ".join(missing)}')
     column = of_signal(DROPS, 2.0)
     for each in found:
-        errors = [field._error(each.run(column, value), column)[0]
-                  for value in each.values[2::3]]
+        errors = [field._error(each.run(column, value), column)[0] for value in each.values[2::3]]
         assert min(errors) < 0.5, each.name
 
 
@@ -125,8 +146,7 @@ def test_peers_get_clean_samples_and_their_estimates_stand_at_their_stamps():
 
 def test_forward_alone_sees_no_future():
     pytest.importorskip('pynumdiff')
-    forward = next(each for each in peers.peers()[0]
-                   if each.name == 'PyNumDiff kalman_filter')
+    forward = next(each for each in peers.peers()[0] if each.name == 'PyNumDiff kalman_filter')
     column = of_signal(SINE, 1.5)
     cut = Column('x', '', Samples(*(each[:800] for each in column.samples)), column.quantum)
     assert forward.run(column, 1e7)[:800] == pytest.approx(forward.run(cut, 1e7))
@@ -158,9 +178,12 @@ def test_parts_of_each_group():
     parser = command.argparse.ArgumentParser()
     command.arguments(parser)
     assert command._chosen(parser.parse_args(['accuracy', '--part', 'field'])) == {
-        'accuracy': ['field']}
+        'accuracy': ['field']
+    }
     assert command._chosen(parser.parse_args(['--part', 'drive', '--part', 'update'])) == {
-        'accuracy': ['drive'], 'speed': ['update', 'drive']}
+        'accuracy': ['drive'],
+        'speed': ['update', 'drive'],
+    }
     assert set(command._chosen(parser.parse_args([]))) == {'accuracy', 'speed'}
     with pytest.raises(UsageError, match="speed has no part 'field'"):
         command._chosen(parser.parse_args(['speed', '--part', 'field']))

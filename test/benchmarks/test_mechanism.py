@@ -15,15 +15,21 @@ def test_every_row_is_measured_and_has_its_limit(monkeypatch):
     monkeypatch.setattr(mechanism, 'COMPILED_STEPS', 2000)
     rows = mechanism.mechanisms(1)
     assert [(row['limit'], row['required']) for row in rows] == [
-        (15.0, 'at most'), (15.0, 'at most'), (200.0, 'at most'), (3.0, 'at least')]
+        (15.0, 'at most'),
+        (15.0, 'at most'),
+        (200.0, 'at most'),
+        (3.0, 'at least'),
+    ]
     assert all(row['value'] > 0.0 for row in rows)
 
 
 def test_the_numpy_model_is_the_built_in_one():
     """So that their costs are those of the same work."""
-    built_in, own = (mechanism._functions(name).mechanics
-                     for name in (mechanism.BUILT_IN, mechanism.NUMPY))
+    built_in, own = (
+        mechanism._functions(name).mechanics for name in (mechanism.BUILT_IN, mechanism.NUMPY)
+    )
     q, v, u = (0.4, 0.1), (1.0, -2.0), (0.7,)
-    np.testing.assert_allclose(own.force(own.values, q, v, u),
-                               built_in.force(built_in.values, q, v, u), rtol=1e-3)
+    np.testing.assert_allclose(
+        own.force(own.values, q, v, u), built_in.force(built_in.values, q, v, u), rtol=1e-3
+    )
     np.testing.assert_allclose(own.inertia(own.values, q), built_in.inertia(built_in.values, q))

@@ -30,8 +30,10 @@ def measured():
     return {(row['case'], row['observer']): row for row in rows}
 
 
-@pytest.mark.parametrize(('case', 'observer'), [
-    (case, observer) for case, bounds in BOUNDS.items() for observer in bounds])
+@pytest.mark.parametrize(
+    ('case', 'observer'),
+    [(case, observer) for case, bounds in BOUNDS.items() for observer in bounds],
+)
 def test_no_worse_than_its_bound_and_no_better_than_half_of_it(measured, case, observer):
     row, (rms, largest) = measured[case, observer], BOUNDS[case][observer]
     assert recordings.judge(row['rms'], rms) == '', 'rms'
@@ -39,8 +41,9 @@ def test_no_worse_than_its_bound_and_no_better_than_half_of_it(measured, case, o
 
 
 def test_every_case_has_a_bound(measured):
-    assert set(measured) == {(case, observer) for case, bounds in BOUNDS.items()
-                             for observer in bounds}
+    assert set(measured) == {
+        (case, observer) for case, bounds in BOUNDS.items() for observer in bounds
+    }
     assert {observer for _, observer in measured} >= {entry.label for entry in at_defaults()}
     assert len({case for case, _ in measured}) >= 11
 
@@ -60,21 +63,24 @@ def pendulums(measured):
 def test_hybrid_angle_is_at_most_a_tenth_worse_than_constant_acceleration(measured):
     assert len(pendulums(measured)) == 10
     for case in pendulums(measured):
-        own, rival = (measured[case, observer]['rms']
-                      for observer in ('hybrid_angle', 'kalman acceleration'))
+        own, rival = (
+            measured[case, observer]['rms'] for observer in ('hybrid_angle', 'kalman acceleration')
+        )
         assert own <= 1.1 * rival, case
 
 
 def test_hybrid_angle_has_at_most_half_the_error_of_the_difference_at_1_khz(measured):
-    own, difference = (measured[ONE_KHZ, observer]['rms']
-                       for observer in ('hybrid_angle', recordings.RAW.label))
+    own, difference = (
+        measured[ONE_KHZ, observer]['rms'] for observer in ('hybrid_angle', recordings.RAW.label)
+    )
     assert own <= 0.5 * difference
 
 
 def test_at_rest_the_reference_cannot_tell_and_the_row_says_so(measured):
     at_rest = [row for (case, _), row in measured.items() if case.startswith('at_rest')]
-    assert all(row['reference_cannot_tell'] for row in at_rest
-               if row['observer'] != recordings.RAW.label)
+    assert all(
+        row['reference_cannot_tell'] for row in at_rest if row['observer'] != recordings.RAW.label
+    )
     text = recordings.describe(list(measured.values()))
     line = next(line for line in text.splitlines() if line.startswith('at_rest'))
     assert ' * ' in line

@@ -40,10 +40,13 @@ DRIVE = """
 
 def call(cache, size=-1, script=CALL):
     """(cache hits, lines on stderr) of a process that compiles a function."""
-    done = subprocess.run([sys.executable, '-c', textwrap.dedent(script), str(size)],
-                          capture_output=True, text=True, timeout=200,
-                          env={**os.environ, 'NUMBA_CACHE_DIR': str(cache),
-                               'PYTHONDONTWRITEBYTECODE': '1'})
+    done = subprocess.run(
+        [sys.executable, '-c', textwrap.dedent(script), str(size)],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        env={**os.environ, 'NUMBA_CACHE_DIR': str(cache), 'PYTHONDONTWRITEBYTECODE': '1'},
+    )
     assert done.returncode == 0, done.stderr
     return int(done.stdout.split()[-1]), done.stderr.splitlines()
 
@@ -72,7 +75,7 @@ def garbage(path):
 def flipped(path):
     raw = bytearray(path.read_bytes())
     for place in range(len(raw) // 2, len(raw) - 200, 997):
-        raw[place] ^= 0xff
+        raw[place] ^= 0xFF
     path.write_bytes(raw)
 
 
@@ -81,9 +84,18 @@ def folder(path):
     path.mkdir()
 
 
-@pytest.mark.parametrize('pattern, damage', [
-    ('*.nbi', empty), ('*.nbi', cut), ('*.nbi', garbage), ('*.nbc', empty), ('*.nbc', cut),
-    ('*.nbc', garbage), ('*.nbc', flipped)])
+@pytest.mark.parametrize(
+    'pattern, damage',
+    [
+        ('*.nbi', empty),
+        ('*.nbi', cut),
+        ('*.nbi', garbage),
+        ('*.nbc', empty),
+        ('*.nbc', cut),
+        ('*.nbc', garbage),
+        ('*.nbc', flipped),
+    ],
+)
 def test_a_damaged_cache_is_one_line_and_is_mended(kept, pattern, damage):
     for path in kept.glob(f'*/{pattern}'):
         damage(path)
@@ -125,9 +137,15 @@ def test_a_numba_that_cannot_be_imported_is_one_line(tmp_path):
     (tmp_path / 'numba').mkdir()
     (tmp_path / 'numba/__init__.py').write_text("raise OSError('no shared object file')\n")
     done = subprocess.run(
-        [sys.executable, '-c', 'from estimator_pkg.driver.compiled import available\n'
-                               'print(available(), available())'],
-        capture_output=True, text=True, timeout=100,
-        env={**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'})
+        [
+            sys.executable,
+            '-c',
+            'from estimator_pkg.driver.compiled import available\nprint(available(), available())',
+        ],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'},
+    )
     assert done.stdout == 'False False\n'
     assert done.stderr == 'warning: Numba cannot be used: no shared object file\n'

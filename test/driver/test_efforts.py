@@ -33,7 +33,7 @@ from estimator_pkg.streams.adaptive import AdaptiveSettings
 from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
 
 MS = 1_000_000
-START = 10 ** 15
+START = 10**15
 NAN = math.nan
 
 
@@ -53,21 +53,29 @@ def acted(source, settings, samples, commands=()):
 SAMPLES = [(0, 1.0), (2, 2.0), (4, 4.0), (6, 8.0)]
 
 
-@pytest.mark.parametrize('effort_is, delay, expected', [
-    (None, 0.0, [1.0, 2.0, 4.0, 8.0]),       # the mean since the sample before, as it came
-    (MEASURED, 0.002, [NAN, NAN, 2.0, 4.0]),
-    (MEASURED, 0.001, [NAN, NAN, 3.0, 6.0]),
-    (COMMANDED, 0.0, [NAN, 1.0, 2.0, 4.0]),  # from the stamp of its sample on
-    (COMMANDED, 0.001, [NAN, NAN, 1.5, 3.0])])
+@pytest.mark.parametrize(
+    'effort_is, delay, expected',
+    [
+        (None, 0.0, [1.0, 2.0, 4.0, 8.0]),  # the mean since the sample before, as it came
+        (MEASURED, 0.002, [NAN, NAN, 2.0, 4.0]),
+        (MEASURED, 0.001, [NAN, NAN, 3.0, 6.0]),
+        (COMMANDED, 0.0, [NAN, 1.0, 2.0, 4.0]),  # from the stamp of its sample on
+        (COMMANDED, 0.001, [NAN, NAN, 1.5, 3.0]),
+    ],
+)
 def test_when_the_effort_of_a_sample_acts(effort_is, delay, expected):
     settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,))
     assert acted(FIELD, settings, SAMPLES) == pytest.approx(expected, nan_ok=True)
 
 
-@pytest.mark.parametrize('effort_is, delay, expected', [
-    (None, 0.0, [NAN, 1.5, 2.0, 2.0]),
-    (COMMANDED, 0.001, [NAN, NAN, 2.0, 2.0]),
-    (MEASURED, 0.0, [NAN, 2.0, 2.0, 2.0])])  # 2.0 acted since the command before
+@pytest.mark.parametrize(
+    'effort_is, delay, expected',
+    [
+        (None, 0.0, [NAN, 1.5, 2.0, 2.0]),
+        (COMMANDED, 0.001, [NAN, NAN, 2.0, 2.0]),
+        (MEASURED, 0.0, [NAN, 2.0, 2.0, 2.0]),
+    ],
+)  # 2.0 acted since the command before
 def test_when_an_effort_command_acts(effort_is, delay, expected):
     settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,))
     found = acted(COMMAND, settings, [(at, NAN) for at, _ in SAMPLES], [(0, 1.0), (1, 2.0)])
@@ -121,6 +129,7 @@ def test_one_number_for_all_inputs_or_each():
 
 # Messages
 
+
 def array(numbers, dimensions=0, offset=0):
     """CDR bytes of a Float64MultiArray."""
     raw = struct.pack('<4BI', 0, 1, 0, 0, dimensions)
@@ -137,9 +146,13 @@ def test_arrays_stand_for_all_joints_or_the_driven_ones():
     assert commands.decode(array([1.0, 2.0, 3.0]), 5) == (5, ('a', 'b', 'c'), (1.0, 2.0, 3.0))
     assert commands.decode(array([7.0], dimensions=1), 6) == (6, ('b',), (7.0,))
     assert commands.decode(array([0.0, 7.0], offset=1), 6) == (6, ('b',), (7.0,))
-    for raw, words in ((array([1.0, 2.0]), '2 numbers, where there are 3 or 1 joints'),
-                       (array([1.0], offset=2), 'begin at 2'), (array([1.0])[:-3], 'too short'),
-                       (b'', 'not a CDR message'), (array([]), '0 numbers')):
+    for raw, words in (
+        (array([1.0, 2.0]), '2 numbers, where there are 3 or 1 joints'),
+        (array([1.0], offset=2), 'begin at 2'),
+        (array([1.0])[:-3], 'too short'),
+        (b'', 'not a CDR message'),
+        (array([]), '0 numbers'),
+    ):
         with pytest.raises(MalformedMessageError, match=words):
             commands.decode(raw, 5)
 
@@ -150,7 +163,8 @@ def test_joint_states_have_names_and_a_stamp():
     assert EffortCommands(JOINT_STATE, [], True).decode(raw, 5)[0] == 5
     with pytest.raises(MalformedMessageError, match='2 names, but 1 efforts'):
         EffortCommands(JOINT_STATE, [], False).decode(
-            Encoder().encode(START, '', ('a', 'b'), (), (), (1.0,)), 5)
+            Encoder().encode(START, '', ('a', 'b'), (), (), (1.0,)), 5
+        )
 
 
 def test_an_array_needs_the_joints_by_name():
@@ -159,6 +173,7 @@ def test_an_array_needs_the_joints_by_name():
 
 
 # Who takes them
+
 
 def turning(k):
     return 0.3 * math.sin(0.002 * k), math.cos(0.017 * k)
@@ -178,7 +193,7 @@ def test_the_adaptive_joint_takes_commands_as_it_takes_fields():
         command.take(START + k * MS, ('j',), (position,), ())
         if k < 399:
             command.command(START + k * MS, ('x', 'j'), (9.0, turning(k + 1)[1]))
-    assert command.joints['j'].used == 399          # nothing had acted before the first
+    assert command.joints['j'].used == 399  # nothing had acted before the first
     assert command.joints['j'].dropped() == {'non_finite': 1}
     late = bank(COMMAND)
     late.take(START, ('j',), (0.1,), ())
@@ -225,20 +240,29 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
 
 # Replay
 
+
 def motion(observer):
     """(position, effort) every 2 ms, in which this observer finds its way."""
     if observer != 'adaptive':
         return [(0.3 + 1e-4 * k, turning(k)[1]) for k in range(600)]
     decode = Decoder().decode
-    states = [decode(bytes(message.encode(START))) for chunk in SIMULATOR.generate(
-        build(MotorParameters, {'rate': 500.0}), 6.0, 1) for message in chunk
-        if message.topic == 'joint_states']
+    states = [
+        decode(bytes(message.encode(START)))
+        for chunk in SIMULATOR.generate(build(MotorParameters, {'rate': 500.0}), 6.0, 1)
+        for message in chunk
+        if message.topic == 'joint_states'
+    ]
     return [(state.positions[0], state.efforts[0]) for state in states]
 
 
-@pytest.mark.parametrize('observer, node, joint', [
-    ('adaptive', 'adaptive_observer', 'joint'), ('switched', 'switched_observer', 'joint'),
-    ('geso', 'mechanical_observer', 'joint')])
+@pytest.mark.parametrize(
+    'observer, node, joint',
+    [
+        ('adaptive', 'adaptive_observer', 'joint'),
+        ('switched', 'switched_observer', 'joint'),
+        ('geso', 'mechanical_observer', 'joint'),
+    ],
+)
 def test_replay_takes_the_topic_as_the_node_does(observer, node, joint, tmp_path, capsys):
     """Arrays at the time of sending, and by name: the same estimates as from the effort field."""
     encode, decode, estimates = Encoder().encode, Decoder().decode, {}
@@ -246,29 +270,65 @@ def test_replay_takes_the_topic_as_the_node_does(observer, node, joint, tmp_path
         with BagWriter(tmp_path / kind) as bag:
             bag.add_topic('/joint_states', joint_state.TYPE)
             if kind != 'field':
-                bag.add_topic('/effort_command',
-                              multi_array.TYPE if kind == 'array' else joint_state.TYPE)
+                bag.add_topic(
+                    '/effort_command', multi_array.TYPE if kind == 'array' else joint_state.TYPE
+                )
             for k, (position, effort) in enumerate(motion(observer)):
                 stamp, since = START + 2 * k * MS, START + 2 * (k - 1) * MS
                 if kind != 'field':  # from the sample before on
-                    bag.write('/effort_command', since, array([effort]) if kind == 'array' else
-                              encode(since, '', (joint,), (), (), (effort,)))
-                bag.write('/joint_states', stamp, encode(
-                    stamp, '', (joint,), (position,), (),
-                    (effort,) if kind == 'field' else ()))
+                    bag.write(
+                        '/effort_command',
+                        since,
+                        array([effort])
+                        if kind == 'array'
+                        else encode(since, '', (joint,), (), (), (effort,)),
+                    )
+                bag.write(
+                    '/joint_states',
+                    stamp,
+                    encode(
+                        stamp, '', (joint,), (position,), (), (effort,) if kind == 'field' else ()
+                    ),
+                )
         words = [] if kind == 'field' else ['--set', 'input=effort_command']
         if kind == 'array':
             words += ['--set', 'effort_command_type=Float64MultiArray']
         if observer == 'adaptive':
             words += ['--set', f'joints=[{joint}]']
-        assert cli.main(['replay', str(tmp_path / kind), '--observer', observer, *words, '--out',
-                         str(tmp_path / f'{kind}_out')]) == 0
+        assert (
+            cli.main(
+                [
+                    'replay',
+                    str(tmp_path / kind),
+                    '--observer',
+                    observer,
+                    *words,
+                    '--out',
+                    str(tmp_path / f'{kind}_out'),
+                ]
+            )
+            == 0
+        )
         with open_bag(tmp_path / f'{kind}_out') as bag:
-            estimates[kind] = [decode(bytes(message.raw)) for message in
-                               bag.messages([f'/{node}/estimate'])]
+            estimates[kind] = [
+                decode(bytes(message.raw)) for message in bag.messages([f'/{node}/estimate'])
+            ]
     assert sum(bool(each.names) for each in estimates['field']) > 100
     assert estimates['field'] == estimates['by_name'] == estimates['array']
     capsys.readouterr()
-    assert cli.main(['replay', str(tmp_path / 'field'), '--observer', observer,
-                     '--set', 'input=effort_command', '--out', str(tmp_path / 'none')]) == 1
+    assert (
+        cli.main(
+            [
+                'replay',
+                str(tmp_path / 'field'),
+                '--observer',
+                observer,
+                '--set',
+                'input=effort_command',
+                '--out',
+                str(tmp_path / 'none'),
+            ]
+        )
+        == 1
+    )
     assert "has no topic '/effort_command'" in capsys.readouterr().err

@@ -41,9 +41,13 @@ CALL = """
 
 def python(script, *arguments):
     """What a process of its own prints, which keeps nothing but compiled functions."""
-    done = subprocess.run([sys.executable, '-c', textwrap.dedent(script), *map(str, arguments)],
-                          capture_output=True, text=True, timeout=120,
-                          env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1'})
+    done = subprocess.run(
+        [sys.executable, '-c', textwrap.dedent(script), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1'},
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -62,8 +66,11 @@ def test_kept_between_processes_until_something_called_changes(tmp_path):
     closed_over = call(tmp_path, gain=4.0)
     assert closed_over[0] != first[0] and closed_over[1] == pytest.approx(first[1] * 4.0 / 3.0)
     stat = source.stat()
-    for old, new, factor in (('SCALE = 2.0', 'SCALE = 5.0', 2.5),
-                             ('* SCALE', '/ SCALE', 0.25), ('{1, 2, 3}', '{1, 2, 4}', 1.0)):
+    for old, new, factor in (
+        ('SCALE = 2.0', 'SCALE = 5.0', 2.5),
+        ('* SCALE', '/ SCALE', 0.25),
+        ('{1, 2, 3}', '{1, 2, 4}', 1.0),
+    ):
         source.write_text(textwrap.dedent(MODULE).replace(old, new))
         os.utime(source, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # the file alone tells nothing
         changed = call(tmp_path)

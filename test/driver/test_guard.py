@@ -27,11 +27,13 @@ from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
-FARTHEST = 2 ** 63 - 1
+FARTHEST = 2**63 - 1
 
-anything = st.integers(-2 ** 63, FARTHEST)
-steps = st.one_of(st.sampled_from([0, 1, MS, -MS, -150 * MS, 250 * MS, 10 ** 18, -10 ** 18]),
-                  st.integers(-300 * MS, 300 * MS))
+anything = st.integers(-(2**63), FARTHEST)
+steps = st.one_of(
+    st.sampled_from([0, 1, MS, -MS, -150 * MS, 250 * MS, 10**18, -(10**18)]),
+    st.integers(-300 * MS, 300 * MS),
+)
 angles = st.one_of(st.floats(-4.0, 4.0), st.sampled_from([math.nan, math.inf, -math.inf, 1e300]))
 
 
@@ -40,20 +42,21 @@ def arrivals(draw):
     """Stamps that mostly go on from the last, and at times are anything an int64 can be."""
     now = draw(st.one_of(st.just(START), anything))
     rows = []
-    for step, wild, stamp, angle in draw(st.lists(
-            st.tuples(steps, st.integers(0, 9), anything, angles), min_size=1, max_size=60)):
+    for step, wild, stamp, angle in draw(
+        st.lists(st.tuples(steps, st.integers(0, 9), anything, angles), min_size=1, max_size=60)
+    ):
         if wild == 0:
             rows.append((stamp, angle))
             continue
-        now = min(max(now + step, -2 ** 63), FARTHEST)
+        now = min(max(now + step, -(2**63)), FARTHEST)
         rows.append((now, angle))
     return rows
 
 
 @settings(max_examples=300, deadline=None)
 @given(arrivals())
-@example([(1, 0.0), (FARTHEST, 0.1), (2, 0.2), (-2 ** 63, 0.3), (3, 0.4)])
-@example([(START, 0.0), (START, 0.0), (START - 1, 0.0), (0, 0.0), (START + 10 ** 18, 0.0)])
+@example([(1, 0.0), (FARTHEST, 0.1), (2, 0.2), (-(2**63), 0.3), (3, 0.4)])
+@example([(START, 0.0), (START, 0.0), (START - 1, 0.0), (0, 0.0), (START + 10**18, 0.0)])
 def test_received_is_used_plus_each_kind_of_dropped(rows):
     joint = make('kalman')
     used = 0
@@ -115,7 +118,7 @@ def test_verdict_of_each_kind():
     assert feed(now + 3 * MS) == USED
     assert feed(now + 300 * MS) == AFTER_GAP
     assert feed(now + 301 * MS) == USED
-    assert feed(now + 201 * MS) == LATE           # by just the reorder window
+    assert feed(now + 201 * MS) == LATE  # by just the reorder window
     assert feed(now + 201 * MS - 1) == AFTER_CLOCK_JUMP
     assert joint.dropped() == {'duplicate': 1, 'late': 2, 'zero_stamp': 2, 'non_finite': 1}
     assert joint.events() == {'gap': 1, 'clock_jump': 1}
@@ -126,8 +129,7 @@ def test_verdict_of_each_kind():
 @given(st.integers(201 * MS, FARTHEST - START - 2000 * MS), st.integers(1, 3))
 def test_one_stamp_from_the_far_future_costs_two_samples_at_most(ahead, after):
     joint, feed, now = running(count=300)
-    assert feed(now + ahead, moment=now + MS) == (
-        AFTER_GAP if ahead <= 500 * MS else AFTER_OUTAGE)
+    assert feed(now + ahead, moment=now + MS) == (AFTER_GAP if ahead <= 500 * MS else AFTER_OUTAGE)
     stamp = now + MS
     for _ in range(after):
         stamp += MS
@@ -145,11 +147,11 @@ def test_a_far_future_stamp_anywhere_in_a_stream_does_no_lasting_harm(position, 
     joint = make('finite_difference', {'bandwidth_hz': 0.3e9 / dt_ns})
     verdicts = []
     for i in range(100):
-        stamp = START + i * dt_ns + (10 ** 17 if i == position else 0)
+        stamp = START + i * dt_ns + (10**17 if i == position else 0)
         joint.update(stamp, wrapped(0.1 * i).item())
         verdicts.append(joint.verdict)
     assert joint.dropped() == {}
-    assert verdicts[position + 4:] == [USED] * (96 - position)
+    assert verdicts[position + 4 :] == [USED] * (96 - position)
     # a first stamp from there cannot be told from a clock that jumped
     assert ('clock_jump' in joint.events()) == (position == 0)
     assert joint.estimate()[3] == TRACKING
@@ -161,7 +163,9 @@ def test_three_late_ones_in_a_row_mean_that_the_clock_jumped():
     joint, feed, now = running()
     back = now - 50 * MS  # within the reorder window
     assert [feed(back + i * MS) for i in range(4)] == [LATE] * (LATE_IN_A_ROW - 1) + [
-        AFTER_CLOCK_JUMP, USED]
+        AFTER_CLOCK_JUMP,
+        USED,
+    ]
     joint, feed, now = running()
     for i in range(20):  # never in a row
         assert feed(now + 2 * i * MS - 3 * MS) in (LATE, DUPLICATE)
@@ -246,8 +250,12 @@ def test_nothing_of_the_speed_before_an_outage_is_published(name, outage):
 
 def test_an_outage_is_longer_than_timeout_gap_max_and_four_sample_times():
     """Each of the three is the longest once; a nanosecond tells."""
-    for dt_ms, values, longest in ((1, {}, 500), (1, {'gap_max': 0.9}, 900),
-                                   (1, {'timeout': 2.0}, 2000), (200, {}, 800)):
+    for dt_ms, values, longest in (
+        (1, {}, 500),
+        (1, {'gap_max': 0.9}, 900),
+        (1, {'timeout': 2.0}, 2000),
+        (200, {}, 800),
+    ):
         for more, verdict in ((0, None), (1 if dt_ms == 1 else MS, AFTER_OUTAGE)):
             joint, feed, now = running(speed=0.5, count=100, dt_ns=dt_ms * MS, **values)
             found = feed(now + longest * MS + more)

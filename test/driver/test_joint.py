@@ -67,19 +67,23 @@ def test_batch_equals_compiled_batch(name):
     # types stay what they were, so that a batch can follow a live phase and the other way round
     assert [type(value) for value in one._track] == [type(value) for value in other._track]
     again = stamps(200)[:200] + (at[-1] - at[0]) + 10 * MS
-    assert_equal(one.run(again, angles[:200], fast=False),
-                 other.run(again, angles[:200], fast=True), 1e-9)
+    assert_equal(
+        one.run(again, angles[:200], fast=False), other.run(again, angles[:200], fast=True), 1e-9
+    )
 
 
 def test_batch_in_parts_equals_the_whole():
     at, angles = stream(6, 900)
     whole, parts = make('kalman'), make('kalman')
     out = whole.run(at, angles, fast=False)
-    pieces = [parts.run(at[a:b], angles[a:b], fast=False)
-              for a, b in ((0, 1), (1, 300), (300, 300), (300, 900))]
+    pieces = [
+        parts.run(at[a:b], angles[a:b], fast=False)
+        for a, b in ((0, 1), (1, 300), (300, 300), (300, 900))
+    ]
     for field in Estimates._fields:
         np.testing.assert_array_equal(
-            getattr(out, field), np.concatenate([getattr(piece, field) for piece in pieces]))
+            getattr(out, field), np.concatenate([getattr(piece, field) for piece in pieces])
+        )
 
 
 def test_before_the_first_sample():
@@ -131,7 +135,8 @@ def test_longest_dt_is_where_the_limits_begin():
     assert longest_dt(lambda dt: None) == math.inf
     assert longest_dt(lambda dt: 'never') == 0.0
     assert longest_dt(lambda dt: 'too long' if dt > 0.0123 else None) == (
-        pytest.approx(0.0123, rel=1e-6))
+        pytest.approx(0.0123, rel=1e-6)
+    )
     for name in angle_observers():
         if name != 'hybrid_angle':
             assert make(name).longest_dt == math.inf
@@ -194,14 +199,19 @@ def test_joints_may_come_go_and_change_order():
     random = np.random.default_rng(1)
     alone = {name: make('kalman') for name in 'abc'}
     for i in range(2000):
-        names = [name for name in 'abc'
-                 if not (name == 'b' and 500 <= i < 700) and not (name == 'c' and i < 300)]
+        names = [
+            name
+            for name in 'abc'
+            if not (name == 'b' and 500 <= i < 700) and not (name == 'c' and i < 300)
+        ]
         random.shuffle(names)
         stamp = START + i * MS
         valid = several.update(stamp, names, [angle_of(name, i) for name in names])
         assert [name for name, _, _ in valid] == [
-            name for name in names if alone[name].update(stamp, angle_of(name, i))
-            and alone[name].estimate()[3] in (1, 2)]
+            name
+            for name in names
+            if alone[name].update(stamp, angle_of(name, i)) and alone[name].estimate()[3] in (1, 2)
+        ]
         for name, joint, estimate in valid:
             assert joint is several.joints[name]
             assert estimate[:2] == alone[name].estimate()[:2]
@@ -243,8 +253,10 @@ def test_a_name_twice_in_one_message_is_a_duplicate():
 
 
 def test_overrides_are_per_joint():
-    several = bank(common={'jerk_psd': 1e4, 'gap_max': 0.5},
-                   overrides={'b': {'jerk_psd': 10.0, 'wrap_period': 0.0}})
+    several = bank(
+        common={'jerk_psd': 1e4, 'gap_max': 0.5},
+        overrides={'b': {'jerk_psd': 10.0, 'wrap_period': 0.0}},
+    )
     for name in 'ab':
         several.joint(name)
     a, b = several.joints['a'], several.joints['b']
@@ -253,13 +265,16 @@ def test_overrides_are_per_joint():
     assert a.settings.gap_max == b.settings.gap_max == 0.5
 
 
-@pytest.mark.parametrize('common, overrides, words', [
-    ({'jerk_pds': 1.0}, {}, ['jerk_pds', 'jerk_psd']),
-    ({'jerk_psd': -1.0}, {}, ['jerk_psd', 'outside']),
-    ({}, {'b': {'gap_mx': 1.0}}, ['gap_mx', 'gap_max']),
-    ({}, {'b': {'gap_max': 'long'}}, ['gap_max', 'number']),
-    ({'model': 'constant_jerk'}, {}, ['constant_jerk', 'constant_velocity']),
-])
+@pytest.mark.parametrize(
+    'common, overrides, words',
+    [
+        ({'jerk_pds': 1.0}, {}, ['jerk_pds', 'jerk_psd']),
+        ({'jerk_psd': -1.0}, {}, ['jerk_psd', 'outside']),
+        ({}, {'b': {'gap_mx': 1.0}}, ['gap_mx', 'gap_max']),
+        ({}, {'b': {'gap_max': 'long'}}, ['gap_max', 'number']),
+        ({'model': 'constant_jerk'}, {}, ['constant_jerk', 'constant_velocity']),
+    ],
+)
 def test_wrong_configurations_are_refused_in_one_line(common, overrides, words):
     with pytest.raises(UsageError) as caught:
         bank(common=common, overrides=overrides)
@@ -272,8 +287,12 @@ def test_dropped_samples_leave_the_estimate_alone():
     for i in range(500):
         joint.update(START + i * MS, wrapped(3.0 * i * 1e-3).item())
     before = joint.estimate(), joint.stddev(), joint.stamp_ns
-    for stamp, angle in ((START + 499 * MS, 1.0), (START + 480 * MS, 1.0), (0, 1.0),
-                         (START + 500 * MS, math.nan)):
+    for stamp, angle in (
+        (START + 499 * MS, 1.0),
+        (START + 480 * MS, 1.0),
+        (0, 1.0),
+        (START + 500 * MS, math.nan),
+    ):
         assert not joint.update(stamp, angle)
         assert joint.verdict >= DUPLICATE
         assert (joint.estimate(), joint.stddev(), joint.stamp_ns) == before

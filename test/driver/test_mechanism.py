@@ -17,7 +17,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.observers.contract import COASTING, NOT_OBSERVABLE, TRACKING
 
 MS = 1_000_000
-START = 10 ** 12
+START = 10**12
 
 
 def bank(source='joint_states', names=('m',), overrides=None, observer='geso', **values):
@@ -28,30 +28,39 @@ def bank(source='joint_states', names=('m',), overrides=None, observer='geso', *
 
 # Inputs
 
+
 def test_an_input_is_averaged_over_the_interval_in_which_it_acted():
     inputs = Inputs(1)
     inputs.add(0, START, 1.0)
     inputs.add(0, START + 2 * MS, 3.0)
     inputs.add(0, START + 5 * MS, -1.0)
-    assert inputs.mean(START + MS, START + 3 * MS, 10 ** 9) == (2.0,)
-    assert inputs.mean(START + 3 * MS, START + 4 * MS, 10 ** 9) == (3.0,)
-    assert inputs.mean(START + 4 * MS, START + 8 * MS, 10 ** 9) == (0.0,)
+    assert inputs.mean(START + MS, START + 3 * MS, 10**9) == (2.0,)
+    assert inputs.mean(START + 3 * MS, START + 4 * MS, 10**9) == (3.0,)
+    assert inputs.mean(START + 4 * MS, START + 8 * MS, 10**9) == (0.0,)
 
 
 def test_an_input_that_is_not_known_or_too_old_is_nan():
     inputs = Inputs(2)
     inputs.add(0, START, 1.0)
-    first, second = inputs.mean(START, START + MS, 10 ** 9)
+    first, second = inputs.mean(START, START + MS, 10**9)
     assert first == 1.0 and math.isnan(second)
-    assert math.isnan(inputs.mean(START - MS, START, 10 ** 9)[0])
+    assert math.isnan(inputs.mean(START - MS, START, 10**9)[0])
     assert math.isnan(inputs.mean(START + 700 * MS, START + 701 * MS, 500 * MS)[0])
 
 
 @pytest.mark.parametrize('delay', (0.0, 0.005))
 def test_the_effort_command_acts_from_its_stamp_plus_its_delay(delay):
     """The observer's momentum moves exactly when and as much as the command says."""
-    mechanisms = bank(COMMAND, model='single_joint', model_parameters=['inertia=0.1'],
-                      joints=['j'], input_scale=[-2.0], input_delay=delay, L=[1e-3], K=[1e-6])
+    mechanisms = bank(
+        COMMAND,
+        model='single_joint',
+        model_parameters=['inertia=0.1'],
+        joints=['j'],
+        input_scale=[-2.0],
+        input_delay=delay,
+        L=[1e-3],
+        K=[1e-6],
+    )
     mechanisms.command(START - 100 * MS, ('j',), (0.0,))
     mechanism = mechanisms.joints['m']
     velocities = []
@@ -68,6 +77,7 @@ def test_the_effort_command_acts_from_its_stamp_plus_its_delay(delay):
 
 # Joints
 
+
 def test_joints_in_separate_messages_are_matched_by_stamp():
     """In any order, with another sample between; the same estimates as from whole messages."""
     values = {'model': 'cart_pendulum', 'bandwidth_hz': 20.0, 'joints': ['arm', 'wagon']}
@@ -76,7 +86,7 @@ def test_joints_in_separate_messages_are_matched_by_stamp():
         stamp, y = START + k * MS, (0.3 + 1e-3 * k, 2e-4 * k)
         whole.update(stamp, ('wagon', 'arm'), (y[1], y[0]), (0.5, 0.0))
         messages = [(('arm',), (y[0],), ()), (('wagon', 'x'), (y[1], 9.0), (0.5, 9.0))]
-        for names, positions, efforts in messages[::1 if k % 2 else -1]:
+        for names, positions, efforts in messages[:: 1 if k % 2 else -1]:
             parts.update(stamp, names, positions, efforts)
     assert whole.joints['m'].estimate() == parts.joints['m'].estimate()
     assert parts.joints['m'].used == 200 and parts.joints['m'].incomplete == 0
@@ -119,8 +129,9 @@ def through_a_missing_effort(observer):
     """
     positions, truth = motion('cart_pendulum', FAST, (1.37, -0.1), (6.0, 0.35), 1e-3, 1655)
     gains = {'mu': [29.0, 10.0]} if observer == 'smo' else {'bandwidth_hz': 8.0}
-    mechanisms = bank(observer=observer, model='cart_pendulum', model_parameters=list(FAST),
-                      **gains)
+    mechanisms = bank(
+        observer=observer, model='cart_pendulum', model_parameters=list(FAST), **gains
+    )
     mechanism, velocities = mechanisms.joints['m'], []
     for k, position in enumerate(positions):
         effort = math.nan if 1500 <= k < 1650 else 0.0
@@ -190,31 +201,45 @@ def test_joints_whose_stamps_never_agree_are_told_how_far_they_are_apart():
     for k in range(30):
         mechanisms.update(START + k * MS, ('p',), (0.1,), ())
         mechanisms.update(START + k * MS + 200_000, ('c',), (0.0,), ())
-    assert mechanisms.why_silent('m') == ('its joints come apart, with stamps that differ by '
-                                          '0.0002 s at least (pair_tolerance)')
+    assert mechanisms.why_silent('m') == (
+        'its joints come apart, with stamps that differ by 0.0002 s at least (pair_tolerance)'
+    )
     assert mechanisms.joints['m'].received == 0 < mechanisms.joints['m'].incomplete
 
 
 def test_several_mechanisms_in_one_stream():
-    mechanisms = bank(names=('arm', 'cart'), bandwidth_hz=20.0, overrides={
-        'arm': {'joints': ['elbow']},
-        'cart': {'model': 'cart_pendulum', 'joints': ['p', 'c'], 'bandwidth_hz': 30.0}})
+    mechanisms = bank(
+        names=('arm', 'cart'),
+        bandwidth_hz=20.0,
+        overrides={
+            'arm': {'joints': ['elbow']},
+            'cart': {'model': 'cart_pendulum', 'joints': ['p', 'c'], 'bandwidth_hz': 30.0},
+        },
+    )
     for k in range(500):
-        found = mechanisms.update(START + k * MS, ('p', 'elbow', 'c'), (0.1, 1e-3 * k, 0.0),
-                                  (0.0, 0.0, 0.0))
+        found = mechanisms.update(
+            START + k * MS, ('p', 'elbow', 'c'), (0.1, 1e-3 * k, 0.0), (0.0, 0.0, 0.0)
+        )
     assert [each.name for each in found] == ['elbow', 'p', 'c']
     assert found[0].velocity == pytest.approx(1.0, abs=1e-3)
     assert len(mechanisms.stddevs(['p', 'elbow'])) == 2
 
 
-@pytest.mark.parametrize('values, words', [
-    ({'model': 'cart_pendulum', 'joints': ['a']}, "has 2 joints (pendulum, cart), but 'joints'"),
-    ({'model': 'cart_pendulum', 'joints': ['a', 'a']}, 'names a joint twice'),
-    ({'input_scale': [1.0, 2.0]}, "'input_scale' has 2 numbers for 1 input"),
-    ({'names': ('a', 'a')}, "'mechanisms' names 'a' twice"),
-    ({'names': ('a', 'b')}, "'a' and 'b' both have the joint 'joint'"),
-    ({'bandwith_hz': 3.0}, "did you mean 'bandwidth_hz'?"),
-    ({'overrides': {'arn': {'bandwidth_hz': 3.0}}}, "a mechanism 'arn'")])
+@pytest.mark.parametrize(
+    'values, words',
+    [
+        (
+            {'model': 'cart_pendulum', 'joints': ['a']},
+            "has 2 joints (pendulum, cart), but 'joints'",
+        ),
+        ({'model': 'cart_pendulum', 'joints': ['a', 'a']}, 'names a joint twice'),
+        ({'input_scale': [1.0, 2.0]}, "'input_scale' has 2 numbers for 1 input"),
+        ({'names': ('a', 'a')}, "'mechanisms' names 'a' twice"),
+        ({'names': ('a', 'b')}, "'a' and 'b' both have the joint 'joint'"),
+        ({'bandwith_hz': 3.0}, "did you mean 'bandwidth_hz'?"),
+        ({'overrides': {'arn': {'bandwidth_hz': 3.0}}}, "a mechanism 'arn'"),
+    ],
+)
 def test_wrong_settings_are_refused_in_one_line(values, words):
     with pytest.raises(UserError) as error:
         bank(**values)
@@ -235,8 +260,10 @@ def test_gains_change_without_a_break():
 
 # Replay of simulated bags: two-sided bounds on the rms of the velocity errors
 
-CART = ['model=cart_pendulum', "model_parameters=['force_constant=9.27','friction_forward=3.98',"
-        "'friction_backward=2.87']"]
+CART = [
+    'model=cart_pendulum',
+    "model_parameters=['force_constant=9.27','friction_forward=3.98','friction_backward=2.87']",
+]
 JOINT = ["model_parameters=['inertia=0.05','damping=0.02','gravity=1.5','coulomb=0.05']"]
 CASES = [  # simulator, observer, parameters, largest rms of each joint
     ('cart_pendulum', 'geso', [*CART, 'L=[50, 80]', 'Gamma=[80, 150]'], (0.026, 0.0147)),
@@ -244,17 +271,35 @@ CASES = [  # simulator, observer, parameters, largest rms of each joint
     ('cart_pendulum', 'ehgo', [*CART, 'bandwidth_hz=25'], (0.0236, 0.007)),
     ('cart_pendulum', 'smo', [*CART, 'mu=[29, 10]'], (0.11, 0.04)),
     ('pendulum', 'geso', [*JOINT, 'bandwidth_hz=5'], (0.0041,)),
-    ('robotic_leg', 'geso', ['model=robotic_leg', 'bandwidth_hz=1'], (0.0053, 0.00044, 0.0175))]
+    ('robotic_leg', 'geso', ['model=robotic_leg', 'bandwidth_hz=1'], (0.0053, 0.00044, 0.0175)),
+]
 
 
-@pytest.mark.parametrize('plant, observer, values, bounds', CASES,
-                         ids=[f'{case[0]}-{case[1]}' for case in CASES])
+@pytest.mark.parametrize(
+    'plant, observer, values, bounds', CASES, ids=[f'{case[0]}-{case[1]}' for case in CASES]
+)
 def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, tmp_path):
-    assert cli.main(['simulate', plant, '--duration', '8', '--seed', '3', '--out',
-                     str(tmp_path / 'bag')]) == 0
+    assert (
+        cli.main(
+            ['simulate', plant, '--duration', '8', '--seed', '3', '--out', str(tmp_path / 'bag')]
+        )
+        == 0
+    )
     words = [word for value in values for word in ('--set', value)]
-    assert cli.main(['replay', str(tmp_path / 'bag'), '--observer', observer, *words, '--out',
-                     str(tmp_path / 'out')]) == 0
+    assert (
+        cli.main(
+            [
+                'replay',
+                str(tmp_path / 'bag'),
+                '--observer',
+                observer,
+                *words,
+                '--out',
+                str(tmp_path / 'out'),
+            ]
+        )
+        == 0
+    )
     with open_bag(tmp_path / 'out') as bag:
         found = joint_series(bag, '/mechanical_observer/estimate')
         truth = joint_series(bag, '/ground_truth/joint_states')
@@ -266,16 +311,21 @@ def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, tm
         assert 0.5 * bound < rms < bound, f'{name}: {rms}'
 
 
-@pytest.mark.parametrize('words, message', [
-    (['--observer', 'geso', '--set', 'model=own_models:TwoLinks'], "use the observer 'hgo'"),
-    (['--observer', 'geso', '--set', 'model=no_such:Model'], "cannot import 'no_such'"),
-    (['--observer', 'geso', '--set', 'model=cart_pendulum'], "name them with the parameter"),
-    (['--observer', 'geso', '--set', 'L=-1', '--set', 'K=3'], 'not Hurwitz'),
-    (['--observer', 'geso', '--set', 'modle=x'], "did you mean 'model'?"),
-    (['--observer', 'geso', '--joint', 'a'], '--angle and --joint')])
+@pytest.mark.parametrize(
+    'words, message',
+    [
+        (['--observer', 'geso', '--set', 'model=own_models:TwoLinks'], "use the observer 'hgo'"),
+        (['--observer', 'geso', '--set', 'model=no_such:Model'], "cannot import 'no_such'"),
+        (['--observer', 'geso', '--set', 'model=cart_pendulum'], 'name them with the parameter'),
+        (['--observer', 'geso', '--set', 'L=-1', '--set', 'K=3'], 'not Hurwitz'),
+        (['--observer', 'geso', '--set', 'modle=x'], "did you mean 'model'?"),
+        (['--observer', 'geso', '--joint', 'a'], '--angle and --joint'),
+    ],
+)
 def test_replay_says_what_is_wrong_in_one_line(words, message, tmp_path, capsys):
-    assert cli.main(['simulate', 'pendulum', '--duration', '0.1', '--out',
-                     str(tmp_path / 'bag')]) == 0
+    assert (
+        cli.main(['simulate', 'pendulum', '--duration', '0.1', '--out', str(tmp_path / 'bag')]) == 0
+    )
     capsys.readouterr()
     assert cli.main(['replay', str(tmp_path / 'bag'), *words]) in (1, 2)
     error = capsys.readouterr().err
@@ -289,6 +339,7 @@ def test_the_parameter_file_is_what_the_node_and_replay_take():
     from estimator_pkg.driver.mechanism import MechanismSettings
     from estimator_pkg.parameters import declared
     from estimator_pkg.streams.mechanical import MechanicalSettings, MechanicalStream
+
     path = Path(__file__).parents[2] / 'config/mechanical_observer.yaml'
     stream = MechanicalStream.of(params_file.load(str(path), 'mechanical_observer'))
     assert stream.observer.name == 'geso' and list(stream.bank.joints) == ['mechanism']
@@ -303,15 +354,24 @@ def test_the_parameter_file_is_what_the_node_and_replay_take():
 @pytest.mark.parametrize('observer', ('geso', 'hgo'))
 def test_a_disturbance_can_be_looked_for_from_now_on(observer):
     """A live change of disturbance_hz, both ways: a constant torque of 0.2 N m is found, or not."""
-    mechanisms = bank(observer=observer, model='single_joint', model_parameters=['inertia=0.1'],
-                      joints=['j'], bandwidth_hz=5.0)
+    mechanisms = bank(
+        observer=observer,
+        model='single_joint',
+        model_parameters=['inertia=0.1'],
+        joints=['j'],
+        bandwidth_hz=5.0,
+    )
     mechanism = mechanisms.joints['m']
     error = []
     for k in range(6000):
         if k in (2000, 4000):
-            mechanism.set_gains(mechanism.gains.__class__(
-                model_parameters=('inertia=0.1',), bandwidth_hz=5.0,
-                disturbance_hz=1.0 if k == 2000 else 0.0))
+            mechanism.set_gains(
+                mechanism.gains.__class__(
+                    model_parameters=('inertia=0.1',),
+                    bandwidth_hz=5.0,
+                    disturbance_hz=1.0 if k == 2000 else 0.0,
+                )
+            )
         mechanisms.update(START + k * MS, ('j',), (1e-6 * k * k,), (0.0,))  # 2 rad/s^2
         error.append(mechanism.estimate()[1][0] - 2e-3 * k)
     assert abs(error[1999]) == pytest.approx(abs(error[5999]), rel=1e-3) and abs(error[1999]) > 0.05

@@ -45,8 +45,7 @@ def rms(out, speed, after):
 
 def sine(frequency, amplitude=1.2):
     rate = TURN * frequency
-    return (lambda t: amplitude * np.sin(rate * t),
-            lambda t: rate * amplitude * np.cos(rate * t))
+    return (lambda t: amplitude * np.sin(rate * t), lambda t: rate * amplitude * np.cos(rate * t))
 
 
 def beside_its_twin(name, rate, ratio, motion, counts, gains=None, readings=None, **settings):
@@ -60,8 +59,11 @@ def beside_its_twin(name, rate, ratio, motion, counts, gains=None, readings=None
     twin, alone = run(name, times[fresh], angles[fresh], gains, **settings)
     assert twin.dropped() == {}
     later = times > 1.0
-    return (rms(out, speed(times), later)
-            / rms(alone, speed(times[fresh]), later[fresh])), joint, out
+    return (
+        (rms(out, speed(times), later) / rms(alone, speed(times[fresh]), later[fresh])),
+        joint,
+        out,
+    )
 
 
 @pytest.mark.parametrize('name', angle_observers())
@@ -72,15 +74,24 @@ def test_each_second_reading_repeated(name, known, frequency):
     worse, joint, out = beside_its_twin(name, 224.0, 2, sine(frequency), 8000, gains)
     assert worse < 1.1
     assert np.all(out.verdict[224:][1::2] == REPEATED) and not np.any(
-        out.verdict[224:][::2] == REPEATED)
+        out.verdict[224:][::2] == REPEATED
+    )
     assert joint.dropped()['repeated'] > 540 and 'repeats its readings' in joint.why()
     assert joint.mean_dt == pytest.approx(2.0 / 224.0, rel=1e-4)
 
 
 @pytest.mark.parametrize('name', angle_observers())
-@pytest.mark.parametrize(('rate', 'ratio', 'counts'), [
-    (1000.0, 2, 4096), (1000.0, 3, 4096), (1000.0, 5, 8000), (1000.0, 10, 2 ** 16),
-    (10_000.0, 10, 2 ** 20), (1000.0, 2.5, 8000)])
+@pytest.mark.parametrize(
+    ('rate', 'ratio', 'counts'),
+    [
+        (1000.0, 2, 4096),
+        (1000.0, 3, 4096),
+        (1000.0, 5, 8000),
+        (1000.0, 10, 2**16),
+        (10_000.0, 10, 2**20),
+        (1000.0, 2.5, 8000),
+    ],
+)
 def test_slower_sensors(name, rate, ratio, counts):
     worse, joint, out = beside_its_twin(name, rate, ratio, sine(0.8, 3.0), counts)
     assert worse < 1.3
@@ -101,8 +112,13 @@ def test_without_a_circle_and_with_noise(name):
     assert worse < 1.3 and joint.dropped()['repeated'] > 540
     random = np.random.default_rng(1)
     worse, joint, _ = beside_its_twin(
-        name, 224.0, 2, sine(1.0), 0,
-        readings=lambda t: sine(1.0)[0](t) + random.normal(0.0, 1e-3, len(t)))
+        name,
+        224.0,
+        2,
+        sine(1.0),
+        0,
+        readings=lambda t: sine(1.0)[0](t) + random.normal(0.0, 1e-3, len(t)),
+    )
     assert worse < 1.3 and joint.dropped()['repeated'] > 540
 
 
@@ -116,6 +132,7 @@ def test_at_constant_speed_from_the_start(speed):
 
 def test_rest_and_motion_again():
     """At rest every reading repeats: as many are used as the sensor gives, and none is late."""
+
     def angle(t):
         phase = np.clip(t % 4.0 - 1.0, 0.0, 2.0)
         return 2.0 * (1.0 - np.cos(math.pi * phase))
@@ -144,7 +161,8 @@ def test_lost_and_late_messages_and_clocks_that_drift(ratio):
     assert np.all(out.verdict[changed] < DUPLICATE)
     _, alone = run('kalman', stamped[changed], angles[changed])
     assert rms(out, speed(times), times > 1.0) < 1.2 * rms(
-        alone, speed(times[changed]), times[changed] > 1.0)
+        alone, speed(times[changed]), times[changed] > 1.0
+    )
     share = np.mean(out.verdict[1000:] == REPEATED)
     assert share == pytest.approx(1.0 - 1.0 / ratio, abs=0.04)
 
@@ -153,7 +171,7 @@ def test_undone_as_soon_as_the_pattern_breaks():
     angle, _ = sine(1.0)
     times = np.arange(4000) / 1000.0
     source = np.where(times < 2.0, held(len(times), 2), np.arange(len(times)))
-    joint, out = run('hybrid_angle', times, read(times, angle, 2 ** 18)[source])
+    joint, out = run('hybrid_angle', times, read(times, angle, 2**18)[source])
     assert np.any(out.verdict[1000:2000] == REPEATED)
     assert not np.any(out.verdict[2000:] == REPEATED)
     assert 'repeats' not in joint.why()
@@ -168,34 +186,52 @@ def test_recognition_survives_a_gap_and_ends_with_a_reset():
     joint, out = run('kalman', times, angles)
     assert np.all(out.verdict[2003:][::2] == REPEATED) and joint.events() == {'outage': 1}
     joint.reset()
-    joint.update(START + 10 ** 11, 0.0)
-    assert "repeats" not in joint.why()
+    joint.update(START + 10**11, 0.0)
+    assert 'repeats' not in joint.why()
 
 
 def encoders():
     """(label, times, readings) of streams that repeat nothing."""
     random = np.random.default_rng(2)
-    for counts in (64, 4096, 2 ** 16, 2 ** 20):
+    for counts in (64, 4096, 2**16, 2**20):
         quantum = TURN / counts
         for rate in (100.0, 1000.0):
             count = round(max(4.0 * rate, 2000))
             number, times = np.arange(count), np.arange(count) / rate
-            moving = {f'{d} counts a sample': d * quantum * number for d in (
-                0.0, 0.1, 1 / 3, 0.49, 0.5, 0.51, 2 / 3, 0.99, 1.0, 1.5, 2.0, 3.3, counts - 0.5,
-                counts, counts + 0.5)}
+            moving = {
+                f'{d} counts a sample': d * quantum * number
+                for d in (
+                    0.0,
+                    0.1,
+                    1 / 3,
+                    0.49,
+                    0.5,
+                    0.51,
+                    2 / 3,
+                    0.99,
+                    1.0,
+                    1.5,
+                    2.0,
+                    3.3,
+                    counts - 0.5,
+                    counts,
+                    counts + 0.5,
+                )
+            }
             for f in (0.1, 0.5, 2.0, rate / 7.3, rate / 5, rate / 4):
                 for size in (5 * quantum, 0.3, 3.0):
                     moving[f'{f} Hz, {size} rad'] = size * np.sin(TURN * f * times + math.pi / 4)
             moving['stops'] = np.floor(8 * times) + np.clip(8 * times % 1.0 - 0.5, 0.0, 0.5) * 2
             for name, exact in moving.items():
                 for noise in (0.0, 0.5, 2.0):
-                    shown = wrapped(np.floor(
-                        exact / quantum + noise * random.standard_normal(count)) * quantum)
+                    shown = wrapped(
+                        np.floor(exact / quantum + noise * random.standard_normal(count)) * quantum
+                    )
                     yield (counts, rate, name, noise), times, shown
                 yield (counts, rate, name, 'clipped'), times, np.clip(shown, -0.5, 0.7)
                 still = wrapped(np.floor(exact / quantum) * quantum)
                 yield (counts, rate, name, 'float32'), times, still.astype(np.float32).astype(float)
-                still[:count // 4] = 1e-12 * random.standard_normal(count // 4)
+                still[: count // 4] = 1e-12 * random.standard_normal(count // 4)
                 yield (counts, rate, name, 'residue'), times, still
 
 
@@ -227,6 +263,7 @@ def test_live_plain_and_compiled_agree(name):
         assert joint._track[9:] == live._track[9:] and joint.counts == live.counts
     assert rows.count(REPEATED) > 500
     used = outs[0].verdict < DUPLICATE
-    assert outs[1].velocity[used] == pytest.approx(outs[0].velocity[used], rel=1e-9, abs=1e-9,
-                                                   nan_ok=True)
+    assert outs[1].velocity[used] == pytest.approx(
+        outs[0].velocity[used], rel=1e-9, abs=1e-9, nan_ok=True
+    )
     assert np.isnan(outs[0].velocity[~used]).all() and np.any(outs[0].status == INITIALISING)

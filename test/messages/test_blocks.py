@@ -54,16 +54,23 @@ def messages(draw):
     kind = draw(st.sampled_from(['good'] * 8 + ['big', 'short', 'garbage']))
     names = draw(st.sampled_from(NAMES))
     width = draw(st.sampled_from([len(names)] * 5 + [0, 3]))
-    stamp = draw(st.integers(-10**9, 2**31 * 10**9 - 1))
+    stamp = draw(st.integers(-(10**9), 2**31 * 10**9 - 1))
     positions = [draw(st.sampled_from([0.0, 1.5, -3.0, float('inf')])) for _ in range(width)]
     frame = draw(st.sampled_from(['', 'base', 'tool0']))
     if kind == 'big':
         return big_endian(stamp, frame, names, positions)
-    raw = bytearray(Encoder().encode(stamp, frame, names, positions,
-                                     [2.0] * draw(st.sampled_from([0, 2])),
-                                     [3.0] * draw(st.sampled_from([0, 1]))))
+    raw = bytearray(
+        Encoder().encode(
+            stamp,
+            frame,
+            names,
+            positions,
+            [2.0] * draw(st.sampled_from([0, 2])),
+            [3.0] * draw(st.sampled_from([0, 1])),
+        )
+    )
     if kind == 'short':
-        return bytes(raw[:draw(st.integers(0, len(raw) - 1))])
+        return bytes(raw[: draw(st.integers(0, len(raw) - 1))])
     if kind == 'garbage':
         return draw(st.binary(max_size=60))
     return bytes(raw) + b'\0' * draw(st.sampled_from([0, 0, 4]))
@@ -81,8 +88,12 @@ def test_blocks_decode_as_single_messages_do(raws, many):
     for group in groups:
         assert list(group.rows) == sorted(group.rows)
         for i, row in enumerate(group.rows.tolist()):
-            found[row] = (int(group.stamps_ns[i]), group.frame_id, group.names,
-                          *(tuple(array[i].tolist()) for array in group.arrays))
+            found[row] = (
+                int(group.stamps_ns[i]),
+                group.frame_id,
+                group.names,
+                *(tuple(array[i].tolist()) for array in group.arrays),
+            )
     decode = Decoder().decode
     for row, raw in enumerate(raws):
         try:
@@ -100,7 +111,7 @@ def test_padding_that_differs_makes_no_other_group():
     for i in range(20):
         raw = bytearray(Encoder().encode(10**9 + i, 'base', ['a', 'bb'], [1.0 * i, 2.0]))
         at = raw.index(b'base') + 5
-        raw[at:at + 3] = bytes([i, 255 - i, 7 * i])
+        raw[at : at + 3] = bytes([i, 255 - i, 7 * i])
         raws.append(bytes(raw))
     groups, malformed = decode_block(block_of(raws))
     assert len(groups) == 1
@@ -111,18 +122,25 @@ def test_padding_that_differs_makes_no_other_group():
 def test_regular_and_irregular_places_give_the_same_numbers():
     raws = [Encoder().encode(10**9 + i, '', ['a'], [0.5 * i]) for i in range(30)]
     regular = block_of(raws)
-    spaced = from_messages([0] * 60, range(60), range(60),
-                           [raw for i, raw in enumerate(raws) for raw in (raw, b'x' * (i % 4))])
+    spaced = from_messages(
+        [0] * 60,
+        range(60),
+        range(60),
+        [raw for i, raw in enumerate(raws) for raw in (raw, b'x' * (i % 4))],
+    )
     spaced = spaced.take(slice(0, None, 2))
     for block in (regular, spaced):
-        group, = decode_block(block)[0]
+        (group,) = decode_block(block)[0]
         assert group.arrays[0][:, 0].tolist() == [0.5 * i for i in range(30)]
         assert group.stamps_ns.tolist() == [10**9 + i for i in range(30)]
 
 
 @settings(max_examples=60, deadline=None)
-@given(stamps=st.lists(st.integers(-10**9, 2**31 * 10**9 - 1), min_size=1, max_size=10),
-       names=st.sampled_from(NAMES), frame=st.sampled_from(['', 'base']))
+@given(
+    stamps=st.lists(st.integers(-(10**9), 2**31 * 10**9 - 1), min_size=1, max_size=10),
+    names=st.sampled_from(NAMES),
+    frame=st.sampled_from(['', 'base']),
+)
 def test_blocks_encode_as_single_messages_do(stamps, names, frame):
     shape = (len(stamps), len(names))
     positions = np.random.default_rng(1).normal(size=shape)

@@ -30,7 +30,8 @@ def ros(rows, labels=('sample', 'channel'), sizes=None, strides=None, offset=0, 
     strides = (count * width, width) if strides is None else strides
     for label, size, stride in zip(labels, (count, width), strides):
         message.layout.dim.append(
-            std_msgs.MultiArrayDimension(label=label, size=size, stride=stride))
+            std_msgs.MultiArrayDimension(label=label, size=size, stride=stride)
+        )
     message.layout.data_offset = offset
     message.data = [0.5] * offset + (np.ravel(rows).tolist() if data is None else data)
     return rclpy_serialization.serialize_message(message)
@@ -38,7 +39,7 @@ def ros(rows, labels=('sample', 'channel'), sizes=None, strides=None, offset=0, 
 
 def table(stamps=STAMPS, values=VALUES):
     stamps = np.asarray(stamps)
-    return np.column_stack([stamps // 10 ** 9, stamps % 10 ** 9, values])
+    return np.column_stack([stamps // 10**9, stamps % 10**9, values])
 
 
 def test_what_rclpy_writes_is_read_to_the_nanosecond():
@@ -53,37 +54,52 @@ def test_what_is_written_rclpy_reads():
         raw = drive_samples.encode(STAMPS[:count], VALUES[:count])
         message = rclpy_serialization.deserialize_message(raw, std_msgs.Float64MultiArray)
         assert [(dim.label, dim.size, dim.stride) for dim in message.layout.dim] == [
-            ('sample', count, 6 * count), ('channel', 6, 6)]
+            ('sample', count, 6 * count),
+            ('channel', 6, 6),
+        ]
         assert message.layout.data_offset == 0
         assert np.array_equal(np.reshape(message.data, (-1, 6)), table()[:count])
 
 
-@given(st.lists(st.tuples(st.integers(-2 ** 31 * 10 ** 9 + 10 ** 9, 2 ** 31 * 10 ** 9 - 1),
-                          *[st.floats(allow_nan=True, allow_infinity=True)] * 4), max_size=8))
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(-(2**31) * 10**9 + 10**9, 2**31 * 10**9 - 1),
+            *[st.floats(allow_nan=True, allow_infinity=True)] * 4,
+        ),
+        max_size=8,
+    )
+)
 def test_what_is_written_is_read(rows):
     stamps = np.array([row[0] for row in rows], np.int64)
     values = np.array([row[1:] for row in rows], float).reshape(-1, 4)
     batch = drive_samples.decode(drive_samples.encode(stamps, values))
     assert batch.stamps_ns.tolist() == stamps.tolist()
     assert batch.values.tobytes() == values.tobytes() or np.array_equal(
-        batch.values, values, equal_nan=True)
+        batch.values, values, equal_nan=True
+    )
 
 
-@pytest.mark.parametrize(('raw', 'said'), [
-    (ros(table(), labels=('row', 'channel')), "called 'row', not 'sample'"),
-    (ros(table(), labels=('sample', 'axis')), "called 'axis', not 'channel'"),
-    (ros(table()[:, :5], sizes=(5, 5)), "'channel' has size 5, not 6"),
-    (ros(table(), labels=('sample',), strides=(30,)), '1 dimensions, not 2'),
-    (ros(table(), sizes=(6, 6)), 'too few for 6 rows'),
-    (ros(table(), strides=(30, 5)), 'strides'),
-    (ros(table(), data=[]), '0 numbers are too few'),
-    (ros(table(values=VALUES)[:, [0, 1, 2, 3, 4, 5]] + [0.5, 0, 0, 0, 0, 0]), 'no time stamp'),
-    (ros(table() + [0, 1e9, 0, 0, 0, 0]), 'no time stamp'),
-    (ros(table() * [math.nan, 1, 1, 1, 1, 1]), 'row 0 has no time stamp'),
-    (ros(table() * [1, math.inf, 1, 1, 1, 1]), 'no time stamp'),
-    (ros(table() * [-1, -1, 1, 1, 1, 1]), 'no time stamp'),
-    (b'', 'CDR'), (b'\0\1\0\0', 'too short')],
-    ids=lambda each: each if isinstance(each, str) else 'raw')  # padding bytes are random
+@pytest.mark.parametrize(
+    ('raw', 'said'),
+    [
+        (ros(table(), labels=('row', 'channel')), "called 'row', not 'sample'"),
+        (ros(table(), labels=('sample', 'axis')), "called 'axis', not 'channel'"),
+        (ros(table()[:, :5], sizes=(5, 5)), "'channel' has size 5, not 6"),
+        (ros(table(), labels=('sample',), strides=(30,)), '1 dimensions, not 2'),
+        (ros(table(), sizes=(6, 6)), 'too few for 6 rows'),
+        (ros(table(), strides=(30, 5)), 'strides'),
+        (ros(table(), data=[]), '0 numbers are too few'),
+        (ros(table(values=VALUES)[:, [0, 1, 2, 3, 4, 5]] + [0.5, 0, 0, 0, 0, 0]), 'no time stamp'),
+        (ros(table() + [0, 1e9, 0, 0, 0, 0]), 'no time stamp'),
+        (ros(table() * [math.nan, 1, 1, 1, 1, 1]), 'row 0 has no time stamp'),
+        (ros(table() * [1, math.inf, 1, 1, 1, 1]), 'no time stamp'),
+        (ros(table() * [-1, -1, 1, 1, 1, 1]), 'no time stamp'),
+        (b'', 'CDR'),
+        (b'\0\1\0\0', 'too short'),
+    ],
+    ids=lambda each: each if isinstance(each, str) else 'raw',
+)  # padding bytes are random
 def test_another_layout_is_refused_with_the_reason(raw, said):
     with pytest.raises(MalformedMessageError, match=said):
         drive_samples.decode(raw)
@@ -120,7 +136,8 @@ def test_a_batch_cut_short_anywhere_is_refused():
 
 def test_a_head_is_remembered_by_its_size():
     assert multi_array.encode(np.zeros((2, 6)), ('a', 'b')) != multi_array.encode(
-        np.zeros((2, 6)), ('a', 'c'))
+        np.zeros((2, 6)), ('a', 'c')
+    )
 
 
 def test_vectors_both_ways():
@@ -130,9 +147,10 @@ def test_vectors_both_ways():
     message.vector.x, message.vector.y, message.vector.z = 1.5, -2.5, math.inf
     raw = rclpy_serialization.serialize_message(message)
     found = vector3.decode(raw)
-    assert found == (-5 * 10 ** 9 + 999_999_999, 'stator', 1.5, -2.5, math.inf)
-    back = rclpy_serialization.deserialize_message(vector3.encode(*found),
-                                                   geometry_msgs.Vector3Stamped)
+    assert found == (-5 * 10**9 + 999_999_999, 'stator', 1.5, -2.5, math.inf)
+    back = rclpy_serialization.deserialize_message(
+        vector3.encode(*found), geometry_msgs.Vector3Stamped
+    )
     assert back == message
     with pytest.raises(MalformedMessageError):
         vector3.decode(raw[:40])

@@ -19,17 +19,27 @@ doubles = st.floats(allow_nan=True, allow_infinity=True)
 arrays = st.lists(doubles, max_size=5)
 messages = st.builds(
     JointState,
-    st.integers(-2 ** 31 * 10 ** 9, 2 ** 31 * 10 ** 9 - 1), texts,
-    st.lists(texts, max_size=5).map(tuple), arrays.map(tuple), arrays.map(tuple),
-    arrays.map(tuple))
-SEVEN = JointState(1_700_000_000_123_456_789, 'base', tuple(f'joint_{i}' for i in range(7)),
-                   tuple(0.1 * i for i in range(7)), (), tuple(1.0 * i for i in range(7)))
+    st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1),
+    texts,
+    st.lists(texts, max_size=5).map(tuple),
+    arrays.map(tuple),
+    arrays.map(tuple),
+    arrays.map(tuple),
+)
+SEVEN = JointState(
+    1_700_000_000_123_456_789,
+    'base',
+    tuple(f'joint_{i}' for i in range(7)),
+    tuple(0.1 * i for i in range(7)),
+    (),
+    tuple(1.0 * i for i in range(7)),
+)
 
 
 def ros(message):
     """The message as rclpy has it."""
     out = RosJointState()
-    out.header.stamp.sec, out.header.stamp.nanosec = divmod(message.stamp_ns, 10 ** 9)
+    out.header.stamp.sec, out.header.stamp.nanosec = divmod(message.stamp_ns, 10**9)
     out.header.frame_id = message.frame_id
     out.name = list(message.names)
     out.position = list(message.positions)
@@ -45,9 +55,14 @@ def exact(message):
 
 def from_ros(message):
     stamp = message.header.stamp
-    return JointState(stamp.sec * 10 ** 9 + stamp.nanosec, message.header.frame_id,
-                      tuple(message.name), tuple(message.position), tuple(message.velocity),
-                      tuple(message.effort))
+    return JointState(
+        stamp.sec * 10**9 + stamp.nanosec,
+        message.header.frame_id,
+        tuple(message.name),
+        tuple(message.position),
+        tuple(message.velocity),
+        tuple(message.effort),
+    )
 
 
 def cdr(message, order='<', padding=b'\0'):
@@ -57,7 +72,7 @@ def cdr(message, order='<', padding=b'\0'):
     def put(code, *values):
         size = struct.calcsize(code)
         for value in values:
-            raw.extend((padding * 8)[:-(len(raw) - 4) % size])
+            raw.extend((padding * 8)[: -(len(raw) - 4) % size])
             raw.extend(struct.pack(order + code, value))
 
     def put_text(text):
@@ -65,7 +80,7 @@ def cdr(message, order='<', padding=b'\0'):
         put('I', len(encoded))
         raw.extend(encoded)
 
-    sec, nanosec = divmod(message.stamp_ns, 10 ** 9)
+    sec, nanosec = divmod(message.stamp_ns, 10**9)
     put('i', sec)
     put('I', nanosec)
     put_text(message.frame_id)
@@ -78,7 +93,7 @@ def cdr(message, order='<', padding=b'\0'):
     return bytes(raw)
 
 
-shared = Decoder()      # as in a node: it remembers the layout of whatever came before
+shared = Decoder()  # as in a node: it remembers the layout of whatever came before
 encoder = Encoder()
 
 
@@ -100,7 +115,8 @@ def test_rclpy_deserialises_what_we_encode(message):
     for _ in range(2):
         raw = encoder.encode(*message)
         assert exact(from_ros(rclpy_serialization.deserialize_message(raw, RosJointState))) == (
-            exact(message))
+            exact(message)
+        )
         assert raw == cdr(message)
         assert exact(shared.decode(raw)) == exact(message)
 
@@ -157,8 +173,10 @@ def test_random_bytes_are_decoded_or_malformed_and_nothing_else(raw):
 
 
 @settings(max_examples=300, deadline=None)
-@given(messages, st.lists(st.tuples(st.integers(0, 10 ** 6), st.integers(0, 255)), min_size=1,
-                          max_size=3))
+@given(
+    messages,
+    st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=3),
+)
 @example(SEVEN, [(1, 2)])
 @example(SEVEN, [(0, 1)])
 @example(SEVEN, [(1, 0)])
@@ -174,7 +192,7 @@ def test_what_a_decoder_remembers_never_changes_what_it_says(message, changes):
 def test_absurd_lengths_are_refused_before_anything_is_made_of_them():
     for at in (12, 20, 24, 28, 32):  # of frame_id, of names, of each array
         raw = bytearray(cdr(JointState(0, '', (), (), (), ())))
-        raw[at:at + 4] = b'\xff\xff\xff\x7f'
+        raw[at : at + 4] = b'\xff\xff\xff\x7f'
         with pytest.raises(MalformedMessageError):
             Decoder().decode(bytes(raw))
 
@@ -182,13 +200,13 @@ def test_absurd_lengths_are_refused_before_anything_is_made_of_them():
 def test_stamps_that_no_message_can_carry_are_encoded_as_the_nearest():
     """sec at its largest with nanoseconds beyond a second: a decoder has to make some int of it."""
     raw = bytearray(cdr(SEVEN))
-    raw[4:12] = struct.pack('<iI', 2 ** 31 - 1, 4_000_000_000)
+    raw[4:12] = struct.pack('<iI', 2**31 - 1, 4_000_000_000)
     stamp = Decoder().decode(bytes(raw)).stamp_ns
-    assert stamp == (2 ** 31 - 1) * 10 ** 9 + 4_000_000_000
+    assert stamp == (2**31 - 1) * 10**9 + 4_000_000_000
     back = Decoder().decode(encoder.encode(stamp, '', ()))
-    assert back.stamp_ns == (2 ** 31 - 1) * 10 ** 9 + 999_999_999
-    back = Decoder().decode(encoder.encode(-2 ** 63, '', ()))
-    assert back.stamp_ns == -2 ** 31 * 10 ** 9
+    assert back.stamp_ns == (2**31 - 1) * 10**9 + 999_999_999
+    back = Decoder().decode(encoder.encode(-(2**63), '', ()))
+    assert back.stamp_ns == -(2**31) * 10**9
 
 
 def test_numbers_keep_every_bit():

@@ -22,8 +22,9 @@ MODELS = (single_joint, cart_pendulum, robotic_leg)
 @pytest.mark.parametrize('module', MODELS, ids=lambda module: module.MODEL.name)
 def test_built_in_models_pass_their_checks(module):
     mechanics = load(module.MODEL.name)
-    worst = max(check.linear_residual(mechanics, q, v)[0]
-                for q, v in check.random_states(mechanics))
+    worst = max(
+        check.linear_residual(mechanics, q, v)[0] for q, v in check.random_states(mechanics)
+    )
     assert worst < 1e-8
 
 
@@ -60,14 +61,18 @@ def test_momenta_are_conserved_by_the_leg():
 
 def test_two_links_keep_their_energy_and_are_not_for_geso():
     """Without friction and torque: inertia, Coriolis forces and gravity belong together."""
-    p = two_links.Parameters(shoulder_damping=0.0, elbow_damping=0.0, shoulder_coulomb=0.0,
-                             elbow_coulomb=0.0)
+    p = two_links.Parameters(
+        shoulder_damping=0.0, elbow_damping=0.0, shoulder_coulomb=0.0, elbow_coulomb=0.0
+    )
     mechanics = two_links.build(p)
 
     def energy(q, v):
         v = np.array(v)
-        return (0.5 * v @ check.matrix(mechanics.inertia, mechanics, np.array(q)) @ v
-                - p.shoulder_gravity * np.cos(q[0]) - p.elbow_gravity * np.cos(q[0] + q[1]))
+        return (
+            0.5 * v @ check.matrix(mechanics.inertia, mechanics, np.array(q)) @ v
+            - p.shoulder_gravity * np.cos(q[0])
+            - p.elbow_gravity * np.cos(q[0] + q[1])
+        )
 
     q, v = (2.0, -1.0), (3.0, -5.0)
     q2, v2 = make_plant(mechanics)(mechanics.values, q, v, (0.0, 0.0), 1.0, 4000)
@@ -79,17 +84,28 @@ def test_two_links_keep_their_energy_and_are_not_for_geso():
 
 
 def test_own_model_without_psi_and_coriolis_gets_both():
-    own, built_in = load('own_models:CartPendulum'), load('cart_pendulum', (
-        'pendulum_inertia=1', 'pendulum_moment=0.5', 'moving_mass=1', 'gravity=1'))
+    own, built_in = (
+        load('own_models:CartPendulum'),
+        load(
+            'cart_pendulum',
+            ('pendulum_inertia=1', 'pendulum_moment=0.5', 'moving_mass=1', 'gravity=1'),
+        ),
+    )
     q, v, u = (0.7, 0.1), (1.1, -0.3), (0.4,)
     assert own.factors is not None
     for function in ('inertia', 'force', 'coriolis'):
         arguments = {'inertia': (q,), 'force': (q, v, u), 'coriolis': (q, v)}[function]
-        np.testing.assert_allclose(getattr(own, function)(own.values, *arguments),
-                                   getattr(built_in, function)(built_in.values, *arguments),
-                                   rtol=1e-7)
-    np.testing.assert_allclose(own.factors(own.values, q)[0], built_in.factors(
-        built_in.values, q)[0], rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(
+            getattr(own, function)(own.values, *arguments),
+            getattr(built_in, function)(built_in.values, *arguments),
+            rtol=1e-7,
+        )
+    np.testing.assert_allclose(
+        own.factors(own.values, q)[0],
+        built_in.factors(built_in.values, q)[0],
+        rtol=1e-9,
+        atol=1e-15,
+    )
 
 
 def test_a_curved_mechanism_has_no_factors():
@@ -102,20 +118,24 @@ def test_a_model_that_compiles_is_taken_as_it_is():
     assert mechanics.force(mechanics.values, (0.0,), (0.0,), (0.3,)) == (0.3,)
 
 
-@pytest.mark.parametrize('name, words', [
-    ('own_models:WrongPsi', 'not partially linearisable with its Psi (PLvCC residual'),
-    ('own_models:WrongCalm', 'calM is not M^-1 Psi^-T'),
-    ('own_models:WrongCoriolis', 'Coriolis forces do not belong to the mass matrix'),
-    ('own_models:Singular', 'mass matrix is not positive'),
-    ('own_models:Lopsided', 'mass matrix is not symmetric'),
-    ('own_models:WrongSize', 'force fails'),
-    ('own_models:Incomplete', 'has no inertia'),
-    ('own_models:Driving', 'the damping drives the mechanism'),
-    ('own_models:NoReach', 'reach must be above 0'),
-    ('own_models:OneName', 'joints must be a list of names'),
-    ('own_models:Missing', "has no 'Missing'"),
-    ('no_such_module:Name', "cannot import 'no_such_module'"),
-    ('cart_pendulm', "did you mean 'cart_pendulum'?")])
+@pytest.mark.parametrize(
+    'name, words',
+    [
+        ('own_models:WrongPsi', 'not partially linearisable with its Psi (PLvCC residual'),
+        ('own_models:WrongCalm', 'calM is not M^-1 Psi^-T'),
+        ('own_models:WrongCoriolis', 'Coriolis forces do not belong to the mass matrix'),
+        ('own_models:Singular', 'mass matrix is not positive'),
+        ('own_models:Lopsided', 'mass matrix is not symmetric'),
+        ('own_models:WrongSize', 'force fails'),
+        ('own_models:Incomplete', 'has no inertia'),
+        ('own_models:Driving', 'the damping drives the mechanism'),
+        ('own_models:NoReach', 'reach must be above 0'),
+        ('own_models:OneName', 'joints must be a list of names'),
+        ('own_models:Missing', "has no 'Missing'"),
+        ('no_such_module:Name', "cannot import 'no_such_module'"),
+        ('cart_pendulm', "did you mean 'cart_pendulum'?"),
+    ],
+)
 def test_wrong_models_are_refused_in_one_line(name, words):
     with pytest.raises(UserError) as error:
         load(name)
@@ -123,10 +143,14 @@ def test_wrong_models_are_refused_in_one_line(name, words):
     assert '\n' not in str(error.value)
 
 
-@pytest.mark.parametrize('assignments, words', [
-    (('pendulum_moment=1.3',), 'mass matrix is not positive'),
-    (('pendulum_mass=1',), "did you mean 'pendulum_moment'?"),
-    (('moving_mass=-1',), 'outside')])
+@pytest.mark.parametrize(
+    'assignments, words',
+    [
+        (('pendulum_moment=1.3',), 'mass matrix is not positive'),
+        (('pendulum_mass=1',), "did you mean 'pendulum_moment'?"),
+        (('moving_mass=-1',), 'outside'),
+    ],
+)
 def test_wrong_numbers_are_refused_in_one_line(assignments, words):
     with pytest.raises(UsageError) as error:
         load('cart_pendulum', assignments)

@@ -21,6 +21,7 @@ passed: set = set()
 
 if COVER:
     import coverage
+
     tool = coverage.Coverage(data_file=None, source=[str(PACKAGE / 'estimator_pkg')])
     tool.start()  # before anything is imported
     longest = float(os.environ['MUTANTS_LONGEST'])
@@ -57,11 +58,13 @@ if COVER:
                         rows[name]['lines'].setdefault(short, []).append(line)
         Path(COVER).write_text(json.dumps(rows))
 
+
 if CHOSEN:
     seconds = int(os.environ['MUTANTS_SECONDS'])
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))  # a loop without end is noticed
 
     def pytest_collection_modifyitems(items):
         order = {name: place for place, name in enumerate(json.loads(Path(CHOSEN).read_text()))}
-        items[:] = sorted((item for item in items if item.nodeid in order),
-                          key=lambda item: order[item.nodeid])
+        items[:] = sorted(
+            (item for item in items if item.nodeid in order), key=lambda item: order[item.nodeid]
+        )

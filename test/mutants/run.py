@@ -41,30 +41,53 @@ WORK = ROOT / 'build' / 'mutants'
 PAGE = ROOT / 'docs' / 'mutants.md'
 VERDICTS = HERE / 'survivors.yaml'
 
-SOURCES = ('driver/*.py', 'messages/*.py', 'observers/*.py', 'observers/angle/**/*.py',
-           *(f'observers/maths/{name}.py' for name in (
-               'covariance', 'scatter', 'steady_noise', 'tracking', 'twisting')))
+SOURCES = (
+    'driver/*.py',
+    'messages/*.py',
+    'observers/*.py',
+    'observers/angle/**/*.py',
+    *(
+        f'observers/maths/{name}.py'
+        for name in ('covariance', 'scatter', 'steady_noise', 'tracking', 'twisting')
+    ),
+)
 # Without DDS; what takes long in plain Python is left out test by test
-MODULES = ('bags/test_replay.py', 'driver/test_[defgjmr]*.py', 'messages/*.py',
-           'evaluation/compare/test_per_sample.py', 'nodes/test_pmsm_parts.py',
-           'observers/adaptive/*.py', 'observers/angle/**/test_*.py', 'observers/switched/*.py',
-           'observers/test_*.py', 'sim/reproduce/test_hybrid_angle.py', 'test_parameters.py')
-LONGEST = 15.0    # s of CPU: a test that takes longer, under coverage, is cut off and left out
-BUDGET = 40.0     # s of CPU: the tests of one mutant together
-ENOUGH = 0.9      # of the mutants that are not equivalent must die
-LARGE = 50.0      # a number beyond it, changed by one, is the same to within 2 %
+MODULES = (
+    'bags/test_replay.py',
+    'driver/test_[defgjmr]*.py',
+    'messages/*.py',
+    'evaluation/compare/test_per_sample.py',
+    'nodes/test_pmsm_parts.py',
+    'observers/adaptive/*.py',
+    'observers/angle/**/test_*.py',
+    'observers/switched/*.py',
+    'observers/test_*.py',
+    'sim/reproduce/test_hybrid_angle.py',
+    'test_parameters.py',
+)
+LONGEST = 15.0  # s of CPU: a test that takes longer, under coverage, is cut off and left out
+BUDGET = 40.0  # s of CPU: the tests of one mutant together
+ENOUGH = 0.9  # of the mutants that are not equivalent must die
+LARGE = 50.0  # a number beyond it, changed by one, is the same to within 2 %
 
 # These die by a TypeError, or change nothing: bits of floats, `is` with numbers, annotations
-NO_NEWS = re.compile(r'(Binary.*_(BitAnd|BitOr|BitXor|LShift|RShift)$|BinaryOperator_BitOr_'
-                     r'|ComparisonOperator_(?!Is_IsNot|IsNot_Is)(.*_)?Is(Not)?(_|$)'
-                     r'|NoOp|RemoveDecorator|Variable)')
+NO_NEWS = re.compile(
+    r'(Binary.*_(BitAnd|BitOr|BitXor|LShift|RShift)$|BinaryOperator_BitOr_'
+    r'|ComparisonOperator_(?!Is_IsNot|IsNot_Is)(.*_)?Is(Not)?(_|$)'
+    r'|NoOp|RemoveDecorator|Variable)'
+)
 
 
 def sources() -> list[Path]:
     """The files that are changed, relative to the checkout."""
-    return sorted({path.relative_to(ROOT) for pattern in SOURCES
-                   for path in (ROOT / 'estimator_pkg').glob(pattern)
-                   if path.name != '__init__.py'})
+    return sorted(
+        {
+            path.relative_to(ROOT)
+            for pattern in SOURCES
+            for path in (ROOT / 'estimator_pkg').glob(pattern)
+            if path.name != '__init__.py'
+        }
+    )
 
 
 def is_news(mutation) -> bool:
@@ -94,20 +117,28 @@ def sample(count: int, seed: int) -> list:
                 places[str(path), mutation.start_pos, mutation.end_pos].append(mutation)
     draw = random.Random(seed)
     chosen = draw.sample(sorted(places), min(count, len(places)))
-    print(f'{sum(map(len, places.values()))} mutations at {len(places)} places in '
-          f'{len(sources())} files')
-    return [draw.choice(sorted(places[place], key=lambda one: (one.operator_name, one.occurrence)))
-            for place in chosen]
+    print(
+        f'{sum(map(len, places.values()))} mutations at {len(places)} places in '
+        f'{len(sources())} files'
+    )
+    return [
+        draw.choice(sorted(places[place], key=lambda one: (one.operator_name, one.occurrence)))
+        for place in chosen
+    ]
 
 
 # ---- which tests run which line
+
 
 def workspace(name: str) -> Path:
     """A new folder with a copy of estimator_pkg, and no Numba."""
     folder = WORK / name
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(ROOT / 'estimator_pkg', folder / 'estimator_pkg',
-                    ignore=shutil.ignore_patterns('__pycache__'))
+    shutil.copytree(
+        ROOT / 'estimator_pkg',
+        folder / 'estimator_pkg',
+        ignore=shutil.ignore_patterns('__pycache__'),
+    )
     (folder / 'sim_pkg').symlink_to(ROOT / 'sim_pkg')
     (folder / 'numba.py').write_text("raise ImportError('hidden from mutants')\n")
     return folder
@@ -115,30 +146,61 @@ def workspace(name: str) -> Path:
 
 def environment(folder: Path, **more: str) -> dict[str, str]:
     """What pytest runs in: the copy before the installed package, one thread, no bytecode kept."""
-    return {**os.environ, 'PYTHONPATH': os.pathsep.join((str(folder), str(HERE))),
-            'PYTHONDONTWRITEBYTECODE': '1', 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1',
-            'HYPOTHESIS_STORAGE_DIRECTORY': str(folder / 'hypothesis'), **more}
+    return {
+        **os.environ,
+        'PYTHONPATH': os.pathsep.join((str(folder), str(HERE))),
+        'PYTHONDONTWRITEBYTECODE': '1',
+        'OMP_NUM_THREADS': '1',
+        'OPENBLAS_NUM_THREADS': '1',
+        'HYPOTHESIS_STORAGE_DIRECTORY': str(folder / 'hypothesis'),
+        **more,
+    }
 
 
 def pytest(modules) -> list[str]:
     """The command that runs these test modules."""
-    return [str(Path(sys.executable).parent / 'pytest'), '-c', str(ROOT / 'pyproject.toml'),
-            '--rootdir', str(ROOT), '-x', '-q', '-p', 'judge', '-p', 'no:cacheprovider',
-            '-p', 'no:rerunfailures', '--hypothesis-seed', '0', *modules]
+    return [
+        str(Path(sys.executable).parent / 'pytest'),
+        '-c',
+        str(ROOT / 'pyproject.toml'),
+        '--rootdir',
+        str(ROOT),
+        '-x',
+        '-q',
+        '-p',
+        'judge',
+        '-p',
+        'no:cacheprovider',
+        '-p',
+        'no:rerunfailures',
+        '--hypothesis-seed',
+        '0',
+        *modules,
+    ]
 
 
 def modules_of(patterns) -> list[str]:
     """The test files, relative to test/, that these patterns name."""
-    return sorted({str(path.relative_to(ROOT / 'test')) for pattern in patterns
-                   for path in (ROOT / 'test').glob(pattern)})
+    return sorted(
+        {
+            str(path.relative_to(ROOT / 'test'))
+            for pattern in patterns
+            for path in (ROOT / 'test').glob(pattern)
+        }
+    )
 
 
 def fingerprint(*modules: str) -> str:
     """Of everything that decides which lines the tests of these modules run."""
     digest = hashlib.sha256(str(LONGEST).encode())
     helpers = [path for path in (ROOT / 'test').glob('*.py') if not path.stem.startswith('test_')]
-    for path in sorted([*(ROOT / 'estimator_pkg').rglob('*.py'), *helpers,
-                        *(ROOT / 'test' / module for module in modules)]):
+    for path in sorted(
+        [
+            *(ROOT / 'estimator_pkg').rglob('*.py'),
+            *helpers,
+            *(ROOT / 'test' / module for module in modules),
+        ]
+    ):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -153,9 +215,16 @@ def look(module: str) -> dict:
     if not kept.exists():
         folder = workspace(f'look_{name}')
         command = [part for part in pytest([f'{ROOT}/test/{module}']) if part != '-x']
-        subprocess.run(command, env=environment(folder, MUTANTS_COVER=str(folder / 'tests.json'),
-                                                MUTANTS_LONGEST=str(LONGEST)), cwd=folder,
-                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+        subprocess.run(
+            command,
+            env=environment(
+                folder, MUTANTS_COVER=str(folder / 'tests.json'), MUTANTS_LONGEST=str(LONGEST)
+            ),
+            cwd=folder,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            check=False,
+        )
         shutil.move(folder / 'tests.json', kept)
         shutil.rmtree(folder)
     return json.loads(kept.read_text())
@@ -174,8 +243,11 @@ def judges(known: dict, path: str, lines: range) -> list[str]:
 
     A line that runs at import alone (a constant) is judged by all that run anything of its file.
     """
-    by_line = [name for name, test in known.items()
-               if not set(lines).isdisjoint(test['lines'].get(path, ()))]
+    by_line = [
+        name
+        for name, test in known.items()
+        if not set(lines).isdisjoint(test['lines'].get(path, ()))
+    ]
     if not by_line:
         by_line = [name for name, test in known.items() if test['lines'].get(path)]
     chosen, total = [], 0.0
@@ -189,75 +261,116 @@ def judges(known: dict, path: str, lines: range) -> list[str]:
 
 # ---- one mutant
 
+
 def change(mutation) -> tuple[str, str]:
     """(removed, added) line of the source."""
     operator = get_operator(mutation.operator_name)(**mutation.operator_args)
     before, after = apply_mutation(mutation.module_path, operator, mutation.occurrence)
     Path(mutation.module_path).write_text(before)
     lines = list(difflib.ndiff(before.splitlines(), after.splitlines()))
-    return tuple(' '.join(line[2:].strip() for line in lines if line[:2] == sign)
-                 for sign in ('- ', '+ '))
+    return tuple(
+        ' '.join(line[2:].strip() for line in lines if line[:2] == sign) for sign in ('- ', '+ ')
+    )
 
 
 def judge(mutation, folder: Path, known: dict) -> dict:
     """What became of a mutant: 'killed', 'survived' or 'no test'."""
     path = Path(mutation.module_path).relative_to(ROOT)
-    here = type(mutation)(folder / path, mutation.operator_name, mutation.occurrence,
-                          mutation.start_pos, mutation.end_pos)
+    here = type(mutation)(
+        folder / path,
+        mutation.operator_name,
+        mutation.occurrence,
+        mutation.start_pos,
+        mutation.end_pos,
+    )
     removed, added = change(here)
     chosen = judges(known, str(path), range(mutation.start_pos[0], mutation.end_pos[0] + 1))
-    row = {'file': str(path), 'line': mutation.start_pos[0], 'removed': removed, 'added': added,
-           'operator': mutation.operator_name, 'tests': len(chosen)}
+    row = {
+        'file': str(path),
+        'line': mutation.start_pos[0],
+        'removed': removed,
+        'added': added,
+        'operator': mutation.operator_name,
+        'tests': len(chosen),
+    }
     if not chosen:
         return {**row, 'outcome': 'no test'}
     (folder / 'chosen.json').write_text(json.dumps(chosen))
     modules = sorted({str(ROOT / name.split('::')[0]) for name in chosen})
     seconds = round(3.0 * sum(known[name]['time'] for name in chosen) + 30.0)
-    settings = environment(folder, MUTANTS_CHOSEN=str(folder / 'chosen.json'),
-                           MUTANTS_SECONDS=str(seconds))
-    words = [f'{name}={value}' for name, value in settings.items()
-             if value != os.environ.get(name)]
+    settings = environment(
+        folder, MUTANTS_CHOSEN=str(folder / 'chosen.json'), MUTANTS_SECONDS=str(seconds)
+    )
+    words = [f'{name}={value}' for name, value in settings.items() if value != os.environ.get(name)]
     begun = time.monotonic()
-    result = mutate_and_test([here], ' '.join(['env', *words, *pytest(modules)]),
-                             timeout=20.0 * seconds)
+    result = mutate_and_test(
+        [here], ' '.join(['env', *words, *pytest(modules)]), timeout=20.0 * seconds
+    )
     output = (result.output or '').strip().splitlines()
-    return {**row, 'outcome': result.test_outcome.value,
-            'seconds': round(time.monotonic() - begun, 1),
-            'by': next((line for line in reversed(output) if line.startswith(('FAILED', 'ERROR'))),
-                       output[-1] if output else '')[:160]}
+    return {
+        **row,
+        'outcome': result.test_outcome.value,
+        'seconds': round(time.monotonic() - begun, 1),
+        'by': next(
+            (line for line in reversed(output) if line.startswith(('FAILED', 'ERROR'))),
+            output[-1] if output else '',
+        )[:160],
+    }
 
 
 # ---- the table
 
+
 def verdicts() -> dict:
     """{(file, removed, added): (equivalent, why)} of the survivors that were looked at."""
     rows = yaml.safe_load(VERDICTS.read_text()) if VERDICTS.exists() else None
-    return {(row['file'], row['removed'], row['added']): (row['equivalent'], row['why'])
-            for row in rows or ()}
+    return {
+        (row['file'], row['removed'], row['added']): (row['equivalent'], row['why'])
+        for row in rows or ()
+    }
 
 
 def table(rows: list[dict], seed: int) -> tuple[str, float]:
     """(the Markdown, part of those not equivalent that died)."""
     known = verdicts()
     alive = [row for row in rows if row['outcome'] != 'killed']
-    same = [row for row in alive
-            if known.get((row['file'], row['removed'], row['added']), (False, ''))[0]]
+    same = [
+        row
+        for row in alive
+        if known.get((row['file'], row['removed'], row['added']), (False, ''))[0]
+    ]
     part = (len(rows) - len(alive)) / max(1, len(rows) - len(same))
     counts: dict[str, Counter] = defaultdict(Counter)
     for row in rows:
         counts[row['file']][row['outcome'] == 'killed'] += 1
-    lines = [f'Seed {seed}: {len(rows)} mutants, {len(rows) - len(alive)} killed, {len(same)} '
-             f'equivalent, {len(alive) - len(same)} alive: {100.0 * part:.1f} % of those that are '
-             'not equivalent died.', '', '| file | mutants | killed |', '|---|---|---|',
-             *(f'| {name} | {sum(each.values())} | {each[True]} |'
-               for name, each in sorted(counts.items())), '', 'Survivors:', '',
-             '| file, line | before | after | verdict |', '|---|---|---|---|']
+    lines = [
+        f'Seed {seed}: {len(rows)} mutants, {len(rows) - len(alive)} killed, {len(same)} '
+        f'equivalent, {len(alive) - len(same)} alive: {100.0 * part:.1f} % of those that are '
+        'not equivalent died.',
+        '',
+        '| file | mutants | killed |',
+        '|---|---|---|',
+        *(
+            f'| {name} | {sum(each.values())} | {each[True]} |'
+            for name, each in sorted(counts.items())
+        ),
+        '',
+        'Survivors:',
+        '',
+        '| file, line | before | after | verdict |',
+        '|---|---|---|---|',
+    ]
     for row in sorted(alive, key=lambda row: (row['file'], row['line'])):
-        equivalent, why = known.get((row['file'], row['removed'], row['added']),
-                                    (False, 'not looked at yet'))
-        cells = (f"{row['file']}:{row['line']}", f"`{row['removed']}`", f"`{row['added']}`",
-                 f"{'equivalent: ' if equivalent else ''}{why}"
-                 f"{' (no test runs it)' if row['outcome'] == 'no test' else ''}")
+        equivalent, why = known.get(
+            (row['file'], row['removed'], row['added']), (False, 'not looked at yet')
+        )
+        cells = (
+            f'{row["file"]}:{row["line"]}',
+            f'`{row["removed"]}`',
+            f'`{row["added"]}`',
+            f'{"equivalent: " if equivalent else ""}{why}'
+            f'{" (no test runs it)" if row["outcome"] == "no test" else ""}',
+        )
         lines.append('| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |')
     return '\n'.join(lines), part
 
@@ -268,10 +381,19 @@ def main() -> int:
     parser.add_argument('--count', type=int, default=500, help='mutants to judge')
     parser.add_argument('--seed', type=int, default=1, help='random seed of the sample')
     parser.add_argument('--jobs', type=int, default=2, help='judged at the same time')
-    parser.add_argument('--modules', nargs='+', default=MODULES, metavar='NAME',
-                        help='test files that judge, as patterns below test/')
-    parser.add_argument('--minutes', type=float, default=math.inf,
-                        help='judge no further mutant after so long; the next run goes on')
+    parser.add_argument(
+        '--modules',
+        nargs='+',
+        default=MODULES,
+        metavar='NAME',
+        help='test files that judge, as patterns below test/',
+    )
+    parser.add_argument(
+        '--minutes',
+        type=float,
+        default=math.inf,
+        help='judge no further mutant after so long; the next run goes on',
+    )
     parser.add_argument('--page', action='store_true', help=f'write the table into {PAGE.name}')
     parsed = parser.parse_args()
     end = time.monotonic() + 60.0 * parsed.minutes
@@ -295,8 +417,10 @@ def main() -> int:
             folders.put(folder)
         with kept.open('a') as file:
             file.write(json.dumps({'key': key(mutation), **row}) + '\n')
-        print(f"{row['outcome']:9} {row['file']}:{row['line']}  {row['removed']}  ->  "
-              f"{row['added']}", flush=True)
+        print(
+            f'{row["outcome"]:9} {row["file"]}:{row["line"]}  {row["removed"]}  ->  {row["added"]}',
+            flush=True,
+        )
         return row
 
     def key(mutation) -> str:

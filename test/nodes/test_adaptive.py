@@ -24,7 +24,7 @@ def messages(duration, seed=1):
     decode, measured, true = Decoder().decode, [], []
     for chunk in SIMULATOR.generate(build(MotorParameters, {'rate': 500.0}), duration, seed):
         for message in chunk:
-            raw = bytes(message.encode(10 ** 18))
+            raw = bytes(message.encode(10**18))
             if message.topic == 'joint_states':
                 measured.append(raw)
             else:
@@ -60,13 +60,26 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
     path = tmp_path / 'motor.yaml'
     told = []
     subscription = probe.node.create_subscription(
-        DiagnosticArray, '/adaptive_observer/identified_parameters', told.append, 10)
-    common = ('--ros-args', '-r', 'joint_states:=/motor', '-p', f'parameters_file:={path}',
-              '-p', 'torque_constant:=0.6', '-p', 'input_unit:=V')
-    with dds.NodeProcess(MODULE, *common), \
-            dds.Observer(probe, '/adaptive_observer', '/motor') as node:
-        answer = node.connect() and probe.call(Trigger, '/adaptive_observer/save',
-                                               Trigger.Request())
+        DiagnosticArray, '/adaptive_observer/identified_parameters', told.append, 10
+    )
+    common = (
+        '--ros-args',
+        '-r',
+        'joint_states:=/motor',
+        '-p',
+        f'parameters_file:={path}',
+        '-p',
+        'torque_constant:=0.6',
+        '-p',
+        'input_unit:=V',
+    )
+    with (
+        dds.NodeProcess(MODULE, *common),
+        dds.Observer(probe, '/adaptive_observer', '/motor') as node,
+    ):
+        answer = node.connect() and probe.call(
+            Trigger, '/adaptive_observer/save', Trigger.Request()
+        )
         assert not answer.success and 'nothing has been learnt' in answer.message
         answers = node.feed(raws)
         # live is the same numbers as the driver's
@@ -81,15 +94,16 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         assert values['b2.unit'] == 'rad/s^2 per V'
         assert values['b/J.trusted'] == 'True' and float(values['explained']) > 0.99
         assert values['J.unit'] == 'kg m^2' and 0.0 < float(values['J.stddev']) < 1e-3
-        assert probe.call(SetBool, '/adaptive_observer/freeze',
-                          SetBool.Request(data=True)).success
+        assert probe.call(SetBool, '/adaptive_observer/freeze', SetBool.Request(data=True)).success
         assert node.get('adapt') is False
         assert probe.call(Trigger, '/adaptive_observer/save', Trigger.Request()).success
     saved = load(str(path))['joint']
     assert -saved['a'][0] == pytest.approx(2.0, rel=0.02) and saved['order'] == 2
     later, true = messages(2.0, seed=7)
-    with dds.NodeProcess(MODULE, *common, '-p', 'adapt:=false', '-p', 'bandwidth_hz:=8.0'), \
-            dds.Observer(probe, '/adaptive_observer', '/motor') as node:
+    with (
+        dds.NodeProcess(MODULE, *common, '-p', 'adapt:=false', '-p', 'bandwidth_hz:=8.0'),
+        dds.Observer(probe, '/adaptive_observer', '/motor') as node,
+    ):
         told.clear()
         answers = node.connect().feed(later)
         errors = [a.velocities[0] - t for a, t in zip(answers, true) if a.velocities]
@@ -105,10 +119,17 @@ def test_efforts_as_an_array_of_numbers(probe):
     """effort_command as Float64MultiArray: in the order of the joints, when it was sent."""
     from std_msgs.msg import Float64MultiArray
 
-    with dds.commanded(probe, 'adaptive_observer', 'arrays', Float64MultiArray,
-                       'joints:=[left, right]', 'input_unit:=N m',
-                       'effort_command_type:=Float64MultiArray', 'stamp_source:=publisher',
-                       'joints.right.input_scale:=[-1.0]') as (node, efforts):
+    with dds.commanded(
+        probe,
+        'adaptive_observer',
+        'arrays',
+        Float64MultiArray,
+        'joints:=[left, right]',
+        'input_unit:=N m',
+        'effort_command_type:=Float64MultiArray',
+        'stamp_source:=publisher',
+        'joints.right.input_scale:=[-1.0]',
+    ) as (node, efforts):
         raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
         assert not node.feed([raw] * 3)[-1].names
         probe.until(lambda: node.status('left') == 'lost')
@@ -132,16 +153,25 @@ def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):
     path = tmp_path / 'motor.yaml'
     bank, _ = bank_of(motor[0])
     assert save(str(path), bank) == ['joint']
-    with dds.NodeProcess(MODULE, '--ros-args', '-p', f'parameters_file:={path}', '-p',
-                         'order:=3') as node:
+    with dds.NodeProcess(
+        MODULE, '--ros-args', '-p', f'parameters_file:={path}', '-p', 'order:=3'
+    ) as node:
         assert node.ends() == 2
         assert "joint 'joint' are of order 2, but order is 3" in node.output
         assert 'Traceback' not in node.output
 
 
-@pytest.mark.parametrize('text', ['', '[1', 'joints: {}', 'adaptive_parameters: 2',
-                                  'adaptive_parameters: 1\njoints: {a: {order: 2, a: [1.0]}}',
-                                  'adaptive_parameters: 1\njoints: {a: 3}'])
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        '[1',
+        'joints: {}',
+        'adaptive_parameters: 2',
+        'adaptive_parameters: 1\njoints: {a: {order: 2, a: [1.0]}}',
+        'adaptive_parameters: 1\njoints: {a: 3}',
+    ],
+)
 def test_damaged_files_are_refused(text, tmp_path):
     (tmp_path / 'file.yaml').write_text(text)
     with pytest.raises(UsageError):
@@ -161,7 +191,7 @@ def test_saving_keeps_what_the_file_says_of_others(motor, tmp_path):
 
 def test_messages_without_effort_are_counted():
     bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER))
-    assert bank.take(10 ** 18, ('a',), (0.1,), ()) == []
+    assert bank.take(10**18, ('a',), (0.1,), ()) == []
     assert (bank.without_input, bank.mismatched) == (1, 1)
-    bank.take(10 ** 18, ('a',), (0.1,), (math.nan,))
+    bank.take(10**18, ('a',), (0.1,), (math.nan,))
     assert bank.joints['a'].dropped() == {'non_finite': 1}

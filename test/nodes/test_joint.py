@@ -38,9 +38,10 @@ def fresh(name):
 
 def turning(live, names, speeds, count, *, begin=BEGIN, dt=MS, first=0):
     """Messages of shafts that turn at constant speeds [rad/s], wrapped to [-pi, pi)."""
-    return [live.encode(begin + i * dt, names, [wrap(speed * i * dt * 1e-9, TURN)
-                                                for speed in speeds])
-            for i in range(first, first + count)]
+    return [
+        live.encode(begin + i * dt, names, [wrap(speed * i * dt * 1e-9, TURN) for speed in speeds])
+        for i in range(first, first + count)
+    ]
 
 
 def test_estimates_are_right_and_carry_the_stamp_of_the_measurement(live):
@@ -83,42 +84,69 @@ def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
     def one(stamp, *positions, names=(bad,)):
         return live.encode(stamp, names, positions)
 
-    live.feed([one(at + MS, math.nan), one(at + MS, math.inf), one(at + MS, -math.inf),
-               one(at, 0.3), one(at, 0.3),          # equal stamps
-               one(at - 5 * MS, 0.29),              # late
-               one(0, 0.3),                         # no stamp
-               one(at + 2 * MS, names=()), one(at + 2 * MS),  # empty
-               one(at + 2 * MS, 0.3, 0.4), one(at + 2 * MS, 0.3, names=(bad, 'worse')),
-               one(far, 0.301), one(at + 3 * MS, 0.302)])     # one stamp from the far future
+    live.feed(
+        [
+            one(at + MS, math.nan),
+            one(at + MS, math.inf),
+            one(at + MS, -math.inf),
+            one(at, 0.3),
+            one(at, 0.3),  # equal stamps
+            one(at - 5 * MS, 0.29),  # late
+            one(0, 0.3),  # no stamp
+            one(at + 2 * MS, names=()),
+            one(at + 2 * MS),  # empty
+            one(at + 2 * MS, 0.3, 0.4),
+            one(at + 2 * MS, 0.3, names=(bad, 'worse')),
+            one(far, 0.301),
+            one(at + 3 * MS, 0.302),
+        ]
+    )  # one stamp from the far future
     live.publisher.publish(b'\x00\x01\x00\x00nonsense')
     live.publisher.publish(one(at + 4 * MS, 0.303)[:-5])
     for loop in range(2):  # a bag that loops
         live.feed(turning(live, [bad], [1.0], 300, begin=BEGIN - (loop + 1) * 10**12))
     after = live.next_report()
-    joint = {key: int(count) for key, count in joint_entry(after, bad).items()
-             if key.partition('.')[0] in ('received', 'used', 'dropped', 'events')}
-    dropped = {key.partition('.')[2]: count for key, count in joint.items()
-               if key.startswith('dropped.')}
-    assert dropped == {'duplicate': 2, 'late': 1, 'non_finite': 3, 'zero_stamp': 1,
-                       'misconfigured': 0, 'repeated': 0}
+    joint = {
+        key: int(count)
+        for key, count in joint_entry(after, bad).items()
+        if key.partition('.')[0] in ('received', 'used', 'dropped', 'events')
+    }
+    dropped = {
+        key.partition('.')[2]: count for key, count in joint.items() if key.startswith('dropped.')
+    }
+    assert dropped == {
+        'duplicate': 2,
+        'late': 1,
+        'non_finite': 3,
+        'zero_stamp': 1,
+        'misconfigured': 0,
+        'repeated': 0,
+    }
     assert joint['events.outage'] == 1 and joint['events.stray_stamp'] == 1
     assert joint['events.clock_jump'] == 2
     assert joint['received'] == joint['used'] + sum(dropped.values()) == 300 + 7 + 2 + 600
-    new = {key: int(after['/joint_observer'][key]) - int(before[key])
-           for key in before if key.startswith('messages_')}
+    new = {
+        key: int(after['/joint_observer'][key]) - int(before[key])
+        for key in before
+        if key.startswith('messages_')
+    }
     assert new['messages_dropped.malformed'] == 2
     assert new['messages_dropped.empty'] == 2
     assert new['messages_dropped.mismatched'] == 2
     assert new['messages_received'] == new['messages_used'] + 6 == 300 + 13 + 2 + 600
     assert live.answers[-1].velocities == pytest.approx((1.0,), rel=1e-6)
     assert live.process.alive and 'Traceback' not in live.process.output
-    for told in ('carry no time stamp', 'stamp_source: publisher', 'clock of the measurements',
-                 'are malformed'):
+    for told in (
+        'carry no time stamp',
+        'stamp_source: publisher',
+        'clock of the measurements',
+        'are malformed',
+    ):
         live.process.prints(told)
 
 
 def test_empty_answers_for_messages_without_a_valid_joint(live):
-    answer, = live.feed([live.encode(BEGIN + 7, ['x', 'y'], [1.0], 'tool')])
+    (answer,) = live.feed([live.encode(BEGIN + 7, ['x', 'y'], [1.0], 'tool')])
     assert (answer.stamp_ns, answer.frame_id) == (BEGIN + 7, 'tool')
     assert answer.names == answer.positions == answer.velocities == ()
 
@@ -159,6 +187,7 @@ def test_reset_starts_every_joint_again(live):
 
 # Parameters
 
+
 def offline(values=None, overrides=None):
     return Bank(Configuration(observers.find('hybrid_angle'), values, overrides))
 
@@ -183,7 +212,7 @@ def test_a_gain_changes_live_and_the_state_is_kept(live):
                 joint = bank.joints['tuned']
                 joint.set_gains(offline({'bandwidth_hz': 20.0}).configuration.for_joint('')[0])
             stamp = BEGIN + i * MS
-            answer, = live.feed([live.encode(stamp, ['tuned'], [sample])])
+            (answer,) = live.feed([live.encode(stamp, ['tuned'], [sample])])
             expected = valid(bank, stamp, ['tuned'], [sample])
             assert list(zip(answer.names, answer.positions, answer.velocities)) == expected
         assert answer.names == ('tuned',)
@@ -196,7 +225,7 @@ def test_an_override_of_one_joint_before_it_appears_and_back(live):
     bank = offline({}, {'eager': {'bandwidth_hz': 200.0}})
     for i, sample in enumerate(uneven(300)):
         stamp = BEGIN + i * MS
-        answer, = live.feed([live.encode(stamp, ['eager', 'calm'], [sample, sample])])
+        (answer,) = live.feed([live.encode(stamp, ['eager', 'calm'], [sample, sample])])
         expected = valid(bank, stamp, ['eager', 'calm'], [sample, sample])
         assert list(zip(answer.names, answer.positions, answer.velocities)) == expected
     assert answer.velocities[0] != answer.velocities[1]
@@ -205,19 +234,23 @@ def test_an_override_of_one_joint_before_it_appears_and_back(live):
     assert live.get('joints.eager.bandwidth_hz') is None
 
 
-@pytest.mark.parametrize(('given', 'reason'), [
-    ({'bandwidth_hz': -1.0}, "'bandwidth_hz' = -1 is outside [0.001, 1e+06]"),
-    ({'bandwidth_hz': -1}, 'is outside'),
-    ({'bandwidth_hz': math.nan}, 'must be finite'),
-    ({'bandwidth_hz': 'fast'}, "must be a number, not 'fast'"),
-    ({'bandwith_hz': 20.0}, "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?"),
-    ({'joints__a__nose': 0.1}, "did you mean 'noise'?"),
-    ({'joints__a__noise': 'loud'}, "'joints.a.noise' must be a number"),
-    ({'joints__a__order': 2}, 'structural'),
-    ({'order': 2}, 'read-only'),
-    ({'observer': 'kalman'}, 'read-only'),
-    ({'gap_max': 0.5, 'low_speed_bound': 3}, "'low_speed_bound' must be true or false"),
-    ({'k1': 100.0, 'k2': 1e-6, 'k3': 1e6}, 'stable')])
+@pytest.mark.parametrize(
+    ('given', 'reason'),
+    [
+        ({'bandwidth_hz': -1.0}, "'bandwidth_hz' = -1 is outside [0.001, 1e+06]"),
+        ({'bandwidth_hz': -1}, 'is outside'),
+        ({'bandwidth_hz': math.nan}, 'must be finite'),
+        ({'bandwidth_hz': 'fast'}, "must be a number, not 'fast'"),
+        ({'bandwith_hz': 20.0}, "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?"),
+        ({'joints__a__nose': 0.1}, "did you mean 'noise'?"),
+        ({'joints__a__noise': 'loud'}, "'joints.a.noise' must be a number"),
+        ({'joints__a__order': 2}, 'structural'),
+        ({'order': 2}, 'read-only'),
+        ({'observer': 'kalman'}, 'read-only'),
+        ({'gap_max': 0.5, 'low_speed_bound': 3}, "'low_speed_bound' must be true or false"),
+        ({'k1': 100.0, 'k2': 1e-6, 'k3': 1e6}, 'stable'),
+    ],
+)
 def test_a_wrong_value_is_refused_with_the_reason_and_nothing_changes(live, given, reason):
     names = ('bandwidth_hz', 'gap_max', 'order')
     before = [live.get(name) for name in names]
@@ -240,8 +273,11 @@ def test_parameters_describe_themselves(live):
     from rcl_interfaces.srv import DescribeParameters
 
     names = ['bandwidth_hz', 'observer', 'joints']
-    answer = live.probe.call(DescribeParameters, '/joint_observer/describe_parameters',
-                             DescribeParameters.Request(names=names))
+    answer = live.probe.call(
+        DescribeParameters,
+        '/joint_observer/describe_parameters',
+        DescribeParameters.Request(names=names),
+    )
     gain, observer, joints = answer.descriptors
     assert '[Hz]' in gain.description and gain.additional_constraints == '[0.001, 1e+06]'
     assert gain.dynamic_typing and not gain.read_only
@@ -250,26 +286,34 @@ def test_parameters_describe_themselves(live):
 
 # Outputs made only while somebody listens
 
+
 def test_standard_deviation_and_acceleration_while_subscribed(live):
     from sensor_msgs.msg import JointState
     from trajectory_msgs.msg import JointTrajectory
 
     node, deviations, accelerations = live.probe.node, [], []
     subscriptions = [
-        node.create_subscription(JointState, '/joint_observer/estimate_stddev',
-                                 deviations.append, 1000),
-        node.create_subscription(JointTrajectory, '/joint_observer/acceleration',
-                                 accelerations.append, 1000)]
+        node.create_subscription(
+            JointState, '/joint_observer/estimate_stddev', deviations.append, 1000
+        ),
+        node.create_subscription(
+            JointTrajectory, '/joint_observer/acceleration', accelerations.append, 1000
+        ),
+    ]
     try:
         live.probe.until(lambda: all(each.get_publisher_count() for each in subscriptions))
         live.probe.spin(0.5)  # the node looks ten times a second who listens
         bank, samples = offline(), uneven(400)
-        answers = live.feed([live.encode(BEGIN + i * MS, ['wide'], [sample], 'tool')
-                             for i, sample in enumerate(samples)])
+        answers = live.feed(
+            [
+                live.encode(BEGIN + i * MS, ['wide'], [sample], 'tool')
+                for i, sample in enumerate(samples)
+            ]
+        )
         for i, sample in enumerate(samples):
             estimate = bank.update(BEGIN + i * MS, ['wide'], [sample])
         live.probe.until(lambda: len(deviations) >= 400 and len(accelerations) >= 400)
-        (name, joint, numbers), = estimate
+        ((name, joint, numbers),) = estimate
         last, point = deviations[-1], accelerations[-1].points[0]
         assert list(last.name) == ['wide'] == accelerations[-1].joint_names
         assert last.header == accelerations[-1].header and last.header.frame_id == 'tool'

@@ -24,22 +24,34 @@ CONFIG = Path(__file__).parents[2] / 'config/joint_observer.yaml'
 
 def launch(name, *parameters):
     """A node called `name` whose input is /<name>/joint_states or /<name>/angle."""
-    return dds.NodeProcess(MODULE, *dds.ros_args(
-        *parameters, remap=(f'__node:={name}', f'__ns:=/{name}'), file=CONFIG))
+    return dds.NodeProcess(
+        MODULE, *dds.ros_args(*parameters, remap=(f'__node:={name}', f'__ns:=/{name}'), file=CONFIG)
+    )
 
 
 @pytest.fixture(scope='module')
 def processes():
     """All variants, started together."""
     parameter_sets = {
-        'counts': ['input:=angle', 'angle_type:=Int32', 'counts_per_revolution:=4096',
-                   'angle_sign:=-1', 'angle_offset:=0.5', 'angle_joint:=wheel'],
-        'misspelt': ['qos_overrides./misspelt/joint_states.subscription.reliability:=reliable',
-                     'qos_overrides./mispelt/joint_states.subscription.depth:=9',
-                     'bandwith_hz:=20.0', 'joints.sholder.noise:=0.001', 'joints.arm.nose:=1.0'],
+        'counts': [
+            'input:=angle',
+            'angle_type:=Int32',
+            'counts_per_revolution:=4096',
+            'angle_sign:=-1',
+            'angle_offset:=0.5',
+            'angle_joint:=wheel',
+        ],
+        'misspelt': [
+            'qos_overrides./misspelt/joint_states.subscription.reliability:=reliable',
+            'qos_overrides./mispelt/joint_states.subscription.depth:=9',
+            'bandwith_hz:=20.0',
+            'joints.sholder.noise:=0.001',
+            'joints.arm.nose:=1.0',
+        ],
         'paper': ['form:=paper', 'bandwidth_hz:=5.0'],
         'wall': ['stamp_source:=publisher', 'joints:=[a]'],
-        'sim': ['use_sim_time:=true', 'observer:=finite_difference']}
+        'sim': ['use_sim_time:=true', 'observer:=finite_difference'],
+    }
     running = {name: launch(name, *values) for name, values in parameter_sets.items()}
     yield running
     for process in running.values():
@@ -82,12 +94,15 @@ def test_raw_counts_without_a_stamp(processes, observe, probe):
     stamps = [answer.stamp_ns for answer in live.answers]
     assert before <= stamps[0] and stamps[-1] <= time.time_ns()  # the publisher's time
     assert stamps == sorted(set(stamps))
-    bank = Bank(Configuration(observers.find('hybrid_angle'),
-                              {'quantum': 2.0 * math.pi / 4096}))  # as the counts imply
+    bank = Bank(
+        Configuration(observers.find('hybrid_angle'), {'quantum': 2.0 * math.pi / 4096})
+    )  # as the counts imply
     for i, answer in enumerate(live.answers):
         angle = -2.0 * math.pi / 4096 * (10 * i % 4096) + 0.5
-        expected = [(name, *estimate[:2]) for name, joint, estimate
-                    in bank.update(answer.stamp_ns, ['wheel'], [angle])]
+        expected = [
+            (name, *estimate[:2])
+            for name, joint, estimate in bank.update(answer.stamp_ns, ['wheel'], [angle])
+        ]
         assert list(zip(answer.names, answer.positions, answer.velocities)) == expected
     assert answer.names == ('wheel',) and answer.velocities[0] < -1.0
 
@@ -101,12 +116,15 @@ def test_incompatible_qos_and_misspelt_names_are_told(processes, observe, probe)
     assert live.next_report()['/misspelt/misspelt']['qos_mismatches'] == '1'
     with dds.Observer(probe, '/misspelt/misspelt', '/misspelt/joint_states') as reliable:
         reliable.connect().feed(turning(reliable, ['shoulder'], [1.0], 3))
-    process.prints("unknown parameter 'qos_overrides./mispelt/joint_states.subscription.depth': "
-                   "did you mean 'qos_overrides./misspelt/joint_states.subscription.depth'?")
+    process.prints(
+        "unknown parameter 'qos_overrides./mispelt/joint_states.subscription.depth': "
+        "did you mean 'qos_overrides./misspelt/joint_states.subscription.depth'?"
+    )
     process.prints("unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?")
     process.prints("unknown parameter 'joints.arm.nose': did you mean 'noise'?")
-    process.prints("joint 'sholder' was named in the parameters and never seen: "
-                   "did you mean 'shoulder'?")
+    process.prints(
+        "joint 'sholder' was named in the parameters and never seen: did you mean 'shoulder'?"
+    )
     assert process.output.count('unknown parameter') == 3  # what the YAML sets is known
 
 
@@ -207,8 +225,14 @@ def test_the_class_in_an_executor_of_ones_own(probe):
     from estimator_pkg.nodes.observer import ObserverNode
     from estimator_pkg.nodes.ros_parameters import ros_values
 
-    node = ObserverNode('angle', 'mine', namespace='/own', parameter_overrides=ros_values(
-        {'observer': 'finite_difference', 'joints': ('a',), 'bandwidth_hz': 100}))
+    node = ObserverNode(
+        'angle',
+        'mine',
+        namespace='/own',
+        parameter_overrides=ros_values(
+            {'observer': 'finite_difference', 'joints': ('a',), 'bandwidth_hz': 100}
+        ),
+    )
     made = []
     answering = node.stream._answering
     encode = answering._encode_stddev
@@ -224,8 +248,9 @@ def test_the_class_in_an_executor_of_ones_own(probe):
             assert answer.names == ('a',)
             assert answer.velocities == pytest.approx((1.0,), rel=1e-6)
             assert not made  # nobody listens, so no standard deviation is made
-            listener = probe.node.create_subscription(JointState, '/own/mine/estimate_stddev',
-                                                      lambda message: None, 10)
+            listener = probe.node.create_subscription(
+                JointState, '/own/mine/estimate_stddev', lambda message: None, 10
+            )
             probe.until(listener.get_publisher_count)
             probe.spin(0.5)
             live.feed(turning(live, ['a'], [1.0], 5, first=200))
@@ -252,8 +277,9 @@ def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
             assert not live.answers
             node._look_around()
             probe.until(lambda: len(live.answers) == 3)
-            assert [answer.stamp_ns for answer in live.answers] == [BEGIN + i * MS
-                                                                    for i in range(3)]
+            assert [answer.stamp_ns for answer in live.answers] == [
+                BEGIN + i * MS for i in range(3)
+            ]
     finally:
         node.destroy_node()
 
@@ -270,7 +296,8 @@ def test_interrupts_end_the_node_quietly(number):
 def test_an_interrupt_waits_for_an_import_and_a_second_one_changes_nothing(tmp_path):
     """What is raised in an import may be dropped, or become an ImportError."""
     (tmp_path / 'interrupting.py').write_text(
-        'import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nwhole = True\n')
+        'import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nwhole = True\n'
+    )
     (tmp_path / 'program.py').write_text(
         'import os, signal, time\n'
         'from estimator_pkg.nodes.runtime import run\n'
@@ -283,9 +310,14 @@ def test_an_interrupt_waits_for_an_import_and_a_second_one_changes_nothing(tmp_p
         '    run(make)\n'
         'finally:\n'
         '    os.kill(os.getpid(), signal.SIGTERM)\n'
-        '    print("ended")\n')
-    done = subprocess.run([sys.executable, str(tmp_path / 'program.py')], text=True,
-                          capture_output=True, timeout=dds.PATIENCE)
+        '    print("ended")\n'
+    )
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / 'program.py')],
+        text=True,
+        capture_output=True,
+        timeout=dds.PATIENCE,
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, 'imported True\nended\n', '')
 
 
@@ -300,13 +332,20 @@ WRONG_STARTS = [
     (['-p', 'qos_overrides./joint_states.subscription.reliability:=relyable'], 'relyable'),
     (['--params-file', 'no_such_file.yaml'], 'no_such_file.yaml'),
     (['-p', 'bandwidth_hz'], 'bandwidth_hz'),
-    (['--', 'observer=pll'], "not 'observer=pll'")]
+    (['--', 'observer=pll'], "not 'observer=pll'"),
+]
 
 
 def test_a_wrong_start_is_one_line_and_exit_code_2():
-    children = [subprocess.Popen([sys.executable, '-m', *MODULE.split(), '--ros-args', *words],
-                                 text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-                for words, _ in WRONG_STARTS]
+    children = [
+        subprocess.Popen(
+            [sys.executable, '-m', *MODULE.split(), '--ros-args', *words],
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        for words, _ in WRONG_STARTS
+    ]
     for child, (words, told) in zip(children, WRONG_STARTS):
         output, error = child.communicate(timeout=dds.PATIENCE)
         assert child.returncode == 2, (words, error)

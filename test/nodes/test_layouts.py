@@ -16,17 +16,19 @@ from rosbags.typesys import Stores, get_typestore
 LAYOUTS = Path(__file__).resolve().parents[2] / 'layouts'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
-CONTRACT = {'/joint_states': JOINT_STATE,
-            '/ground_truth/joint_states': JOINT_STATE,
-            '/joint_observer/estimate': JOINT_STATE,
-            '/joint_observer/estimate_stddev': JOINT_STATE,
-            '/joint_observer/acceleration': 'trajectory_msgs/msg/JointTrajectory',
-            '/joint_observer/status': DIAGNOSTICS,
-            '/diagnostics': DIAGNOSTICS}
+CONTRACT = {
+    '/joint_states': JOINT_STATE,
+    '/ground_truth/joint_states': JOINT_STATE,
+    '/joint_observer/estimate': JOINT_STATE,
+    '/joint_observer/estimate_stddev': JOINT_STATE,
+    '/joint_observer/acceleration': 'trajectory_msgs/msg/JointTrajectory',
+    '/joint_observer/status': DIAGNOSTICS,
+    '/diagnostics': DIAGNOSTICS,
+}
 STORE = get_typestore(Stores.ROS2_JAZZY)
 BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4  # rosbags' kinds of field
 NUMBER = re.compile(r'u?int\d+|float\d+')
-JOINT = 'wheel'     # of the simulators and of the recordings made by them
+JOINT = 'wheel'  # of the simulators and of the recordings made by them
 
 
 def ends_in_a_number(kind, parts):
@@ -48,14 +50,15 @@ def foxglove_path(text):
     """(topic, [(field, has an index)]) by the grammar of message paths."""
     match = re.fullmatch(r'(/[\w/]+)((?:\.\w+(?:\[(?:-?\d+|\$\w+)\])?)*)', text)
     assert match, text
-    return match[1], [(name, bool(index)) for name, index
-                      in re.findall(r'\.(\w+)(\[[^\]]*\])?', match[2])]
+    return match[1], [
+        (name, bool(index)) for name, index in re.findall(r'\.(\w+)(\[[^\]]*\])?', match[2])
+    ]
 
 
 def plotjuggler_path(text):
     """As `foxglove_path`, of a curve: joints by name in a JointState, else fields and indices."""
     topic = max((each for each in CONTRACT if text.startswith(each + '/')), key=len)
-    parts = text[len(topic) + 1:].split('/')
+    parts = text[len(topic) + 1 :].split('/')
     if CONTRACT[topic] == JOINT_STATE:
         joint, field = parts
         assert joint == JOINT, text
@@ -72,8 +75,11 @@ def foxglove():
 
 
 CURVES = [curve.get('name') for curve in plotjuggler().iter('curve')]
-PATHS = [path['value'] for config in foxglove()['configById'].values()
-         for path in config.get('paths', [])]
+PATHS = [
+    path['value']
+    for config in foxglove()['configById'].values()
+    for path in config.get('paths', [])
+]
 
 
 @pytest.mark.parametrize('text', CURVES)
@@ -99,8 +105,11 @@ def test_both_show_every_number_of_the_contract():
     wanted = set(CONTRACT) - {'/joint_observer/status', '/diagnostics'}
     assert {plotjuggler_path(text)[0] for text in CURVES} == wanted
     assert {foxglove_path(text)[0] for text in PATHS} == wanted
-    shown = {config['topicToRender'] for config in foxglove()['configById'].values()
-             if 'topicToRender' in config}
+    shown = {
+        config['topicToRender']
+        for config in foxglove()['configById'].values()
+        if 'topicToRender' in config
+    }
     assert shown == {'/joint_observer/status', '/diagnostics'}
 
 

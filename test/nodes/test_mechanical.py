@@ -31,10 +31,24 @@ def recording(tmp_path_factory):
     """A simulated bag, a parameter file, and the bag replayed with it."""
     path = tmp_path_factory.mktemp('mechanical')
     (path / 'params.yaml').write_text(PARAMETERS)
-    assert cli.main(['simulate', 'cart_pendulum', '--duration', '4', '--out',
-                     str(path / 'bag')]) == 0
-    assert cli.main(['replay', str(path / 'bag'), '--observer', 'geso', '--params',
-                     str(path / 'params.yaml'), '--out', str(path / 'out')]) == 0
+    assert (
+        cli.main(['simulate', 'cart_pendulum', '--duration', '4', '--out', str(path / 'bag')]) == 0
+    )
+    assert (
+        cli.main(
+            [
+                'replay',
+                str(path / 'bag'),
+                '--observer',
+                'geso',
+                '--params',
+                str(path / 'params.yaml'),
+                '--out',
+                str(path / 'out'),
+            ]
+        )
+        == 0
+    )
     return path
 
 
@@ -42,11 +56,20 @@ def test_replay_equals_the_live_node(recording, probe):
     """Number for number, names and stamps too."""
     with open_bag(recording / 'out') as bag:
         raws = [bytes(message.raw) for message in bag.messages(['/joint_states'])]
-        replayed = [bytes(message.raw)
-                    for message in bag.messages(['/mechanical_observer/estimate'])]
-    with dds.NodeProcess(MODULE, '--ros-args', '-r', 'joint_states:=/equal', '--params-file',
-                         str(recording / 'params.yaml')), \
-            dds.Observer(probe, '/mechanical_observer', '/equal') as node:
+        replayed = [
+            bytes(message.raw) for message in bag.messages(['/mechanical_observer/estimate'])
+        ]
+    with (
+        dds.NodeProcess(
+            MODULE,
+            '--ros-args',
+            '-r',
+            'joint_states:=/equal',
+            '--params-file',
+            str(recording / 'params.yaml'),
+        ),
+        dds.Observer(probe, '/mechanical_observer', '/equal') as node,
+    ):
         node.connect().feed(raws)
         decode = Decoder().decode
         assert [decode(raw) for raw in node.raw_answers] == [decode(raw) for raw in replayed]
@@ -56,16 +79,28 @@ def test_replay_equals_the_live_node(recording, probe):
 def test_several_mechanisms_separate_messages_and_commands(probe):
     """Two mechanisms; one's joints come in separate messages; the input is a topic of its own."""
     from sensor_msgs.msg import JointState
-    with dds.commanded(probe, 'mechanical_observer', 'several', JointState,
-                       'mechanisms:=[arm, lab]', 'bandwidth_hz:=20.0',
-                       'joints.arm.joints:=[elbow]', 'joints.lab.model:=cart_pendulum',
-                       'joints.lab.joints:=[p, c]') as (node, command):
-        encode, start = Encoder().encode, 10 ** 15
+
+    with dds.commanded(
+        probe,
+        'mechanical_observer',
+        'several',
+        JointState,
+        'mechanisms:=[arm, lab]',
+        'bandwidth_hz:=20.0',
+        'joints.arm.joints:=[elbow]',
+        'joints.lab.model:=cart_pendulum',
+        'joints.lab.joints:=[p, c]',
+    ) as (node, command):
+        encode, start = Encoder().encode, 10**15
         for k in range(300):
             stamp = start + k * 2 * MS
             command.publish(encode(stamp, '', ('elbow', 'c'), (), (), (0.0, 0.0)))
-            node.feed([encode(stamp + MS, '', ('p', 'elbow'), (0.1, 2e-3 * k)),
-                       encode(stamp + MS, '', ('c',), (0.0,))])
+            node.feed(
+                [
+                    encode(stamp + MS, '', ('p', 'elbow'), (0.1, 2e-3 * k)),
+                    encode(stamp + MS, '', ('c',), (0.0,)),
+                ]
+            )
         last = node.answers[-2:]
         assert [answer.names for answer in last] == [('elbow',), ('p', 'c')]
         assert last[0].velocities[0] == pytest.approx(1.0, abs=0.01)
@@ -76,14 +111,17 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         assert dds.value(entry, 'incomplete') == '0'
         K, L = (float(dds.value(entry, key).split(', ')[0]) for key in ('K', 'L'))
         assert float(dds.value(entry, 'noise_figure').split(', ')[0]) == pytest.approx(
-            K * K / (2.0 * L), rel=1e-3)
+            K * K / (2.0 * L), rel=1e-3
+        )
         assert float(dds.value(entry, 'dt_K').split(', ')[0]) == pytest.approx(2e-3 * K, rel=1e-3)
         for key in ('poles', 'slowest_pole_over_range', 'guaranteed_rate', 'dt_K_below_L'):
             assert dds.value(entry, key)
         assert not node.set(bandwidth_hz=-3.0).successful
         assert "mechanism 'leg'" in node.set(joints__leg__bandwidth_hz=3.0).reason
-        assert "'arm': 'input_scale' has 2 numbers" in node.set(
-            joints__arm__input_scale=[1.0, 2.0]).reason
+        assert (
+            "'arm': 'input_scale' has 2 numbers"
+            in node.set(joints__arm__input_scale=[1.0, 2.0]).reason
+        )
         assert node.set(disturbance_hz=3.0).successful and node.set(disturbance_hz=0.0).successful
         assert node.set(bandwidth_hz=25.0).successful
         probe.until(lambda: float(dds.value(node.statuses['lab'], 'K').split(', ')[0]) > 1.5 * K)
@@ -93,22 +131,33 @@ def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):
     """The controller's velocities come from the observer node's topic, over DDS."""
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
+
     positions = []
 
     def came(message):
-        positions.append((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
-                          *message.position))
+        positions.append(
+            (message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec, *message.position)
+        )
 
     subscription = probe.node.create_subscription(
-        JointState, '/loop/joint_states', came, qos_profile_sensor_data)
+        JointState, '/loop/joint_states', came, qos_profile_sensor_data
+    )
     numbers = '[force_constant=9.27, friction_forward=3.98, friction_backward=2.87]'
-    observer = ['model:=cart_pendulum', f'model_parameters:={numbers}', 'L:=[50.0, 80.0]',
-                'Gamma:=[80.0, 150.0]']
+    observer = [
+        'model:=cart_pendulum',
+        f'model_parameters:={numbers}',
+        'L:=[50.0, 80.0]',
+        'Gamma:=[80.0, 150.0]',
+    ]
     plant = ['control:=observer', 'wait_for_subscribers:=2', 'duration:=9.0']
     there = '__ns:=/loop'
-    with dds.NodeProcess(MODULE, *dds.ros_args(*observer, remap=[there])), \
-            dds.NodeProcess('sim_pkg.nodes.executables cart_pendulum_sim', *dds.ros_args(
-                *plant, remap=[there, 'estimate:=mechanical_observer/estimate'])) as simulator:
+    with (
+        dds.NodeProcess(MODULE, *dds.ros_args(*observer, remap=[there])),
+        dds.NodeProcess(
+            'sim_pkg.nodes.executables cart_pendulum_sim',
+            *dds.ros_args(*plant, remap=[there, 'estimate:=mechanical_observer/estimate']),
+        ) as simulator,
+    ):
         probe.until(lambda: not simulator.alive)
         assert simulator.ends() == 0
     probe.node.destroy_subscription(subscription)
@@ -116,4 +165,4 @@ def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):
     angles, cart = np.array(positions)[:, 1], np.array(positions)[:, 2]
     assert np.max(np.abs(angles)) < 0.5 * math.pi / 2.0
     assert np.max(np.abs(angles[-400:])) < 0.1
-    assert np.ptp(cart) > 0.1    # it follows the triangle, so it was let go
+    assert np.ptp(cart) > 0.1  # it follows the triangle, so it was let go

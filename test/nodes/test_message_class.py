@@ -14,9 +14,20 @@ from estimator_pkg.bags.live import message_class
 from estimator_pkg.bags.writer import BagWriter
 
 HOSTILE = 'from pathlib import Path\nPath(__file__).with_name("imported").touch()\n'
-NAMES = ['mine/msg/Foo', 'mine.inner/msg/Foo', 'this/msg/Foo', 'sensor_msgs/msg/JointState',
-         'rclpy/msg/Foo', 'mine/msg/Foo/msg/Foo', '../mine/msg/Foo', 'mine//Foo', '/msg/Foo',
-         'sensor_msgs/mine/Foo', 'MINE/msg/Foo', 'mine/msg/foo']
+NAMES = [
+    'mine/msg/Foo',
+    'mine.inner/msg/Foo',
+    'this/msg/Foo',
+    'sensor_msgs/msg/JointState',
+    'rclpy/msg/Foo',
+    'mine/msg/Foo/msg/Foo',
+    '../mine/msg/Foo',
+    'mine//Foo',
+    '/msg/Foo',
+    'sensor_msgs/mine/Foo',
+    'MINE/msg/Foo',
+    'mine/msg/foo',
+]
 
 
 @pytest.fixture
@@ -37,11 +48,19 @@ def imported(folder):
 
 @pytest.mark.parametrize('way', ['', os.pathsep])
 def test_a_type_name_imports_nothing_of_the_current_folder(hostile, way):
-    script = ('import sys\nfrom estimator_pkg.bags.live import message_class\n'
-              'print([message_class(name) for name in sys.argv[1:]])')
-    done = subprocess.run([sys.executable, '-c', script, *NAMES], cwd=hostile, text=True,
-                          env={**os.environ, 'PYTHONPATH': way}, capture_output=True, timeout=60,
-                          check=True)
+    script = (
+        'import sys\nfrom estimator_pkg.bags.live import message_class\n'
+        'print([message_class(name) for name in sys.argv[1:]])'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script, *NAMES],
+        cwd=hostile,
+        text=True,
+        env={**os.environ, 'PYTHONPATH': way},
+        capture_output=True,
+        timeout=60,
+        check=True,
+    )
     assert done.stdout.strip() == str([None] * len(NAMES))
     assert imported(hostile) == []
 
@@ -51,9 +70,15 @@ def test_play_imports_nothing_that_a_bag_names(hostile):
         for number, name in enumerate(NAMES):
             bag.add_topic(f'/topic{number}', name)
             bag.write(f'/topic{number}', 10**18, b'\0\1\0\0')
-    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.cli', 'play', 'bag', '--wait', '0'],
-                          cwd=hostile, text=True, capture_output=True, timeout=dds.PATIENCE,
-                          env={**os.environ, 'PYTHONPATH': os.pathsep}, check=False)
+    done = subprocess.run(
+        [sys.executable, '-m', 'estimator_pkg.cli', 'play', 'bag', '--wait', '0'],
+        cwd=hostile,
+        text=True,
+        capture_output=True,
+        timeout=dds.PATIENCE,
+        env={**os.environ, 'PYTHONPATH': os.pathsep},
+        check=False,
+    )
     assert done.returncode == 1 and 'has nothing to play' in done.stderr, done.stderr
     assert done.stderr.count('is not played: its type') == len(NAMES)
     assert imported(hostile) == []
@@ -61,6 +86,7 @@ def test_play_imports_nothing_that_a_bag_names(hostile):
 
 def test_every_installed_message_is_found():
     from ament_index_python.packages import get_packages_with_prefixes
+
     count = 0
     for package, prefix in get_packages_with_prefixes().items():
         folder = os.path.join(prefix, 'share', package, 'msg')

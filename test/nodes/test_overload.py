@@ -24,6 +24,7 @@ MS = 1_000_000
 
 # ---------------------------------------------------------------- messages faster than callbacks
 
+
 def test_a_stream_that_is_too_fast_starves_no_service(probe):
     """A callback of 2 ms and a message every 0.3 ms: the queue of events must not grow."""
     import rclpy
@@ -47,8 +48,13 @@ def test_a_stream_that_is_too_fast_starves_no_service(probe):
         response.message = str(len(taken))
         return response
 
-    busy.create_subscription(Float64, 'flood', slow, QoSProfile(
-        depth=50, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True)
+    busy.create_subscription(
+        Float64,
+        'flood',
+        slow,
+        QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT),
+        raw=True,
+    )
     busy.create_service(Trigger, 'busy', answer)
     executor = SteadyExecutor(context=context)
     executor.add_node(busy)
@@ -92,11 +98,14 @@ def test_a_stream_that_is_too_fast_starves_no_service(probe):
         probe.node.destroy_publisher(publisher)
 
 
-@pytest.mark.parametrize('first, sent_ms, lost', [
-    (1, 5, 0),      # nothing is missing
-    (31, 40, 30),   # 30 ms of a stream that began at 10 ms
-    (31, 20, 0),    # it began before anybody was there
-])
+@pytest.mark.parametrize(
+    'first, sent_ms, lost',
+    [
+        (1, 5, 0),  # nothing is missing
+        (31, 40, 30),  # 30 ms of a stream that began at 10 ms
+        (31, 20, 0),  # it began before anybody was there
+    ],
+)
 def test_what_was_sent_before_the_first_message_is_lost(first, sent_ms, lost):
     loss = Loss(lambda: 1, BEGIN)
     for k in range(5):
@@ -108,9 +117,11 @@ def test_what_was_sent_before_the_first_message_is_lost(first, sent_ms, lost):
 
 # ---------------------------------------------------------------- names without end
 
+
 def test_a_joint_of_the_same_gains_takes_the_functions_that_are_there():
-    configuration = Configuration(observers.find('hybrid_angle'), {},
-                                  {'b': {'bandwidth_hz': 7.0}, 'c': {'wrap_period': 0.0}})
+    configuration = Configuration(
+        observers.find('hybrid_angle'), {}, {'b': {'bandwidth_hz': 7.0}, 'c': {'wrap_period': 0.0}}
+    )
     bank = Bank(configuration)
     bank.rehearse()
     a, b, c, d = (bank.joint(name) for name in 'abcd')
@@ -122,8 +133,9 @@ def test_a_joint_of_the_same_gains_takes_the_functions_that_are_there():
 
 
 def test_beyond_the_most_new_names_are_refused_and_named_ones_are_not():
-    bank = Bank(Configuration(observers.find('hybrid_angle'), {}, {'own': {'bandwidth_hz': 7.0}}),
-                most=3)
+    bank = Bank(
+        Configuration(observers.find('hybrid_angle'), {}, {'own': {'bandwidth_hz': 7.0}}), most=3
+    )
     for k in range(10):
         bank.update(BEGIN + k * MS, ('first', f'new_{k}'), (0.0, 0.0))
     assert set(bank.joints) == {'first', 'new_0', 'new_1'}
@@ -136,8 +148,9 @@ class Still:
     """A node in this process, fed without a topic; it looks around when it is told to."""
 
     def __init__(self, kind, **values):
-        self.node = ObserverNode(kind, kind.__name__.lower(),
-                                 parameter_overrides=ros_values(values))
+        self.node = ObserverNode(
+            kind, kind.__name__.lower(), parameter_overrides=ros_values(values)
+        )
         self.encode = Encoder().encode
         self.judged: list[str] = []
         judge = self.node.health._judge
@@ -182,14 +195,14 @@ def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
         live.feed(names, k)
     live.look()
     time.sleep(0.03)
-    live.look()                                # all are lost
-    live.node.health._last_report += 1e6       # no report is due
+    live.look()  # all are lost
+    live.node.health._last_report += 1e6  # no report is due
     live.feed(['joint_7'], 2)
     assert live.look() == {'joint_7'}
     live.feed(['joint_7', 'joint_9'], 3)
     assert live.look() == {'joint_7', 'joint_9'}
     time.sleep(0.03)
-    assert live.look() == {'joint_7', 'joint_9'}   # they get lost
+    assert live.look() == {'joint_7', 'joint_9'}  # they get lost
     assert live.look() == set()
 
 
@@ -202,7 +215,8 @@ def test_joints_expire_unless_they_are_named(still, kind, capfd):
     before = live.node.health._totals()
     assert before['received'] == 9 and before['dropped.refused'] == 2
     assert before['received'] == before['used'] + sum(
-        count for key, count in before.items() if key.startswith('dropped.'))
+        count for key, count in before.items() if key.startswith('dropped.')
+    )
     time.sleep(0.05)
     live.node.health._last_report = 0.0
     live.look()

@@ -42,8 +42,11 @@ def yaml_sections():
             assert key[2] not in section
             section[key[2]] = (yaml.safe_load(key[3]), not key[1])
             before = lines[number - 1]
-            assert before.startswith('    # ') or before.startswith('    #joints.') \
-                or before.startswith('    #qos_'), line
+            assert (
+                before.startswith('    # ')
+                or before.startswith('    #joints.')
+                or before.startswith('    #qos_')
+            ), line
     return sections
 
 
@@ -74,8 +77,11 @@ def test_yaml_teaches_the_keys_of_the_node_and_of_joints():
 
 @pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)
 def test_yaml_teaches_the_gains_of_every_observer(observer):
-    own = {name: parameter for name, parameter in declared(observer.gains).items()
-           if name not in declared(AngleGains)}
+    own = {
+        name: parameter
+        for name, parameter in declared(observer.gains).items()
+        if name not in declared(AngleGains)
+    }
     assert_taught(yaml_sections()[observer.name], own)
 
 
@@ -92,8 +98,9 @@ def test_what_the_yaml_sets_suits_every_observer(observer):
     settings = build(AngleSettings, node)
     settings.find_observer()
     rest = {name: value for name, value in values.items() if name not in node}
-    assert Configuration(observer, rest).for_joint('any') == Configuration(
-        observer).for_joint('any')
+    assert Configuration(observer, rest).for_joint('any') == Configuration(observer).for_joint(
+        'any'
+    )
 
 
 def test_no_name_is_declared_twice():
@@ -104,15 +111,20 @@ def test_no_name_is_declared_twice():
 
 # Settings
 
-@pytest.mark.parametrize(('values', 'told'), [
-    ({'angle_sign': 0}, 'must be 1 or -1'),
-    ({'input': 'angle', 'angle_type': 'UInt16'}, 'counts_per_revolution'),
-    ({'input': 'angle', 'angle_joint': ''}, "'angle_joint' must not be empty"),
-    ({'input': 'angle', 'joints': ['other']}, "'joint' is not among"),
-    ({'joints': 'shoulder'}, 'must be a list of texts'),
-    ({'joints': [1]}, 'must be a list of texts'),
-    ({'angle_type': 'Int8'}, 'Float64, Float32'),
-    ({'counts_per_revolution': -1}, 'outside')])
+
+@pytest.mark.parametrize(
+    ('values', 'told'),
+    [
+        ({'angle_sign': 0}, 'must be 1 or -1'),
+        ({'input': 'angle', 'angle_type': 'UInt16'}, 'counts_per_revolution'),
+        ({'input': 'angle', 'angle_joint': ''}, "'angle_joint' must not be empty"),
+        ({'input': 'angle', 'joints': ['other']}, "'joint' is not among"),
+        ({'joints': 'shoulder'}, 'must be a list of texts'),
+        ({'joints': [1]}, 'must be a list of texts'),
+        ({'angle_type': 'Int8'}, 'Float64, Float32'),
+        ({'counts_per_revolution': -1}, 'outside'),
+    ],
+)
 def test_settings_that_cannot_work(values, told):
     with pytest.raises(UsageError, match=told.replace('(', r'\(')):
         build(AngleSettings, values).find_observer()
@@ -121,7 +133,9 @@ def test_settings_that_cannot_work(values, told):
 def test_counts_imply_the_quantum_unless_it_is_set():
     counted = build(AngleSettings, {'input': 'angle', 'counts_per_revolution': 1000})
     assert counted.implied({'quantum': 0.0, 'noise': 1.0}) == {
-        'quantum': pytest.approx(2.0 * math.pi / 1000), 'noise': 1.0}
+        'quantum': pytest.approx(2.0 * math.pi / 1000),
+        'noise': 1.0,
+    }
     assert counted.implied({'quantum': 0.5}) == {'quantum': 0.5}
     stated = build(AngleSettings, {'counts_per_revolution': 1000})  # not used with joint_states
     assert stated.implied({'quantum': 0.0}) == {'quantum': 0.0}
@@ -142,10 +156,17 @@ def test_raw_angles():
     assert RawAngle(offset=1.0).angle(0.25) == 1.25 and RawAngle().quantum == 0.0
 
 
-@pytest.mark.parametrize(('kind', 'value', 'raw'), [
-    ('Float64', 0.1, '0001 0000 9a9999999999b93f'), ('Float32', 0.5, '0001 0000 0000003f'),
-    ('Int32', -2, '0001 0000 feffffff'), ('Int64', -2, '0001 0000 feffffffffffffff'),
-    ('UInt16', 65534, '0001 0000 feff'), ('Int32', 258, '0000 0000 00000102')])
+@pytest.mark.parametrize(
+    ('kind', 'value', 'raw'),
+    [
+        ('Float64', 0.1, '0001 0000 9a9999999999b93f'),
+        ('Float32', 0.5, '0001 0000 0000003f'),
+        ('Int32', -2, '0001 0000 feffffff'),
+        ('Int64', -2, '0001 0000 feffffffffffffff'),
+        ('UInt16', 65534, '0001 0000 feff'),
+        ('Int32', 258, '0000 0000 00000102'),
+    ],
+)
 def test_numbers_from_bytes(kind, value, raw):
     raw = bytes.fromhex(raw)
     assert decoder(kind)(raw) == value
@@ -156,6 +177,7 @@ def test_numbers_from_bytes(kind, value, raw):
 
 
 # Loss
+
 
 def counted(sequence, publishers=1):
     loss = Loss(lambda: publishers)

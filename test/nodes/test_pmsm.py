@@ -25,11 +25,23 @@ MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs
 
 def node(name, *, params=PARAMS, **values):
     """pmsm_observer, not compiled, under a name and topics of its own."""
-    remap = (f'__node:={name}', f'drive_samples:=/{name}/samples',
-             f'current:=/{name}/current', f'voltage:=/{name}/voltage')
-    return dds.NodeProcess(OBSERVER, *dds.ros_args(
-        *(f'{key}:={str(value).lower() if isinstance(value, bool) else value}'
-          for key, value in {'compile': False, **values}.items()), remap=remap, file=params))
+    remap = (
+        f'__node:={name}',
+        f'drive_samples:=/{name}/samples',
+        f'current:=/{name}/current',
+        f'voltage:=/{name}/voltage',
+    )
+    return dds.NodeProcess(
+        OBSERVER,
+        *dds.ros_args(
+            *(
+                f'{key}:={str(value).lower() if isinstance(value, bool) else value}'
+                for key, value in {'compile': False, **values}.items()
+            ),
+            remap=remap,
+            file=params,
+        ),
+    )
 
 
 class Drive:
@@ -48,17 +60,20 @@ class Drive:
         make, hear = probe.node.create_publisher, probe.node.create_subscription
         self._decode = Decoder().decode
         if vectors:
-            self.publishers = [make(Vector3Stamped, f'/{name}/{each}', 100)
-                               for each in ('current', 'voltage')]
+            self.publishers = [
+                make(Vector3Stamped, f'/{name}/{each}', 100) for each in ('current', 'voltage')
+            ]
         else:
             self.publishers = [make(Float64MultiArray, f'/{name}/samples', 100)]
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.subscriptions = [
             hear(JointState, f'/{name}/estimate', self._estimated, 1000, raw=True),
-            hear(DiagnosticArray, f'/{name}/status', self._said, latched)]
+            hear(DiagnosticArray, f'/{name}/status', self._said, latched),
+        ]
         if not vectors:
-            self.subscriptions.append(hear(Float64MultiArray, f'/{name}/estimate_samples',
-                                           self._sampled, 1000, raw=True))
+            self.subscriptions.append(
+                hear(Float64MultiArray, f'/{name}/estimate_samples', self._sampled, 1000, raw=True)
+            )
 
     def _estimated(self, raw):
         self.raw_estimates.append(raw)
@@ -72,11 +87,18 @@ class Drive:
         self.status = message.status[0]
 
     def __enter__(self):
-        self.probe.until(lambda: all(p.get_subscription_count() for p in self.publishers)
-                         and all(s.get_publisher_count() for s in self.subscriptions))
+        self.probe.until(
+            lambda: (
+                all(p.get_subscription_count() for p in self.publishers)
+                and all(s.get_publisher_count() for s in self.subscriptions)
+            )
+        )
         if self._answering:  # connections are complete when an answer to nothing comes
-            nothing = ([drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))]
-                       if len(self.publishers) == 1 else [vector3.encode(0, '', 0.0, 0.0)] * 2)
+            nothing = (
+                [drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))]
+                if len(self.publishers) == 1
+                else [vector3.encode(0, '', 0.0, 0.0)] * 2
+            )
             while not self.estimates:
                 for publisher, raw in zip(self.publishers, nothing):
                     publisher.publish(raw)
@@ -110,8 +132,9 @@ class Drive:
 
 def batches(duration=0.3, begin=BEGIN, **values):
     """Batches of a 5 kHz drive; (measurement, truth) as decoded."""
-    parameters = PmsmSimulatorParameters(**{'publish_rate': 5000.0, 'batch': 50,
-                                            'current_noise': 0.05, **values})
+    parameters = PmsmSimulatorParameters(
+        **{'publish_rate': 5000.0, 'batch': 50, 'current_noise': 0.05, **values}
+    )
     measured, true = [], []
     for chunk in SIMULATOR.generate(parameters, duration, 1):
         for message in chunk:
@@ -137,18 +160,37 @@ def test_ten_seconds_at_20_khz_without_loss(probe, tmp_path):
 
 
 def live_equals_replay(tmp_path, seconds, probe):
-    topics = ('drive_samples', 'ground_truth/samples', 'ground_truth/joint_states',
-              'ground_truth/flux_linkage', 'pmsm_observer/estimate',
-              'pmsm_observer/estimate_samples')
+    topics = (
+        'drive_samples',
+        'ground_truth/samples',
+        'ground_truth/joint_states',
+        'ground_truth/flux_linkage',
+        'pmsm_observer/estimate',
+        'pmsm_observer/estimate_samples',
+    )
     out = tmp_path / 'bag'
-    with dds.NodeProcess(OBSERVER, '--ros-args', '--params-file', str(PARAMS)) as observer, \
-            dds.NodeProcess('estimator_pkg.cli', 'record', *topics, '--out', str(out)) as record:
+    with (
+        dds.NodeProcess(OBSERVER, '--ros-args', '--params-file', str(PARAMS)) as observer,
+        dds.NodeProcess('estimator_pkg.cli', 'record', *topics, '--out', str(out)) as record,
+    ):
         observer.prints("estimates 'motor'")
         record.prints('recording /pmsm_observer/estimate_samples')
-        with dds.NodeProcess(SIMULATION, '--ros-args', '-p', f'duration:={seconds}', '-p',
-                             'wait_for_subscribers:=2', '-p', 'wait_for_truth_subscribers:=1', '-p',
-                             'current_noise:=0.1', '-p', 'profile:=ramps', '-p',
-                             'profile_time:=1.0') as simulator:
+        with dds.NodeProcess(
+            SIMULATION,
+            '--ros-args',
+            '-p',
+            f'duration:={seconds}',
+            '-p',
+            'wait_for_subscribers:=2',
+            '-p',
+            'wait_for_truth_subscribers:=1',
+            '-p',
+            'current_noise:=0.1',
+            '-p',
+            'profile:=ramps',
+            '-p',
+            'profile_time:=1.0',
+        ) as simulator:
             assert simulator.ends() == 0, simulator.output
         assert 'messages, ' in simulator.output
         time.sleep(0.5)
@@ -157,8 +199,10 @@ def live_equals_replay(tmp_path, seconds, probe):
     with open_bag(out) as bag:
         count = round(seconds * 100)
         assert {bag.topics[f'/{topic}'].count for topic in topics} == {count}  # nothing lost
-        recorded = {topic: [bytes(m.raw) for m in bag.messages([topic])]
-                    for topic in ('/pmsm_observer/estimate', '/pmsm_observer/estimate_samples')}
+        recorded = {
+            topic: [bytes(m.raw) for m in bag.messages([topic])]
+            for topic in ('/pmsm_observer/estimate', '/pmsm_observer/estimate_samples')
+        }
         true = [drive_samples.decode(bytes(m.raw)) for m in bag.messages(['/ground_truth/samples'])]
     found = [drive_samples.decode(raw) for raw in recorded['/pmsm_observer/estimate_samples']]
     stamps = np.concatenate([batch.stamps_ns for batch in found])
@@ -173,8 +217,10 @@ def live_equals_replay(tmp_path, seconds, probe):
     speed = (told[late, 1] - truth[late, 1]) / truth[late, 1]
     assert np.abs(speed).max() < 0.03
     assert np.abs(told[late, 2] / 1.9e-3 - 1.0).max() < 0.02
-    assert cli.main(['replay', str(out), '--params', str(PARAMS), '--out',
-                     str(tmp_path / 'again')]) == 0
+    assert (
+        cli.main(['replay', str(out), '--params', str(PARAMS), '--out', str(tmp_path / 'again')])
+        == 0
+    )
     with open_bag(tmp_path / 'again') as bag:
         for topic, raws in recorded.items():
             assert [bytes(m.raw) for m in bag.messages([topic])] == raws, topic
@@ -198,7 +244,10 @@ def test_lost_repeated_and_late_batches_bad_rows_and_another_layout(probe):
     assert len(drive.estimates) == len(order)
     assert values['received'] == str(received)
     assert (values['dropped.duplicate'], values['dropped.late'], values['dropped.non_finite']) == (
-        '50', '50', '1')
+        '50',
+        '50',
+        '1',
+    )
     assert values['used'] == str(received - 101)
     assert values['events.gap'] == '2' and values['events.clock_jump'] == '0'
     told = np.concatenate([batch.values for batch in drive.samples])
@@ -223,17 +272,17 @@ def test_lost_repeated_and_late_batches_bad_rows_and_another_layout(probe):
 def test_the_status_says_what_is_wrong_with_the_input(probe):
     measured, _ = batches(0.2)
     dead = [batch._replace(values=batch.values * [1.0, 1.0, 0.0, 0.0]) for batch in measured]
-    again, _ = batches(0.2, begin=BEGIN + 10 ** 9)
+    again, _ = batches(0.2, begin=BEGIN + 10**9)
     with node('pmsm_wrong', sample_period=2e-4), Drive(probe, 'pmsm_wrong') as drive:
         drive.feed(encoded(dead))
         drive.says('all voltages are zero: is the voltage connected?')
         assert drive.status.message.startswith('not observable')
-        slow, _ = batches(0.2, begin=BEGIN + 2 * 10 ** 9, publish_rate=2500.0)
+        slow, _ = batches(0.2, begin=BEGIN + 2 * 10**9, publish_rate=2500.0)
         drive.feed(encoded(slow))
         drive.says('sample_period is 0.0002 s, but the stamps are 0.0004 s apart')
         assert drive.status.message.startswith('misconfigured')
         assert drive.estimates[-1].names == ()
-        later, _ = batches(0.2, begin=BEGIN + 3 * 10 ** 9)
+        later, _ = batches(0.2, begin=BEGIN + 3 * 10**9)
         drive.feed(encoded([*later, *again[:1]]))
         assert drive.estimates[len(drive.estimates) - 2].names
         drive.says('lost')
@@ -243,6 +292,7 @@ def test_the_status_says_what_is_wrong_with_the_input(probe):
 def vectors(found, shift=0, frame='alpha_beta'):
     """Messages for `current` and `voltage`, voltages `shift` ns later."""
     from estimator_pkg.models.motor import phases
+
     for batch in found:
         for stamp, value in zip(batch.stamps_ns.tolist(), batch.values.tolist()):
             for which, two in ((0, value[:2]), (1, value[2:])):
@@ -252,8 +302,10 @@ def vectors(found, shift=0, frame='alpha_beta'):
 
 def test_currents_and_voltages_that_never_pair_are_told_apart(probe):
     measured, _ = batches(0.02)
-    with node('pmsm_apart', input='current_voltage'), \
-            Drive(probe, 'pmsm_apart', vectors=True, answering=False) as drive:
+    with (
+        node('pmsm_apart', input='current_voltage'),
+        Drive(probe, 'pmsm_apart', vectors=True, answering=False) as drive,
+    ):
         drive.feed(vectors(measured, shift=60_000), answered=False)
         drive.says('stamps are 6e-05 s apart at best (pair_tolerance)')
         assert drive.status.message.startswith('lost')
@@ -268,8 +320,10 @@ def test_phases_with_a_neutral_are_told(probe):
         if which == 0:
             raw = vector3.encode(message.stamp_ns, '', message.x, message.y, message.z + 3.0)
         odd.append((which, raw))
-    with node('pmsm_neutral', input='current_voltage', frame='abc'), \
-            Drive(probe, 'pmsm_neutral', vectors=True, answering=False) as drive:
+    with (
+        node('pmsm_neutral', input='current_voltage', frame='abc'),
+        Drive(probe, 'pmsm_neutral', vectors=True, answering=False) as drive,
+    ):
         drive.feed(odd, answered=False)
         drive.says('the phase currents do not sum to zero')
 
@@ -279,8 +333,10 @@ def test_pairs_live_equal_batches_live(probe):
     with node('pmsm_batches'), Drive(probe, 'pmsm_batches') as drive:
         drive.feed(encoded(measured))
         expected = drive.estimates
-    with node('pmsm_pairs', input='current_voltage', frame='abc'), \
-            Drive(probe, 'pmsm_pairs', vectors=True) as drive:
+    with (
+        node('pmsm_pairs', input='current_voltage', frame='abc'),
+        Drive(probe, 'pmsm_pairs', vectors=True) as drive,
+    ):
         for which, raw in vectors(measured, shift=1000, frame='abc'):
             drive.publishers[which].publish(raw)
             if which:
@@ -301,10 +357,12 @@ def test_gains_change_live_and_reset_starts_again(probe):
 
     def change(**values):
         request = SetParametersAtomically.Request()
-        request.parameters = [Parameter(name, value=value).to_parameter_msg()
-                              for name, value in values.items()]
-        return probe.call(SetParametersAtomically,
-                          '/pmsm_live/set_parameters_atomically', request).result
+        request.parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        return probe.call(
+            SetParametersAtomically, '/pmsm_live/set_parameters_atomically', request
+        ).result
 
     measured, _ = batches(0.5, profile='constant')
     with node('pmsm_live'), Drive(probe, 'pmsm_live') as drive:
@@ -313,10 +371,13 @@ def test_gains_change_live_and_reset_starts_again(probe):
         assert change(speed_filter_hz=50, relative_bandwidth=0.1).successful
         drive.feed(encoded(measured[20:22]))
         assert drive.estimates[-1].names  # the state was kept
-        for values, said in (({'resistance': 0.1}, 'read-only'), ({'epsilon': 0.05}, 'too slow'),
-                             ({'speed_filter_hz': -1.0}, 'outside'),
-                             ({'clock_rate': 5000.0}, 'too fast'),
-                             ({'speed_max': 5000.0}, 'half an electrical turn')):
+        for values, said in (
+            ({'resistance': 0.1}, 'read-only'),
+            ({'epsilon': 0.05}, 'too slow'),
+            ({'speed_filter_hz': -1.0}, 'outside'),
+            ({'clock_rate': 5000.0}, 'too fast'),
+            ({'speed_max': 5000.0}, 'half an electrical turn'),
+        ):
             refused = change(**values)
             assert not refused.successful and said in refused.reason, refused.reason
         assert probe.call(Trigger, '/pmsm_live/reset', Trigger.Request()).success
@@ -333,15 +394,25 @@ def test_a_change_while_20_khz_stream_through_the_compiled_observer_loses_nothin
 
     with node('pmsm_changed', compile=True) as observer, Drive(probe, 'pmsm_changed') as drive:
         observer.prints("estimates 'motor'")
-        with dds.NodeProcess(SIMULATION, '--ros-args', '-p', 'duration:=2.0', '-p',
-                             'wait_for_subscribers:=1', '-p', 'profile:=constant', '-r',
-                             'drive_samples:=/pmsm_changed/samples') as simulator:
-            for count, (name, value) in enumerate((('speed_filter_hz', 200.0),
-                                                   ('epsilon', 1e-4),
-                                                   ('pwm_frequency', 2e4))):
+        with dds.NodeProcess(
+            SIMULATION,
+            '--ros-args',
+            '-p',
+            'duration:=2.0',
+            '-p',
+            'wait_for_subscribers:=1',
+            '-p',
+            'profile:=constant',
+            '-r',
+            'drive_samples:=/pmsm_changed/samples',
+        ) as simulator:
+            for count, (name, value) in enumerate(
+                (('speed_filter_hz', 200.0), ('epsilon', 1e-4), ('pwm_frequency', 2e4))
+            ):
                 probe.until(lambda at=30 + 40 * count: len(drive.estimates) >= at)
                 request = SetParameters.Request(
-                    parameters=[Parameter(name, value=value).to_parameter_msg()])
+                    parameters=[Parameter(name, value=value).to_parameter_msg()]
+                )
                 reply = probe.call(SetParameters, '/pmsm_changed/set_parameters', request)
                 assert reply.results[0].successful
             drive.says('tracking')  # half a second after the last batch it is lost
@@ -353,12 +424,16 @@ def test_a_change_while_20_khz_stream_through_the_compiled_observer_loses_nothin
     assert set(np.diff(stamps)) == {50_000}
 
 
-@pytest.mark.parametrize(('values', 'said'), [
-    ({}, 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
-    ({**MOTOR, 'flux': -1.0}, "'flux' = -1 is outside"),
-    ({**MOTOR, 'pole_pairs': 0}, "'pole_pairs' = 0 is outside"),
-    ({**MOTOR, 'observer': 'kalman'}, 'does not work from currents and voltages'),
-    ({**MOTOR, 'observer': 'pmsn'}, "did you mean 'pmsm'?")])
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        ({}, 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
+        ({**MOTOR, 'flux': -1.0}, "'flux' = -1 is outside"),
+        ({**MOTOR, 'pole_pairs': 0}, "'pole_pairs' = 0 is outside"),
+        ({**MOTOR, 'observer': 'kalman'}, 'does not work from currents and voltages'),
+        ({**MOTOR, 'observer': 'pmsn'}, "did you mean 'pmsm'?"),
+    ],
+)
 def test_a_start_that_cannot_work_is_one_line(values, said):
     with node('pmsm_refused', params=None, **values) as process:
         assert process.ends() == 2
@@ -369,20 +444,38 @@ def test_a_start_that_cannot_work_is_one_line(values, said):
 def test_the_simulator_live_is_the_simulated_one(probe):
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from std_msgs.msg import Float64MultiArray
+
     raws = []
     heard = probe.node.create_subscription(
-        Float64MultiArray, '/live_sim/drive_samples', raws.append,
-        QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True)
-    with dds.NodeProcess(SIMULATION, '--ros-args', '-r', '__ns:=/live_sim', '-p', 'duration:=0.3',
-                         '-p', 'wait_for_subscribers:=1', '-p', 'seed:=7') as process:
+        Float64MultiArray,
+        '/live_sim/drive_samples',
+        raws.append,
+        QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT),
+        raw=True,
+    )
+    with dds.NodeProcess(
+        SIMULATION,
+        '--ros-args',
+        '-r',
+        '__ns:=/live_sim',
+        '-p',
+        'duration:=0.3',
+        '-p',
+        'wait_for_subscribers:=1',
+        '-p',
+        'seed:=7',
+    ) as process:
         probe.until(lambda: len(raws) >= 30)
         assert process.ends() == 0, process.output
     probe.node.destroy_subscription(heard)
     found = [drive_samples.decode(raw) for raw in raws]
     shift = int(found[0].stamps_ns[0])
-    expected = [drive_samples.decode(message.encode(shift))
-                for chunk in SIMULATOR.generate(PmsmSimulatorParameters(), 0.3, 7)
-                for message in chunk if message.topic == 'drive_samples']
+    expected = [
+        drive_samples.decode(message.encode(shift))
+        for chunk in SIMULATOR.generate(PmsmSimulatorParameters(), 0.3, 7)
+        for message in chunk
+        if message.topic == 'drive_samples'
+    ]
     assert len(found) == len(expected) == 30
     for one, other in zip(found, expected):
         assert np.array_equal(one.stamps_ns, other.stamps_ns)

@@ -35,13 +35,15 @@ def joint(**values):
 
 
 def batches(count, rows=50, **values):
-    source = Source(PmsmSimulatorParameters(**{'publish_rate': 5000.0, 'profile': 'constant',
-                                               **values}), 1)
+    source = Source(
+        PmsmSimulatorParameters(**{'publish_rate': 5000.0, 'profile': 'constant', **values}), 1
+    )
     found = [source.take(rows) for _ in range(count)]
     return [(batch.stamps_ns + BEGIN, batch.values) for batch in found]
 
 
 # ---- order of batches --------------------------------------------------------------------------
+
 
 def test_a_repeated_batch_does_nothing_however_long_it_is():
     one, other = joint(), joint()
@@ -87,10 +89,10 @@ def test_of_an_overlapping_batch_only_the_new_rows_are_used():
     stamps, values = (np.concatenate(part) for part in zip(*made))
     whole, pieces = joint(), joint()
     for start in range(0, 1000, 50):
-        whole.take(stamps[start:start + 50], values[start:start + 50])
+        whole.take(stamps[start : start + 50], values[start : start + 50])
         low = max(0, start - 10)
-        out = pieces.take(stamps[low:start + 50], values[low:start + 50])
-        assert np.isnan(out.rows[:start - low]).all()
+        out = pieces.take(stamps[low : start + 50], values[low : start + 50])
+        assert np.isnan(out.rows[: start - low]).all()
     assert pieces.estimate() == whole.estimate()
     assert pieces.dropped() == {'duplicate': 190}
 
@@ -105,8 +107,7 @@ def test_a_lost_batch_is_a_gap_whatever_the_rate():
         assert motor.estimate()[3] == TRACKING
 
 
-@given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 50), st.integers(0, 50)),
-                max_size=30))
+@given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 50), st.integers(0, 50)), max_size=30))
 def test_whatever_order_batches_come_in_every_row_is_counted(pieces):
     motor = joint()
     total = 0
@@ -144,6 +145,7 @@ def test_why_names_what_hinders_and_the_bound_of_the_speed():
 
 # ---- pairs -------------------------------------------------------------------------------------
 
+
 def test_stamps_within_the_tolerance_pair_whatever_comes_first():
     pairs = Pairs(10)
     assert pairs.put(CURRENT, 1000, (1.0, 2.0)) == []
@@ -153,8 +155,12 @@ def test_stamps_within_the_tolerance_pair_whatever_comes_first():
     assert pairs.apart_ns is None and pairs.unpaired == 0
 
 
-@given(st.sets(st.integers(0, 99)), st.sets(st.integers(0, 99)), st.integers(-5, 5),
-       st.randoms(use_true_random=False))
+@given(
+    st.sets(st.integers(0, 99)),
+    st.sets(st.integers(0, 99)),
+    st.integers(-5, 5),
+    st.randoms(use_true_random=False),
+)
 def test_what_is_lost_of_either_costs_only_its_partner(lost, gone, shift, random):
     pairs = Pairs(5)
     waiting = [[k for k in range(100) if k not in lost], [k for k in range(100) if k not in gone]]
@@ -182,7 +188,7 @@ def test_how_far_stamps_are_apart_is_told_until_they_pair():
 def test_a_clock_that_jumps_back_does_not_block():
     pairs = Pairs(10)
     for k in range(20):
-        pairs.put(CURRENT, 10 ** 9 + 1000 * k, (0.0, 0.0))
+        pairs.put(CURRENT, 10**9 + 1000 * k, (0.0, 0.0))
     found = []
     for k in range(5):
         found += pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
@@ -218,9 +224,14 @@ def test_the_large_currents_of_a_start_are_soon_forgotten():
 
 # ---- what a user sets --------------------------------------------------------------------------
 
-@pytest.mark.parametrize(('name', 'classes'), [
-    ('pmsm_observer', (DriveSettings, Gains, JointSettings)),
-    ('pmsm_sim', (RunSettings, PmsmSimulatorParameters))])
+
+@pytest.mark.parametrize(
+    ('name', 'classes'),
+    [
+        ('pmsm_observer', (DriveSettings, Gains, JointSettings)),
+        ('pmsm_sim', (RunSettings, PmsmSimulatorParameters)),
+    ],
+)
 def test_config_teaches_every_parameter_with_its_default(name, classes):
     path = ROOT / 'config' / f'{name}.yaml'
     values = params_file.load(path, name)

@@ -14,13 +14,24 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
-FAULTS = ['noise=0.0005', 'sampling_jitter=0.0004', 'dropped=0.02', 'repeated=0.02',
-          'duplicated=0.02', 'outliers=0.002', 'outlier_size=3.13', 'gap_every=0.7',
-          'gap_length=0.25', 'burst_every=0.9', 'eccentricity=0.002']
+FAULTS = [
+    'noise=0.0005',
+    'sampling_jitter=0.0004',
+    'dropped=0.02',
+    'repeated=0.02',
+    'duplicated=0.02',
+    'outliers=0.002',
+    'outlier_size=3.13',
+    'gap_every=0.7',
+    'gap_length=0.25',
+    'burst_every=0.9',
+    'eccentricity=0.002',
+]
 SETS = {  # what the parameter file says beside the observer
     'hybrid_angle': 'quantum: 0.0015339\n    joints.b: {bandwidth_hz: 100, unwrap: true}',
     'kalman': 'noise: 0.001\n    gap_max: 0.1',
-    'finite_difference': 'joints: [b]\n    low_speed_bound: false'}
+    'finite_difference': 'joints: [b]\n    low_speed_bound: false',
+}
 
 
 @pytest.fixture(scope='module')
@@ -30,8 +41,24 @@ def recording(tmp_path_factory):
 
     path = tmp_path_factory.mktemp('bags')
     faults = [word for fault in FAULTS for word in ('--set', fault)]
-    assert cli.main(['simulate', 'encoder', '--out', str(path / 'made'), '--duration', '2',
-                     '--seed', '5', '--set', 'joints=[a, b]', *faults]) == 0
+    assert (
+        cli.main(
+            [
+                'simulate',
+                'encoder',
+                '--out',
+                str(path / 'made'),
+                '--duration',
+                '2',
+                '--seed',
+                '5',
+                '--set',
+                'joints=[a, b]',
+                *faults,
+            ]
+        )
+        == 0
+    )
     with open_bag(path / 'made') as bag, BagWriter(path / 'bag') as writer:
         writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
         raws = []
@@ -51,10 +78,17 @@ def odd_messages(raw):
     def at(milliseconds, names, positions):
         return encode(stamp + milliseconds * 1_000_000, 'tool', names, positions)
 
-    yield from (at(1, ['a', 'b'], [math.nan, 1.0]), at(2, ['b', 'a'], [1.0, math.inf]),
-                at(2, ['a', 'b'], [1.0, 1.0]), at(1, ['a', 'b'], [1.0, 1.0]),
-                at(3, [], []), at(3, ['a', 'b'], [1.0]), encode(0, '', ['a'], [1.0]),
-                at(10**9, ['a'], [1.0]), at(4, ['a'], [1.001]))
+    yield from (
+        at(1, ['a', 'b'], [math.nan, 1.0]),
+        at(2, ['b', 'a'], [1.0, math.inf]),
+        at(2, ['a', 'b'], [1.0, 1.0]),
+        at(1, ['a', 'b'], [1.0, 1.0]),
+        at(3, [], []),
+        at(3, ['a', 'b'], [1.0]),
+        encode(0, '', ['a'], [1.0]),
+        at(10**9, ['a'], [1.0]),
+        at(4, ['a'], [1.001]),
+    )
     for i in range(300):
         yield at(5 + i, ['c', 'a'], [0.001 * i, 1.0 + 0.002 * i])
     for i in range(300):  # the bag loops
@@ -69,11 +103,26 @@ def test_replay_and_driver_equal_the_live_node(observer, recording, probe, tmp_p
     live, deviations = run_live(observer, file, raws, probe)
     assert len(live) == len(deviations) == len(raws)
 
-    assert cli.main(['replay', str(bag), '--params', str(file), '--out', str(tmp_path / 'out'),
-                     '--name', observer]) == 0
+    assert (
+        cli.main(
+            [
+                'replay',
+                str(bag),
+                '--params',
+                str(file),
+                '--out',
+                str(tmp_path / 'out'),
+                '--name',
+                observer,
+            ]
+        )
+        == 0
+    )
     with open_bag(tmp_path / 'out') as replayed:
-        for topic, made in ((f'/{observer}/estimate', live),
-                            (f'/{observer}/estimate_stddev', deviations)):
+        for topic, made in (
+            (f'/{observer}/estimate', live),
+            (f'/{observer}/estimate_stddev', deviations),
+        ):
             assert [bytes(message.raw) for message in replayed.messages([topic])] == made
 
     common, overrides = params_file.split(params_file.load(file, observer))
@@ -86,9 +135,11 @@ def test_replay_and_driver_equal_the_live_node(observer, recording, probe, tmp_p
         found = bank.update(measured.stamp_ns, measured.names, measured.positions)
         assert (answer.stamp_ns, answer.frame_id) == (measured.stamp_ns, measured.frame_id)
         assert list(zip(answer.names, answer.positions, answer.velocities)) == [
-            (name, *estimate[:2]) for name, joint, estimate in found]
+            (name, *estimate[:2]) for name, joint, estimate in found
+        ]
         assert list(zip(deviation.names, deviation.positions, deviation.velocities)) == [
-            (name, *joint.stddev()) for name, joint, estimate in found]
+            (name, *joint.stddev()) for name, joint, estimate in found
+        ]
         published += len(found)
     assert published > len(raws) // 2  # there was something to compare
 
@@ -98,11 +149,22 @@ def run_live(name, file, raws, probe):
     from sensor_msgs.msg import JointState
 
     deviations = []
-    with dds.NodeProcess(MODULE, '--ros-args', '-r', f'__node:={name}', '-r', f'__ns:=/{name}',
-                         '--params-file', str(file)) as process, \
-            dds.Observer(probe, f'/{name}/{name}', f'/{name}/joint_states') as live:
+    with (
+        dds.NodeProcess(
+            MODULE,
+            '--ros-args',
+            '-r',
+            f'__node:={name}',
+            '-r',
+            f'__ns:=/{name}',
+            '--params-file',
+            str(file),
+        ) as process,
+        dds.Observer(probe, f'/{name}/{name}', f'/{name}/joint_states') as live,
+    ):
         listener = probe.node.create_subscription(
-            JointState, f'/{name}/{name}/estimate_stddev', deviations.append, 1000, raw=True)
+            JointState, f'/{name}/{name}/estimate_stddev', deviations.append, 1000, raw=True
+        )
         try:
             live.connect()
             probe.until(listener.get_publisher_count)

@@ -14,7 +14,7 @@ from sim_pkg.joints.gripper import SIMULATOR
 
 MODULE = 'estimator_pkg.nodes.executables switched_observer'
 QUANTUM = 2.0 * math.pi / 65536
-MS = 10 ** 6
+MS = 10**6
 
 
 def test_a_gripper_live(probe):
@@ -26,28 +26,53 @@ def test_a_gripper_live(probe):
 
     kept = {'/gripper/switched/estimate': [], '/gripper/switched/discrete_state': []}
     decode = Decoder().decode
-    subscriptions = [probe.node.create_subscription(
-        JointState, topic, lambda raw, rows=rows: rows.append(decode(raw)), 5000, raw=True)
-        for topic, rows in kept.items()]
-    with dds.NodeProcess(MODULE, '--ros-args', '-r', '__ns:=/gripper', '-r', '__node:=switched',
-                         '-p', f'quantum:={QUANTUM}') as node:
+    subscriptions = [
+        probe.node.create_subscription(
+            JointState, topic, lambda raw, rows=rows: rows.append(decode(raw)), 5000, raw=True
+        )
+        for topic, rows in kept.items()
+    ]
+    with dds.NodeProcess(
+        MODULE,
+        '--ros-args',
+        '-r',
+        '__ns:=/gripper',
+        '-r',
+        '__node:=switched',
+        '-p',
+        f'quantum:={QUANTUM}',
+    ) as node:
         probe.until(lambda: all(each.get_publisher_count() for each in subscriptions))
-        with dds.NodeProcess('sim_pkg.nodes.executables gripper_sim', '--ros-args', '-r',
-                             '__ns:=/gripper',
-                             '-p', 'duration:=3.2', '-p', 'wait_for_subscribers:=1') as sim:
+        with dds.NodeProcess(
+            'sim_pkg.nodes.executables gripper_sim',
+            '--ros-args',
+            '-r',
+            '__ns:=/gripper',
+            '-p',
+            'duration:=3.2',
+            '-p',
+            'wait_for_subscribers:=1',
+        ) as sim:
             probe.until(lambda: not sim.alive)
         probe.spin(0.3)
         assert node.alive and 'not used' not in node.output
     for subscription in subscriptions:
         probe.node.destroy_subscription(subscription)
-    true = [decode(bytes(message.encode(0))).velocities[0]
-            for chunk in SIMULATOR.generate(SIMULATOR.parameters(), 3.2, 1) for message in chunk
-            if message.topic == 'ground_truth/joint_states']
+    true = [
+        decode(bytes(message.encode(0))).velocities[0]
+        for chunk in SIMULATOR.generate(SIMULATOR.parameters(), 3.2, 1)
+        for message in chunk
+        if message.topic == 'ground_truth/joint_states'
+    ]
     estimates, discrete = kept.values()
     start = estimates[-1].stamp_ns - (len(true) - 1) * MS  # whoever came late, the end is whole
     assert len(true) == 3200 and len(estimates) > 1800 and len(discrete) > 1500
-    rows = [(at, row.velocities[0] - true[at]) for row in estimates if row.velocities
-            for at in [(row.stamp_ns - start) // MS]]
+    rows = [
+        (at, row.velocities[0] - true[at])
+        for row in estimates
+        if row.velocities
+        for at in [(row.stamp_ns - start) // MS]
+    ]
     times, errors = np.array(rows).T
     before = np.sqrt(np.mean(errors[(times > 1500) & (times <= 2000)] ** 2))
     after = np.sqrt(np.mean(errors[(times > 2000) & (times <= 2500)] ** 2))
@@ -70,8 +95,9 @@ def test_events_and_status(probe):
     events = probe.node.create_publisher(JointState, '/switch_event', 10)
     accelerations = []
     subscription = probe.node.create_subscription(
-        JointTrajectory, '/switched_observer/acceleration', accelerations.append, 3000)
-    x, stamp, raws = np.array([0.3, 0.0]), 10 ** 18, []
+        JointTrajectory, '/switched_observer/acceleration', accelerations.append, 3000
+    )
+    x, stamp, raws = np.array([0.3, 0.0]), 10**18, []
     for i in range(2500):
         u = model.torque((i - 0.5) * 1e-3) if i else (0.0,)
         if i:
@@ -79,8 +105,10 @@ def test_events_and_status(probe):
             x = x + 1e-3 * np.array(model.dynamics(middle, model.OPEN, u))
         reading = round(float(x[0]) / QUANTUM) * QUANTUM
         raws.append(encode(stamp + i * MS, 'base', ('joint',), (reading,), (), u))
-    with dds.NodeProcess(MODULE, '--ros-args', '-p', f'quantum:={QUANTUM}') as node, \
-            dds.Observer(probe, '/switched_observer') as watched:
+    with (
+        dds.NodeProcess(MODULE, '--ros-args', '-p', f'quantum:={QUANTUM}') as node,
+        dds.Observer(probe, '/switched_observer') as watched,
+    ):
         watched.connect()
         probe.until(lambda: events.get_subscription_count() > 0)
         watched.feed(raws[:1990])
@@ -92,7 +120,7 @@ def test_events_and_status(probe):
         probe.until(lambda: len(accelerations) >= 10)
         found, point = accelerations[-1], accelerations[-1].points[0]
         assert found.joint_names == ['joint'] and found.header.frame_id == 'base'
-        assert found.header.stamp.nanosec == 1999 * MS % 10 ** 9
+        assert found.header.stamp.nanosec == 1999 * MS % 10**9
         assert list(point.positions) == list(answer.positions)
         assert list(point.velocities) == list(answer.velocities)
         acting = model.torque(1.9985)
@@ -105,8 +133,12 @@ def test_events_and_status(probe):
         node.prints("the event 'open' is not used: out of order")
         watched.feed(raws[2000:2100])
         probe.until(lambda: 'not converged' in dds.value(watched.statuses['joint'], 'why'))
-        watched.feed([encode(stamp + 2100 * MS, '', ('joint',), (0.1,)),
-                      encode(stamp + 2101 * MS, '', ('other',), (0.1,), (), (0.0,))])
+        watched.feed(
+            [
+                encode(stamp + 2100 * MS, '', ('joint',), (0.1,)),
+                encode(stamp + 2101 * MS, '', ('other',), (0.1,), (), (0.0,)),
+            ]
+        )
         report = watched.next_report()['/switched_observer']
         assert report['messages_dropped.mismatched'] == '2'
         node.prints('lack a joint or an effort that the observer needs')

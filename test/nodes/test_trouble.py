@@ -30,8 +30,13 @@ from estimator_pkg.streams.switched import SwitchedStream
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
-MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7,
-         'compile': False}
+MOTOR = {
+    'resistance': 0.06,
+    'inductance': 33.75e-6,
+    'flux': 1.9e-3,
+    'pole_pairs': 7,
+    'compile': False,
+}
 
 
 def raising(mode):
@@ -47,8 +52,9 @@ class Own:
 
     def __init__(self, probe, kind, **values):
         self.probe = probe
-        self.node = ObserverNode(kind, kind.__name__.lower(),
-                                 parameter_overrides=ros_values(values))
+        self.node = ObserverNode(
+            kind, kind.__name__.lower(), parameter_overrides=ros_values(values)
+        )
         self.encode = Encoder().encode
         self._publishers = []
 
@@ -57,8 +63,11 @@ class Own:
         before = {each for each in self._publishers if each.topic_name == f'/{topic}'}
         made = self.probe.node.create_publisher(kind, topic, 50)
         self._publishers.append(made)
-        self.probe.until(lambda: made.get_subscription_count()
-                         and self.node.count_publishers(topic) > len(before))
+        self.probe.until(
+            lambda: (
+                made.get_subscription_count() and self.node.count_publishers(topic) > len(before)
+            )
+        )
         time.sleep(0.1)
         return made
 
@@ -120,8 +129,10 @@ def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
     assert totals['messages_received'] == totals['messages_used'] + 1 == 5
     assert totals['received'] == totals['used']
     said = capfd.readouterr().err
-    assert ('the observer failed on a message of /joint_states, and all joints start again: '
-            "KeyError: 'opne' (line " in said) and 'Traceback' not in said
+    assert (
+        'the observer failed on a message of /joint_states, and all joints start again: '
+        "KeyError: 'opne' (line " in said
+    ) and 'Traceback' not in said
     assert '1 messages on which the observer failed' in system.reported().message
 
 
@@ -135,8 +146,10 @@ def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
     time.sleep(0.05)
     live.take(states, live.encode(BEGIN + 2 * MS, '', 'abcdefg', [math.nan] * 7))
     said = capfd.readouterr().err
-    assert ("joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; those that "
-            'come are dropped: their numbers are not finite') in said
+    assert (
+        "joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; those that "
+        'come are dropped: their numbers are not finite'
+    ) in said
     assert live.node.health._said['g'][1].endswith('their numbers are not finite')
 
 
@@ -154,7 +167,7 @@ def test_a_slow_stream_is_not_lost_between_two_samples(own):
         assert k < 5 or live.node.health._said['slow'][0] == TRACKING
     joint = live.node.stream.bank.joints['slow']
     assert joint.silence == pytest.approx(8.0) and joint.events() == {}
-    for k in range(200):    # and a fast one is
+    for k in range(200):  # and a fast one is
         live.take(states, live.encode(BEGIN + (20_000 + k) * MS, '', ('fast',), (0.1,)))
     time.sleep(0.3)
     live.node.health.look()
@@ -168,33 +181,44 @@ def test_two_clocks_on_one_topic_are_told(own, capfd):
     live = own(AngleStream)
     one, other = (live.publisher(JointState, 'joint_states') for _ in range(2))
     live.take(one, live.encode(BEGIN, '', ['a'], [0.0]))
-    live.take(other, live.encode(BEGIN - 10 ** 12, '', ['a'], [0.0]))
+    live.take(other, live.encode(BEGIN - 10**12, '', ['a'], [0.0]))
     live.reported()
-    assert ('the clock of the measurements jumped (a bag that loops, a restarted simulation, '
-            '2 publishers whose clocks differ)') in capfd.readouterr().err
+    assert (
+        'the clock of the measurements jumped (a bag that loops, a restarted simulation, '
+        '2 publishers whose clocks differ)'
+    ) in capfd.readouterr().err
 
 
 def test_publishers_of_another_type_are_told(own, capfd):
     from std_msgs.msg import Float32, Float64MultiArray
 
-    live, commanded = own(AngleStream, input='angle'), own(AdaptiveStream,
-                                                           input='effort_command')
+    live, commanded = own(AngleStream, input='angle'), own(AdaptiveStream, input='effort_command')
     context = Context()  # of its own: one process has one type on a topic
     rclpy.init(context=context, domain_id=dds.DOMAIN)
     stranger = rclpy.create_node('stranger', context=context)
     for kind, topic in ((Float32, 'angle'), (Float64MultiArray, 'effort_command')):
         stranger.create_publisher(kind, topic, 1)
-        assert dds.until(lambda topic=topic: any(
-            found.node_name == 'stranger'
-            for found in live.node.get_publishers_info_by_topic(f'/{topic}')))
+        assert dds.until(
+            lambda topic=topic: any(
+                found.node_name == 'stranger'
+                for found in live.node.get_publishers_info_by_topic(f'/{topic}')
+            )
+        )
     for health in (live.node.health, live.node.health, commanded.node.health):
         health._name_unheard()
     said = capfd.readouterr().err
-    assert said.count('stranger publishes std_msgs/msg/Float32 on /angle, where this node reads '
-                      'std_msgs/msg/Float64: they are not connected') == 1
+    assert (
+        said.count(
+            'stranger publishes std_msgs/msg/Float32 on /angle, where this node reads '
+            'std_msgs/msg/Float64: they are not connected'
+        )
+        == 1
+    )
     assert said.count('nothing has been received on /angle yet; publishers connected: 0') == 1
-    assert ('stranger publishes std_msgs/msg/Float64MultiArray on /effort_command, where this node '
-            'reads sensor_msgs/msg/JointState') in said
+    assert (
+        'stranger publishes std_msgs/msg/Float64MultiArray on /effort_command, where this node '
+        'reads sensor_msgs/msg/JointState'
+    ) in said
     stranger.destroy_node()
     rclpy.shutdown(context=context)
 
@@ -226,8 +250,10 @@ class FragileSettings(AngleSettings):
 
         def build(gains, circle):
             functions = found.build(gains, circle)
-            other = {123.0: {'prepare': prepare},
-                     124.0: {'init': lambda *given: (*functions.init(*given), 0.0)}}
+            other = {
+                123.0: {'prepare': prepare},
+                124.0: {'init': lambda *given: (*functions.init(*given), 0.0)},
+            }
             return dataclasses.replace(functions, **other.get(gains.bandwidth_hz, {}))
 
         return dataclasses.replace(found, build=build)
@@ -248,7 +274,8 @@ def test_gains_that_give_no_numbers_or_lose_the_state_are_refused(own):
     assert not result.successful and re.fullmatch(told, result.reason)
     result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 124.0}))
     assert not result.successful and result.reason == (
-        "joint 'a': the state cannot be kept with this: set it before the node starts")
+        "joint 'a': the state cannot be kept with this: set it before the node starts"
+    )
     assert live.node.get_parameter('bandwidth_hz').value not in (123.0, 124.0)
     assert live.take(states, live.encode(BEGIN + MS, '', ['a'], [0.0]))['used'] == 2
     with pytest.raises(UsageError, match=f'hybrid_angle: {told}'):

@@ -14,12 +14,21 @@ from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
 
 ROOT = Path(__file__).parents[2]
-KIND_OF = {'joint': 'angle', 'mechanical': 'mechanical', 'adaptive': 'angle_and_input',
-           'switched': 'switched', 'pmsm': 'drive'}
+KIND_OF = {
+    'joint': 'angle',
+    'mechanical': 'mechanical',
+    'adaptive': 'angle_and_input',
+    'switched': 'switched',
+    'pmsm': 'drive',
+}
 OWN = 'own_models:'
 MOTOR = {'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
-EXECUTABLES = [('mechanical', 'input:=torque'), ('adaptive', 'order:=9'),
-               ('switched', 'joints:=[a, b]'), ('pmsm', 'resistance:=0.0')]
+EXECUTABLES = [
+    ('mechanical', 'input:=torque'),
+    ('adaptive', 'order:=9'),
+    ('switched', 'joints:=[a, b]'),
+    ('pmsm', 'resistance:=0.0'),
+]
 
 # node -> (parameters, what it says)
 WRONG = {
@@ -28,8 +37,9 @@ WRONG = {
         ({'start_type_description_service': 5}, "'start_type_description_service' to '5'"),
         ({'qos_overrides./joint_states.subscription.depth': -3}, "'joint_states': depth -3 is o"),
         ({'qos_overrides./joint_states.subscription.depth': 0}, "'joint_states': depth 0 is out"),
-        ({'qos_overrides./joint_states.subscription.depth': 10 ** 10}, 'is outside [1, '),
-        ({'qos_overrides./joint_states.subscription.depth': 'many'}, "depth' to 'many'")],
+        ({'qos_overrides./joint_states.subscription.depth': 10**10}, 'is outside [1, '),
+        ({'qos_overrides./joint_states.subscription.depth': 'many'}, "depth' to 'many'"),
+    ],
     'mechanical': [
         ({'mechanisms': ['']}, "'mechanisms' names no mechanism"),
         ({'model': f'{OWN}TwoLinks'}, "use the observer 'hgo'"),
@@ -45,7 +55,8 @@ WRONG = {
         ({'joints': ['a', 'b']}, "has 1 joints (joint), but 'joints' names 2"),
         ({'mechanisms': ['a', 'b']}, "both have the joint 'joint'"),
         ({'mechanisms': ['a'], 'joints.b.bandwidth_hz': 3.0}, "a mechanism 'b'"),
-        ({'observer': 'pll'}, 'take geso, hgo, ehgo or smo')],
+        ({'observer': 'pll'}, 'take geso, hgo, ehgo or smo'),
+    ],
     'adaptive': [
         ({'law': 'gradient', 'gamma': [1.0, 2.0]}, "'gamma' needs 1, 4 or 16 numbers"),
         ({'law': 'gradient', 'gamma': [-1.0]}, "'gamma' is not positive definite"),
@@ -53,21 +64,26 @@ WRONG = {
         ({'observer_poles': [-2.0]}, "'observer_poles' needs 2 poles"),
         ({'parameters_file': '/no/such/folder/motor.yaml'}, 'there is no folder'),
         ({'input': 'effort_command', 'effort_command_type': 'Float64MultiArray'}, "set 'joints'"),
-        ({'input_scale': [1.0, 2.0]}, '2 numbers for 1 input')],
+        ({'input_scale': [1.0, 2.0]}, '2 numbers for 1 input'),
+    ],
     'switched': [
         ({'model': f'{OWN}Nope'}, "has no 'Nope'"),
         ({'model': f'{OWN}Singular'}, 'is no SwitchedModel'),
         ({'discrete': 'guess'}, "'guess' is not one of"),
-        ({'joints': ['a', 'b']}, "'joints' must name the model's 1 output")],
+        ({'joints': ['a', 'b']}, "'joints' must name the model's 1 output"),
+    ],
     'pmsm': [
         (MOTOR, 'needs the motor data resistance'),
         ({**MOTOR, 'resistance': 0.0}, "'resistance' = 0 is outside"),
-        ({**MOTOR, 'resistance': 0.06, 'observer': 'geso'}, 'currents and voltages')]}
+        ({**MOTOR, 'resistance': 0.06, 'observer': 'geso'}, 'currents and voltages'),
+    ],
+}
 CASES = [(node, *case) for node, cases in WRONG.items() for case in cases]
 
 
-@pytest.mark.parametrize('node, values, told', CASES,
-                         ids=[f'{node}-{told}' for node, _, told in CASES])
+@pytest.mark.parametrize(
+    'node, values, told', CASES, ids=[f'{node}-{told}' for node, _, told in CASES]
+)
 def test_a_wrong_start_is_one_line(node, values, told, probe):
     """The error of the node's class, which the executable prints (see the next test)."""
     with pytest.raises(UserError) as error:
@@ -76,11 +92,23 @@ def test_a_wrong_start_is_one_line(node, values, told, probe):
 
 
 def test_executables_print_it_and_end():
-    children = [subprocess.Popen(
-        [sys.executable, '-m', 'estimator_pkg.nodes.executables', f'{node}_observer',
-         '--ros-args', '-p', given],
-        text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        for node, given in EXECUTABLES]
+    children = [
+        subprocess.Popen(
+            [
+                sys.executable,
+                '-m',
+                'estimator_pkg.nodes.executables',
+                f'{node}_observer',
+                '--ros-args',
+                '-p',
+                given,
+            ],
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        for node, given in EXECUTABLES
+    ]
     for child, (_, given) in zip(children, EXECUTABLES):
         output, error = child.communicate(timeout=3.0 * dds.PATIENCE)
         assert child.returncode == 2, error
@@ -88,23 +116,28 @@ def test_executables_print_it_and_end():
 
 
 FILES = {  # what a parameter file says of joint_observer -> what the executable prints
-    "joints: [y]": "not [True]: y, n, yes, no, on and off are booleans in YAML; write texts in "
-                   "quotes, joints: ['y']",
+    'joints: [y]': 'not [True]: y, n, yes, no, on and off are booleans in YAML; write texts in '
+    "quotes, joints: ['y']",
     'joints: [1, 2]': "joints: ['1', '2']",
     'joints: y': "joints: ['y']",
     'stamp_source: no': "write texts in quotes, stamp_source: 'header'",
     'angle_joint: on': "angle_joint: 'y'",
     'joints: [x, y, z]': "Sequence should be of same type. Value type 'bool' do not belong at "
-                         "line_num 3; write texts in quotes, as in ['x', 'y']",
-    'joints:': 'No value at line 3'}
+    "line_num 3; write texts in quotes, as in ['x', 'y']",
+    'joints:': 'No value at line 3',
+}
 
 
 def ended(module, *arguments):
     """The line that a node printed when it ended with a usage error."""
-    done = subprocess.run([sys.executable, '-m', 'estimator_pkg.nodes.executables', module,
-                           *arguments], text=True, capture_output=True, timeout=3.0 * dds.PATIENCE)
+    done = subprocess.run(
+        [sys.executable, '-m', 'estimator_pkg.nodes.executables', module, *arguments],
+        text=True,
+        capture_output=True,
+        timeout=3.0 * dds.PATIENCE,
+    )
     assert done.returncode == 2 and done.stdout == '', done.stderr
-    line, = done.stderr.splitlines()
+    (line,) = done.stderr.splitlines()
     return line
 
 
@@ -122,8 +155,9 @@ def test_a_name_without_quotes_is_one_line_that_shows_them(text, told, tmp_path)
 def test_the_gate_of_the_last_release_is_read_where_it_is_a_text():
     line = ended('adaptive_observer', *dds.ros_args('gate:=off'))
     assert line.endswith("write texts in quotes, gate: 'none'")
-    with dds.NodeProcess('estimator_pkg.nodes.executables adaptive_observer',
-                         *dds.ros_args("gate:='off'")) as process:
+    with dds.NodeProcess(
+        'estimator_pkg.nodes.executables adaptive_observer', *dds.ros_args("gate:='off'")
+    ) as process:
         process.prints("'off' is called 'none' now")
         process.prints('adaptive estimates every joint')
 

@@ -47,16 +47,21 @@ def assert_same(plain, twin):
     """Bit for bit, or to 1e-12 where the C library's functions differ."""
     assert kinds(plain) == kinds(twin)
     for a, b in zip(flat(plain), flat(twin)):
-        assert a == b or (math.isnan(a) and math.isnan(b)) or (
-            abs(a - b) <= 1e-12 * max(abs(a), abs(b))), (plain, twin)
+        assert (
+            a == b
+            or (math.isnan(a) and math.isnan(b))
+            or (abs(a - b) <= 1e-12 * max(abs(a), abs(b)))
+        ), (plain, twin)
 
 
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
 @each_variant
 def test_plain_equals_compiled_per_step_from_the_same_state(variant):
     made = functions(variant)
-    twins = {name: compiled(getattr(made, name))
-             for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')}
+    twins = {
+        name: compiled(getattr(made, name))
+        for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')
+    }
     design = made.design()
     for seed in (1, 2):
         at, angles = stream(seed)
@@ -71,8 +76,11 @@ def test_plain_equals_compiled_per_step_from_the_same_state(variant):
             coefficients = made.prepare(design, dt)
             assert_same(coefficients, twins['prepare'](design, dt))
             arguments = (state, coefficients, design, angle)
-            after = ((made.resume(*arguments), twins['resume'](*arguments)) if dt > 0.2
-                     else (made.step(*arguments, 0.0), twins['step'](*arguments, 0.0)))
+            after = (
+                (made.resume(*arguments), twins['resume'](*arguments))
+                if dt > 0.2
+                else (made.step(*arguments, 0.0), twins['step'](*arguments, 0.0))
+            )
             assert_same(*after)
             state = after[0]
             if i % 3 == 0:
@@ -193,20 +201,26 @@ def samples_of(parameter):
     return [min(max(factor * parameter.default, low), high) for factor in (0.7, 1.5)]
 
 
-LIVE = [(name, key, value) for name in NAMES
-        for key, parameter in declared(observers.find(name).gains).items()
-        if not parameter.structural for value in samples_of(parameter)]
+LIVE = [
+    (name, key, value)
+    for name in NAMES
+    for key, parameter in declared(observers.find(name).gains).items()
+    if not parameter.structural
+    for value in samples_of(parameter)
+]
 
 
-@pytest.mark.parametrize('name, key, value', LIVE,
-                         ids=[f'{name}-{key}-{value:.3g}' for name, key, value in LIVE])
+@pytest.mark.parametrize(
+    'name, key, value', LIVE, ids=[f'{name}-{key}-{value:.3g}' for name, key, value in LIVE]
+)
 def test_live_change_of_a_gain_keeps_the_state(name, key, value):
     observer = observers.find(name)
     joint, same = make(name), make(name)
     at = stamps(2400).tolist()
     # 7 rad/s and 1.5 mrad of noise
-    angles = (wrapped(np.arange(2400) * 7e-3
-                      + np.random.default_rng(3).normal(0.0, 1.5e-3, 2400))).tolist()
+    angles = (
+        wrapped(np.arange(2400) * 7e-3 + np.random.default_rng(3).normal(0.0, 1.5e-3, 2400))
+    ).tolist()
     for stamp, angle in zip(at[:2000], angles[:2000]):
         joint.update(stamp, angle)
         same.update(stamp, angle)
@@ -310,8 +324,11 @@ def test_group_delay_is_the_lag_in_a_ramp(variant):
 def test_a_motion_and_its_mirror_image_have_estimates_that_are_mirrored(variant):
     """Rest, a blow, a ramp, a reversal, a stop, an outlier and a hole, in 4096 counts."""
     t = 1e-3 * np.arange(3000)
-    speed = np.interp(t, (0.0, 0.3, 0.301, 1.0, 1.2, 2.0, 2.001, 2.4, 2.401, 3.0),
-                      (0.0, 0.0, 9.0, 9.0, 40.0, -20.0, 0.0, 0.0, 0.7, 0.7))
+    speed = np.interp(
+        t,
+        (0.0, 0.3, 0.301, 1.0, 1.2, 2.0, 2.001, 2.4, 2.401, 3.0),
+        (0.0, 0.0, 9.0, 9.0, 40.0, -20.0, 0.0, 0.0, 0.7, 0.7),
+    )
     quantum = 2.0 * np.pi / 4096
     y = np.rint((np.cumsum(speed) * 1e-3 + 0.3 * quantum) / quantum) * quantum
     y[1500] += 0.4
@@ -319,9 +336,12 @@ def test_a_motion_and_its_mirror_image_have_estimates_that_are_mirrored(variant)
     at = stamps(3000)[keep]
     name, gains = variant
     for given in (0.0, quantum):
-        here, there = (make(name, {**gains, 'quantum': given}).run(
-            at, wrapped(sign * y[keep]), fast=False) for sign in (1.0, -1.0))
+        here, there = (
+            make(name, {**gains, 'quantum': given}).run(at, wrapped(sign * y[keep]), fast=False)
+            for sign in (1.0, -1.0)
+        )
         assert np.array_equal(here.status, there.status)
         np.testing.assert_allclose(here.velocity, -there.velocity, rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(here.velocity_stddev, there.velocity_stddev, rtol=1e-6,
-                                   atol=1e-6)
+        np.testing.assert_allclose(
+            here.velocity_stddev, there.velocity_stddev, rtol=1e-6, atol=1e-6
+        )

@@ -21,16 +21,20 @@ CONVENTIONS = {
     'from 0': lambda angle: (wrap(angle - math.pi, TURN) + math.pi) % TURN,
     'multi-turn': lambda angle: angle,
 }
-INTERVALS = {'from -pi': (-math.pi, math.pi), 'from 0': (0.0, TURN),
-             'multi-turn': (-math.inf, math.inf)}
+INTERVALS = {
+    'from -pi': (-math.pi, math.pi),
+    'from 0': (0.0, TURN),
+    'multi-turn': (-math.inf, math.inf),
+}
 
 
 @st.composite
 def motions(draw):
     """Angles [rad, any turn] of a shaft that changes its speed (at most 60 rad/s) at times."""
     start = draw(st.one_of(st.floats(-4.0, 10.0), st.sampled_from([0.0, math.pi, -math.pi, TURN])))
-    parts = draw(st.lists(st.tuples(st.floats(-60.0, 60.0), st.integers(1, 150)),
-                          min_size=1, max_size=6))
+    parts = draw(
+        st.lists(st.tuples(st.floats(-60.0, 60.0), st.integers(1, 150)), min_size=1, max_size=6)
+    )
     speed = np.concatenate([np.full(count, value) for value, count in parts])
     return start + np.concatenate(([0.0], np.cumsum(speed) * DT))
 
@@ -103,7 +107,7 @@ def test_unwrap_counts_on_over_a_gap_the_short_way():
     turns = joint.estimate()[0]
     assert turns == pytest.approx(20.0 * 0.499, abs=1e-6)
     after = 20.0 * 0.5 + 1.0  # a gap in which it moved on by one radian
-    joint.update(int(at[500]) + 10 ** 9, wrap(after, TURN))
+    joint.update(int(at[500]) + 10**9, wrap(after, TURN))
     assert joint.estimate()[0] == pytest.approx(after, abs=1e-6)
 
 
@@ -118,7 +122,7 @@ def test_prismatic_joints_never_wrap(name, motion, step):
     assert out.position[-1] == pytest.approx(motion[-1], abs=1e-3 + 1e-3 * abs(step))
     if abs(step) > 1.0:
         at = len(motion) - 1500
-        peak = np.max(np.abs(out.velocity[at:at + 200]))
+        peak = np.max(np.abs(out.velocity[at : at + 200]))
         assert peak > abs(step)  # rad/s or m/s: it was seen as motion, not as turns
         assert np.sign(out.velocity[at + 1]) == np.sign(step)
 

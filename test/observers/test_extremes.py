@@ -35,20 +35,27 @@ def drawn(parameter, random):
 
 
 def drawn_gains(gains, random):
-    return {name: drawn(parameter, random) for name, parameter in declared(gains).items()
-            if random.uniform() < 0.5}
+    return {
+        name: drawn(parameter, random)
+        for name, parameter in declared(gains).items()
+        if random.uniform() < 0.5
+    }
 
 
 def drawn_stream(random):
     """(stamps [ns], readings, period): even, jittered, or from 1 us to 1 s in one stream."""
     dt = 10.0 ** random.uniform(-4.3, -1.0)
-    times = {0: np.full(SAMPLES, dt), 1: dt * random.uniform(0.7, 1.3, SAMPLES),
-             2: 10.0 ** random.uniform(-6.0, 0.0, SAMPLES)}[int(random.integers(3))]
-    at = 10 ** 18 + np.cumsum(np.rint(times * 1e9)).astype(np.int64)
+    times = {
+        0: np.full(SAMPLES, dt),
+        1: dt * random.uniform(0.7, 1.3, SAMPLES),
+        2: 10.0 ** random.uniform(-6.0, 0.0, SAMPLES),
+    }[int(random.integers(3))]
+    at = 10**18 + np.cumsum(np.rint(times * 1e9)).astype(np.int64)
     t = (at - at[0]) * 1e-9
     period = float(random.choice([0.0, 1e-3, 2.0 * math.pi, 360.0, 1e6]))
     y = random.choice([0.0, 1e-6, 1.0, 300.0, 1e4]) * t + random.normal(
-        0.0, random.choice([1e-12, 1e-3, 0.1]), SAMPLES)
+        0.0, random.choice([1e-12, 1e-3, 0.1]), SAMPLES
+    )
     return at, y % period if period > 0.0 else y, period
 
 
@@ -84,14 +91,16 @@ def test_kalman_beyond_nyquist_has_its_deviation_from_the_first_samples_on(model
     """Against noise alone, 2000 starts. The gains of the third sample, if they stayed, would make
     the observer unstable.
     """
-    joint = make('kalman', {'model': model, 'bandwidth_hz': bandwidth_hz, 'noise': 1e-3,
-                            'low_speed_bound': False})
+    joint = make(
+        'kalman',
+        {'model': model, 'bandwidth_hz': bandwidth_hz, 'noise': 1e-3, 'low_speed_bound': False},
+    )
     random, errors, said = np.random.default_rng(2), [], []
     for _ in range(2000):
         joint.reset()
         velocities = []
         for i, noise in enumerate(random.normal(0.0, 1e-3, 8).tolist()):
-            joint.update(10 ** 9 + i * 10 ** 7, noise)
+            joint.update(10**9 + i * 10**7, noise)
             velocities.append(joint.estimate()[1])
             if len(said) < 8:
                 said.append(joint.stddev()[1])
@@ -109,8 +118,16 @@ def test_steady_gains_of_a_joint_that_may_do_anything(tau):
     assert steady_gains_2(tau, 1.0) == pytest.approx((1.0, 3.0 - math.sqrt(3.0)), rel=1e-4)
 
 
-@pytest.mark.parametrize('order, k', [(2, (6.0, 5.0)), (2, (1.0, 5.0)), (3, (4.0, 5.0, 2.0)),
-                                      (3, (2.0, 5.0, 2.0)), (3, (3.0, 3.0, 1.0))])
+@pytest.mark.parametrize(
+    'order, k',
+    [
+        (2, (6.0, 5.0)),
+        (2, (1.0, 5.0)),
+        (3, (4.0, 5.0, 2.0)),
+        (3, (2.0, 5.0, 2.0)),
+        (3, (3.0, 3.0, 1.0)),
+    ],
+)
 def test_a_slow_hybrid_loop_at_a_high_rate_has_the_gains_of_its_design(order, k):
     """One hour's time constant at 20 kHz: T l1, T^2 l2, T^3 l3 to eight digits."""
     epsilon, dt = 3600.0, 5e-5
@@ -120,7 +137,7 @@ def test_a_slow_hybrid_loop_at_a_high_rate_has_the_gains_of_its_design(order, k)
     alpha, *rates = prepare(values, dt)[:order]
     assert alpha / dt == pytest.approx(k[0] / epsilon, rel=1e-7)
     for power, rate in enumerate(rates, 2):
-        assert rate == pytest.approx(dt * k[power - 1] / epsilon ** power, rel=1e-6)
+        assert rate == pytest.approx(dt * k[power - 1] / epsilon**power, rel=1e-6)
 
 
 def test_general_poles_and_the_triple_one_agree():
@@ -128,12 +145,19 @@ def test_general_poles_and_the_triple_one_agree():
     values = hybrid_robust.design_values(design, math.pi, 1.0, math.inf)
     for dt in (1e-5, 1e-3, 0.02, 1.0):
         assert hybrid_robust.prepare_3(values, dt) == pytest.approx(
-            hybrid_robust.prepare_triple(values, dt), rel=1e-9)
+            hybrid_robust.prepare_triple(values, dt), rel=1e-9
+        )
 
 
-@pytest.mark.parametrize('gains', [
-    {'order': 2, 'k1': 1e-6}, {'order': 2, 'k1': 1e6, 'k2': 0.1}, {'k1': 1.0001, 'k2': 1.0},
-    {'form': 'paper', 'k1': 1e-3}])
+@pytest.mark.parametrize(
+    'gains',
+    [
+        {'order': 2, 'k1': 1e-6},
+        {'order': 2, 'k1': 1e6, 'k2': 0.1},
+        {'k1': 1.0001, 'k2': 1.0},
+        {'form': 'paper', 'k1': 1e-3},
+    ],
+)
 def test_hybrid_gains_that_never_settle_are_refused(gains):
     with pytest.raises(UsageError, match=r'k1 = .*hardly damped'):
         make('hybrid_angle', gains)
@@ -153,7 +177,7 @@ def test_paper_form_beyond_its_limit_has_a_finite_deviation():
     """One sample time so long that Algorithm 1 would be unstable at it, and no noise at all."""
     joint = make('hybrid_angle', {'form': 'paper', 'bandwidth_hz': 20.0})
     for i in range(100):
-        joint.update(10 ** 9 + i * 10 ** 6, 0.0)
-    assert joint.update(10 ** 9 + 102 * 10 ** 6, 0.0)  # 3 ms, 2.3 ms are the limit
+        joint.update(10**9 + i * 10**6, 0.0)
+    assert joint.update(10**9 + 102 * 10**6, 0.0)  # 3 ms, 2.3 ms are the limit
     assert joint.events() == {'gap': 1}
     assert all(0.0 < sigma < math.inf for sigma in joint.stddev())

@@ -25,11 +25,20 @@ pytestmark = pytest.mark.dds
 
 
 def start(tmp_path, *words):
-    environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                   'ROS_DOMAIN_ID': str(free_domain()), 'PYTHONUNBUFFERED': '1'}
-    return subprocess.Popen([sys.executable, '-m', 'estimator_pkg.cli', 'demo', *words],
-                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                            cwd=tmp_path, env=environment)
+    environment = {
+        **os.environ,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_DOMAIN_ID': str(free_domain()),
+        'PYTHONUNBUFFERED': '1',
+    }
+    return subprocess.Popen(
+        [sys.executable, '-m', 'estimator_pkg.cli', 'demo', *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+    )
 
 
 def descendants(process):
@@ -50,16 +59,24 @@ def test_shows_records_and_judges(tmp_path):
     assert (tmp_path / result['plot']).read_bytes()[:4] == b'\x89PNG'
     with open_bag(tmp_path / result['bag']) as bag:
         counts = {name: topic.count for name, topic in bag.topics.items()}
-    assert set(counts) == {'/joint_states', '/ground_truth/joint_states',
-                           '/joint_observer/estimate', '/joint_observer/estimate_stddev'}
+    assert set(counts) == {
+        '/joint_states',
+        '/ground_truth/joint_states',
+        '/joint_observer/estimate',
+        '/joint_observer/estimate_stddev',
+    }
     assert min(counts.values()) > 1000  # about three seconds at 500 Hz
-    rms = {line.split()[0]: float(line.split()[2]) for line in text.splitlines()
-           if line.startswith(('finite_difference ', '/joint_observer/estimate '))}
+    rms = {
+        line.split()[0]: float(line.split()[2])
+        for line in text.splitlines()
+        if line.startswith(('finite_difference ', '/joint_observer/estimate '))
+    }
     assert rms['/joint_observer/estimate'] < 0.6 * rms['finite_difference']
 
 
-@pytest.mark.parametrize('number, after', [(signal.SIGINT, 0.7), (signal.SIGINT, 3.0),
-                                           (signal.SIGTERM, 3.0)])
+@pytest.mark.parametrize(
+    'number, after', [(signal.SIGINT, 0.7), (signal.SIGINT, 3.0), (signal.SIGTERM, 3.0)]
+)
 def test_an_interrupt_ends_every_process(tmp_path, number, after):
     process = start(tmp_path, '--duration', '30')
     time.sleep(after)
@@ -74,6 +91,7 @@ def test_an_interrupt_ends_every_process(tmp_path, number, after):
 
 def test_an_interrupt_of_an_import_is_an_interrupt(monkeypatch, capsys):
     """A C extension that is interrupted while it is imported raises ImportError."""
+
     def run(parsed):
         try:
             raise KeyboardInterrupt
@@ -90,14 +108,16 @@ def test_an_interrupt_of_an_import_is_an_interrupt(monkeypatch, capsys):
 def test_a_signal_that_python_drops_is_told_to_the_loop():
     """A KeyboardInterrupt in a callback of a weak reference goes nowhere. (A job in the background
     ignores SIGINT, so it is SIGTERM here.)"""
+
     class Thing:
         pass
 
     with ended_on_any_signal() as check:
         check()
         thing = Thing()
-        watching = weakref.ref(thing, lambda _: (os.kill(os.getpid(), signal.SIGTERM),
-                                                 time.sleep(0.01)))
+        watching = weakref.ref(
+            thing, lambda _: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(0.01))
+        )
         del thing
         assert watching() is None
         with pytest.raises(KeyboardInterrupt):

@@ -23,10 +23,22 @@ from sim_pkg.nodes.settings import RunSettings
 from sim_pkg.simulate import START_NS, write_bag
 
 ROOT = Path(__file__).parents[2]
-FAULTS = {'profile': 'random', 'noise': 0.002, 'dropped': 0.02, 'repeated': 0.02,
-          'duplicated': 0.02, 'outliers': 0.01, 'eccentricity': 0.01, 'gap_every': 0.4,
-          'gap_length': 0.05, 'burst_every': 0.2, 'burst_length': 0.15, 'stuck_every': 0.5,
-          'sampling_jitter': 0.0004, 'stamp_jitter': 0.0002}
+FAULTS = {
+    'profile': 'random',
+    'noise': 0.002,
+    'dropped': 0.02,
+    'repeated': 0.02,
+    'duplicated': 0.02,
+    'outliers': 0.01,
+    'eccentricity': 0.01,
+    'gap_every': 0.4,
+    'gap_length': 0.05,
+    'burst_every': 0.2,
+    'burst_length': 0.15,
+    'stuck_every': 0.5,
+    'sampling_jitter': 0.0004,
+    'stamp_jitter': 0.0002,
+}
 
 
 def stream(duration=1.0, seed=1, **values):
@@ -77,8 +89,13 @@ def test_truth_is_the_motion_at_the_stamp_whatever_happens_to_the_measurement():
 
 
 def test_joints_move_apart_and_err_apart():
-    values = {'joints': ['a', 'b', 'c'], 'joint_ratio': -0.5, 'noise': 0.01,
-              'counts_per_revolution': 0, 'convention': 'multi_turn'}
+    values = {
+        'joints': ['a', 'b', 'c'],
+        'joint_ratio': -0.5,
+        'noise': 0.01,
+        'counts_per_revolution': 0,
+        'convention': 'multi_turn',
+    }
     truth = np.array([m.positions for m in decoded('ground_truth/joint_states', **values)])
     measured = decoded('joint_states', **values)
     assert measured[0].names == ('a', 'b', 'c')
@@ -94,7 +111,8 @@ def test_raw_counts_go_to_the_angle_topic():
     topics = SIMULATOR.topics(build(EncoderParameters, values))
     assert [(topic.name, topic.type) for topic in topics] == [
         ('angle', 'std_msgs/msg/Int32'),
-        ('ground_truth/joint_states', 'sensor_msgs/msg/JointState')]
+        ('ground_truth/joint_states', 'sensor_msgs/msg/JointState'),
+    ]
     counts = [Reader(raw).number('i') for name, _, raw in stream(**values) if name == 'angle']
     expected = np.floor(10.0 * np.arange(1000) * 1e-3 / (2 * math.pi) * 1000) % 1000
     np.testing.assert_array_equal(counts, expected)
@@ -113,9 +131,11 @@ def test_messages_come_in_the_order_in_which_they_are_due(values):
 
 
 def test_a_burst_delivers_old_stamps_late():
-    messages = [(due, Decoder().decode(raw).stamp_ns - START_NS)
-                for topic, due, raw in stream(3.0, burst_every=0.5, burst_length=0.2)
-                if topic == 'joint_states']
+    messages = [
+        (due, Decoder().decode(raw).stamp_ns - START_NS)
+        for topic, due, raw in stream(3.0, burst_every=0.5, burst_length=0.2)
+        if topic == 'joint_states'
+    ]
     assert len(messages) == 3000
     delay = np.array([due - stamp for due, stamp in messages])
     assert delay.min() == 0
@@ -125,15 +145,15 @@ def test_a_burst_delivers_old_stamps_late():
 
 
 def test_the_first_messages_do_not_depend_on_the_duration_and_time_has_no_end():
-    endless, finite = (list(itertools.islice(stream(duration, **FAULTS), 2000))
-                       for duration in (math.inf, 5.0))
+    endless, finite = (
+        list(itertools.islice(stream(duration, **FAULTS), 2000)) for duration in (math.inf, 5.0)
+    )
     assert len(finite) == 2000
     assert endless == finite
 
 
 def test_stamps_move_with_the_start_and_values_do_not():
-    for message in itertools.chain.from_iterable(
-            SIMULATOR.generate(EncoderParameters(), 0.05, 1)):
+    for message in itertools.chain.from_iterable(SIMULATOR.generate(EncoderParameters(), 0.05, 1)):
         early, late = (Decoder().decode(message.encode(start)) for start in (5, 10**18 + 5))
         assert late.stamp_ns - early.stamp_ns == 10**18
         assert late[1:] == early[1:]
@@ -145,20 +165,30 @@ def test_a_bag_holds_the_stream(tmp_path):
     with open_bag(tmp_path / 'bag') as bag:
         assert {name: (topic.type, topic.count) for name, topic in bag.topics.items()} == {
             '/joint_states': ('sensor_msgs/msg/JointState', counts['joint_states']),
-            '/ground_truth/joint_states': ('sensor_msgs/msg/JointState', 2000)}
-        written = [(message.topic, message.log_ns, bytes(message.raw))
-                   for message in bag.messages(bag.topics)]
-    assert written == [('/' + topic, START_NS + due, raw)
-                       for topic, due, raw in stream(2.0, seed=7, **FAULTS)]
+            '/ground_truth/joint_states': ('sensor_msgs/msg/JointState', 2000),
+        }
+        written = [
+            (message.topic, message.log_ns, bytes(message.raw))
+            for message in bag.messages(bag.topics)
+        ]
+    assert written == [
+        ('/' + topic, START_NS + due, raw) for topic, due, raw in stream(2.0, seed=7, **FAULTS)
+    ]
 
 
 def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
-    options = ['--duration', 1.5, *itertools.chain.from_iterable(
-        ('--set', f'{key}={value}') for key, value in FAULTS.items())]
+    options = [
+        '--duration',
+        1.5,
+        *itertools.chain.from_iterable(
+            ('--set', f'{key}={value}') for key, value in FAULTS.items()
+        ),
+    ]
     for folder, seed in (('one', 5), ('two', 5), ('three', 6)):
         (tmp_path / folder).mkdir()
-        assert simulate('encoder', '--out', tmp_path / folder / 'bag', '--seed', seed,
-                        *options) == 0
+        assert (
+            simulate('encoder', '--out', tmp_path / folder / 'bag', '--seed', seed, *options) == 0
+        )
     names = sorted(path.name for path in (tmp_path / 'one/bag').iterdir())
     assert names == ['bag_0.mcap', 'metadata.yaml']
     same = filecmp.cmpfiles(tmp_path / 'one/bag', tmp_path / 'two/bag', names, shallow=False)
@@ -168,15 +198,33 @@ def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
 
 
 def test_the_command_says_what_is_in_the_bag(tmp_path, capsys):
-    assert simulate('encoder', '--out', tmp_path / 'bag', '--duration', '0.5', '--seed', 3,
-                    '--set', 'rate=200', '--set', 'joints=[left, right]',
-                    '--json', tmp_path / 'result.json') == 0
+    assert (
+        simulate(
+            'encoder',
+            '--out',
+            tmp_path / 'bag',
+            '--duration',
+            '0.5',
+            '--seed',
+            3,
+            '--set',
+            'rate=200',
+            '--set',
+            'joints=[left, right]',
+            '--json',
+            tmp_path / 'result.json',
+        )
+        == 0
+    )
     assert '100 messages' in capsys.readouterr().out
     result = json.loads((tmp_path / 'result.json').read_text())
     assert result['seed'] == 3
     assert result['duration'] == 0.5
     assert result['topics']['/joint_states'] == {
-        'type': 'sensor_msgs/msg/JointState', 'truth': False, 'messages': 100}
+        'type': 'sensor_msgs/msg/JointState',
+        'truth': False,
+        'messages': 100,
+    }
     assert result['topics']['/ground_truth/joint_states']['truth'] is True
 
 
@@ -184,39 +232,68 @@ def test_a_parameter_file_of_the_node_serves_the_command(tmp_path):
     (tmp_path / 'file.yaml').write_text(
         'encoder_sim:\n  ros__parameters:\n    use_sim_time: true\n    rate: 50\n    seed: 9\n'
         '    duration: 2.0\n    wait_for_subscribers: 1\n    noise: 1e-3\n'
-        '    qos_overrides:\n      /joint_states:\n        publisher: {reliability: reliable}\n')
-    assert simulate('encoder', '--out', tmp_path / 'a', '--params', tmp_path / 'file.yaml',
-                    '--json', tmp_path / 'a.json') == 0
+        '    qos_overrides:\n      /joint_states:\n        publisher: {reliability: reliable}\n'
+    )
+    assert (
+        simulate(
+            'encoder',
+            '--out',
+            tmp_path / 'a',
+            '--params',
+            tmp_path / 'file.yaml',
+            '--json',
+            tmp_path / 'a.json',
+        )
+        == 0
+    )
     result = json.loads((tmp_path / 'a.json').read_text())
     assert (result['seed'], result['duration']) == (9, 2.0)
     assert result['topics']['/joint_states']['messages'] == 100
-    assert simulate('encoder', '--out', tmp_path / 'b', '--params', tmp_path / 'file.yaml',
-                    '--seed', 4, '--duration', 1, '--set', 'rate=10',
-                    '--json', tmp_path / 'b.json') == 0
+    assert (
+        simulate(
+            'encoder',
+            '--out',
+            tmp_path / 'b',
+            '--params',
+            tmp_path / 'file.yaml',
+            '--seed',
+            4,
+            '--duration',
+            1,
+            '--set',
+            'rate=10',
+            '--json',
+            tmp_path / 'b.json',
+        )
+        == 0
+    )
     result = json.loads((tmp_path / 'b.json').read_text())
     assert (result['seed'], result['duration']) == (4, 1.0)
     assert result['topics']['/joint_states']['messages'] == 10
 
 
-@pytest.mark.parametrize(('words', 'code', 'said'), [
-    (['encodr'], 2, "did you mean 'encoder'?"),
-    (['encoder', '--set', 'nois=1'], 2, "did you mean 'noise'?"),
-    (['encoder', '--set', 'noise=-1'], 2, 'outside [0, 10]'),
-    (['encoder', '--set', 'noise=.nan'], 2, 'must be finite'),
-    (['encoder', '--set', 'noise=much'], 2, 'must be a number'),
-    (['encoder', '--set', 'noise'], 2, 'not key=value'),
-    (['encoder', '--set', 'profile=sines'], 2, 'not one of constant, sine'),
-    (['encoder', '--set', 'joints=[]'], 2, 'at least one joint'),
-    (['encoder', '--set', 'joints=[a, a]'], 2, 'twice'),
-    (['encoder', '--set', 'joints=[a, b]', '--set', 'convention=raw_counts'], 2, 'one joint'),
-    (['encoder', '--duration', '0'], 2, 'duration'),
-    (['encoder', '--duration', '-3'], 2, 'duration'),
-    (['encoder', '--duration', 'nan'], 2, 'duration'),
-    (['encoder', '--duration', 'inf'], 2, 'duration'),
-    (['encoder', '--duration', 'long'], 2, 'duration'),
-    (['encoder', '--seed', '-1'], 2, 'seed'),
-    (['encoder', '--params', 'missing.yaml'], 1, 'missing.yaml'),
-])
+@pytest.mark.parametrize(
+    ('words', 'code', 'said'),
+    [
+        (['encodr'], 2, "did you mean 'encoder'?"),
+        (['encoder', '--set', 'nois=1'], 2, "did you mean 'noise'?"),
+        (['encoder', '--set', 'noise=-1'], 2, 'outside [0, 10]'),
+        (['encoder', '--set', 'noise=.nan'], 2, 'must be finite'),
+        (['encoder', '--set', 'noise=much'], 2, 'must be a number'),
+        (['encoder', '--set', 'noise'], 2, 'not key=value'),
+        (['encoder', '--set', 'profile=sines'], 2, 'not one of constant, sine'),
+        (['encoder', '--set', 'joints=[]'], 2, 'at least one joint'),
+        (['encoder', '--set', 'joints=[a, a]'], 2, 'twice'),
+        (['encoder', '--set', 'joints=[a, b]', '--set', 'convention=raw_counts'], 2, 'one joint'),
+        (['encoder', '--duration', '0'], 2, 'duration'),
+        (['encoder', '--duration', '-3'], 2, 'duration'),
+        (['encoder', '--duration', 'nan'], 2, 'duration'),
+        (['encoder', '--duration', 'inf'], 2, 'duration'),
+        (['encoder', '--duration', 'long'], 2, 'duration'),
+        (['encoder', '--seed', '-1'], 2, 'seed'),
+        (['encoder', '--params', 'missing.yaml'], 1, 'missing.yaml'),
+    ],
+)
 def test_wrong_use_is_one_line_and_leaves_nothing(tmp_path, capsys, words, code, said):
     try:
         assert simulate(*words, '--out', tmp_path / 'bag') == code
@@ -253,6 +330,7 @@ def test_an_interrupt_leaves_no_half_written_bag(tmp_path):
 
 def test_a_simulator_with_stamps_inside_its_data_fits_the_contract(tmp_path):
     """Batches of drive samples carry seconds and nanoseconds in every row."""
+
     def batch(rows_ns, start_ns):
         writer = Writer()
         writer.numbers('I', (0, 0))  # no dimensions, offset 0
@@ -263,13 +341,18 @@ def test_a_simulator_with_stamps_inside_its_data_fits_the_contract(tmp_path):
     def generate(parameters, duration, seed):
         for at in range(0, round(duration * 1e9), 1_000_000):
             rows = range(at, at + 1_000_000, 100_000)
-            yield [Message(at + 1_000_000, 'drive_samples', lambda start, rows=rows: batch(
-                rows, start))]
+            yield [
+                Message(
+                    at + 1_000_000, 'drive_samples', lambda start, rows=rows: batch(rows, start)
+                )
+            ]
 
     topic = Topic('drive_samples', 'std_msgs/msg/Float64MultiArray')
     simulator = Simulator('drive', '', RunSettings, lambda parameters: (topic,), generate)
     assert write_bag(simulator, RunSettings(), 0.02, 1, tmp_path / 'bag') == (
-        {'drive_samples': 20}, 0.02)
+        {'drive_samples': 20},
+        0.02,
+    )
     with open_bag(tmp_path / 'bag') as bag:
         message = list(bag.messages(['/drive_samples']))[19]
     reader = Reader(bytes(message.raw))

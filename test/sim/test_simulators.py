@@ -42,29 +42,35 @@ def test_the_examples_in_its_config_can_be_used(name, tmp_path):
     path = tmp_path / 'all.yaml'
     path.write_text(re.sub(r'^( +)#(?=\w+:)', r'\1', text, flags=re.MULTILINE))
     simulator = registry.find(registry.SIMULATORS, name)
-    values = {key: value for key, value in params_file.load(path, f'{name}_sim').items()
-              if key in declared(simulator.parameters)}
+    values = {
+        key: value
+        for key, value in params_file.load(path, f'{name}_sim').items()
+        if key in declared(simulator.parameters)
+    }
     assert values.keys() == declared(simulator.parameters).keys()
     simulator.generate(build(simulator.parameters, values), 0.1, 1)
-    command, = re.findall(r'it:\n#   ros2 run velocity_estimator (.*(?:\n#     .*)?)', text)
+    (command,) = re.findall(r'it:\n#   ros2 run velocity_estimator (.*(?:\n#     .*)?)', text)
     settings = dict(re.findall(r'(\w+):=(\[.*?\]|[^\s"]+)', command))
     numbers = settings.get('model_parameters', '[]').strip('[]')
     if command.startswith('mechanical_observer'):
         load(settings.get('model', 'single_joint'), tuple(numbers.split(', ')) if numbers else ())
 
 
-@pytest.mark.parametrize(('name', 'values', 'said'), [
-    ('dc_motor', {'damping': 1e6}, 'a time constant of 2e-08 s'),
-    ('dc_motor', {'inertia': 1e-9}, 'its inertia is too small'),
-    ('gripper', {'inertia': 1e-6}, 'none below 5e-05 s can be followed'),
-    ('pendulum', {'model_parameters': ['inertia=1e-9']}, 'a time constant of 5e-08 s'),
-    ('cart_pendulum', {'model_parameters': ['cart_damping=1e6']}, 'a time constant'),
-    ('pmsm', {'inertia': 1e-9}, 'less than a sample'),
-    ('pmsm', {'viscous': 1000.0}, 'less than a sample'),
-    ('pendulum', {'quantum': [1.0, 2.0]}, "'quantum' has 2 numbers for 1 positions"),
-    ('robotic_leg', {'noise': []}, "'noise' has 0 numbers for 3 positions"),
-    ('pendulum', {'model_parameters': ['mass=1']}, "unknown parameter 'mass'"),
-])
+@pytest.mark.parametrize(
+    ('name', 'values', 'said'),
+    [
+        ('dc_motor', {'damping': 1e6}, 'a time constant of 2e-08 s'),
+        ('dc_motor', {'inertia': 1e-9}, 'its inertia is too small'),
+        ('gripper', {'inertia': 1e-6}, 'none below 5e-05 s can be followed'),
+        ('pendulum', {'model_parameters': ['inertia=1e-9']}, 'a time constant of 5e-08 s'),
+        ('cart_pendulum', {'model_parameters': ['cart_damping=1e6']}, 'a time constant'),
+        ('pmsm', {'inertia': 1e-9}, 'less than a sample'),
+        ('pmsm', {'viscous': 1000.0}, 'less than a sample'),
+        ('pendulum', {'quantum': [1.0, 2.0]}, "'quantum' has 2 numbers for 1 positions"),
+        ('robotic_leg', {'noise': []}, "'noise' has 0 numbers for 3 positions"),
+        ('pendulum', {'model_parameters': ['mass=1']}, "unknown parameter 'mass'"),
+    ],
+)
 def test_what_cannot_be_simulated_is_refused_before_it_begins(name, values, said):
     simulator = registry.find(registry.SIMULATORS, name)
     with pytest.raises(UsageError, match=said):  # not with the first chunk: that is the live run's
@@ -90,25 +96,49 @@ def test_a_quick_pendulum_swings_at_its_own_rate():
 
 def test_a_plant_that_runs_away_says_when():
     mechanics = load('single_joint', ())
-    chunks = stream(mechanics, MechanismParameters(rate=100.0), (0.0,), (0.0,),
-                    lambda time, y, v: (1e11 * max(0.0, time - 0.5),), 10.0, 1)
+    chunks = stream(
+        mechanics,
+        MechanismParameters(rate=100.0),
+        (0.0,),
+        (0.0,),
+        lambda time, y, v: (1e11 * max(0.0, time - 0.5),),
+        10.0,
+        1,
+    )
     with pytest.raises(UserError, match=r'the simulated plant ran away at 0\.\d+ s') as told:
         sum(len(chunk) for chunk in chunks)
     assert '\n' not in str(told.value) and told.value.exit_code == 1
-    chunks = stream(mechanics, MechanismParameters(rate=100.0), (0.0,), (0.0,),
-                    lambda time, y, v: (math.inf,), 10.0, 1)
+    chunks = stream(
+        mechanics,
+        MechanismParameters(rate=100.0),
+        (0.0,),
+        (0.0,),
+        lambda time, y, v: (math.inf,),
+        10.0,
+        1,
+    )
     with pytest.raises(UserError, match='ran away'):  # math.sin says ValueError of infinity
         list(chunks)
 
 
 def test_a_bag_of_a_plant_that_runs_away_is_not_kept(tmp_path, capsys):
     out = tmp_path / 'bag'
-    words = [word for value in ('torque=1e6', 'highest=0.3', 'rate=20.0',
-                                'model_parameters=[inertia=1e-4, damping=0.0]')
-             for word in ('--set', value)]
+    words = [
+        word
+        for value in (
+            'torque=1e6',
+            'highest=0.3',
+            'rate=20.0',
+            'model_parameters=[inertia=1e-4, damping=0.0]',
+        )
+        for word in ('--set', value)
+    ]
     assert main(['simulate', 'pendulum', '--out', str(out), *words]) == 1
-    assert capsys.readouterr().err.strip().startswith(
-        'velocity_estimator simulate: the simulated plant ran away at 0.2 s')
+    assert (
+        capsys.readouterr()
+        .err.strip()
+        .startswith('velocity_estimator simulate: the simulated plant ran away at 0.2 s')
+    )
     assert not out.exists()
 
 

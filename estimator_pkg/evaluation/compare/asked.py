@@ -36,18 +36,26 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     given = parse_assignments(list(assignments))
     if not wanted:
         if given or params:
-            raise UsageError('--set and --params are for observers that are run: name one with '
-                             '--observer')
+            raise UsageError(
+                '--set and --params are for observers that are run: name one with --observer'
+            )
         return []
     by_observer = {name: _known(name) for name in wanted}
     from_file = {name: _from_file(params, name) for name in wanted}
     for names_of in (given, *from_file.values()):
         _check(names_of, by_observer)
-    return [Entry(name, name, tuple(
-        (key, by_observer[name][params_file.parameter_of(key)].check(value))
-        for key, value in {**from_file[name], **given}.items()
-        if params_file.parameter_of(key) in by_observer[name]))
-            for name in wanted]
+    return [
+        Entry(
+            name,
+            name,
+            tuple(
+                (key, by_observer[name][params_file.parameter_of(key)].check(value))
+                for key, value in {**from_file[name], **given}.items()
+                if params_file.parameter_of(key) in by_observer[name]
+            ),
+        )
+        for name in wanted
+    ]
 
 
 def _known(observer: str) -> dict[str, Parameter]:
@@ -72,5 +80,7 @@ def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any
     every = {name for known in by_observer.values() for name in known}
     for name in values:
         if params_file.parameter_of(name) not in every:
-            raise UsageError(f"unknown parameter '{name}' of {', '.join(by_observer)}: "
-                             f'{suggestion(params_file.parameter_of(name), every)}')
+            raise UsageError(
+                f"unknown parameter '{name}' of {', '.join(by_observer)}: "
+                f'{suggestion(params_file.parameter_of(name), every)}'
+            )

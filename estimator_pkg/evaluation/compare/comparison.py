@@ -24,8 +24,8 @@ from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.streams.contract import WHY_DROPPED
 
-MMAP_THRESHOLD = -3     # glibc's malloc.h
-LONG = 8_000_000    # bytes; shorter arrays stay in memory
+MMAP_THRESHOLD = -3  # glibc's malloc.h
+LONG = 8_000_000  # bytes; shorter arrays stay in memory
 
 
 def give_back_freed() -> None:
@@ -74,9 +74,9 @@ class Kept:
 
 Array = NDArray[np.float64]
 
-BAND = 1.96     # standard deviations that should hold 95 % of the errors
-MANY = 1_000_000    # samples whose arrays are worth giving back
-ROUNDING = 1e-10    # [s], [rad/s] what is this close is the same
+BAND = 1.96  # standard deviations that should hold 95 % of the errors
+MANY = 1_000_000  # samples whose arrays are worth giving back
+ROUNDING = 1e-10  # [s], [rad/s] what is this close is the same
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,15 @@ class Row:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-        return {'velocity': self.velocity, 'position': self.position, 'samples': self.samples,
-                'matched': self.matched, 'validity_s': self.validity,
-                'coverage_95': self.coverage,
-                'reference_cannot_tell': self.reference_cannot_tell}
+        return {
+            'velocity': self.velocity,
+            'position': self.position,
+            'samples': self.samples,
+            'matched': self.matched,
+            'validity_s': self.validity,
+            'coverage_95': self.coverage,
+            'reference_cannot_tell': self.reference_cannot_tell,
+        }
 
 
 @dataclass(frozen=True)
@@ -153,12 +158,20 @@ class Comparison:
         estimates: dict[str, Any] = {}
         for row in self.rows:
             estimates.setdefault(row.source, {'joints': {}})['joints'][row.joint] = row.as_dict()
-        return {'truth': self.truth, 'estimates': estimates,
-                'reference': {joint: {**known.as_dict(),
-                                      'corrected': self.corrected.get(joint, {}),
-                                      'smoother': _smoother(self.smoothed.get(joint))}
-                              for joint, known in self.references.items()},
-                'refused': self.refused, 'notes': list(self.notes)}
+        return {
+            'truth': self.truth,
+            'estimates': estimates,
+            'reference': {
+                joint: {
+                    **known.as_dict(),
+                    'corrected': self.corrected.get(joint, {}),
+                    'smoother': _smoother(self.smoothed.get(joint)),
+                }
+                for joint, known in self.references.items()
+            },
+            'refused': self.refused,
+            'notes': list(self.notes),
+        }
 
 
 def compare(path: str, options: Options) -> Comparison:
@@ -183,12 +196,20 @@ def compare(path: str, options: Options) -> Comparison:
                 if joint not in true.series:
                     notes.append(f"joint '{joint}' has no truth")
                 elif not len(estimate.stamps):
-                    notes.append(f"{source}: joint '{joint}' has no valid estimate"
-                                 + _all_dropped(estimate))
+                    notes.append(
+                        f"{source}: joint '{joint}' has no valid estimate" + _all_dropped(estimate)
+                    )
                 else:
                     try:
-                        row = _row(source, joint, estimate, true.series[joint],
-                                   starts[joint], true.references[joint], options)
+                        row = _row(
+                            source,
+                            joint,
+                            estimate,
+                            true.series[joint],
+                            starts[joint],
+                            true.references[joint],
+                            options,
+                        )
                         rows.append(_sharing(row, rows))
                     except UserError as error:
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
@@ -196,9 +217,18 @@ def compare(path: str, options: Options) -> Comparison:
             del estimate  # before the next observer makes its own
         if not rows:
             raise UserError(f'{path}: nothing to compare: ' + '; '.join(dict.fromkeys(notes)))
-    return Comparison(path, true.name, tuple(rows), true.references, true.corrected,
-                      tuple(dict.fromkeys(notes)), measurement, starts, true.smoothed,
-                      _refusals(true, rows))
+    return Comparison(
+        path,
+        true.name,
+        tuple(rows),
+        true.references,
+        true.corrected,
+        tuple(dict.fromkeys(notes)),
+        measurement,
+        starts,
+        true.smoothed,
+        _refusals(true, rows),
+    )
 
 
 def _all_dropped(estimate: Estimate) -> str:
@@ -209,13 +239,23 @@ def _all_dropped(estimate: Estimate) -> str:
     return ''
 
 
-def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,
-         known: Reference, options: Options) -> Row:
-    matched = match(estimate.stamps, truth.stamps_ns, truth.velocity, truth.position,
-                    options.wrap_period)
+def _row(
+    source: str,
+    joint: str,
+    estimate: Estimate,
+    truth: Series,
+    start: int,
+    known: Reference,
+    options: Options,
+) -> Row:
+    matched = match(
+        estimate.stamps, truth.stamps_ns, truth.velocity, truth.position, options.wrap_period
+    )
     if not len(matched.rows):
-        raise UserError(f'estimates ({_span(estimate.stamps)}) and truth ({_span(truth.stamps_ns)})'
-                        ' do not overlap in time')
+        raise UserError(
+            f'estimates ({_span(estimate.stamps)}) and truth ({_span(truth.stamps_ns)})'
+            ' do not overlap in time'
+        )
     elapsed = matched.time + (int(estimate.stamps[matched.rows[0]]) - start) * 1e-9
     left = np.flatnonzero(elapsed >= options.skip)
     if not len(left):
@@ -229,29 +269,50 @@ def _row(source: str, joint: str, estimate: Estimate, truth: Series, start: int,
         stddev = np.where(np.isinf(stddev), np.nan, stddev)
     noise = known.noise if np.isfinite(known.noise) else 0.0
     speeds = metrics.velocity(time, velocity, true, noise)
-    angles = metrics.position(time, estimate.position[rows], matched.position[kept],
-                              options.wrap_period)
-    counts = {'estimates': len(estimate.stamps), 'compared': len(rows),
-              'interpolated': len(matched.rows) - matched.exact, 'unmatched': matched.unmatched}
-    return Row(source, joint, speeds, angles, estimate.samples, counts, estimate.validity,
-               coverage(velocity - true, np.hypot(stddev, noise)),
-               known.cannot_tell(speeds['rms']), elapsed[kept], true, Kept(velocity),
-               Kept(stddev), noise, (estimate.status_stamps - start) * 1e-9, estimate.status)
+    angles = metrics.position(
+        time, estimate.position[rows], matched.position[kept], options.wrap_period
+    )
+    counts = {
+        'estimates': len(estimate.stamps),
+        'compared': len(rows),
+        'interpolated': len(matched.rows) - matched.exact,
+        'unmatched': matched.unmatched,
+    }
+    return Row(
+        source,
+        joint,
+        speeds,
+        angles,
+        estimate.samples,
+        counts,
+        estimate.validity,
+        coverage(velocity - true, np.hypot(stddev, noise)),
+        known.cannot_tell(speeds['rms']),
+        elapsed[kept],
+        true,
+        Kept(velocity),
+        Kept(stddev),
+        noise,
+        (estimate.status_stamps - start) * 1e-9,
+        estimate.status,
+    )
 
 
 def _sharing(row: Row, others: list[Row]) -> Row:
     """The row; what another one has too (mostly its last part) is held only once."""
+
     def shared(name: str) -> Array:
         values: Array = getattr(row, name)
         for other in others:
             longer: Array = getattr(other, name)
-            tail = longer[max(0, len(longer) - len(values)):]
+            tail = longer[max(0, len(longer) - len(values)) :]
             if len(tail) == len(values) and not np.any(np.abs(tail - values) > ROUNDING):
                 return tail
         return values
 
-    return replace(row, time=shared('time'), truth=shared('truth'),
-                   status_time=shared('status_time'))
+    return replace(
+        row, time=shared('time'), truth=shared('truth'), status_time=shared('status_time')
+    )
 
 
 def coverage(errors: Array, stddev: Array) -> float:
@@ -269,9 +330,11 @@ def _refusals(true: Truth, rows: list[Row]) -> dict[str, str]:
         errors = [row.velocity['rms'] for row in rows if row.joint == joint]
         if errors and true.references[joint].cannot_tell(min(errors)):
             if smoothed.seldom:
-                refused[joint] = (f'no ranking of {joint}: its reading changes '
-                                  f'{smoothed.changes} times in all, too seldom to tell how it '
-                                  'moves')
+                refused[joint] = (
+                    f'no ranking of {joint}: its reading changes '
+                    f'{smoothed.changes} times in all, too seldom to tell how it '
+                    'moves'
+                )
                 continue
             because = ''
             if smoothed.unexplained > 0.5 * smoothed.uncertainty:
@@ -279,7 +342,8 @@ def _refusals(true: Truth, rows: list[Row]) -> dict[str, str]:
             refused[joint] = (
                 f'no ranking of {joint}: {SMOOTHED} may itself be wrong by '
                 f'{number(smoothed.uncertainty, 2)} rad/s rms{because}, and the best estimate '
-                f'differs from it by {number(min(errors), 2)}')
+                f'differs from it by {number(min(errors), 2)}'
+            )
     return refused
 
 
@@ -287,10 +351,15 @@ def _smoother(found: Smoothed | None) -> dict[str, Any] | None:
     """For ``--json``."""
     if found is None:
         return None
-    return {'uncertainty': found.uncertainty, 'unexplained': found.unexplained,
-            'reading_stddev': found.noise.reading, 'jerk_intensity': found.noise.jerk,
-            'quantum': found.noise.quantum, 'at_quantisation_floor': found.noise.at_floor,
-            'outliers': found.outliers}
+    return {
+        'uncertainty': found.uncertainty,
+        'unexplained': found.unexplained,
+        'reading_stddev': found.noise.reading,
+        'jerk_intensity': found.noise.jerk,
+        'quantum': found.noise.quantum,
+        'at_quantisation_floor': found.noise.at_floor,
+        'outliers': found.outliers,
+    }
 
 
 def _start(series: Series) -> int:

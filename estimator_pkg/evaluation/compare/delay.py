@@ -16,13 +16,13 @@ from estimator_pkg.evaluation.compare.interpolation import cubic
 
 Array = NDArray[np.float64]
 
-LONGEST = 0.25      # delays are sought up to this [s], or ten samples where that is longer
-GAP = 5.0           # in median sample times: nothing is interpolated across a longer hole
-NEAR = 0.05         # minima this close to the best (of the error's range) count as equally good
-RISE = 0.1          # the two sides are compared where the error has risen by this part
-CLEAR = 0.2         # the error must depend on the shift by this part, or there is no answer
-SURE = 6.0          # and by this over the root of the number of samples: chance gives less
-MOTION = 2.0        # the truth must vary by more than this times its own noise power
+LONGEST = 0.25  # delays are sought up to this [s], or ten samples where that is longer
+GAP = 5.0  # in median sample times: nothing is interpolated across a longer hole
+NEAR = 0.05  # minima this close to the best (of the error's range) count as equally good
+RISE = 0.1  # the two sides are compared where the error has risen by this part
+CLEAR = 0.2  # the error must depend on the shift by this part, or there is no answer
+SURE = 6.0  # and by this over the root of the number of samples: chance gives less
+MOTION = 2.0  # the truth must vary by more than this times its own noise power
 
 
 def delay(time: Array, estimate: Array, truth: Array) -> float:
@@ -47,8 +47,9 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
     estimate, truth = estimate - level, truth - level
     hole = steps > GAP * step
     errors = _coarse(time, estimate, truth, step, int(longest / step))
-    best, rise = _nearest_minimum(errors, max(CLEAR, SURE / len(time) ** 0.5),
-                                  float(np.mean(truth * truth)) + level * level)
+    best, rise = _nearest_minimum(
+        errors, max(CLEAR, SURE / len(time) ** 0.5), float(np.mean(truth * truth)) + level * level
+    )
     if rise == 0:
         return np.nan
     return _middle(time, estimate, truth, hole, best * step, rise * step, step)
@@ -70,8 +71,12 @@ def _coarse(time: Array, estimate: Array, truth: Array, step: float, reach: int)
         return np.fft.rfft(values, size)
 
     ones = spectrum(np.ones(len(grid)))
-    squares = np.fft.irfft(spectrum(e * e) * ones.conj() - 2.0 * spectrum(e) * spectrum(r).conj()
-                           + ones * spectrum(r * r).conj(), size)
+    squares = np.fft.irfft(
+        spectrum(e * e) * ones.conj()
+        - 2.0 * spectrum(e) * spectrum(r).conj()
+        + ones * spectrum(r * r).conj(),
+        size,
+    )
     shifts = np.arange(-reach, reach + 1)
     count = len(grid) - np.abs(shifts)
     return np.where(count > 0.5 * len(grid), squares[shifts] / np.maximum(count, 1), np.inf)
@@ -91,18 +96,28 @@ def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, in
         first -= 1
     while last + 1 in good:
         last += 1
-    best = first + int(np.argmin(errors[first:last + 1]))
+    best = first + int(np.argmin(errors[first : last + 1]))
     if best in (0, len(errors) - 1):
         return 0, 0  # the error still falls at the end of the search
     rise = 1
-    while (best - rise > 0 and best + rise < len(errors) - 1
-           and min(errors[best - rise], errors[best + rise]) < low + RISE * (high - low)):
+    while (
+        best - rise > 0
+        and best + rise < len(errors) - 1
+        and min(errors[best - rise], errors[best + rise]) < low + RISE * (high - low)
+    ):
         rise += 1
     return best - reach, rise
 
 
-def _middle(time: Array, estimate: Array, truth: Array, hole: NDArray[np.bool_], shift: float,
-            side: float, step: float) -> float:
+def _middle(
+    time: Array,
+    estimate: Array,
+    truth: Array,
+    hole: NDArray[np.bool_],
+    shift: float,
+    side: float,
+    step: float,
+) -> float:
     """The shift whose two sides, `side` away, have equal errors: bisection around `shift` [s]."""
     low, high = shift - 2.0 * step, shift + 2.0 * step
     inside = np.ones(len(time), bool)

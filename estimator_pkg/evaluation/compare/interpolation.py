@@ -38,6 +38,8 @@ def cubic(time: Array, values: Array, at: Array) -> Array:
     width = time[right] - time[left]
     part = np.clip((at - time[left]) / width, 0.0, 1.0)
     rest = 1.0 - part
-    return (values[left] * rest * rest * (1.0 + 2.0 * part)
-            + values[right] * part * part * (1.0 + 2.0 * rest)
-            + width * part * rest * (slope[left] * rest - slope[right] * part))
+    return (
+        values[left] * rest * rest * (1.0 + 2.0 * part)
+        + values[right] * part * part * (1.0 + 2.0 * rest)
+        + width * part * rest * (slope[left] * rest - slope[right] * part)
+    )

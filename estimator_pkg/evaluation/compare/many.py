@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.workers import Map
 from estimator_pkg.printable import show
 
 FILES = ('*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd')
-NUMBER = re.compile(r'_\d+(?=\.)')     # of a file of a split bag
+NUMBER = re.compile(r'_\d+(?=\.)')  # of a file of a split bag
 
 
 class Meant(NamedTuple):
@@ -68,16 +68,24 @@ def _bags(folder: Path) -> list[Path]:
     if (folder / METADATA).exists():
         return [folder]
     files = sorted(file for pattern in FILES for file in folder.glob(pattern))
-    below = [bag for each in sorted(folder.iterdir())
-             if each.is_dir() and not each.is_symlink() and not each.name.startswith('.')
-             for bag in _bags(each)]
+    below = [
+        bag
+        for each in sorted(folder.iterdir())
+        if each.is_dir() and not each.is_symlink() and not each.name.startswith('.')
+        for bag in _bags(each)
+    ]
     if files and not below and len({NUMBER.sub('', file.name) for file in files}) == 1:
         return [folder]
     return files + below
 
 
-def on_each(run_many: Map, function: Callable[..., Any], bags: Sequence[Meant],
-            *arguments: Any, left_out: list[LeftOut]) -> Iterator[Any]:
+def on_each(
+    run_many: Map,
+    function: Callable[..., Any],
+    bags: Sequence[Meant],
+    *arguments: Any,
+    left_out: list[LeftOut],
+) -> Iterator[Any]:
     """``function(path, *arguments)`` of every bag, in their order.
 
     Parameters

@@ -13,9 +13,9 @@ from estimator_pkg.evaluation.compare.interpolation import cubic
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-JUMP_NS = 100_000_000   # a stamp this much older than the last begins the time anew (the guard's
-                        # reorder_window): a looping bag, a restarted simulation
-PAUSE = 10.0            # what stands between two such pieces in the common time [s]
+JUMP_NS = 100_000_000  # a stamp this much older than the last begins the time anew (the guard's
+# reorder_window): a looping bag, a restarted simulation
+PAUSE = 10.0  # what stands between two such pieces in the common time [s]
 
 
 class Matched(NamedTuple):
@@ -58,13 +58,13 @@ def strays(stamps: Stamps) -> NDArray[np.bool_]:
     found = np.zeros(len(stamps), bool)
     steps = np.diff(stamps)
     if len(steps) > 1:
-        found[1:-1] = ((steps[:-1] > JUMP_NS) & (steps[1:] < -JUMP_NS)
-                       & (stamps[2:] > stamps[:-2]))
+        found[1:-1] = (steps[:-1] > JUMP_NS) & (steps[1:] < -JUMP_NS) & (stamps[2:] > stamps[:-2])
     return found
 
 
-def match(stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array,
-          period: float) -> Matched:
+def match(
+    stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array, period: float
+) -> Matched:
     """The truth at the stamps of the estimates.
 
     Parameters
@@ -80,8 +80,9 @@ def match(stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array
         other = _partner(stamps, mine, truth_stamps, theirs, number, len(ours))
         if other is None:
             continue
-        rows, speeds, angles, exact = _piece(stamps, mine, truth_stamps, velocity, position,
-                                              other, period)
+        rows, speeds, angles, exact = _piece(
+            stamps, mine, truth_stamps, velocity, position, other, period
+        )
         if not len(rows):
             continue
         time = (stamps[rows] - stamps[rows[0]]) * 1e-9 + offset
@@ -91,15 +92,24 @@ def match(stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array
         nothing = np.zeros(0)
         return Matched(np.zeros(0, np.int64), nothing, nothing, nothing, 0, len(stamps))
     rows = np.concatenate([part[0] for part in found])
-    return Matched(rows, np.concatenate([part[1] for part in found]),
-                   np.concatenate([part[2] for part in found]),
-                   np.concatenate([part[3] for part in found]),
-                   sum(part[4] for part in found), len(stamps) - len(rows))
+    return Matched(
+        rows,
+        np.concatenate([part[1] for part in found]),
+        np.concatenate([part[2] for part in found]),
+        np.concatenate([part[3] for part in found]),
+        sum(part[4] for part in found),
+        len(stamps) - len(rows),
+    )
 
 
-def _partner(stamps: Stamps, mine: NDArray[np.int64], truth_stamps: Stamps,
-             theirs: list[NDArray[np.int64]], number: int, count: int
-             ) -> NDArray[np.int64] | None:
+def _partner(
+    stamps: Stamps,
+    mine: NDArray[np.int64],
+    truth_stamps: Stamps,
+    theirs: list[NDArray[np.int64]],
+    number: int,
+    count: int,
+) -> NDArray[np.int64] | None:
     """The piece of the truth that goes with a piece of the estimates."""
     if len(theirs) == count:
         return theirs[number]
@@ -112,9 +122,15 @@ def _partner(stamps: Stamps, mine: NDArray[np.int64], truth_stamps: Stamps,
     return best if best is not None and overlap(best) >= 0 else None
 
 
-def _piece(stamps: Stamps, mine: NDArray[np.int64], truth_stamps: Stamps, velocity: Array,
-           position: Array, other: NDArray[np.int64], period: float
-           ) -> tuple[NDArray[np.int64], Array, Array, int]:
+def _piece(
+    stamps: Stamps,
+    mine: NDArray[np.int64],
+    truth_stamps: Stamps,
+    velocity: Array,
+    position: Array,
+    other: NDArray[np.int64],
+    period: float,
+) -> tuple[NDArray[np.int64], Array, Array, int]:
     """(indices, velocity, position, how many exact) within one piece."""
     at, known = stamps[mine], truth_stamps[other]
     right = np.searchsorted(known, at)
@@ -136,8 +152,9 @@ def _piece(stamps: Stamps, mine: NDArray[np.int64], truth_stamps: Stamps, veloci
     return mine[usable], speeds, angles, int(np.count_nonzero(exact))
 
 
-def _at(seconds: Array, values: Array, when: Array, exact: NDArray[np.bool_],
-        right: NDArray[np.int64]) -> Array:
+def _at(
+    seconds: Array, values: Array, when: Array, exact: NDArray[np.bool_], right: NDArray[np.int64]
+) -> Array:
     """The samples where the stamps are equal, interpolated elsewhere."""
     result = np.empty(len(when))
     result[exact] = values[right[exact]]

@@ -18,10 +18,10 @@ from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
 
 Array = NDArray[np.float64]
 
-BLOCK = 0.25          # the truth counts as constant if it is for two blocks of this length [s]
-BLOCK_SAMPLES = 16    # or this many samples, where that is longer
-LONG = 1_000_000      # samples that tell a delay
-STEADY = 1e-4         # largest change of a constant truth within a block, part of its largest value
+BLOCK = 0.25  # the truth counts as constant if it is for two blocks of this length [s]
+BLOCK_SAMPLES = 16  # or this many samples, where that is longer
+LONG = 1_000_000  # samples that tell a delay
+STEADY = 1e-4  # largest change of a constant truth within a block, part of its largest value
 
 
 def wrapped(difference: Array, period: float) -> Array:
@@ -37,12 +37,17 @@ def summary(errors: Array) -> dict[str, float]:
     if not len(errors):
         return {'rms': np.nan, 'mean_abs': np.nan, 'max_abs': np.nan, 'bias': np.nan}
     size = np.abs(errors)
-    return {'rms': float(np.sqrt(np.mean(errors * errors))), 'mean_abs': float(np.mean(size)),
-            'max_abs': float(np.max(size)), 'bias': float(np.mean(errors))}
+    return {
+        'rms': float(np.sqrt(np.mean(errors * errors))),
+        'mean_abs': float(np.mean(size)),
+        'max_abs': float(np.max(size)),
+        'bias': float(np.mean(errors)),
+    }
 
 
-def velocity(time: Array, estimate: Array, truth: Array, truth_noise: float = 0.0
-             ) -> dict[str, Any]:
+def velocity(
+    time: Array, estimate: Array, truth: Array, truth_noise: float = 0.0
+) -> dict[str, Any]:
     """The numbers of a velocity.
 
     Parameters
@@ -51,8 +56,11 @@ def velocity(time: Array, estimate: Array, truth: Array, truth_noise: float = 0.
     estimate, truth : shape (n,) [rad/s or m/s].
     truth_noise : rms noise of the truth, by which a constant one may still change.
     """
-    return {**summary(estimate - truth), 'delay_s': delay(*_middle(time, estimate, truth)),
-            'noise': noise_at_constant_speed(time, estimate, truth, truth_noise)}
+    return {
+        **summary(estimate - truth),
+        'delay_s': delay(*_middle(time, estimate, truth)),
+        'noise': noise_at_constant_speed(time, estimate, truth, truth_noise),
+    }
 
 
 def position(time: Array, estimate: Array, truth: Array, period: float) -> dict[str, Any]:
@@ -64,8 +72,10 @@ def position(time: Array, estimate: Array, truth: Array, period: float) -> dict[
     estimate, truth : shape (n,) [rad or m], each in any convention.
     period : wrap period [rad]; 0: no circle.
     """
-    return {**summary(wrapped(estimate - truth, period)),
-            'delay_s': _position_delay(*_middle(time, estimate, truth), period)}
+    return {
+        **summary(wrapped(estimate - truth, period)),
+        'delay_s': _position_delay(*_middle(time, estimate, truth), period),
+    }
 
 
 def _middle(time: Array, estimate: Array, truth: Array) -> tuple[Array, Array, Array]:
@@ -75,8 +85,9 @@ def _middle(time: Array, estimate: Array, truth: Array) -> tuple[Array, Array, A
     return time[part], estimate[part], truth[part]
 
 
-def noise_at_constant_speed(time: Array, estimate: Array, truth: Array,
-                            truth_noise: float = 0.0) -> float:
+def noise_at_constant_speed(
+    time: Array, estimate: Array, truth: Array, truth_noise: float = 0.0
+) -> float:
     """The rms deviation of the estimate from its own mean where the truth is constant, else nan.
 
     A stretch counts from its second block on: what the estimate still settles is no noise.
@@ -90,14 +101,15 @@ def noise_at_constant_speed(time: Array, estimate: Array, truth: Array,
     power, count = 0.0, 0
     for blocks in _stretches(truth, list(pairwise(edges)), truth_noise):
         if len(blocks) >= 2:
-            part = estimate[blocks[1][0]:blocks[-1][1]]
+            part = estimate[blocks[1][0] : blocks[-1][1]]
             power += float(np.sum((part - np.mean(part)) ** 2))
             count += len(part)
     return float(np.sqrt(power / count)) if count else np.nan
 
 
-def _stretches(truth: Array, blocks: list[tuple[int, int]], noise: float
-               ) -> Iterator[list[tuple[int, int]]]:
+def _stretches(
+    truth: Array, blocks: list[tuple[int, int]], noise: float
+) -> Iterator[list[tuple[int, int]]]:
     """The blocks (first, behind the last) in a row over which the truth is constant."""
     steady = STEADY * float(np.max(np.abs(truth))) + 1e-12
 
@@ -125,8 +137,10 @@ def _same_speed(first: Array, block: Array, steady: float, noise: float) -> bool
         return False
     half = len(block) // 2
     allowed = steady + 4.0 * noise / np.sqrt(half)
-    return bool(abs(np.mean(block[:half]) - np.mean(block[half:])) <= allowed
-                and abs(np.mean(block) - np.mean(first)) <= allowed)
+    return bool(
+        abs(np.mean(block[:half]) - np.mean(block[half:])) <= allowed
+        and abs(np.mean(block) - np.mean(first)) <= allowed
+    )
 
 
 def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -> float:

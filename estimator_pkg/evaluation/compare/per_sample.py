@@ -20,13 +20,17 @@ from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.streams.drive import ELECTRICAL
 
 TRUE_SAMPLES = '/ground_truth/samples'
-BATCHES = '_samples'    # follows the name of the topic of estimates
+BATCHES = '_samples'  # follows the name of the topic of estimates
 
 
 def available(bag: Bag, options: Options) -> bool:
     """True if the truth of every sample is there, and nobody asked for another one."""
-    return (options.truth is None and options.reference != SMOOTHER and TRUTH in bag.topics
-            and _there(bag, TRUE_SAMPLES))
+    return (
+        options.truth is None
+        and options.reference != SMOOTHER
+        and TRUTH in bag.topics
+        and _there(bag, TRUE_SAMPLES)
+    )
 
 
 def finer(bag: Bag, topic: str, series: Mapping[str, Series]) -> dict[str, Series]:
@@ -48,8 +52,10 @@ def finer(bag: Bag, topic: str, series: Mapping[str, Series]) -> dict[str, Serie
     values = np.concatenate([batch.values for batch in batches])
     valid = values[:, 3] > 0.5
     nothing = np.broadcast_to(np.nan, int(np.count_nonzero(valid)))
-    return {**series, electrical[0]: Series(stamps[valid], values[valid, 0], values[valid, 1],
-                                            nothing)}
+    return {
+        **series,
+        electrical[0]: Series(stamps[valid], values[valid, 0], values[valid, 1], nothing),
+    }
 
 
 def _there(bag: Bag, topic: str) -> bool:

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
 PUBLISHED, WITHHELD = 'published', 'withheld'
 STAMP_SOURCE = 'stamp_source'
-HELD = 5.0          # an estimate stands for the time since the one before, up to so many steps
+HELD = 5.0  # an estimate stands for the time since the one before, up to so many steps
 
 
 def measured(bag: Bag, options: Options) -> dict[str, Series]:
@@ -60,18 +60,23 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
             return positions(bag, topic, by_publisher=True)  # as their estimates must have been
     except UnreadableError:
         raise
-    except UserError:   # of a truth, estimates can be judged without a measurement
+    except UserError:  # of a truth, estimates can be judged without a measurement
         pass
     return {}
 
 
 def _check_alike(observers: Sequence[Entry]) -> None:
     """One reference is for all: they must go by the same clock."""
-    clocks = {dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source)
-              for entry in observers if STAMP_SOURCE in declared(_stream(entry).SETTINGS)}
+    clocks = {
+        dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source)
+        for entry in observers
+        if STAMP_SOURCE in declared(_stream(entry).SETTINGS)
+    }
     if len(clocks) > 1:
-        raise UsageError(f"'{STAMP_SOURCE}' must be the same for all observers that are compared: "
-                         'give it with --set')
+        raise UsageError(
+            f"'{STAMP_SOURCE}' must be the same for all observers that are compared: "
+            'give it with --set'
+        )
 
 
 def _stream(entry: Entry) -> type[Stream]:
@@ -84,12 +89,14 @@ def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
     values: dict[str, Any] = {'observer': entry.observer}
     if stream.WRAPS:
         values['wrap_period'] = options.wrap_period
-    return settled(stream, bag, {**values, **dict(entry.values)},
-                   Request(options.measurement, options.angle))
+    return settled(
+        stream, bag, {**values, **dict(entry.values)}, Request(options.measurement, options.angle)
+    )
 
 
-def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Options
-            ) -> Iterator[tuple[str, dict[str, Estimate]]]:
+def sources(
+    bag: Bag, path: str, measurement: dict[str, Series], options: Options
+) -> Iterator[tuple[str, dict[str, Estimate]]]:
     """(name, estimates by joint) of everything that is to be compared.
 
     Raises
@@ -99,18 +106,24 @@ def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Option
     if options.observers:
         with progress(path, len(options.observers)) as advance:
             for entry in options.observers:
-                yield entry.label, recording(entry, bag, measurement, options).run(
-                    entry.observer, {})
+                yield (
+                    entry.label,
+                    recording(entry, bag, measurement, options).run(entry.observer, {}),
+                )
                 advance(1)
         if not options.estimates:
             return
     topics = list(options.estimates) or sorted(
-        name for name, topic in bag.topics.items()
-        if topic.type == TYPE and name.rpartition('/')[2] == ESTIMATE)
+        name
+        for name, topic in bag.topics.items()
+        if topic.type == TYPE and name.rpartition('/')[2] == ESTIMATE
+    )
     if not topics:
-        raise UserError(f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
-                        "with 'velocity_estimator replay', or compare observers on the measurement "
-                        "with '--observer all'")
+        raise UserError(
+            f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
+            "with 'velocity_estimator replay', or compare observers on the measurement "
+            "with '--observer all'"
+        )
     for topic in topics:
         bag.require(topic, (TYPE,))
         deviations: dict[str, Series] = {}
@@ -120,17 +133,23 @@ def sources(bag: Bag, path: str, measurement: dict[str, Series], options: Option
                 deviations = joint_series(bag, beside.name)
             except UnreadableError:
                 raise
-            except UserError:   # no joint was ever valid
+            except UserError:  # no joint was ever valid
                 pass
         found = joint_series(bag, topic)
         if per_sample.available(bag, options):
             found = per_sample.finer(bag, f'{topic}{per_sample.BATCHES}', found)
-        yield topic, {joint: _recorded(series, deviations.get(joint), measurement.get(joint))
-                      for joint, series in found.items()}
+        yield (
+            topic,
+            {
+                joint: _recorded(series, deviations.get(joint), measurement.get(joint))
+                for joint, series in found.items()
+            },
+        )
 
 
-def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options: Options
-              ) -> Recording:
+def recording(
+    entry: Entry, bag: Bag, measurement: Mapping[str, Series], options: Options
+) -> Recording:
     """What this observer needs of the bag, with its parameters.
 
     Raises
@@ -141,15 +160,21 @@ def recording(entry: Entry, bag: Bag, measurement: Mapping[str, Series], options
     return found.per_sample() if per_sample.available(bag, options) else found
 
 
-def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None
-              ) -> Estimate:
+def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None) -> Estimate:
     """What a topic of estimates says of one joint."""
     stddev: NDArray[np.float64] = np.full(len(estimates.stamps_ns), np.nan)
     if deviations is not None:
         stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
-    return Estimate(estimates.stamps_ns, estimates.position, estimates.velocity, stddev,
-                    _samples(estimates, measurement), _published(estimates, measurement),
-                    np.zeros(0, np.int64), np.zeros(0, np.int8))
+    return Estimate(
+        estimates.stamps_ns,
+        estimates.position,
+        estimates.velocity,
+        stddev,
+        _samples(estimates, measurement),
+        _published(estimates, measurement),
+        np.zeros(0, np.int64),
+        np.zeros(0, np.int8),
+    )
 
 
 def _published(estimates: Series, measurement: Series | None) -> dict[str, float]:

@@ -10,8 +10,9 @@ from typing import Any
 Side = Callable[[int], float]
 
 
-def interleave(sides: Mapping[str, Side], rounds: int,
-               advance: Callable[[int], Any] = lambda steps: None) -> dict[str, list[float]]:
+def interleave(
+    sides: Mapping[str, Side], rounds: int, advance: Callable[[int], Any] = lambda steps: None
+) -> dict[str, list[float]]:
     """A B C A B C ...: the times [s] of each side, one per round.
 
     Parameters
@@ -47,8 +48,15 @@ def ratio(of: Sequence[float], to: Sequence[float]) -> float:
     return statistics.median(a / b for a, b in zip(of, to))
 
 
-def row(name: str, value: float | None, unit: str, *, limit: float | None = None,
-        at_least: bool = False, **more: Any) -> dict[str, Any]:
+def row(
+    name: str,
+    value: float | None,
+    unit: str,
+    *,
+    limit: float | None = None,
+    at_least: bool = False,
+    **more: Any,
+) -> dict[str, Any]:
     """One line of a benchmark.
 
     Parameters
@@ -61,9 +69,15 @@ def row(name: str, value: float | None, unit: str, *, limit: float | None = None
     met = None
     if limit is not None and value is not None:
         met = value >= limit if at_least else value <= limit
-    return {'name': name, 'value': value, 'unit': unit, 'limit': limit,
-            'required': None if limit is None else ('at least' if at_least else 'at most'),
-            'ok': met, **more}
+    return {
+        'name': name,
+        'value': value,
+        'unit': unit,
+        'limit': limit,
+        'required': None if limit is None else ('at least' if at_least else 'at most'),
+        'ok': met,
+        **more,
+    }
 
 
 def not_run(name: str, why: str) -> dict[str, Any]:

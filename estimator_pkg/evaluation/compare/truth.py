@@ -24,8 +24,8 @@ from estimator_pkg.streams.angle import AngleSettings
 
 Array = NDArray[np.float64]
 
-LAG_SEEN = 2.0              # a lag or bias is corrected if it is so many standard deviations
-ENOUGH = 600_000            # samples that tell what a truth is worth
+LAG_SEEN = 2.0  # a lag or bias is corrected if it is so many standard deviations
+ENOUGH = 600_000  # samples that tell what a truth is worth
 SMOOTHED = 'the off-line smoother'
 
 
@@ -55,8 +55,11 @@ def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options)
     UserError : no truth and no measurement to make a reference from; a truth without velocity.
     """
     if options.reference == SMOOTHER or (
-            options.reference == AUTO and options.truth is None and TRUTH not in bag.topics
-            and measurement):
+        options.reference == AUTO
+        and options.truth is None
+        and TRUTH not in bag.topics
+        and measurement
+    ):
         return _from_smoother(path, measurement, options)
     return _from_topic(bag, path, measurement, options)
 
@@ -64,9 +67,11 @@ def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options)
 def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> Truth:
     topic = options.truth or TRUTH
     if options.truth is None and topic not in bag.topics:
-        raise UserError(f'{path}: no truth: there is no topic {TRUTH}; name another JointState '
-                        f'that carries velocities with --truth ({_joint_state_topics(bag)}), or '
-                        'with --measurement or --angle what a reference can be made from')
+        raise UserError(
+            f'{path}: no truth: there is no topic {TRUTH}; name another JointState '
+            f'that carries velocities with --truth ({_joint_state_topics(bag)}), or '
+            'with --measurement or --angle what a reference can be made from'
+        )
     bag.require(topic, (TYPE,))
     series = joint_series(bag, topic)
     if per_sample.available(bag, options):
@@ -97,16 +102,21 @@ def _from_smoother(path: str, measurement: dict[str, Series], options: Options) 
                 continue
             firm = smoothed.firm
             nothing = np.full(int(np.count_nonzero(firm)), np.nan)
-            found.series[joint] = Series(smoothed.stamps[firm], smoothed.position[firm],
-                                         smoothed.velocity[firm], nothing)
+            found.series[joint] = Series(
+                smoothed.stamps[firm], smoothed.position[firm], smoothed.velocity[firm], nothing
+            )
             found.references[joint] = reference.from_smoother(smoothed.uncertainty)
             found.smoothed[joint] = smoothed
     if not found.series:
         stamped = any((each.stamps_ns > 0).any() for each in measurement.values())
-        raise UserError(f'{path}: no truth, and ' + (
-            'too few readings to make a reference from' if stamped else
-            'readings without a stamp: --set stamp_source=publisher takes when they were published'
-        ))
+        raise UserError(
+            f'{path}: no truth, and '
+            + (
+                'too few readings to make a reference from'
+                if stamped
+                else 'readings without a stamp: set stamp_source=publisher for publish times'
+            )
+        )
     return found
 
 
@@ -128,21 +138,24 @@ def _reference(truth: Series, measurement: Series | None, period: float) -> Refe
     good = np.isfinite(measurement.position)
     position = measurement.position[good]
     at = match(truth.stamps_ns, measurement.stamps_ns[good], position, position, period)
-    return reference.fit(at.time, truth.velocity[at.rows], at.position, period,
-                         truth.position[at.rows])
+    return reference.fit(
+        at.time, truth.velocity[at.rows], at.position, period, truth.position[at.rows]
+    )
 
 
 def _part(series: Series, rows: slice | NDArray[np.bool_]) -> Series:
-    return Series(series.stamps_ns[rows], series.position[rows], series.velocity[rows],
-                  series.effort[rows])
+    return Series(
+        series.stamps_ns[rows], series.position[rows], series.velocity[rows], series.effort[rows]
+    )
 
 
 def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]:
     """The truth without the lag and bias that were found, and what was taken off."""
     lag = known.lag_s if abs(known.lag_s) > LAG_SEEN * known.lag_stddev else 0.0
     bias = known.bias if abs(known.bias) > LAG_SEEN * known.bias_stddev else 0.0
-    series = truth._replace(stamps_ns=truth.stamps_ns - round(lag * 1e9),
-                            velocity=truth.velocity - bias)
+    series = truth._replace(
+        stamps_ns=truth.stamps_ns - round(lag * 1e9), velocity=truth.velocity - bias
+    )
     return series, {'lag_s': lag, 'bias': bias}
 
 
@@ -160,8 +173,10 @@ def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> 
     hint = ''
     if list(joints) == [AngleSettings.angle_joint] and len(true.series) == 1:
         hint = f' (--set angle_joint={next(iter(true.series))} gives the number that name)'
-    raise UserError(f'{path}: {source} has the joints {listed(joints)}, {true.name} has '
-                    f'{listed(true.series)}: none in common{hint}')
+    raise UserError(
+        f'{path}: {source} has the joints {listed(joints)}, {true.name} has '
+        f'{listed(true.series)}: none in common{hint}'
+    )
 
 
 def listed(names: Iterable[str]) -> str:
@@ -170,6 +185,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _joint_state_topics(bag: Bag) -> str:
-    names = [name for name, topic in bag.topics.items()
-             if topic.type == TYPE and not name.endswith(MADE)]
+    names = [
+        name for name, topic in bag.topics.items() if topic.type == TYPE and not name.endswith(MADE)
+    ]
     return f'here: {listed(names)}' if names else 'here: no JointState at all'

@@ -11,35 +11,62 @@ from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import error, fixed, number, table
 from estimator_pkg.printable import printable
 
-HEADER = ('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay ms', 'noise', 'compared',
-          'received', 'used', 'dropped')
+HEADER = (
+    'estimate',
+    'joint',
+    'rms',
+    'mean',
+    'max',
+    'bias',
+    'delay ms',
+    'noise',
+    'compared',
+    'received',
+    'used',
+    'dropped',
+)
 
 
 def describe(comparison: Comparison) -> str:
     """The comparison as text."""
-    lines = [f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, '
-             'at zero shift']
+    lines = [f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, at zero shift']
     rows, remarks = [], []
     for row in comparison.rows:
         v = row.velocity
         dropped = ' '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
         mark = ' *' if row.reference_cannot_tell else ''
-        rows.append((row.source, row.joint, error(v['rms'], 4) + mark, error(v['mean_abs'], 4),
-                     error(v['max_abs'], 3), fixed(v['bias'], 4), fixed(_ms(v['delay_s']), 2),
-                     number(v['noise'], 3), str(row.matched['compared']),
-                     str(row.samples['received']), str(row.samples['used']), dropped or '0'))
+        rows.append(
+            (
+                row.source,
+                row.joint,
+                error(v['rms'], 4) + mark,
+                error(v['mean_abs'], 4),
+                error(v['max_abs'], 3),
+                fixed(v['bias'], 4),
+                fixed(_ms(v['delay_s']), 2),
+                number(v['noise'], 3),
+                str(row.matched['compared']),
+                str(row.samples['received']),
+                str(row.samples['used']),
+                dropped or '0',
+            )
+        )
         counts = row.matched
         moved = row.joint in comparison.corrected  # by its lag, so nearly every truth is between
-        ends = moved or row.joint in comparison.smoothed    # where a reference leaves off sooner
-        if (counts['unmatched'] > (0.01 * counts['estimates'] if ends else 0)
-                or (counts['interpolated'] and not moved)):
-            remarks.append(f'{row.source}, {row.joint}: of {counts["estimates"]} estimates '
-                           f'{counts["interpolated"]} met an interpolated truth, '
-                           f'{counts["unmatched"]} none')
+        ends = moved or row.joint in comparison.smoothed  # where a reference leaves off sooner
+        if counts['unmatched'] > (0.01 * counts['estimates'] if ends else 0) or (
+            counts['interpolated'] and not moved
+        ):
+            remarks.append(
+                f'{row.source}, {row.joint}: of {counts["estimates"]} estimates '
+                f'{counts["interpolated"]} met an interpolated truth, '
+                f'{counts["unmatched"]} none'
+            )
     lines += table(HEADER, rows, left=2).split('\n')
     if any(row.reference_cannot_tell for row in comparison.rows):
-        lines.append("* the reference cannot tell: the error is no larger than the reference's own "
-                     'noise')
+        lines.append(
+            "* the reference cannot tell: the error is no larger than the reference's own noise"
+        )
     lines += comparison.refused.values()
     for joint, known in comparison.references.items():
         if joint in comparison.smoothed:
@@ -50,8 +77,9 @@ def describe(comparison: Comparison) -> str:
         lines.append(f'truth of {joint} against the measured position: {describe_truth(known)}')
         if joint in comparison.corrected:
             off = comparison.corrected[joint]
-            lines.append(f'  taken off: lag {_ms(off["lag_s"]):.2f} ms, bias {off["bias"]:.4f} '
-                         'rad/s')
+            lines.append(
+                f'  taken off: lag {_ms(off["lag_s"]):.2f} ms, bias {off["bias"]:.4f} rad/s'
+            )
     return '\n'.join(map(printable, lines + remarks + list(comparison.notes)))
 
 
@@ -60,11 +88,14 @@ def describe_smoother(smoothed: Smoothed) -> str:
     noise = smoothed.noise
     if smoothed.seldom:
         return f'the reading changes {smoothed.changes} times in all: too seldom for a reference'
-    text = (f'{SMOOTHED} may be wrong by {number(smoothed.uncertainty, 2)} rad/s rms; readings '
-            f'{number(noise.reading, 2)} rad')
+    text = (
+        f'{SMOOTHED} may be wrong by {number(smoothed.uncertainty, 2)} rad/s rms; readings '
+        f'{number(noise.reading, 2)} rad'
+    )
     if noise.quantum:
         text += f', counts of {number(noise.quantum, 3)} rad' + (
-            ' (which explain it)' if noise.at_floor else '')
+            ' (which explain it)' if noise.at_floor else ''
+        )
     if smoothed.outliers:
         text += f', {smoothed.outliers} outliers left out'
     return text
@@ -74,9 +105,10 @@ def describe_truth(known: Reference) -> str:
     """Lag, bias, slope and noise in words, and what the record does not tell."""
     told, unknown = [], []
     for name, value, deviation, decimals, unit in (
-            ('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
-            ('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
-            ('slope', known.slope, known.slope_stddev, 4, '')):
+        ('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
+        ('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
+        ('slope', known.slope, known.slope_stddev, 4, ''),
+    ):
         if math.isfinite(value):
             told.append(f'{name} {fixed(value, decimals)} +- {fixed(deviation, decimals)}{unit}')
         else:

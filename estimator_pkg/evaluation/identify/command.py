@@ -27,26 +27,47 @@ from estimator_pkg.progress import progress
 from estimator_pkg.yaml_text import comment, scalar
 
 JOINT = 'single_joint'
-LITTLE = 0.5    # of the motion explained elsewhere: below it the model is not to be trusted
+LITTLE = 0.5  # of the motion explained elsewhere: below it the model is not to be trusted
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
-    parser.add_argument('--model', metavar='NAME', default=JOINT,
-                        help=f'which model: {JOINT} (the default), cart_pendulum, robotic_leg, or '
-                             'your own as package.module:Name')
-    parser.add_argument('--out', metavar='YAML',
-                        help='parameter file of mechanical_observer to write')
-    parser.add_argument('--joint', metavar='NAME', action='append', default=[],
-                        help="which joint of the topic; for a mechanism once for each of the "
-                             "model's positions, in their order")
-    parser.add_argument('--measurement', metavar='TOPIC',
-                        help='joint states with positions and efforts')
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[],
-                        help='a number of the model that is known, and held')
-    parser.add_argument('--start', metavar='KEY=VALUE', action='append', default=[],
-                        help="a number to start from, where the model's own is far off")
+    parser.add_argument(
+        '--model',
+        metavar='NAME',
+        default=JOINT,
+        help=f'which model: {JOINT} (the default), cart_pendulum, robotic_leg, or '
+        'your own as package.module:Name',
+    )
+    parser.add_argument(
+        '--out', metavar='YAML', help='parameter file of mechanical_observer to write'
+    )
+    parser.add_argument(
+        '--joint',
+        metavar='NAME',
+        action='append',
+        default=[],
+        help='which joint of the topic; for a mechanism once for each of the '
+        "model's positions, in their order",
+    )
+    parser.add_argument(
+        '--measurement', metavar='TOPIC', help='joint states with positions and efforts'
+    )
+    parser.add_argument(
+        '--set',
+        metavar='KEY=VALUE',
+        action='append',
+        default=[],
+        help='a number of the model that is known, and held',
+    )
+    parser.add_argument(
+        '--start',
+        metavar='KEY=VALUE',
+        action='append',
+        default=[],
+        help="a number to start from, where the model's own is far off",
+    )
     unpacking.arguments(parser)
 
 
@@ -67,64 +88,91 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         wanted, delay = _first_guess(samples, wanted, given, start)
     with progress('identify', 2 * ROUNDS) as advance:
         found = fit(samples, wanted, delay, advance)
-    texts = wanted.texts(found.values[:len(wanted.names)])
+    texts = wanted.texts(found.values[: len(wanted.names)])
     load(parsed.model, texts)  # what is found must pass the checks of every model
     units = (*wanted.units, 's')
     _print(parsed.bag, parsed.model, names, found, units)
     if out is not None:
         _write(out, parsed.model, names, texts, found, str(parsed.bag))
         show(f'{out}: parameters of mechanical_observer')
-    return {'bag': str(parsed.bag), 'joints': list(names), 'model': parsed.model,
-            'values': dict(zip(found.names, found.values.tolist())),
-            'stddev': dict(zip(found.names, found.deviations.tolist())),
-            'explained': found.explained, 'explained_elsewhere': found.explained_elsewhere,
-            'residual': found.residual.tolist(),
-            'residual_elsewhere': found.residual_elsewhere.tolist(),
-            'pieces': list(found.pieces), 'out': parsed.out}
+    return {
+        'bag': str(parsed.bag),
+        'joints': list(names),
+        'model': parsed.model,
+        'values': dict(zip(found.names, found.values.tolist())),
+        'stddev': dict(zip(found.names, found.deviations.tolist())),
+        'explained': found.explained,
+        'explained_elsewhere': found.explained_elsewhere,
+        'residual': found.residual.tolist(),
+        'residual_elsewhere': found.residual_elsewhere.tolist(),
+        'pieces': list(found.pieces),
+        'out': parsed.out,
+    }
 
 
-def _first_guess(samples: Recording, wanted: Unknowns, given: Mapping[str, Any],
-                 start: Mapping[str, Any]) -> tuple[Unknowns, float]:
+def _first_guess(
+    samples: Recording, wanted: Unknowns, given: Mapping[str, Any], start: Mapping[str, Any]
+) -> tuple[Unknowns, float]:
     """Where a single joint starts from, and the delay of its torque: the weak form is linear."""
     from estimator_pkg.models.single_joint import Parameters
+
     fixed = build(Parameters, {**start, **given})
-    guess = identify(samples.time, samples.positions[:, 0],
-                     samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio,
-                     fixed.coulomb_speed)
+    guess = identify(
+        samples.time,
+        samples.positions[:, 0],
+        samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio,
+        fixed.coulomb_speed,
+    )
     values = {name: value for name, value in guess.values.items() if name in wanted.names}
     return (unknowns(JOINT, given, {**values, **start}), guess.values[DELAY])
 
 
-def _print(bag: Any, model: str, names: tuple[str, ...], found: Found, units: tuple[str, ...]
-           ) -> None:
-    show(f'{bag}: {model}, {", ".join(names)}; {found.pieces[0]} pieces to identify, '
-         f'{found.pieces[1]} to judge')
+def _print(
+    bag: Any, model: str, names: tuple[str, ...], found: Found, units: tuple[str, ...]
+) -> None:
+    show(
+        f'{bag}: {model}, {", ".join(names)}; {found.pieces[0]} pieces to identify, '
+        f'{found.pieces[1]} to judge'
+    )
     for name, value, spread, unit in zip(found.names, found.values, found.deviations, units):
         show(f'  {name} = {value:.5g} +- {spread:.2g} {unit}'.rstrip())
-    print(f'  explains {100.0 * found.explained:.2f} % of the motion beyond constant velocity '
-          f'there, {100.0 * found.explained_elsewhere:.2f} % in the other part')
+    print(
+        f'  explains {100.0 * found.explained:.2f} % of the motion beyond constant velocity '
+        f'there, {100.0 * found.explained_elsewhere:.2f} % in the other part'
+    )
     for name, here, there in zip(names, found.residual, found.residual_elsewhere):
         show(f'  {name}: {here:.3g} rms are left there, {there:.3g} in the other part')
     if found.explained_elsewhere < LITTLE:
-        print('  the model explains little of what it was not fitted to: do not trust it beyond '
-              'a low disturbance')
+        print(
+            '  the model explains little of what it was not fitted to: do not trust it beyond '
+            'a low disturbance'
+        )
 
 
-def _write(path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...], found: Found,
-           bag: str) -> None:
+def _write(
+    path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...], found: Found, bag: str
+) -> None:
     spreads = dict(zip(found.names, found.deviations))
     values = dict(zip(found.names, found.values))
     delay = float(f'{max(0.0, float(values.get(DELAY, 0.0))):.6g}')
-    lines = [comment(f'Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.2f} % '
-                     'of the motion beyond constant'),
-             comment('velocity explained in the part that was not used.'),
-             '/**:', '  ros__parameters:', f'    model: {scalar(model)}',
-             f'    joints: {scalar(names)}', f'    input_delay: {scalar(delay)}',
-             '    model_parameters:']
+    lines = [
+        comment(
+            f'Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.2f} % '
+            'of the motion beyond constant'
+        ),
+        comment('velocity explained in the part that was not used.'),
+        '/**:',
+        '  ros__parameters:',
+        f'    model: {scalar(model)}',
+        f'    joints: {scalar(names)}',
+        f'    input_delay: {scalar(delay)}',
+        '    model_parameters:',
+    ]
     for text in texts:
         spread = spreads.get(text.partition('=')[0], np.nan)
-        lines.append(f'      - {scalar(text)}'
-                     + (f'  # +- {spread:.2g}' if np.isfinite(spread) else ''))
+        lines.append(
+            f'      - {scalar(text)}' + (f'  # +- {spread:.2g}' if np.isfinite(spread) else '')
+        )
     destination.write_text(path, '\n'.join(lines) + '\n')
 
 

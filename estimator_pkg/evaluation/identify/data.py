@@ -16,8 +16,9 @@ from estimator_pkg.models.mechanics import Mechanics
 Array = NDArray[np.float64]
 
 
-def recording(bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str]
-              ) -> tuple[Recording, tuple[str, ...]]:
+def recording(
+    bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str]
+) -> tuple[Recording, tuple[str, ...]]:
     """The mechanism's samples, in order of time, and the names of its joints in the topic.
 
     Stamps at which a joint is missing are left out, and so are those not newer than the one before.
@@ -40,43 +41,54 @@ def recording(bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str]
     for place, joint in enumerate(mechanics.actuated):
         inputs[:, place] = every[names[joint]].effort[rows[joint]]
         if np.count_nonzero(np.isfinite(inputs[:, place])) < 0.5 * len(stamps):
-            raise UserError(f"joint '{names[joint]}' has no efforts: identify needs positions and "
-                            'efforts in the same messages')
+            raise UserError(
+                f"joint '{names[joint]}' has no efforts: identify needs positions and "
+                'efforts in the same messages'
+            )
     good = np.all(np.isfinite(positions), axis=1) & np.all(np.isfinite(inputs), axis=1)
     stamps, positions, inputs = stamps[good], positions[good], inputs[good]
     if len(stamps) < 2:
-        raise UserError(f"topic '{topic}' of {bag.path} has no two usable samples of "
-                        f'{", ".join(names)} at the same stamps')
+        raise UserError(
+            f"topic '{topic}' of {bag.path} has no two usable samples of "
+            f'{", ".join(names)} at the same stamps'
+        )
     for column, period in enumerate(mechanics.periods):
         if period > 0.0:
             positions[:, column] = np.unwrap(positions[:, column], period=period)
     return Recording((stamps - stamps[0]) * 1e-9, positions, inputs), names
 
 
-def _names(bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str],
-           every: dict[str, Series]) -> tuple[str, ...]:
+def _names(
+    bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str], every: dict[str, Series]
+) -> tuple[str, ...]:
     count = mechanics.degrees
     if not wanted:
         if all(name in every for name in mechanics.joints):
             return mechanics.joints
         if len(every) == count == 1:
             return tuple(every)
-        raise UsageError(f"topic '{topic}' has the joints {', '.join(every)}: name with --joint, "
-                         f"once for each, those that are {', '.join(mechanics.joints)} of model "
-                         f"'{mechanics.name}'")
+        raise UsageError(
+            f"topic '{topic}' has the joints {', '.join(every)}: name with --joint, "
+            f'once for each, those that are {", ".join(mechanics.joints)} of model '
+            f"'{mechanics.name}'"
+        )
     for name in wanted:
         if name not in every:
-            raise UserError(f"topic '{topic}' of {bag.path} has no joint '{name}': "
-                            f'{suggestion(name, every)}')
+            raise UserError(
+                f"topic '{topic}' of {bag.path} has no joint '{name}': {suggestion(name, every)}"
+            )
     if len(wanted) != count or len(set(wanted)) != count:
-        raise UsageError(f"model '{mechanics.name}' has {count} joints "
-                         f"({', '.join(mechanics.joints)}): give --joint {count} times, not "
-                         f'{len(wanted)}')
+        raise UsageError(
+            f"model '{mechanics.name}' has {count} joints "
+            f'({", ".join(mechanics.joints)}): give --joint {count} times, not '
+            f'{len(wanted)}'
+        )
     return tuple(wanted)
 
 
-def _common(names: tuple[str, ...], every: dict[str, Series]
-            ) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
+def _common(
+    names: tuple[str, ...], every: dict[str, Series]
+) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
     """(stamps that every joint has, rising; the rows of each joint at them)."""
     rows = []
     for name in names:
@@ -86,5 +98,6 @@ def _common(names: tuple[str, ...], every: dict[str, Series]
     shared = every[names[0]].stamps_ns[rows[0]]
     for name, row in zip(names[1:], rows[1:]):
         shared = np.intersect1d(shared, every[name].stamps_ns[row], assume_unique=True)
-    return shared, [row[np.searchsorted(every[name].stamps_ns[row], shared)]
-                    for name, row in zip(names, rows)]
+    return shared, [
+        row[np.searchsorted(every[name].stamps_ns[row], shared)] for name, row in zip(names, rows)
+    ]

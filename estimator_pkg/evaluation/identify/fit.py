@@ -36,11 +36,11 @@ from estimator_pkg.models.motion import make_course
 
 Array = NDArray[np.float64]
 
-FINEST = 5e-4            # s, longest step of the integration where the model compiles
-ROUNDS = 60              # at most
-SETTLED = 0.01           # of a standard deviation: a smaller change is none
+FINEST = 5e-4  # s, longest step of the integration where the model compiles
+ROUNDS = 60  # at most
+SETTLED = 0.01  # of a standard deviation: a smaller change is none
 DELAY = 'input_delay'
-LATEST = 0.1             # s, of the delay of the inputs
+LATEST = 0.1  # s, of the delay of the inputs
 
 
 class Found(NamedTuple):
@@ -68,8 +68,12 @@ class Found(NamedTuple):
 Predict = Callable[[Array, 'Piece', Array], Array]  # (numbers, piece, start) -> positions
 
 
-def fit(recording: Recording, unknowns: Unknowns, delay: float = 0.0,
-        advance: Callable[[int], None] = lambda rounds: None) -> Found:
+def fit(
+    recording: Recording,
+    unknowns: Unknowns,
+    delay: float = 0.0,
+    advance: Callable[[int], None] = lambda rounds: None,
+) -> Found:
     """The numbers that explain the recording best.
 
     Parameters
@@ -94,18 +98,21 @@ def fit(recording: Recording, unknowns: Unknowns, delay: float = 0.0,
     weights: Array = np.ones(recording.positions.shape[1])
     starts = {piece: first_guess(recording, piece) for piece in (*first, *second)}
     for _ in range(2):  # the joints' weights follow from what is left over
-        numbers = _minimise(recording, predict, first, starts, numbers, low, high, weights,
-                            advance)
+        numbers = _minimise(recording, predict, first, starts, numbers, low, high, weights, advance)
         weights = 1.0 / np.maximum(_rms(recording, predict, first, starts, numbers), 1e-12)
     deviations = _deviations(recording, predict, first, starts, numbers, weights, names)
     for piece in second:
         _settle_start(recording, predict, piece, starts, numbers, weights)
-    return Found(names, numbers, deviations,
-                 _rms(recording, predict, first, starts, numbers),
-                 _rms(recording, predict, second, starts, numbers),
-                 _explained(recording, predict, first, starts, numbers, weights),
-                 _explained(recording, predict, second, starts, numbers, weights),
-                 (len(first), len(second)))
+    return Found(
+        names,
+        numbers,
+        deviations,
+        _rms(recording, predict, first, starts, numbers),
+        _rms(recording, predict, second, starts, numbers),
+        _explained(recording, predict, first, starts, numbers, weights),
+        _explained(recording, predict, second, starts, numbers, weights),
+        (len(first), len(second)),
+    )
 
 
 def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predict:
@@ -126,7 +133,7 @@ def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predic
 
     def predict(numbers: Array, piece: Piece, start: Array) -> Array:
         mechanics, course = model(numbers[:-1] if driven else numbers)
-        at = time[piece.begin:piece.end]
+        at = time[piece.begin : piece.end]
         steps = np.diff(at)
         inputs = np.zeros((len(steps), max(1, mechanics.inputs)))
         if driven:
@@ -134,18 +141,31 @@ def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predic
                 inputs[:, column] = np.diff(np.interp(at - numbers[-1], time, total[:, column]))
             inputs /= steps[:, None]
         positions = np.zeros((len(at), n))
-        course(mechanics.values, tuple(start[:n].tolist()), tuple(start[n:].tolist()), inputs,
-               steps, FINEST if mechanics.compiles else COARSE, positions)
+        course(
+            mechanics.values,
+            tuple(start[:n].tolist()),
+            tuple(start[n:].tolist()),
+            inputs,
+            steps,
+            FINEST if mechanics.compiles else COARSE,
+            positions,
+        )
         return positions
 
     return predict
 
 
-def _rest(recording: Recording, predict: Predict, piece: Piece, start: Array, numbers: Array,
-          weights: Array) -> Array:
+def _rest(
+    recording: Recording,
+    predict: Predict,
+    piece: Piece,
+    start: Array,
+    numbers: Array,
+    weights: Array,
+) -> Array:
     """Weighted position minus measurement, shape (rows * n,)."""
     positions = predict(numbers, piece, start)
-    return ((positions - recording.positions[piece.begin:piece.end]) * weights).ravel()
+    return ((positions - recording.positions[piece.begin : piece.end]) * weights).ravel()
 
 
 def _slopes(function: Callable[[Array], Array], at: Array, value: Array, step: Array) -> Array:
@@ -165,27 +185,44 @@ def _steps_of(numbers: Array) -> Array:
 class _Linear(NamedTuple):
     """A piece about the present numbers: what is left over, and what can be done about it."""
 
-    rest: Array        # without what another start would take away
-    by_number: Array   # likewise
-    start: Array       # (rest, slopes by number) -> change of the start
+    rest: Array  # without what another start would take away
+    by_number: Array  # likewise
+    start: Array  # (rest, slopes by number) -> change of the start
 
 
-def _linear(recording: Recording, predict: Predict, piece: Piece, starts: dict[Piece, Array],
-            numbers: Array, weights: Array) -> tuple[_Linear, Array, Array]:
+def _linear(
+    recording: Recording,
+    predict: Predict,
+    piece: Piece,
+    starts: dict[Piece, Array],
+    numbers: Array,
+    weights: Array,
+) -> tuple[_Linear, Array, Array]:
     """The piece, its plain residual, and its plain slopes by number."""
     start = starts[piece]
     rest = _rest(recording, predict, piece, start, numbers, weights)
-    by_start = _slopes(lambda x: _rest(recording, predict, piece, x, numbers, weights), start,
-                       rest, np.full(len(start), 1e-5))
-    by_number = _slopes(lambda x: _rest(recording, predict, piece, start, x, weights), numbers,
-                        rest, _steps_of(numbers))
+    by_start = _slopes(
+        lambda x: _rest(recording, predict, piece, x, numbers, weights),
+        start,
+        rest,
+        np.full(len(start), 1e-5),
+    )
+    by_number = _slopes(
+        lambda x: _rest(recording, predict, piece, start, x, weights),
+        numbers,
+        rest,
+        _steps_of(numbers),
+    )
     basis, triangle = np.linalg.qr(by_start)
 
     def without(values: Array) -> Array:
         return values - basis @ (basis.T @ values)
 
-    return (_Linear(without(rest), without(by_number), np.linalg.pinv(triangle) @ basis.T), rest,
-            by_number)
+    return (
+        _Linear(without(rest), without(by_number), np.linalg.pinv(triangle) @ basis.T),
+        rest,
+        by_number,
+    )
 
 
 def _cost(rests: list[Array]) -> float:
@@ -193,16 +230,25 @@ def _cost(rests: list[Array]) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def _minimise(recording: Recording, predict: Predict, pieces: list[Piece],
-              starts: dict[Piece, Array], numbers: Array, low: Array, high: Array,
-              weights: Array, advance: Callable[[int], None]) -> Array:
+def _minimise(
+    recording: Recording,
+    predict: Predict,
+    pieces: list[Piece],
+    starts: dict[Piece, Array],
+    numbers: Array,
+    low: Array,
+    high: Array,
+    weights: Array,
+    advance: Callable[[int], None],
+) -> Array:
     """The best numbers; the starts are brought along."""
     damping = 1e-3
     fresh = True
     for _ in range(ROUNDS):
         if fresh:
-            lines = [_linear(recording, predict, piece, starts, numbers, weights)
-                     for piece in pieces]
+            lines = [
+                _linear(recording, predict, piece, starts, numbers, weights) for piece in pieces
+            ]
             cost = _cost([line[1] for line in lines])
             square: Array = np.zeros((len(numbers), len(numbers)))
             slope: Array = np.zeros(len(numbers))
@@ -210,8 +256,10 @@ def _minimise(recording: Recording, predict: Predict, pieces: list[Piece],
                 square = square + line[0].by_number.T @ line[0].by_number
                 slope = slope + line[0].by_number.T @ line[0].rest
             if not np.all(np.isfinite(square)) or not np.isfinite(cost):
-                raise UserError('the model runs away from the recording with the numbers to start '
-                                'from: give better ones')
+                raise UserError(
+                    'the model runs away from the recording with the numbers to start '
+                    'from: give better ones'
+                )
         advance(1)
         size = np.diag(square).copy()
         size[size == 0.0] = 1.0
@@ -219,15 +267,21 @@ def _minimise(recording: Recording, predict: Predict, pieces: list[Piece],
         free = ~held
         change: Array = np.zeros(len(numbers))
         change[free] = -np.linalg.lstsq(
-            square[np.ix_(free, free)] + damping * np.diag(size[free]), slope[free],
-            rcond=None)[0]
+            square[np.ix_(free, free)] + damping * np.diag(size[free]), slope[free], rcond=None
+        )[0]
         wanted = np.clip(numbers + change, low, high)
         change = wanted - numbers
-        moved = {piece: starts[piece] - line[0].start @ (line[1] + line[2] @ change)
-                 for piece, line in zip(pieces, lines)}
+        moved = {
+            piece: starts[piece] - line[0].start @ (line[1] + line[2] @ change)
+            for piece, line in zip(pieces, lines)
+        }
         try:
-            after = _cost([_rest(recording, predict, piece, moved[piece], wanted, weights)
-                           for piece in pieces])
+            after = _cost(
+                [
+                    _rest(recording, predict, piece, moved[piece], wanted, weights)
+                    for piece in pieces
+                ]
+            )
         except UserError:  # numbers that make no sense
             after = np.inf
         fresh = after <= cost
@@ -246,14 +300,24 @@ def _minimise(recording: Recording, predict: Predict, pieces: list[Piece],
     return numbers
 
 
-def _settle_start(recording: Recording, predict: Predict, piece: Piece,
-                  starts: dict[Piece, Array], numbers: Array, weights: Array) -> None:
+def _settle_start(
+    recording: Recording,
+    predict: Predict,
+    piece: Piece,
+    starts: dict[Piece, Array],
+    numbers: Array,
+    weights: Array,
+) -> None:
     """The best start of a piece at these numbers."""
     for _ in range(5):
         start = starts[piece]
         rest = _rest(recording, predict, piece, start, numbers, weights)
-        by_start = _slopes(lambda x: _rest(recording, predict, piece, x, numbers, weights), start,
-                           rest, np.full(len(start), 1e-5))
+        by_start = _slopes(
+            lambda x: _rest(recording, predict, piece, x, numbers, weights),
+            start,
+            rest,
+            np.full(len(start), 1e-5),
+        )
         if not np.all(np.isfinite(by_start)):
             return
         moved = start - np.linalg.lstsq(by_start, rest, rcond=None)[0]
@@ -263,23 +327,32 @@ def _settle_start(recording: Recording, predict: Predict, piece: Piece,
         starts[piece] = moved
 
 
-def _deviations(recording: Recording, predict: Predict, pieces: list[Piece],
-                starts: dict[Piece, Array], numbers: Array, weights: Array,
-                names: tuple[str, ...]) -> Array:
+def _deviations(
+    recording: Recording,
+    predict: Predict,
+    pieces: list[Piece],
+    starts: dict[Piece, Array],
+    numbers: Array,
+    weights: Array,
+    names: tuple[str, ...],
+) -> Array:
     """One standard deviation of each number; raises UserError."""
     lines = [_linear(recording, predict, piece, starts, numbers, weights)[0] for piece in pieces]
     square = np.array(sum(line.by_number.T @ line.by_number for line in lines))
     scale = np.sqrt(np.diag(square))
     if not np.all(scale > 0.0):
         names_of = ', '.join(name for name, size in zip(names, scale) if not size > 0.0)
-        raise UserError(f'the motion in the recording does not depend on {names_of}: hold it with '
-                        '--set')
+        raise UserError(
+            f'the motion in the recording does not depend on {names_of}: hold it with --set'
+        )
     normal = square / np.outer(scale, scale)
     sizes, axes = np.linalg.eigh(normal)
     if sizes[0] < 1e-9:
         mixed = [name for name, part in zip(names, np.abs(axes[:, 0])) if part > 0.3]
-        raise UserError(f'the motion in the recording does not tell {", ".join(mixed)} apart: it '
-                        'needs to move more, or hold some of them with --set')
+        raise UserError(
+            f'the motion in the recording does not tell {", ".join(mixed)} apart: it '
+            'needs to move more, or hold some of them with --set'
+        )
     inverse = np.linalg.inv(normal) / (scale[:, None] * scale)
     count = len(pieces)
     middle = np.zeros_like(square)
@@ -293,26 +366,40 @@ def _deviations(recording: Recording, predict: Predict, pieces: list[Piece],
     return found
 
 
-def _rms(recording: Recording, predict: Predict, pieces: list[Piece],
-         starts: dict[Piece, Array], numbers: Array) -> Array:
+def _rms(
+    recording: Recording,
+    predict: Predict,
+    pieces: list[Piece],
+    starts: dict[Piece, Array],
+    numbers: Array,
+) -> Array:
     """Rms of position minus measurement of each joint."""
     n = recording.positions.shape[1]
-    rests = [_rest(recording, predict, piece, starts[piece], numbers, np.ones(n)).reshape(-1, n)
-             for piece in pieces]
+    rests = [
+        _rest(recording, predict, piece, starts[piece], numbers, np.ones(n)).reshape(-1, n)
+        for piece in pieces
+    ]
     found: Array = np.sqrt(np.mean(np.concatenate(rests) ** 2, axis=0))
     return found
 
 
-def _explained(recording: Recording, predict: Predict, pieces: list[Piece],
-               starts: dict[Piece, Array], numbers: Array, weights: Array) -> float:
+def _explained(
+    recording: Recording,
+    predict: Predict,
+    pieces: list[Piece],
+    starts: dict[Piece, Array],
+    numbers: Array,
+    weights: Array,
+) -> float:
     """1 minus the model's squares over those of motion at constant velocity."""
-    left = _cost([_rest(recording, predict, piece, starts[piece], numbers, weights)
-                  for piece in pieces])
+    left = _cost(
+        [_rest(recording, predict, piece, starts[piece], numbers, weights) for piece in pieces]
+    )
     straight = 0.0
     for piece in pieces:
-        time = recording.time[piece.begin:piece.end]
+        time = recording.time[piece.begin : piece.end]
         powers = np.column_stack([np.ones(len(time)), time - time[0]])
-        measured = recording.positions[piece.begin:piece.end] * weights
+        measured = recording.positions[piece.begin : piece.end] * weights
         rest = measured - powers @ np.linalg.lstsq(powers, measured, rcond=None)[0]
-        straight += float(np.sum(rest ** 2))
+        straight += float(np.sum(rest**2))
     return 1.0 - left / straight if straight > 0.0 else -np.inf

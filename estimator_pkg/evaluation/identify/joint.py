@@ -24,12 +24,12 @@ from estimator_pkg.models.single_joint import Parameters
 
 Array = NDArray[np.float64]
 
-WINDOW = 0.3            # s, length of a window
-OVERLAP = 4             # windows that cover a moment
-PART = 0.6              # of the recording that the numbers are found from
+WINDOW = 0.3  # s, length of a window
+OVERLAP = 4  # windows that cover a moment
+PART = 0.6  # of the recording that the numbers are found from
 DELAYS = np.arange(-0.004, 0.0401, 0.001)  # s, of the torque
-GAP = 5.0               # median sample times: no window reaches across a longer hole
-FEWEST = 20             # windows
+GAP = 5.0  # median sample times: no window reaches across a longer hole
+FEWEST = 20  # windows
 COLUMNS = ('inertia', 'damping', 'coulomb', 'gravity_sin', 'gravity_cos', 'bias')
 
 
@@ -66,13 +66,16 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> Ident
     velocity = _velocity(time, position)
     best: tuple[float, float, Any] | None = None
     for delay in DELAYS:
-        rows, wanted, centres = _windows(time, position, velocity,
-                                         np.interp(time - delay, time, torque), width)
+        rows, wanted, centres = _windows(
+            time, position, velocity, np.interp(time - delay, time, torque), width
+        )
         split = time[0] + PART * (time[-1] - time[0])
         first, second = centres < split - 0.5 * WINDOW, centres > split + 0.5 * WINDOW
         if np.count_nonzero(first) < FEWEST or np.count_nonzero(second) < FEWEST // 2:
-            raise UserError(f'the recording is too short to identify a joint: {len(centres)} '
-                            f'windows of {WINDOW:g} s without a hole; {2 * FEWEST} are needed')
+            raise UserError(
+                f'the recording is too short to identify a joint: {len(centres)} '
+                f'windows of {WINDOW:g} s without a hole; {2 * FEWEST} are needed'
+            )
         solved = _solve(rows[first], wanted[first])
         rest = float(np.mean((wanted[first] - rows[first] @ solved[0]) ** 2))
         if best is None or rest < best[0]:
@@ -89,9 +92,14 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> Ident
         return 1.0 - float(np.var(wanted[part] - rows[part] @ answer) / np.var(wanted[part]))
 
     left = wanted[second] - rows[second] @ answer
-    return Identified(values, deviations, explained(first), explained(second),
-                      float(np.sqrt(np.mean(left ** 2))) / scale,
-                      (int(np.count_nonzero(first)), int(np.count_nonzero(second))))
+    return Identified(
+        values,
+        deviations,
+        explained(first),
+        explained(second),
+        float(np.sqrt(np.mean(left**2))) / scale,
+        (int(np.count_nonzero(first)), int(np.count_nonzero(second))),
+    )
 
 
 def _velocity(time: Array, position: Array) -> Array:
@@ -102,8 +110,9 @@ def _velocity(time: Array, position: Array) -> Array:
     return smooth
 
 
-def _windows(time: Array, position: Array, velocity: Array, torque: Array, width: float
-             ) -> tuple[Array, Array, Array]:
+def _windows(
+    time: Array, position: Array, velocity: Array, torque: Array, width: float
+) -> tuple[Array, Array, Array]:
     """(rows of the least squares, their right-hand sides, the windows' centres)."""
     steps = np.diff(time)
     usual = float(np.median(steps))
@@ -111,19 +120,20 @@ def _windows(time: Array, position: Array, velocity: Array, torque: Array, width
     weights = np.zeros(len(time))
     weights[:-1] += 0.5 * steps
     weights[1:] += 0.5 * steps
-    signals = np.column_stack([np.tanh(velocity / width), np.sin(position), np.cos(position),
-                               np.ones(len(time)), torque])
+    signals = np.column_stack(
+        [np.tanh(velocity / width), np.sin(position), np.cos(position), np.ones(len(time)), torque]
+    )
     rows, wanted, centres = [], [], []
     for centre in np.arange(time[0] + half, time[-1] - half, WINDOW / OVERLAP):
         begin, end = np.searchsorted(time, (centre - half, centre + half))
-        if end - begin < 8 or np.max(steps[begin:end - 1]) > GAP * usual:
+        if end - begin < 8 or np.max(steps[begin : end - 1]) > GAP * usual:
             continue
         s = (time[begin:end] - centre) / half
         inner = 1.0 - s * s
         w = weights[begin:end]
-        window = w * inner ** 3
-        slope = w * -6.0 * s * inner ** 2 / half
-        bend = w * inner * (24.0 * s * s - 6.0 * inner) / half ** 2
+        window = w * inner**3
+        slope = w * -6.0 * s * inner**2 / half
+        bend = w * inner * (24.0 * s * s - 6.0 * inner) / half**2
         q = position[begin:end] - position[begin]
         integrals = window @ signals[begin:end]
         rows.append([bend @ q, -(slope @ q), *integrals[:4]])
@@ -140,8 +150,10 @@ def _solve(rows: Array, wanted: Array) -> tuple[Array, Array]:
         scale = np.linalg.norm(part, axis=0)
         normal = (part / np.maximum(scale, 1e-300)).T @ (part / np.maximum(scale, 1e-300))
         if not np.all(scale > 0.0) or np.linalg.cond(normal) > 1e8:
-            raise UserError('the motion in the recording does not tell inertia, friction and '
-                            'gravity apart: it needs to move more')
+            raise UserError(
+                'the motion in the recording does not tell inertia, friction and '
+                'gravity apart: it needs to move more'
+            )
         inverse = np.linalg.inv(normal) / np.outer(scale, scale)
         answer = np.zeros(len(COLUMNS))
         answer[use] = inverse @ part.T @ wanted
@@ -159,27 +171,44 @@ def _solve(rows: Array, wanted: Array) -> tuple[Array, Array]:
 def _named(answer: Array, covariance: Array) -> tuple[dict[str, float], dict[str, float]]:
     """By the names of the model; amplitude and angle of gravity from its two parts."""
     if not answer[0] > 0.0:
-        raise UserError(f'the inertia that fits best is {answer[0]:.3g}: positions and torques do '
-                        'not belong together (a wrong sign of the torque?)')
+        raise UserError(
+            f'the inertia that fits best is {answer[0]:.3g}: positions and torques do '
+            'not belong together (a wrong sign of the torque?)'
+        )
     sine, cosine = float(answer[3]), float(answer[4])
     size = math.hypot(sine, cosine)
     spread = np.sqrt(np.diag(covariance))
     block = covariance[3:5, 3:5]
     along = np.array([sine, cosine]) / size if size > 0.0 else np.array([1.0, 0.0])
     across = np.array([-along[1], along[0]])
-    values = {'inertia': float(answer[0]), 'damping': float(answer[1]),
-              'coulomb': float(answer[2]), 'gravity': size,
-              'hanging': math.atan2(-cosine, sine), 'bias': float(answer[5])}
-    deviations = {'inertia': float(spread[0]), 'damping': float(spread[1]),
-                  'coulomb': float(spread[2]), 'gravity': math.sqrt(float(along @ block @ along)),
-                  'hanging': math.sqrt(float(across @ block @ across)) / size if size else math.pi,
-                  'bias': float(spread[5])}
+    values = {
+        'inertia': float(answer[0]),
+        'damping': float(answer[1]),
+        'coulomb': float(answer[2]),
+        'gravity': size,
+        'hanging': math.atan2(-cosine, sine),
+        'bias': float(answer[5]),
+    }
+    deviations = {
+        'inertia': float(spread[0]),
+        'damping': float(spread[1]),
+        'coulomb': float(spread[2]),
+        'gravity': math.sqrt(float(along @ block @ along)),
+        'hanging': math.sqrt(float(across @ block @ across)) / size if size else math.pi,
+        'bias': float(spread[5]),
+    }
     return values, deviations
 
 
-def parameters_of(found: Identified, width: float, torque_constant: float, gear_ratio: float,
-                  period: float) -> Parameters:
+def parameters_of(
+    found: Identified, width: float, torque_constant: float, gear_ratio: float, period: float
+) -> Parameters:
     """The model's parameters."""
     numbers = {name: value for name, value in found.values.items() if name != 'input_delay'}
-    return Parameters(**numbers, coulomb_speed=width, torque_constant=torque_constant,
-                      gear_ratio=gear_ratio, period=period)
+    return Parameters(
+        **numbers,
+        coulomb_speed=width,
+        torque_constant=torque_constant,
+        gear_ratio=gear_ratio,
+        period=period,
+    )

@@ -69,8 +69,9 @@ def _built_in(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> 
     about = declared(record.parameters)
     for key in start:
         if key not in record.identified:
-            raise UsageError(f"'{key}' of model '{name}' is not identified: "
-                             f'{suggestion(key, record.identified)}')
+            raise UsageError(
+                f"'{key}' of model '{name}' is not identified: {suggestion(key, record.identified)}"
+            )
     first: Any = build(record.parameters, {**given, **start}, owner=f"model '{name}'")
     names = tuple(key for key in record.identified if key not in given)
 
@@ -79,32 +80,50 @@ def _built_in(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> 
         return build(record.parameters, {**given, **values}, owner=f"model '{name}'")
 
     return Unknowns(
-        name, names, tuple(about[key].unit for key in names),
+        name,
+        names,
+        tuple(about[key].unit for key in names),
         np.array([float(getattr(first, key)) for key in names]),
         np.array([_bound(about[key].minimum, -np.inf) for key in names]),
         np.array([_bound(about[key].maximum, np.inf) for key in names]),
         lambda numbers: record.build(parameters(numbers)),
-        lambda numbers: assignments_of(record, parameters(numbers)))
+        lambda numbers: assignments_of(record, parameters(numbers)),
+    )
 
 
 def _own(path: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
     first = own.numbers(own.instance(path, {**given, **start}), path)
     if not first:
-        raise UsageError(f"model '{path}' does not say which of its numbers can be identified: "
-                         "give it an attribute 'parameters' with their names")
+        raise UsageError(
+            f"model '{path}' does not say which of its numbers can be identified: "
+            "give it an attribute 'parameters' with their names"
+        )
     names = tuple(key for key in first if key not in given)
 
     def make(numbers: Array) -> Mechanics:
-        return own.guarded(own.mechanics_of(own.instance(
-            path, {**given, **dict(zip(names, numbers.tolist()))}), path))
+        return own.guarded(
+            own.mechanics_of(
+                own.instance(path, {**given, **dict(zip(names, numbers.tolist()))}), path
+            )
+        )
 
     def texts(numbers: Array) -> tuple[str, ...]:
-        return tuple(f'{key}={float(value)!r}'
-                     for key, value in {**given, **dict(zip(names, numbers.tolist()))}.items())
+        return tuple(
+            f'{key}={float(value)!r}'
+            for key, value in {**given, **dict(zip(names, numbers.tolist()))}.items()
+        )
 
     size = len(names)
-    return Unknowns(path, names, ('',) * size, np.array([first[key] for key in names]),
-                    np.full(size, -np.inf), np.full(size, np.inf), make, texts)
+    return Unknowns(
+        path,
+        names,
+        ('',) * size,
+        np.array([first[key] for key in names]),
+        np.full(size, -np.inf),
+        np.full(size, np.inf),
+        make,
+        texts,
+    )
 
 
 def _bound(value: float | None, usual: float) -> float:

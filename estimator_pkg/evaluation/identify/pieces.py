@@ -12,12 +12,12 @@ from estimator_pkg.errors import UserError
 
 Array = NDArray[np.float64]
 
-PART = 0.6               # of the recording that the numbers are found from
-PIECES = 30              # of that part, if the recording is long enough
-SHORTEST, LONGEST = 0.2, 1.0   # s, of a piece
-FEWEST = 10              # pieces to find the numbers from
-GAP = 5.0                # median sample times: no piece reaches across a longer hole
-COARSE = 1e-2            # s, to which the samples of a model in ordinary Python are thinned
+PART = 0.6  # of the recording that the numbers are found from
+PIECES = 30  # of that part, if the recording is long enough
+SHORTEST, LONGEST = 0.2, 1.0  # s, of a piece
+FEWEST = 10  # pieces to find the numbers from
+GAP = 5.0  # median sample times: no piece reaches across a longer hole
+COARSE = 1e-2  # s, to which the samples of a model in ordinary Python are thinned
 
 
 class Recording(NamedTuple):
@@ -77,8 +77,10 @@ def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
             elif time[left] >= split:
                 parts[1].append(Piece(int(left), stop))
     if len(parts[0]) < FEWEST or len(parts[1]) < FEWEST // 3:
-        raise UserError(f'the recording is too short to identify a model: {len(parts[0])} pieces '
-                        f'of {length:.2g} s without a hole; {FEWEST} are needed')
+        raise UserError(
+            f'the recording is too short to identify a model: {len(parts[0])} pieces '
+            f'of {length:.2g} s without a hole; {FEWEST} are needed'
+        )
     return parts
 
 
@@ -87,6 +89,6 @@ def first_guess(recording: Recording, piece: Piece) -> Array:
     count = min(piece.end - piece.begin, max(8, (piece.end - piece.begin) // 4))
     rows = slice(piece.begin, piece.begin + count)
     time = recording.time[rows] - recording.time[piece.begin]
-    powers = np.column_stack([np.ones(count), time, time ** 2])
+    powers = np.column_stack([np.ones(count), time, time**2])
     found = np.linalg.lstsq(powers, recording.positions[rows], rcond=None)[0]
     return np.concatenate([found[0], found[1]])

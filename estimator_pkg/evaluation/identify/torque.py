@@ -41,10 +41,10 @@ from estimator_pkg.parameters import build
 
 Array = NDArray[np.float64]
 
-SKIPPED = 2.0           # s at the begin that are not judged
-CLOSE = 1e-4            # s: delays are not known better
+SKIPPED = 2.0  # s at the begin that are not judged
+CLOSE = 1e-4  # s: delays are not known better
 TURN = 2.0 * math.pi
-WIDTH = 'coulomb_speed=0.05'    # rad/s: at the quantum of these recordings no finer can be told
+WIDTH = 'coulomb_speed=0.05'  # rad/s: at the quantum of these recordings no finer can be told
 ANGLE_ONLY = ('hybrid_angle', 'kalman', 'pll')
 
 
@@ -71,21 +71,46 @@ SLOW = (8.0, 11.0, 15.0, 18.0, 22.0, 27.0, 36.0, 50.0)
 FAST = (27.0, 40.0, 55.0, 70.0, 90.0)
 _SIMPLE, _DOUBLE = 'dfki_simple_pendulum/', 'dfki_double_pendulum/'
 STUDIES = (
-    Study(_SIMPLE + 'system_identification_300hz', _SIMPLE + 'sac_200hz_multiturn', 'geso',
-          'single_joint', SLOW, (0.0, 2.0, 8.0)),
-    Study(_SIMPLE + 'energy_shaping_200hz', _SIMPLE + 'sac_200hz_multiturn', 'geso',
-          'single_joint', SLOW, (0.0, 2.0, 8.0)),
-    Study(_DOUBLE + 'sys_id_500hz', _DOUBLE + 'trajectory_665hz', 'hgo', 'two_links', FAST,
-          (0.0, 4.0, 8.0)),
-    Study(_DOUBLE + 'trajectory_665hz', _DOUBLE + 'sys_id_500hz', 'hgo', 'two_links', FAST,
-          (0.0, 4.0, 8.0)))
+    Study(
+        _SIMPLE + 'system_identification_300hz',
+        _SIMPLE + 'sac_200hz_multiturn',
+        'geso',
+        'single_joint',
+        SLOW,
+        (0.0, 2.0, 8.0),
+    ),
+    Study(
+        _SIMPLE + 'energy_shaping_200hz',
+        _SIMPLE + 'sac_200hz_multiturn',
+        'geso',
+        'single_joint',
+        SLOW,
+        (0.0, 2.0, 8.0),
+    ),
+    Study(
+        _DOUBLE + 'sys_id_500hz',
+        _DOUBLE + 'trajectory_665hz',
+        'hgo',
+        'two_links',
+        FAST,
+        (0.0, 4.0, 8.0),
+    ),
+    Study(
+        _DOUBLE + 'trajectory_665hz',
+        _DOUBLE + 'sys_id_500hz',
+        'hgo',
+        'two_links',
+        FAST,
+        (0.0, 4.0, 8.0),
+    ),
+)
 
 
 class Result(NamedTuple):
     """An observer at one setting on one joint: rms error without the reference's noise, delay."""
 
-    error: float   # rad/s
-    delay: float   # s
+    error: float  # rad/s
+    delay: float  # s
     what: str
 
 
@@ -94,11 +119,11 @@ class Line(NamedTuple):
 
     study: Study
     joint: str
-    noise: float            # of the reference, rad/s
-    explained: float        # by the model, where it was not fitted
+    noise: float  # of the reference, rad/s
+    explained: float  # by the model, where it was not fitted
     angle: Result
     torque: Result
-    without: Result         # the same observer, the torque set to zero
+    without: Result  # the same observer, the torque set to zero
 
     @property
     def ratio(self) -> float:
@@ -117,9 +142,16 @@ class _Judged:
         first = measured[self.names[0]].stamps_ns[0]
         self.stamps = np.round(self.samples.time * 1e9).astype(np.int64) + int(first)
         self.noise = [float(known.references[name].noise) for name in self.names]
-        self._matched = [match(self.stamps, known.series[name].stamps_ns,
-                               known.series[name].velocity, known.series[name].position, TURN)
-                         for name in self.names]
+        self._matched = [
+            match(
+                self.stamps,
+                known.series[name].stamps_ns,
+                known.series[name].velocity,
+                known.series[name].position,
+                TURN,
+            )
+            for name in self.names
+        ]
 
     def judge(self, velocities: Array, what: str) -> list[Result]:
         """Of every joint; `velocities` has shape (N, n), nan where nothing was estimated."""
@@ -128,9 +160,13 @@ class _Judged:
             estimate = velocities[at.rows, column]
             good = np.isfinite(estimate) & (self.samples.time[at.rows] > SKIPPED)
             error = float(np.mean((estimate[good] - at.velocity[good]) ** 2))
-            found.append(Result(
-                math.sqrt(max(error - self.noise[column] ** 2, 0.0)),
-                delay(self.samples.time[at.rows][good], estimate[good], at.velocity[good]), what))
+            found.append(
+                Result(
+                    math.sqrt(max(error - self.noise[column] ** 2, 0.0)),
+                    delay(self.samples.time[at.rows][good], estimate[good], at.velocity[good]),
+                    what,
+                )
+            )
         return found
 
 
@@ -169,16 +205,21 @@ def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
     given = {'coulomb_speed': float(WIDTH.partition('=')[2])}
     wanted, lag = unknowns(model, given, {}), 0.0
     with open_bag(path) as bag:
-        samples, _ = recording(bag, MEASUREMENT, wanted.make(wanted.start),
-                               tuple(joint_series(bag, MEASUREMENT)))
+        samples, _ = recording(
+            bag, MEASUREMENT, wanted.make(wanted.start), tuple(joint_series(bag, MEASUREMENT))
+        )
     if model == 'single_joint':
-        guess = identify(samples.time, samples.positions[:, 0], samples.inputs[:, 0],
-                         given['coulomb_speed']).values
+        guess = identify(
+            samples.time, samples.positions[:, 0], samples.inputs[:, 0], given['coulomb_speed']
+        ).values
         lag = guess[DELAY]
         wanted = unknowns(model, given, {name: guess[name] for name in wanted.names})
     found = fit(samples, wanted, lag)
-    return (wanted.texts(found.values[:-1]), max(0.0, float(found.values[-1])),
-            found.explained_elsewhere)
+    return (
+        wanted.texts(found.values[:-1]),
+        max(0.0, float(found.values[-1])),
+        found.explained_elsewhere,
+    )
 
 
 def study(folder: Path, which: Study, angle_only: tuple[str, ...] = ANGLE_ONLY) -> Iterator[Line]:
@@ -190,27 +231,45 @@ def study(folder: Path, which: Study, angle_only: tuple[str, ...] = ANGLE_ONLY) 
     """
     judged = _Judged(folder / which.judged, which.model)
     texts, lag, explained = _identified(folder / which.identified, which.model)
-    alone = [judged.judge(_run(name, {'bandwidth_hz': hertz}, judged, None),
-                          f'{name}, {hertz:g} Hz')
-             for name in angle_only for hertz in which.bandwidths]
+    alone = [
+        judged.judge(_run(name, {'bandwidth_hz': hertz}, judged, None), f'{name}, {hertz:g} Hz')
+        for name in angle_only
+        for hertz in which.bandwidths
+    ]
     driven, idle = [], []
     lags = sorted({0.0, round(lag, 6)})
     for hertz in which.bandwidths:
         for disturbance in which.disturbances:
-            gains = {'model': which.model, 'model_parameters': list(texts), 'bandwidth_hz': hertz,
-                     'disturbance_hz': disturbance}
+            gains = {
+                'model': which.model,
+                'model_parameters': list(texts),
+                'bandwidth_hz': hertz,
+                'disturbance_hz': disturbance,
+            }
             what = f'{which.observer}, {hertz:g} Hz, disturbance {disturbance:g} Hz'
             for late in lags:
-                driven.append(judged.judge(
-                    _run(which.observer, gains, judged, _late(judged.samples, late)),
-                    f'{what}, {1e3 * late:.1f} ms late'))
-            idle.append(judged.judge(_run(
-                which.observer, gains, judged, np.zeros_like(judged.samples.inputs)), what))
+                driven.append(
+                    judged.judge(
+                        _run(which.observer, gains, judged, _late(judged.samples, late)),
+                        f'{what}, {1e3 * late:.1f} ms late',
+                    )
+                )
+            idle.append(
+                judged.judge(
+                    _run(which.observer, gains, judged, np.zeros_like(judged.samples.inputs)), what
+                )
+            )
     for column, name in enumerate(judged.names):
         best = min(row[column] for row in alone)
-        yield Line(which, name, judged.noise[column], explained, best,
-                   _best([row[column] for row in driven], best.delay),
-                   _best([row[column] for row in idle], best.delay))
+        yield Line(
+            which,
+            name,
+            judged.noise[column],
+            explained,
+            best,
+            _best([row[column] for row in driven], best.delay),
+            _best([row[column] for row in idle], best.delay),
+        )
 
 
 def _best(results: list[Result], longest: float) -> Result:
@@ -221,14 +280,42 @@ def _best(results: list[Result], longest: float) -> Result:
 
 def text(lines: list[Line]) -> str:
     """For a terminal."""
-    head = ('judged on', 'joint', 'identified on', 'explained', 'reference noise', 'angle alone',
-            'by', 'delay [ms]', 'with torque', 'by', 'delay [ms]', 'torque 0', 'ratio')
-    return table(head, [(
-        line.study.judged.partition('/')[2], line.joint, line.study.identified.partition('/')[2],
-        f'{100.0 * line.explained:.1f} %', f'{line.noise:.3f}', f'{line.angle.error:.3f}',
-        line.angle.what, f'{1e3 * line.angle.delay:.2f}', f'{line.torque.error:.3f}',
-        line.torque.what, f'{1e3 * line.torque.delay:.2f}', f'{line.without.error:.3f}',
-        f'{line.ratio:.2f}' if line.angle.error > 0.0 else '-') for line in lines])
+    head = (
+        'judged on',
+        'joint',
+        'identified on',
+        'explained',
+        'reference noise',
+        'angle alone',
+        'by',
+        'delay [ms]',
+        'with torque',
+        'by',
+        'delay [ms]',
+        'torque 0',
+        'ratio',
+    )
+    return table(
+        head,
+        [
+            (
+                line.study.judged.partition('/')[2],
+                line.joint,
+                line.study.identified.partition('/')[2],
+                f'{100.0 * line.explained:.1f} %',
+                f'{line.noise:.3f}',
+                f'{line.angle.error:.3f}',
+                line.angle.what,
+                f'{1e3 * line.angle.delay:.2f}',
+                f'{line.torque.error:.3f}',
+                line.torque.what,
+                f'{1e3 * line.torque.delay:.2f}',
+                f'{line.without.error:.3f}',
+                f'{line.ratio:.2f}' if line.angle.error > 0.0 else '-',
+            )
+            for line in lines
+        ],
+    )
 
 
 def main() -> None:

@@ -24,19 +24,20 @@ from estimator_pkg.evaluation.compare.metrics import wrapped
 
 Array = NDArray[np.float64]
 
-ORDER, HIGHER = 3, (5, 7, 9)    # of the differences
+ORDER, HIGHER = 3, (5, 7, 9)  # of the differences
 CLEARLY_LESS = 0.5  # white noise gives more alike numbers than this, by whatever way
-NODES = 3           # samples of a divided difference, which weighs their velocities 1, 4, 1: so
-MISFITS_ALIKE = 1.0 + 2.0 * (8.0 ** 2 + 1.0) / 18.0 ** 2  # much are neighbours correlated
-QUIETEST = 0.1      # the noise is that of the quietest tenth of the record, which of n samples of
-UNLUCKY = 1.28      # white noise is lower by so many standard deviations of its rms
-BLOCK = 0.2         # [s] of a stretch whose power is one value,
+NODES = 3  # samples of a divided difference, which weighs their velocities 1, 4, 1: so
+MISFITS_ALIKE = 1.0 + 2.0 * (8.0**2 + 1.0) / 18.0**2  # much are neighbours correlated
+QUIETEST = 0.1  # the noise is that of the quietest tenth of the record, which of n samples of
+UNLUCKY = 1.28  # white noise is lower by so many standard deviations of its rms
+BLOCK = 0.2  # [s] of a stretch whose power is one value,
 SHORTEST_BLOCK = 20  # but at least so many samples
 MANY_BLOCKS = 20
 
 
-def noise(time: Array, velocity: Array, position: Array | None = None, period: float = 0.0
-          ) -> float:
+def noise(
+    time: Array, velocity: Array, position: Array | None = None, period: float = 0.0
+) -> float:
     """The rms of the white noise on `velocity` [rad/s], from its quietest stretches; nan: too few.
 
     Parameters
@@ -50,12 +51,15 @@ def noise(time: Array, velocity: Array, position: Array | None = None, period: f
         return np.nan
     step = float(np.median(np.diff(time)))
     third = _by_differences(velocity, ORDER, step)
-    others = [_by_differences(velocity, order, step) for order in HIGHER
-              if len(time) >= SHORTEST_BLOCK + order]
+    others = [
+        _by_differences(velocity, order, step)
+        for order in HIGHER
+        if len(time) >= SHORTEST_BLOCK + order
+    ]
     if position is not None and np.isfinite(position).all():
         left = _misfit(time, velocity, position, period, step)
         if len(left) >= SHORTEST_BLOCK:
-            others.append(_quietest(left ** 2, step, MISFITS_ALIKE))
+            others.append(_quietest(left**2, step, MISFITS_ALIKE))
     least = min(others, default=third)
     return least if least < CLEARLY_LESS * third else third
 
@@ -64,7 +68,7 @@ def _by_differences(velocity: Array, order: int, step: float) -> float:
     """The noise that would give the differences of this order."""
     gain = math.comb(2 * order, order)
     # how alike neighbouring differences of white noise are: the sum of their squared correlations
-    alike = math.comb(4 * order, 2 * order) / gain ** 2
+    alike = math.comb(4 * order, 2 * order) / gain**2
     return _quietest(np.diff(velocity, order) ** 2 / gain, step, alike)
 
 
@@ -74,7 +78,7 @@ def _quietest(squares: Array, step: float, alike: float) -> float:
     last = max(1, len(squares) - size + 1)
     # in a short record, blocks that overlap: a quiet stretch may lie across two
     starts = range(0, last, size if last >= MANY_BLOCKS * size else max(1, size // 4))
-    powers = [float(np.mean(squares[i:i + size])) for i in starts]
+    powers = [float(np.mean(squares[i : i + size])) for i in starts]
     low = 1.0 - UNLUCKY * math.sqrt(0.5 * alike / size) if len(powers) > 1 else 1.0
     return float(np.sqrt(np.quantile(powers, QUIETEST)) / low)
 
@@ -93,8 +97,10 @@ def _misfit(time: Array, velocity: Array, position: Array, period: float, step: 
     moved = expected + wrapped(np.diff(position) - expected, period)
     travelled = np.concatenate([[0.0], np.cumsum(moved)])
     count = len(time) - NODES + 1
-    at, speed, way = (np.stack([values[i:count + i] for i in range(NODES)])
-                      for values in (time, velocity, travelled))
+    at, speed, way = (
+        np.stack([values[i : count + i] for i in range(NODES)])
+        for values in (time, velocity, travelled)
+    )
     span = at[-1] - at[0]
     at, way = (at - at[0]) / span, (way - way[0]) / span
     weights, slopes = np.ones_like(at), np.zeros_like(at)
@@ -104,9 +110,10 @@ def _misfit(time: Array, velocity: Array, position: Array, period: float, step: 
                 weights[i] /= (at[i] - at[j]) ** 2
                 slopes[i] += 1.0 / (at[i] - at[j])
     left = np.sum(weights * (speed - 2.0 * slopes * way), axis=0) / np.sqrt(
-        np.sum(weights ** 2, axis=0))
+        np.sum(weights**2, axis=0)
+    )
     left = left[np.isfinite(left) & (span <= GAP * step)]
     summed = math.sqrt(2.0) * (moved - expected)[steps <= GAP * step] / step
-    if not len(left) or np.nanmean(summed ** 2) < CLEARLY_LESS ** 2 * np.mean(left ** 2):
+    if not len(left) or np.nanmean(summed**2) < CLEARLY_LESS**2 * np.mean(left**2):
         return np.zeros(0)
     return np.asarray(left)

@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SAME = 1e-6     # readings this close (part of the largest) are one level: they were float32 once
-WIDEST = 4.0    # times that: what is spread further is not one level
-ENOUGH = 8      # levels below which nothing can be said,
-REPEATED = 10   # unless each was read so often
-WHOLE = 0.1     # a spacing is a whole number of quanta if it is off by at most this part of one
-SHARE = 0.9     # so many of the spacings have to be
-CLEARLY_FINER = 0.7     # a step of what passes that is this part of the levels' is the right one
-FEW = 8.0       # only spacings up to so many quanta tell: wider ones may be whole by chance
+SAME = 1e-6  # readings this close (part of the largest) are one level: they were float32 once
+WIDEST = 4.0  # times that: what is spread further is not one level
+ENOUGH = 8  # levels below which nothing can be said,
+REPEATED = 10  # unless each was read so often
+WHOLE = 0.1  # a spacing is a whole number of quanta if it is off by at most this part of one
+SHARE = 0.9  # so many of the spacings have to be
+CLEARLY_FINER = 0.7  # a step of what passes that is this part of the levels' is the right one
+FEW = 8.0  # only spacings up to so many quanta tell: wider ones may be whole by chance
 
 
 def quantum(readings: Array) -> float:
@@ -44,7 +44,7 @@ def _spacing(values: Array, same: float) -> float:
     levels = np.unique(values)
     if len(levels) < 2:
         return 0.0
-    first = np.flatnonzero(np.diff(levels, prepend=-np.inf) > same)     # of those that are one
+    first = np.flatnonzero(np.diff(levels, prepend=-np.inf) > same)  # of those that are one
     last = np.append(first[1:], len(levels)) - 1
     if np.max(levels[last] - levels[first]) > WIDEST * same:
         return 0.0

@@ -24,16 +24,16 @@ from estimator_pkg.evaluation.reference.doubt import noise
 Array = NDArray[np.float64]
 
 SENSOR = 'sensor'
-WINDOW = 0.1        # [s], but at least so many samples:
+WINDOW = 0.1  # [s], but at least so many samples:
 WINDOW_SAMPLES = 10
-FEWEST = 20         # windows end to end, below which nothing is fitted
+FEWEST = 20  # windows end to end, below which nothing is fitted
 NEIGHBOURS = (-3, -2, 2, 3)  # samples that know the speed but not the noise of the one between
-OUTLIER = 6.0       # windows this many robust standard deviations off are left out
-LAG_KNOWN = 1e-3    # a lag, slope or bias is given if its standard deviation is at most this
+OUTLIER = 6.0  # windows this many robust standard deviations off are left out
+LAG_KNOWN = 1e-3  # a lag, slope or bias is given if its standard deviation is at most this
 SLOPE_KNOWN = 0.01  # (lag [s], slope, part of the reference's rms speed or this much [rad/s])
 BIAS_KNOWN = 0.01
-ALIKE = 1.1         # an error up to this many times the reference's noise says nothing
-CLEARLY = 2.0       # the smoother reads the same sensor as the observers: so many times its own
+ALIKE = 1.1  # an error up to this many times the reference's noise says nothing
+CLEARLY = 2.0  # the smoother reads the same sensor as the observers: so many times its own
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,18 @@ def from_smoother(uncertainty: float) -> Reference:
     return Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, uncertainty, np.nan, SMOOTHER)
 
 
-def unheld(time: Array, velocity: Array, own: Array | None = None, period: float = 0.0
-           ) -> Reference:
+def unheld(
+    time: Array, velocity: Array, own: Array | None = None, period: float = 0.0
+) -> Reference:
     """What is known of a reference that nothing measured can be held against: its noise."""
-    return Reference(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan,
-                     noise(time, velocity, own, period), np.nan)
+    return Reference(
+        np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, noise(time, velocity, own, period), np.nan
+    )
 
 
-def fit(time: Array, velocity: Array, position: Array, period: float,
-        own: Array | None = None) -> Reference:
+def fit(
+    time: Array, velocity: Array, position: Array, period: float, own: Array | None = None
+) -> Reference:
     """Lag, bias, slope and noise of a reference velocity against the measured position.
 
     Parameters
@@ -108,7 +111,7 @@ def fit(time: Array, velocity: Array, position: Array, period: float,
         return (values[across:] - values[:-across])[whole]
 
     around = np.full(len(time), np.nan)
-    around[3:-3] = np.mean([velocity[3 + i:len(time) - 3 + i] for i in NEIGHBOURS], axis=0)
+    around[3:-3] = np.mean([velocity[3 + i : len(time) - 3 + i] for i in NEIGHBOURS], axis=0)
     whole &= np.isfinite(around[across:]) & np.isfinite(around[:-across])
     length = across_window(time)
     if len(length) < FEWEST * across:
@@ -123,12 +126,14 @@ def fit(time: Array, velocity: Array, position: Array, period: float,
         rest = np.abs(missed - columns @ np.nan_to_num(answer[0]))
         kept = rest <= OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
     (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = answer
-    return Reference(lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev,
-                     unknown.noise, across * step)
+    return Reference(
+        lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev, unknown.noise, across * step
+    )
 
 
-def _solve(columns: Array, instruments: Array, missed: Array, across: int
-           ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _solve(
+    columns: Array, instruments: Array, missed: Array, across: int
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """(bias, lag, slope - 1) and their standard deviations; nan for what is not determined.
 
     The noise of the reference in `columns` would draw a least-squares lag towards zero, so the

@@ -56,25 +56,37 @@ requestAnimationFrame(() => {
 def zoomed(span: Any, whole: Any, shown: Any, points: int) -> None:
     """Fills the source `shown` from `whole` by what is to be seen in the range `span`."""
     from bokeh.models import CustomJS
+
     shown.tags = [False]
-    choose = CustomJS(args={'range': span, 'whole': whole, 'shown': shown, 'points': points},
-                      code=CHOOSE)
+    choose = CustomJS(
+        args={'range': span, 'whole': whole, 'shown': shown, 'points': points}, code=CHOOSE
+    )
     span.js_on_change('start', choose)
     span.js_on_change('end', choose)
 
 
-COLOURS = ('#1f77b4', '#d62728', '#2ca02c', '#9467bd', '#ff7f0e', '#17becf', '#8c564b', '#e377c2',
-           '#7f7f7f', '#bcbd22')
+COLOURS = (
+    '#1f77b4',
+    '#d62728',
+    '#2ca02c',
+    '#9467bd',
+    '#ff7f0e',
+    '#17becf',
+    '#8c564b',
+    '#e377c2',
+    '#7f7f7f',
+    '#bcbd22',
+)
 DASHES = ('solid', 'dashed', 'dotted')  # for more estimates than there are colours
 INK = '#222222'
 TRUE = '#a7a7a7'
 HIGH, LOW = 260, 150
-COLUMNS = 3             # of the legend
-LEFT = 78               # room for the axes, so that frames stand above each other
+COLUMNS = 3  # of the legend
+LEFT = 78  # room for the axes, so that frames stand above each other
 HOLES_MARKED = 200
 TOOLS = 'box_zoom,pan,xwheel_zoom,reset,save'
-DRAWN = 1600            # points of a line at a time
-AROUND = 400            # samples on either side of the worst error
+DRAWN = 1600  # points of a line at a time
+AROUND = 400  # samples on either side of the worst error
 
 
 def _short(values: NDArray) -> NDArray:
@@ -85,6 +97,7 @@ def _short(values: NDArray) -> NDArray:
 def over_time(comparison: Comparison, joint: str, rows: Sequence[Row], points: int) -> list[Any]:
     """Angle, velocity, error and status over time, their zoom linked."""
     from bokeh.models import Range1d
+
     first = min([float(row.time[0]) for row in rows])
     last = max([float(row.time[-1]) for row in rows])
     margin = 0.01 * max(last - first, 1e-3)
@@ -104,17 +117,31 @@ def over_time(comparison: Comparison, joint: str, rows: Sequence[Row], points: i
 def around_the_worst(rows: Sequence[Row]) -> Any:
     """Every sample around the worst error of the best estimate: what is thinned out elsewhere."""
     from bokeh.models import Range1d
+
     best = min(rows, key=lambda row: row.velocity['rms'])
     worst = int(np.nanargmax(np.abs(best.estimate - best.truth)))
-    window = (float(best.time[max(0, worst - AROUND)]),
-              float(best.time[min(len(best.time) - 1, worst + AROUND)]))
-    shown = _figure(f'around the worst of {best.source} [rad/s]', HIGH,
-                    x_range=Range1d(start=window[0], end=window[1]))
-    parts = [(row, style, slice(*np.searchsorted(row.time, window)))
-             for row, style in _lookup(rows)]
+    window = (
+        float(best.time[max(0, worst - AROUND)]),
+        float(best.time[min(len(best.time) - 1, worst + AROUND)]),
+    )
+    shown = _figure(
+        f'around the worst of {best.source} [rad/s]',
+        HIGH,
+        x_range=Range1d(start=window[0], end=window[1]),
+    )
+    parts = [
+        (row, style, slice(*np.searchsorted(row.time, window))) for row, style in _lookup(rows)
+    ]
     here = slice(*np.searchsorted(best.time, window))
-    _line(shown, best.time[here], best.truth[here], np.arange(here.stop - here.start), color=TRUE,
-          line_width=3, name='reference')
+    _line(
+        shown,
+        best.time[here],
+        best.truth[here],
+        np.arange(here.stop - here.start),
+        color=TRUE,
+        line_width=3,
+        name='reference',
+    )
     outer = limits([best.truth[here], *(row.estimate[part] for row, _, part in parts)])
     for row, style, part in parts:
         time, estimate = row.time[part], row.estimate[part]
@@ -152,14 +179,24 @@ def sample_times(seen: Measurement) -> Any:
     usual = 1e3 / seen.rate
     edges = np.geomspace(min(low * 0.9, 0.5 * usual), max(high * 1.1, 2.0 * usual), 81)
     heights, _ = np.histogram(milliseconds, edges)
-    shown = _figure(title, HIGH, x_axis_type='log', y_axis_type='log',
-                    x_range=(float(edges[0]), float(edges[-1])))
+    shown = _figure(
+        title,
+        HIGH,
+        x_axis_type='log',
+        y_axis_type='log',
+        x_range=(float(edges[0]), float(edges[-1])),
+    )
     full = heights > 0
-    shown.quad(top=heights[full].astype(float), bottom=0.5, left=edges[:-1][full],
-               right=edges[1:][full], color=COLOURS[0], alpha=0.7)
+    shown.quad(
+        top=heights[full].astype(float),
+        bottom=0.5,
+        left=edges[:-1][full],
+        right=edges[1:][full],
+        color=COLOURS[0],
+        alpha=0.7,
+    )
     if len(holes):
-        shown.scatter(holes, np.full(len(holes), 0.75), marker='triangle', size=9,
-                      color=COLOURS[1])
+        shown.scatter(holes, np.full(len(holes), 0.75), marker='triangle', size=9, color=COLOURS[1])
     shown.xaxis.axis_label = 'sample time [ms]'
     shown.yaxis.axis_label = 'samples'
     return shown
@@ -167,8 +204,16 @@ def sample_times(seen: Measurement) -> Any:
 
 def _figure(title: str, height: int, **options: Any) -> Any:
     from bokeh.plotting import figure
-    made = figure(title=printable(title), height=height, sizing_mode='stretch_width', tools=TOOLS,
-                  active_drag='box_zoom', toolbar_location='above', **options)
+
+    made = figure(
+        title=printable(title),
+        height=height,
+        sizing_mode='stretch_width',
+        tools=TOOLS,
+        active_drag='box_zoom',
+        toolbar_location='above',
+        **options,
+    )
     made.toolbar.logo = None
     made.grid.grid_line_alpha = 0.4
     made.min_border_left = LEFT
@@ -192,10 +237,12 @@ def _legend(figure: Any) -> Any:
     return figure
 
 
-def _line(figure: Any, time: NDArray, values: NDArray, chosen: NDArray[np.int64],
-          **style: Any) -> None:
+def _line(
+    figure: Any, time: NDArray, values: NDArray, chosen: NDArray[np.int64], **style: Any
+) -> None:
     """A line; if it has many points, a zoom chooses anew which of them are drawn."""
     from bokeh.models import ColumnDataSource
+
     at, drawn = broken(time, values, chosen)
     whole = ColumnDataSource({'x': at, 'y': _short(drawn)})
     if len(at) <= DRAWN:
@@ -210,22 +257,40 @@ def _line(figure: Any, time: NDArray, values: NDArray, chosen: NDArray[np.int64]
 
 def _lookup(rows: Sequence[Row]) -> list[tuple[Row, dict[str, Any]]]:
     """Each row with how its lines are drawn."""
-    return [(row, {'color': COLOURS[i % len(COLOURS)], 'name': row.source,
-                   'line_dash': DASHES[i // len(COLOURS) % len(DASHES)]})
-            for i, row in enumerate(rows)]
+    return [
+        (
+            row,
+            {
+                'color': COLOURS[i % len(COLOURS)],
+                'name': row.source,
+                'line_dash': DASHES[i // len(COLOURS) % len(DASHES)],
+            },
+        )
+        for i, row in enumerate(rows)
+    ]
 
 
-def _mark_outside(figure: Any, outer: tuple[float, float], time: NDArray, values: NDArray,
-                  style: dict[str, Any]) -> None:
+def _mark_outside(
+    figure: Any, outer: tuple[float, float], time: NDArray, values: NDArray, style: dict[str, Any]
+) -> None:
     """Small triangles at the edge of the picture, where a line leaves it."""
     from bokeh.models import Range1d
+
     low, high = outer
     figure.y_range = Range1d(start=low, end=high)
-    for outside, edge, marker in ((values > high, high, 'triangle'),
-                                  (values < low, low, 'inverted_triangle')):
+    for outside, edge, marker in (
+        (values > high, high, 'triangle'),
+        (values < low, low, 'inverted_triangle'),
+    ):
         if outside.any():
-            figure.scatter(time[outside], np.full(int(outside.sum()), edge), marker=marker, size=8,
-                           color=style['color'], name=style['name'])
+            figure.scatter(
+                time[outside],
+                np.full(int(outside.sum()), edge),
+                marker=marker,
+                size=8,
+                color=style['color'],
+                name=style['name'],
+            )
 
 
 def _angle(comparison: Comparison, joint: str, points: int, shared: Any) -> Any:
@@ -242,8 +307,16 @@ def _angle(comparison: Comparison, joint: str, points: int, shared: Any) -> Any:
 def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
     shown = _figure('velocity against the reference [rad/s]', HIGH, x_range=shared)
     chosen = extremes(rows[0].truth, points)
-    _line(shown, rows[0].time, rows[0].truth, chosen, color=TRUE, line_width=3,
-          legend_label='reference', name='reference')
+    _line(
+        shown,
+        rows[0].time,
+        rows[0].truth,
+        chosen,
+        color=TRUE,
+        line_width=3,
+        legend_label='reference',
+        name='reference',
+    )
     outer = limits(chain([rows[0].truth], (row.estimate for row in rows)))
     for row, style in _lookup(rows):
         chosen = extremes(row.estimate, points)
@@ -251,11 +324,24 @@ def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
         if len(rows) == 1 and np.isfinite(row.stddev).any():
             few = extremes(row.estimate, DRAWN)
             middle, band = row.estimate[few], BAND * row.stddev[few]
-            shown.varea(row.time[few], _short(middle - band), _short(middle + band),
-                        color=style['color'], alpha=0.25, legend_label='95 % band',
-                        name='95 % band')
-        _line(shown, row.time, row.estimate, chosen, line_width=1.2,
-              legend_label=printable(row.source), **style)
+            shown.varea(
+                row.time[few],
+                _short(middle - band),
+                _short(middle + band),
+                color=style['color'],
+                alpha=0.25,
+                legend_label='95 % band',
+                name='95 % band',
+            )
+        _line(
+            shown,
+            row.time,
+            row.estimate,
+            chosen,
+            line_width=1.2,
+            legend_label=printable(row.source),
+            **style,
+        )
         if outer:
             _mark_outside(shown, outer, time, estimate, style)
     return _legend(shown)
@@ -267,8 +353,10 @@ def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
 
     outer = limits(error_of(row) for row in rows)
     if outer is None:
-        outer = (min(float(np.nanmin(error_of(row))) for row in rows),
-                 max(float(np.nanmax(error_of(row))) for row in rows))
+        outer = (
+            min(float(np.nanmin(error_of(row))) for row in rows),
+            max(float(np.nanmax(error_of(row))) for row in rows),
+        )
     room = 0.05 * max(outer[1] - outer[0], 1e-9)
     outer = outer[0] - room, outer[1] + room  # of the errors: the bands may be wider
     shown = _figure('error and 95 % band [rad/s]', HIGH, x_range=shared)
@@ -279,8 +367,9 @@ def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
         if np.isfinite(row.stddev).any():
             few = extremes(error, DRAWN)
             band = _short(BAND * row.stddev[few])
-            shown.varea(row.time[few], -band, band, color=style['color'], alpha=0.15,
-                        name=row.source)
+            shown.varea(
+                row.time[few], -band, band, color=style['color'], alpha=0.15, name=row.source
+            )
         _line(shown, row.time, error, chosen, line_width=1, **style)
         _mark_outside(shown, outer, time, error[chosen], style)
     return shown
@@ -289,13 +378,19 @@ def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
 def _status(rows: Sequence[Row], points: int, shared: Any) -> Any:
     """Each estimate a little beside the other, so that none hides behind another."""
     from bokeh.models import FixedTicker
+
     shown = _figure('status', LOW, x_range=shared)
     for i, (row, style) in enumerate(_lookup(rows)):
         if len(row.status):
             chosen = changes(row.status, points)
             beside = 0.5 * (i / max(1, len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
-            shown.step(row.status_time[chosen], row.status[chosen] + beside, mode='after',
-                       line_width=1.5, **style)
+            shown.step(
+                row.status_time[chosen],
+                row.status[chosen] + beside,
+                mode='after',
+                line_width=1.5,
+                **style,
+            )
     # lines stand beside their status, so the range is that of the statuses: each keeps its name
     known = np.concatenate([row.status for row in rows])
     shown.y_range.start, shown.y_range.end = known.min() - 0.5, known.max() + 0.5
@@ -330,13 +425,19 @@ def _spectrum(rows: Sequence[Row]) -> Any:
 def _distribution(rows: Sequence[Row]) -> Any:
     shown = _figure('error / deviation (dashed: expected)', HIGH)
     for row, style in _lookup(rows):
-        middles, heights = normalised(row.estimate - row.truth,
-                                       np.hypot(row.stddev, row.reference_noise))
+        middles, heights = normalised(
+            row.estimate - row.truth, np.hypot(row.stddev, row.reference_noise)
+        )
         if len(middles):
             shown.step(middles, heights, mode='center', **style)
     at = np.linspace(-5.0, 5.0, 101)
-    shown.line(at, np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi), color=INK, line_width=2,
-               line_dash='6 3')
+    shown.line(
+        at,
+        np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi),
+        color=INK,
+        line_width=2,
+        line_dash='6 3',
+    )
     shown.xaxis.axis_label = 'standard deviations (outermost: beyond)'
     shown.yaxis.axis_label = 'density'
     return shown

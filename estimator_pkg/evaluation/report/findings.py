@@ -24,18 +24,18 @@ from estimator_pkg.streams.contract import WHY_DROPPED
 
 Array = NDArray[np.float64]
 
-MOVING = 3.0        # a joint moves if it passes so many quanta per sample
-REPEATS = 0.2       # so many equal readings in motion are no chance
-HOLES_NAMED = 5     # holes that are told one by one
-JITTER_SEEN = 3.0   # jitter is told if the error at speed is so many times that at rest
-JITTER_MATTERS = 1e-3   # and if it is more than this part of a sample time
-FEWEST = 200        # samples below which nothing is said of jitter
+MOVING = 3.0  # a joint moves if it passes so many quanta per sample
+REPEATS = 0.2  # so many equal readings in motion are no chance
+HOLES_NAMED = 5  # holes that are told one by one
+JITTER_SEEN = 3.0  # jitter is told if the error at speed is so many times that at rest
+JITTER_MATTERS = 1e-3  # and if it is more than this part of a sample time
+FEWEST = 200  # samples below which nothing is said of jitter
 USUAL = Entry('', 'hybrid_angle')  # whose noise the jitter is turned into
-SETTLED = 400       # samples after which its noise gain is steady
-MOSTLY = 0.7        # a cause makes up most of an error if so much remains of it without the cause,
-                    # or comes from it alone (of an rms, half of the squares)
-HONEST = 0.85       # a 95 % band that holds less than this is too narrow
-WITHHELD = 0.05     # of the time without an estimate is worth a word
+SETTLED = 400  # samples after which its noise gain is steady
+MOSTLY = 0.7  # a cause makes up most of an error if so much remains of it without the cause,
+# or comes from it alone (of an rms, half of the squares)
+HONEST = 0.85  # a 95 % band that holds less than this is too narrow
+WITHHELD = 0.05  # of the time without an estimate is worth a word
 
 
 @dataclass(frozen=True)
@@ -86,15 +86,19 @@ def look(series: Series, start: int, period: float) -> Measurement | None:
     long = np.flatnonzero(steps > GAP * step)
     order = long[np.argsort(-steps[long], kind='stable')]
     count = quantum(series.position)
-    moves = np.concatenate([np.abs(wrapped(np.diff(series.position[run]), period))
-                            for run in runs])
+    moves = np.concatenate([np.abs(wrapped(np.diff(series.position[run]), period)) for run in runs])
     jitter = max((_jitter(series, run, period, count) for run in runs[:1]), default=0.0)
     return Measurement(
-        1.0 / step, len(steps) / float(np.sum(steps[steps <= GAP * step])), count,
-        _repeats(moves, count), jitter,
+        1.0 / step,
+        len(steps) / float(np.sum(steps[steps <= GAP * step])),
+        count,
+        _repeats(moves, count),
+        jitter,
         float(np.percentile(moves[steps <= GAP * step] / steps[steps <= GAP * step], 99.9)),
-        tuple((float(at[i]), float(steps[i])) for i in order[:1000]), steps,
-        int(np.count_nonzero(strays(series.stamps_ns[good]))))
+        tuple((float(at[i]), float(steps[i])) for i in order[:1000]),
+        steps,
+        int(np.count_nonzero(strays(series.stamps_ns[good]))),
+    )
 
 
 def _repeats(moves: Array, count: float) -> int:
@@ -127,7 +131,7 @@ def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float)
     usable = before + after <= 4.0 * float(np.median(before))
     part = before / (before + after)
     missed = angle[1:-1] - (1.0 - part) * angle[:-2] - part * angle[2:]
-    spread = np.sqrt(1.0 + (1.0 - part) ** 2 + part ** 2)
+    spread = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
     # neighbours next but one know the speed without the stamps in question
     speed = np.abs(slopes(time, angle))[1:-1]
     missed, speed = (missed / spread)[usable], speed[usable]
@@ -136,6 +140,7 @@ def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float)
     slow = speed[1:] <= np.percentile(speed, 25)
     if not fast.any() or not slow.any():
         return 0.0
+
     # steady jitter of a straight line: the second difference's spread is 1.22 of one stamp's, and
     # neighbouring ones are correlated by -2/3
     def scale(which: NDArray[np.bool_]) -> float:
@@ -156,7 +161,7 @@ def speed_noise(position_noise: float, step: float) -> float:
         return math.nan
     joint = Entry('', USUAL.observer, (('noise', position_noise),)).joint()
     for i in range(SETTLED):
-        joint.update(10 ** 9 + round(i * step * 1e9), 0.0)
+        joint.update(10**9 + round(i * step * 1e9), 0.0)
     return joint.stddev()[1]
 
 
@@ -172,42 +177,59 @@ def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]
         for row in rows if len(rows) <= 2 else [best]:
             found += _of_errors(row, joint in comparison.refused)
     found += comparison.notes
-    return found or ['nothing stands out: no holes, repeats or jitter, and errors without a '
-                     'dominant cause']
+    return found or [
+        'nothing stands out: no holes, repeats or jitter, and errors without a dominant cause'
+    ]
 
 
 def _of_measurement(joint: str, seen: Measurement) -> list[str]:
     found = []
     if seen.repeats > 1:
         every = 'second' if seen.repeats == 2 else f'{seen.repeats}th'
-        found.append(f'{joint}: a new reading comes only with every {every} sample: the encoder '
-                     f'repeats itself at {seen.rate:.0f} Hz; read it at '
-                     f'{seen.rate / seen.repeats:.0f} Hz, or stamp it when it is read')
+        found.append(
+            f'{joint}: a new reading comes only with every {every} sample: the encoder '
+            f'repeats itself at {seen.rate:.0f} Hz; read it at '
+            f'{seen.rate / seen.repeats:.0f} Hz, or stamp it when it is read'
+        )
     if seen.jitter_s:
         noise = speed_noise(seen.jitter_s * seen.speed, 1.0 / seen.rate)
-        expect = '' if math.isnan(noise) else (f': expect {number(noise, 2)} rad/s of noise at '
-                                               f'{number(seen.speed, 3)} rad/s')
-        found.append(f'{joint}: stamps jitter by {_time(seen.jitter_s)}{expect}; stamp readings '
-                     'where they are taken')
+        expect = (
+            ''
+            if math.isnan(noise)
+            else (f': expect {number(noise, 2)} rad/s of noise at {number(seen.speed, 3)} rad/s')
+        )
+        found.append(
+            f'{joint}: stamps jitter by {_time(seen.jitter_s)}{expect}; stamp readings '
+            'where they are taken'
+        )
     for when, length in seen.holes[:HOLES_NAMED]:
-        found.append(f'{joint}: gap of {_time(length)} at '
-                     + (f'{when:.1f} s' if when >= 0.1 else _time(when)))
+        found.append(
+            f'{joint}: gap of {_time(length)} at '
+            + (f'{when:.1f} s' if when >= 0.1 else _time(when))
+        )
     if seen.strays:
-        found.append(f'{joint}: {seen.strays} single stamp{"s" * (seen.strays > 1)} far ahead of '
-                     'those around: a wrong clock, or a damaged message')
+        found.append(
+            f'{joint}: {seen.strays} single stamp{"s" * (seen.strays > 1)} far ahead of '
+            'those around: a wrong clock, or a damaged message'
+        )
     if len(seen.holes) > HOLES_NAMED:
         found.append(f'{joint}: {len(seen.holes)} gaps in all')
     if seen.quantum:
         per_turn = 2.0 * math.pi / seen.quantum
-        found.append(f'{joint}: one count is {number(seen.quantum, 3)} rad (about {per_turn:.0f} '
-                     f'per turn), {number(seen.quantum * seen.rate, 3)} rad/s of a finite '
-                     f"difference at {seen.rate:.0f} Hz; set 'quantum: {seen.quantum:.4g}'")
+        found.append(
+            f'{joint}: one count is {number(seen.quantum, 3)} rad (about {per_turn:.0f} '
+            f'per turn), {number(seen.quantum * seen.rate, 3)} rad/s of a finite '
+            f"difference at {seen.rate:.0f} Hz; set 'quantum: {seen.quantum:.4g}'"
+        )
     return found
 
 
 def _of_samples(joint: str, row: Row) -> list[str]:
-    return [f'{joint}: {count} of {row.samples["received"]} samples dropped: '
-            f'{WHY_DROPPED.get(kind, kind)}' for kind, count in row.samples['dropped'].items()]
+    return [
+        f'{joint}: {count} of {row.samples["received"]} samples dropped: '
+        f'{WHY_DROPPED.get(kind, kind)}'
+        for kind, count in row.samples['dropped'].items()
+    ]
 
 
 def _of_errors(row: Row, refused: bool) -> list[str]:
@@ -217,24 +239,37 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
     late = row.velocity['delay_s']
     if not refused and not row.reference_cannot_tell and len(row.time) > 8:
         if late == late and late > 0.0 and _shifted(row, late) < MOSTLY * rms:
-            found.append(f'{name}: most of its error comes from being {_time(late)} late'
-                         + _advice(row.source, 'raise bandwidth_hz, or tune it for less delay',
-                                   "set 'prefer: fast'"))
+            found.append(
+                f'{name}: most of its error comes from being {_time(late)} late'
+                + _advice(
+                    row.source,
+                    'raise bandwidth_hz, or tune it for less delay',
+                    "set 'prefer: fast'",
+                )
+            )
         elif noise == noise and noise > MOSTLY * rms:
-            found.append(f'{name}: most of its error is noise'
-                         + _advice(row.source, 'lower bandwidth_hz, or tune it',
-                                   "set 'prefer: smooth'"))
+            found.append(
+                f'{name}: most of its error is noise'
+                + _advice(row.source, 'lower bandwidth_hz, or tune it', "set 'prefer: smooth'")
+            )
     if row.coverage == row.coverage and row.coverage < HONEST and not row.reference_cannot_tell:
-        found.append(f'{name}: its 95 % band holds {row.coverage:.0%} of the errors: in motion '
-                     'they are larger than the noise it knows of'
-                     + _advice(row.source, "set 'noise' and 'quantum', or raise bandwidth_hz",
-                               "set 'prefer: fast'"))
-    away = sum(seconds for kind, seconds in row.validity.items()
-               if kind not in ('tracking', 'published'))
+        found.append(
+            f'{name}: its 95 % band holds {row.coverage:.0%} of the errors: in motion '
+            'they are larger than the noise it knows of'
+            + _advice(
+                row.source, "set 'noise' and 'quantum', or raise bandwidth_hz", "set 'prefer: fast'"
+            )
+        )
+    away = sum(
+        seconds for kind, seconds in row.validity.items() if kind not in ('tracking', 'published')
+    )
     total = sum(row.validity.values())
     if total and away > WITHHELD * total:
-        kinds = ', '.join(f'{kind} {seconds:.2f} s' for kind, seconds in row.validity.items()
-                          if kind not in ('tracking', 'published') and seconds >= 0.01)
+        kinds = ', '.join(
+            f'{kind} {seconds:.2f} s'
+            for kind, seconds in row.validity.items()
+            if kind not in ('tracking', 'published') and seconds >= 0.01
+        )
         found.append(f'{name}: not tracking for {away:.2f} of {total:.2f} s ({kinds})')
     return found
 

@@ -30,8 +30,9 @@ class FullData:
         destination.check(path)
         self.path = path
         self._whole = destination.replacing(path)
-        self._zip = zipfile.ZipFile(self._whole.__enter__(), 'w', zipfile.ZIP_DEFLATED,
-                                    compresslevel=LEVEL)
+        self._zip = zipfile.ZipFile(
+            self._whole.__enter__(), 'w', zipfile.ZIP_DEFLATED, compresslevel=LEVEL
+        )
 
     def add(self, comparison: Comparison) -> None:
         """Every sample of one bag that was compared."""
@@ -44,8 +45,11 @@ class FullData:
             shared: Row | None = None
             for row in (row for row in comparison.rows if row.joint == joint):
                 here = _name(base, row.source)
-                if (shared is None or len(shared.time) != len(row.time)
-                        or not np.array_equal(shared.time, row.time)):
+                if (
+                    shared is None
+                    or len(shared.time) != len(row.time)
+                    or not np.array_equal(shared.time, row.time)
+                ):
                     shared = row
                     self.write(f'{here}/time', row.time)
                     self.write(f'{here}/reference', row.truth)
@@ -61,8 +65,12 @@ class FullData:
     def __enter__(self) -> FullData:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Complete: under its name. Broken off: gone."""
         try:
             self._zip.close()

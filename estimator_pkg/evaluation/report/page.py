@@ -17,8 +17,8 @@ from estimator_pkg.optional import needs
 from estimator_pkg.printable import escaped
 
 POINTS_OF_A_PAGE = 240_000  # of all lines over time: so many make a few megabytes,
-POINTS = (600, 40000)       # and fewest and most of one line
-LINES = 3                   # per estimate: velocity, error, band
+POINTS = (600, 40000)  # and fewest and most of one line
+LINES = 3  # per estimate: velocity, error, band
 
 STYLE = """
 :root { color-scheme: light dark; }
@@ -60,7 +60,7 @@ class Report:
         try:
             import bokeh  # noqa: F401  (only to see whether it is there)
         except ImportError as error:
-            raise UserError(f"pages: {needs('bokeh')}") from error
+            raise UserError(f'pages: {needs("bokeh")}') from error
         self.path = Path(path)
         destination.check(path)
         self._data = data
@@ -73,8 +73,12 @@ class Report:
     def __enter__(self) -> Report:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """The page appears, unless something went wrong."""
         if kind is None:
             self._write()
@@ -89,12 +93,16 @@ class Report:
                     seen[joint] = found
         said = sentences(comparison, seen)
         bag = Path(comparison.bag)
-        parts = [f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>',
-                 f'<p class="note">{escaped(str(bag))}</p>',
-                 f'<p>Velocity errors against {escaped(comparison.truth)}, at zero shift; '
-                 'the delay stands beside them.</p>', table(comparison), worth(comparison),
-                 '<h3>What to know, and what to do next</h3>',
-                 '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in said) + '</ul>']
+        parts = [
+            f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>',
+            f'<p class="note">{escaped(str(bag))}</p>',
+            f'<p>Velocity errors against {escaped(comparison.truth)}, at zero shift; '
+            'the delay stands beside them.</p>',
+            table(comparison),
+            worth(comparison),
+            '<h3>What to know, and what to do next</h3>',
+            '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in said) + '</ul>',
+        ]
         points = self._points(comparison)
         for joint in dict.fromkeys(row.joint for row in comparison.rows):
             rows = [row for row in comparison.rows if row.joint == joint]
@@ -106,28 +114,41 @@ class Report:
     def leave_out(self, bags: Sequence[LeftOut]) -> None:
         """What is said of bags that could not be judged."""
         if bags:
-            self._sections.append('<h2>Left out</h2><ul>' + ''.join(
-                f'<li>{escaped(str(bag))}</li>' for bag in bags) + '</ul>')
+            self._sections.append(
+                '<h2>Left out</h2><ul>'
+                + ''.join(f'<li>{escaped(str(bag))}</li>' for bag in bags)
+                + '</ul>'
+            )
 
     def _points(self, comparison: Comparison) -> int:
         """How many points a line may have."""
         share = POINTS_OF_A_PAGE // (self._bags * LINES * max(1, len(comparison.rows)))
         return min(max(share, POINTS[0]), POINTS[1])
 
-    def _draw(self, comparison: Comparison, joint: str, rows: Sequence[Row],
-              seen: Measurement | None, points: int) -> list[str]:
+    def _draw(
+        self,
+        comparison: Comparison,
+        joint: str,
+        rows: Sequence[Row],
+        seen: Measurement | None,
+        points: int,
+    ) -> list[str]:
         from estimator_pkg.evaluation.report import figures
+
         wide = figures.over_time(comparison, joint, rows, points)
         small = figures.closer(comparison, rows)
         wide.append(figures.around_the_worst(rows))
         figures.link(wide + small)
         if seen is not None:
             small.append(figures.sample_times(seen))
-        return [self._place('over_time', wide), self._place('closer', small),
-                '<p class="note">Drag a box over a plot to zoom: time moves together in all that '
-                'show it. The tools above a plot pan, zoom with the wheel, go back and save. A '
-                'click on a name hides it in all plots of the joint. A triangle at the edge: a '
-                'value beyond the picture.</p>']
+        return [
+            self._place('over_time', wide),
+            self._place('closer', small),
+            '<p class="note">Drag a box over a plot to zoom: time moves together in all that '
+            'show it. The tools above a plot pan, zoom with the wheel, go back and save. A '
+            'click on a name hides it in all plots of the joint. A triangle at the edge: a '
+            'value beyond the picture.</p>',
+        ]
 
     def _place(self, kind: str, drawn: Sequence[Any]) -> str:
         names = []
@@ -135,14 +156,16 @@ class Report:
             name = f'figure_{len(self._figures)}'
             self._figures[name] = figure
             names.append(name)
-        slots = ''.join(f'<div class="plot"><div data-figure="{name}"></div></div>'
-                        for name in names)
+        slots = ''.join(
+            f'<div class="plot"><div data-figure="{name}"></div></div>' for name in names
+        )
         return f'<div class="{kind}">{slots}</div>'
 
     def _write(self) -> None:
         from bokeh.document import Document
         from bokeh.embed import components
         from bokeh.resources import Resources
+
         document = Document()
         with document.models.freeze():  # else all figures are gone through for each one more
             for figure in self._figures.values():
@@ -152,17 +175,20 @@ class Report:
         for name, slot in slots.items():
             body = body.replace(f'<div data-figure="{name}"></div>', slot)
         library = Resources(mode='inline', components=['bokeh'], minified=True).render_js()
-        page = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-                f'<meta name="viewport" content="width=device-width, initial-scale=1">'
-                f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
-                f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
-                f'{__version__}. {self._where()}The plots show the extremes of each stretch, and '
-                f'more of them the closer one looks.</p>\n{script}\n'
-                '</body></html>\n')
+        page = (
+            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            f'<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
+            f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
+            f'{__version__}. {self._where()}The plots show the extremes of each stretch, and '
+            f'more of them the closer one looks.</p>\n{script}\n'
+            '</body></html>\n'
+        )
         destination.write_text(self.path, page)
 
     def _where(self) -> str:
         if self._data is None:
             return ''
-        return ('Every sample that was compared is in '
-                f'{escaped(Path(self._data).name)} (numpy.load). ')
+        return (
+            f'Every sample that was compared is in {escaped(Path(self._data).name)} (numpy.load). '
+        )

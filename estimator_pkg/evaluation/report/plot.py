@@ -20,7 +20,7 @@ from estimator_pkg.printable import drawn
 Array = NDArray[np.float64]
 
 COLUMNS = 4
-POINTS = 20_000     # of a line
+POINTS = 20_000  # of a line
 
 
 def check(path: str) -> None:
@@ -33,13 +33,15 @@ def check(path: str) -> None:
     try:
         from matplotlib.backend_bases import FigureCanvasBase
     except ImportError as error:
-        raise UserError(f"plots: {needs('matplotlib')}") from error
-    logging.getLogger('matplotlib').setLevel(logging.ERROR)     # it lists fonts that it misses
+        raise UserError(f'plots: {needs("matplotlib")}') from error
+    logging.getLogger('matplotlib').setLevel(logging.ERROR)  # it lists fonts that it misses
     kinds = FigureCanvasBase.get_supported_filetypes()
     kind = Path(path).suffix[1:].lower()
     if kind not in kinds:
-        raise UserError(f'{path}: plots can be {", ".join(sorted(kinds))}' + (
-            f', not {kind}' if kind else ': end the name so'))
+        raise UserError(
+            f'{path}: plots can be {", ".join(sorted(kinds))}'
+            + (f', not {kind}' if kind else ': end the name so')
+        )
     destination.check(path)
 
 
@@ -52,14 +54,17 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
     """
     check(path)
     from matplotlib.figure import Figure
+
     panels: list[tuple[str, str, list[Row]]] = []
     for comparison in comparisons:
         reference = 'reference' if comparison.smoothed else 'truth'
         by_joint: dict[str, list[Row]] = {}
         for row in comparison.rows:
             by_joint.setdefault(row.joint, []).append(row)
-        panels += [(f'{Path(comparison.bag).name}: {joint}', reference, rows)
-                   for joint, rows in by_joint.items()]
+        panels += [
+            (f'{Path(comparison.bag).name}: {joint}', reference, rows)
+            for joint, rows in by_joint.items()
+        ]
     across = min(COLUMNS, len(panels))
     down = -(-len(panels) // across)
     figure = Figure(figsize=(max(9.0, 5.0 * across), 5.0 * down + 0.4), layout='constrained')
@@ -73,29 +78,42 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
         above.set_visible(True)
         below.set_visible(True)
         below.sharex(above)
-        names.setdefault(reference, _line(above, rows[0].time, rows[0].truth, color='black',
-                                          linewidth=1.2))
+        names.setdefault(
+            reference, _line(above, rows[0].time, rows[0].truth, color='black', linewidth=1.2)
+        )
         for row in rows:
             colour = names[row.source].get_color() if row.source in names else None
             line = _line(above, row.time, row.estimate, linewidth=0.8, color=colour)
             names.setdefault(row.source, line)
-            _line(below, row.time, row.estimate - row.truth, linewidth=0.8,
-                  color=line.get_color())
-        for axis, lines in ((above, [rows[0].truth, *(row.estimate for row in rows)]),
-                            (below, [row.estimate - row.truth for row in rows])):
+            _line(below, row.time, row.estimate - row.truth, linewidth=0.8, color=line.get_color())
+        for axis, lines in (
+            (above, [rows[0].truth, *(row.estimate for row in rows)]),
+            (below, [row.estimate - row.truth for row in rows]),
+        ):
             outer = limits(lines)
             if outer:
                 axis.set_ylim(*outer)
-                axis.annotate('outliers cut off', (0.01, 0.03), xycoords='axes fraction',
-                              fontsize='x-small', color='dimgrey')
+                axis.annotate(
+                    'outliers cut off',
+                    (0.01, 0.03),
+                    xycoords='axes fraction',
+                    fontsize='x-small',
+                    color='dimgrey',
+                )
             axis.grid(alpha=0.3)
         above.tick_params(labelbottom=False)
         above.set_title(drawn(title), fontsize='small')
         above.set_ylabel('velocity [rad/s]')
         below.set_ylabel('error [rad/s]')
         below.set_xlabel('time [s]')
-    figure.legend(names.values(), map(drawn, names), loc='outside upper center', fontsize='small',
-                  ncols=min(len(names), 7), frameon=False)
+    figure.legend(
+        names.values(),
+        map(drawn, names),
+        loc='outside upper center',
+        fontsize='small',
+        ncols=min(len(names), 7),
+        frameon=False,
+    )
     save(figure, path)
 
 
@@ -108,5 +126,5 @@ def save(figure: Any, path: str) -> None:
 def _line(axis: Any, time: Array, values: Array, **style: Any) -> Any:
     """A line without its thousands of points that nobody could see, broken at holes."""
     at, drawn = broken(time, values, extremes(values, POINTS))
-    line, = axis.plot(at, drawn, **style)
+    (line,) = axis.plot(at, drawn, **style)
     return line

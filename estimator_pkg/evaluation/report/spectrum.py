@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-WINDOW = 2048       # samples of a window of the spectrum, or a quarter of the record
-BINS = 24           # of speed
-SPREAD = 5.0        # the histogram reaches so many standard deviations
+WINDOW = 2048  # samples of a window of the spectrum, or a quarter of the record
+BINS = 24  # of speed
+SPREAD = 5.0  # the histogram reaches so many standard deviations
 CELLS = 60
-FEW = 5             # samples in a bin of speed, below which it is left out
+FEW = 5  # samples in a bin of speed, below which it is left out
 
 
 def density(time: Array, error: Array) -> tuple[Array, Array]:
@@ -37,7 +37,7 @@ def density(time: Array, error: Array) -> tuple[Array, Array]:
     power: Array = np.zeros(size // 2 + 1)
     pieces = 0
     for at in range(0, len(even) - size + 1, size // 2):
-        power += np.abs(np.fft.rfft(window * even[at:at + size])) ** 2
+        power += np.abs(np.fft.rfft(window * even[at : at + size])) ** 2
         pieces += 1
     if not pieces:
         return np.zeros(0), np.zeros(0)
@@ -52,11 +52,14 @@ def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
     if len(truth) < FEW:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     order = np.argsort(truth, kind='stable')
-    parts = [part for part in np.array_split(order, min(BINS, max(1, len(order) // FEW)))
-             if len(part)]
-    return (np.array([np.mean(truth[part]) for part in parts]),
-            np.array([np.sqrt(np.mean(error[part] ** 2)) for part in parts]),
-            np.array([np.mean(error[part]) for part in parts]))
+    parts = [
+        part for part in np.array_split(order, min(BINS, max(1, len(order) // FEW))) if len(part)
+    ]
+    return (
+        np.array([np.mean(truth[part]) for part in parts]),
+        np.array([np.sqrt(np.mean(error[part] ** 2)) for part in parts]),
+        np.array([np.mean(error[part]) for part in parts]),
+    )
 
 
 def normalised(error: Array, stddev: Array) -> tuple[Array, Array]:

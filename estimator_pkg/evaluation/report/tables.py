@@ -12,8 +12,21 @@ from estimator_pkg.evaluation.compare.words import describe_smoother, describe_t
 from estimator_pkg.evaluation.text import error, fixed, number
 from estimator_pkg.printable import escaped
 
-HEADER = ('estimate', 'joint', 'rms', 'mean', 'worst', 'worst at', 'bias', 'delay', 'noise',
-          'in 95 % band', 'valid', 'samples', 'dropped')
+HEADER = (
+    'estimate',
+    'joint',
+    'rms',
+    'mean',
+    'worst',
+    'worst at',
+    'bias',
+    'delay',
+    'noise',
+    'in 95 % band',
+    'valid',
+    'samples',
+    'dropped',
+)
 UNITS = ('', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
 
 
@@ -22,8 +35,8 @@ class Overview:
 
     def __init__(self) -> None:
         self._bags = 0
-        self._sources: dict[str, None] = {}     # in the order of their appearance
-        self._lines: list[tuple[str, str, dict[str, str]]] = []     # bag, joint, cells by source
+        self._sources: dict[str, None] = {}  # in the order of their appearance
+        self._lines: list[tuple[str, str, dict[str, str]]] = []  # bag, joint, cells by source
 
     def add(self, comparison: Comparison) -> str:
         """One bag more; the name of the place on the page that its line leads to."""
@@ -46,32 +59,45 @@ class Overview:
         if self._bags < 2:
             return ''
         head = ''.join(f'<th>{escaped(each)}</th>' for each in ('bag', 'joint', *self._sources))
-        lines = ''.join(f'<tr><td>{bag}</td><td>{joint}</td>' + ''.join(
-            f'<td>{cells.get(source, "-")}</td>' for source in self._sources) + '</tr>'
-            for bag, joint, cells in self._lines)
-        return ('<p>Rms velocity error [rad/s] at zero shift; *: the reference cannot tell.</p>'
-                f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>')
+        lines = ''.join(
+            f'<tr><td>{bag}</td><td>{joint}</td>'
+            + ''.join(f'<td>{cells.get(source, "-")}</td>' for source in self._sources)
+            + '</tr>'
+            for bag, joint, cells in self._lines
+        )
+        return (
+            '<p>Rms velocity error [rad/s] at zero shift; *: the reference cannot tell.</p>'
+            f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>'
+        )
 
 
 def worth(comparison: Comparison) -> str:
     """What is known of the truth, or of the reference made in its place."""
-    told = [f'{joint}: {describe_smoother(comparison.smoothed[joint])}'
-            if joint in comparison.smoothed else
-            f'The truth of {joint}, held against the measured position: {describe_truth(known)}'
-            for joint, known in comparison.references.items()
-            if any(row.joint == joint for row in comparison.rows)]
+    told = [
+        f'{joint}: {describe_smoother(comparison.smoothed[joint])}'
+        if joint in comparison.smoothed
+        else f'The truth of {joint}, held against the measured position: {describe_truth(known)}'
+        for joint, known in comparison.references.items()
+        if any(row.joint == joint for row in comparison.rows)
+    ]
     return ''.join(f'<p class="note">{escaped(each)}.</p>' for each in told)
 
 
 def table(comparison: Comparison) -> str:
     """Every estimate of one bag, the best of each joint in bold."""
-    head = ''.join(f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
-                   for name, unit in zip(HEADER, UNITS))
+    head = ''.join(
+        f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
+        for name, unit in zip(HEADER, UNITS)
+    )
     best = _best(comparison)
     lines = ''.join(_line(row, best.get(row.joint) is row) for row in comparison.rows)
     marked = any(row.reference_cannot_tell for row in comparison.rows)
-    star = ('<p class="note">* The reference cannot tell: the error is no larger than what the '
-            'reference itself may be wrong by.</p>' if marked else '')
+    star = (
+        '<p class="note">* The reference cannot tell: the error is no larger than what the '
+        'reference itself may be wrong by.</p>'
+        if marked
+        else ''
+    )
     return f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>{star}'
 
 
@@ -79,8 +105,10 @@ def _best(comparison: Comparison) -> dict[str, Row]:
     """By joint; none where the reference cannot rank them."""
     found = {}
     for joint in {row.joint for row in comparison.rows} - set(comparison.refused):
-        best = min((row for row in comparison.rows if row.joint == joint),
-                   key=lambda row: row.velocity['rms'])
+        best = min(
+            (row for row in comparison.rows if row.joint == joint),
+            key=lambda row: row.velocity['rms'],
+        )
         if not best.reference_cannot_tell:
             found[joint] = best
     return found
@@ -92,14 +120,26 @@ def _line(row: Row, best: bool) -> str:
     worst = float(row.time[int(np.nanargmax(off))]) if np.isfinite(off).any() else math.nan
     dropped = ', '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
     total = sum(row.validity.values())
-    valid = row.validity.get('tracking', 0.0) + row.validity.get('coasting', 0.0) + (
-        row.validity.get('published', 0.0))
+    valid = (
+        row.validity.get('tracking', 0.0)
+        + row.validity.get('coasting', 0.0)
+        + (row.validity.get('published', 0.0))
+    )
     places = 2 if total < 1000.0 else 0
-    cells = (row.source, row.joint, error(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
-             error(v['mean_abs'], 4), error(v['max_abs'], 3), fixed(worst, 2), fixed(v['bias'], 4),
-             fixed(v['delay_s'] * 1e3, 2), number(v['noise'], 3),
-             f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
-             f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
-             f'{row.samples["used"]} of {row.samples["received"]}', dropped or '0')
+    cells = (
+        row.source,
+        row.joint,
+        error(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
+        error(v['mean_abs'], 4),
+        error(v['max_abs'], 3),
+        fixed(worst, 2),
+        fixed(v['bias'], 4),
+        fixed(v['delay_s'] * 1e3, 2),
+        number(v['noise'], 3),
+        f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
+        f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
+        f'{row.samples["used"]} of {row.samples["received"]}',
+        dropped or '0',
+    )
     made = ''.join(f'<td>{escaped(cell)}</td>' for cell in cells)
     return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-HOLE = 10.0             # median sample times: a line is not drawn across a longer hole
-ENOUGH = 100_000        # values tell a percentile
+HOLE = 10.0  # median sample times: a line is not drawn across a longer hole
+ENOUGH = 100_000  # values tell a percentile
 MOST, ROOM = 99.5, 2.5  # an outlier beyond so many times this percentile is not drawn but marked
 
 
@@ -56,8 +56,10 @@ def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Arr
     holes = np.flatnonzero(steps > HOLE * float(np.median(known)))
     at = np.unique(np.searchsorted(chosen, holes, side='right'))
     at = at[(at > 0) & (at < len(chosen))]
-    return (np.insert(time[chosen], at, time[chosen[at - 1]]),
-            np.insert(np.asarray(values[chosen], float), at, np.nan))
+    return (
+        np.insert(time[chosen], at, time[chosen[at - 1]]),
+        np.insert(np.asarray(values[chosen], float), at, np.nan),
+    )
 
 
 def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
@@ -66,7 +68,7 @@ def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
     for line in lines:  # one at a time: they may be long
         if np.isfinite(line).any():
             least, most = min(least, float(np.nanmin(line))), max(most, float(np.nanmax(line)))
-        part = line[::max(1, len(line) // ENOUGH)]
+        part = line[:: max(1, len(line) // ENOUGH)]
         some.append(part[np.isfinite(part)])
     known = np.concatenate(some)
     if not len(known):

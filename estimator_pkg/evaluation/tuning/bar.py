@@ -20,17 +20,27 @@ def bar(label: str, trials: int) -> Iterator[Callable[[int, Search], None]]:
         return
     from rich import progress as rich
     from rich.console import Console
-    with rich.Progress(rich.TextColumn('{task.description}', markup=False), rich.BarColumn(),
-                       rich.MofNCompleteColumn(),
-                       rich.TextColumn('{task.fields[best]}', markup=False),
-                       console=Console(file=terminal(sys.stderr)), transient=True) as shown:
+
+    with rich.Progress(
+        rich.TextColumn('{task.description}', markup=False),
+        rich.BarColumn(),
+        rich.MofNCompleteColumn(),
+        rich.TextColumn('{task.fields[best]}', markup=False),
+        console=Console(file=terminal(sys.stderr)),
+        transient=True,
+    ) as shown:
         task = shown.add_task(printable(label), total=trials, best='')
 
         def told(count: int, found: Search) -> None:
             best = found.best
-            text = '' if best is None else (
-                f'best {best.cost:.3f} of the defaults: '
-                + ', '.join(f'{name} {written(value)}' for name, value in best.values.items()))
+            text = (
+                ''
+                if best is None
+                else (
+                    f'best {best.cost:.3f} of the defaults: '
+                    + ', '.join(f'{name} {written(value)}' for name, value in best.values.items())
+                )
+            )
             shown.update(task, advance=count, best=text)
 
         yield told

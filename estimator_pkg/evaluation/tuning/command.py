@@ -47,6 +47,7 @@ def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
     """
     check(path)
     from matplotlib.figure import Figure
+
     figure = Figure(figsize=(6.5 * len(tuned), 4.8), layout='constrained')
     axes = figure.subplots(1, len(tuned), squeeze=False)[0]
     for axis, each in zip(axes, tuned):
@@ -56,23 +57,43 @@ def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
         noises = [point[1] for point in points]
         axis.scatter(delays, noises, s=14, color='0.65', label='tried')
         chosen = front(points)
-        axis.plot([delays[i] for i in chosen], [noises[i] for i in chosen], '-o', markersize=4,
-                  color='tab:blue', label='nothing is better in both')
+        axis.plot(
+            [delays[i] for i in chosen],
+            [noises[i] for i in chosen],
+            '-o',
+            markersize=4,
+            color='tab:blue',
+            label='nothing is better in both',
+        )
         _, _, best = min(each['trials'], key=lambda trial: trial[1])
         if best:
-            axis.scatter([best[0] * 1e3], [best[1]], s=130, marker='*', color='tab:red',
-                         zorder=5, label='chosen')
+            axis.scatter(
+                [best[0] * 1e3],
+                [best[1]],
+                s=130,
+                marker='*',
+                color='tab:red',
+                zorder=5,
+                label='chosen',
+            )
         if each['default_point']:
             late, noise = each['default_point']
-            axis.scatter([late * 1e3], [noise], s=50, marker='s', facecolors='none',
-                         edgecolors='black', zorder=4, label='defaults')
+            axis.scatter(
+                [late * 1e3],
+                [noise],
+                s=50,
+                marker='s',
+                facecolors='none',
+                edgecolors='black',
+                zorder=4,
+                label='defaults',
+            )
         axis.set_xlabel('delay [ms]')
         axis.set_ylabel('noise [rad/s rms]')
         if noises and min(noises) > 0.0:
             axis.set_yscale('log')
         if not points:
-            axis.text(0.5, 0.5, 'the motion tells no delay', ha='center',
-                      transform=axis.transAxes)
+            axis.text(0.5, 0.5, 'the motion tells no delay', ha='center', transform=axis.transAxes)
         axis.set_title(drawn(f'{observer}: {each["joint"] or "all joints"}'))
         axis.grid(alpha=0.3)
         if points:
@@ -85,61 +106,126 @@ TRIALS = 40
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument('bags', nargs='*', metavar='BAG',
-                        help='bags to tune on, or folders with bags in them')
-    parser.add_argument('--live', type=float, metavar='SECONDS',
-                        help='in place of bags: record the measurement of the live graph for so '
-                             'long')
-    parser.add_argument('--apply', metavar='NODE',
-                        help='set the gains found on this running node (nothing is set without)')
+    parser.add_argument(
+        'bags', nargs='*', metavar='BAG', help='bags to tune on, or folders with bags in them'
+    )
+    parser.add_argument(
+        '--live',
+        type=float,
+        metavar='SECONDS',
+        help='in place of bags: record the measurement of the live graph for so long',
+    )
+    parser.add_argument(
+        '--apply',
+        metavar='NODE',
+        help='set the gains found on this running node (nothing is set without)',
+    )
     parser.add_argument('--observer', required=True, metavar='NAME', help='whose gains')
     parser.add_argument('--out', required=True, metavar='YAML', help='where the gains go')
-    parser.add_argument('--prefer', choices=tuple(PREFERENCES), default='balanced',
-                        help='what matters more: a quiet estimate, a prompt one, or the error '
-                             'alone with a little of both (default)')
-    parser.add_argument('--weights', metavar='E,D,N',
-                        help='in place of --prefer: how much count the rms error, the error that '
-                             'the delay makes, and the noise (all in rad/s)')
-    parser.add_argument('--search', action='append', default=[], metavar='GAIN=LOW:HIGH',
-                        help='seek this gain between these values (or NAME=ONE|OTHER, a choice); '
-                             'repeatable (default: what the observer names for it)')
-    parser.add_argument('--params', metavar='YAML',
-                        help="parameter file of the observer's node: what it says is held")
-    parser.add_argument('--set', action='append', default=[], metavar='KEY=VALUE',
-                        help='hold this parameter; repeatable')
-    parser.add_argument('--joint', action='append', default=[], metavar='NAME',
-                        help='only this joint; repeatable')
-    parser.add_argument('--per-joint', action='store_true',
-                        help='gains for each joint of its own, in place of common ones')
-    parser.add_argument('--held-out', type=float, default=0.3, metavar='PART',
-                        help='part of each record, at its end, that is kept for the judgement '
-                             '(default 0.3)')
-    parser.add_argument('--judge', action='append', default=[], metavar='BAG',
-                        help='judge the gains on this recording, or folder of recordings, that the '
-                             'search does not see, in place of a part held out; repeatable')
-    parser.add_argument('--trials', type=int, default=TRIALS, metavar='N',
-                        help=f'how many gains are tried (default {TRIALS})')
+    parser.add_argument(
+        '--prefer',
+        choices=tuple(PREFERENCES),
+        default='balanced',
+        help='what matters more: a quiet estimate, a prompt one, or the error '
+        'alone with a little of both (default)',
+    )
+    parser.add_argument(
+        '--weights',
+        metavar='E,D,N',
+        help='in place of --prefer: how much count the rms error, the error that '
+        'the delay makes, and the noise (all in rad/s)',
+    )
+    parser.add_argument(
+        '--search',
+        action='append',
+        default=[],
+        metavar='GAIN=LOW:HIGH',
+        help='seek this gain between these values (or NAME=ONE|OTHER, a choice); '
+        'repeatable (default: what the observer names for it)',
+    )
+    parser.add_argument(
+        '--params',
+        metavar='YAML',
+        help="parameter file of the observer's node: what it says is held",
+    )
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='KEY=VALUE',
+        help='hold this parameter; repeatable',
+    )
+    parser.add_argument(
+        '--joint', action='append', default=[], metavar='NAME', help='only this joint; repeatable'
+    )
+    parser.add_argument(
+        '--per-joint',
+        action='store_true',
+        help='gains for each joint of its own, in place of common ones',
+    )
+    parser.add_argument(
+        '--held-out',
+        type=float,
+        default=0.3,
+        metavar='PART',
+        help='part of each record, at its end, that is kept for the judgement (default 0.3)',
+    )
+    parser.add_argument(
+        '--judge',
+        action='append',
+        default=[],
+        metavar='BAG',
+        help='judge the gains on this recording, or folder of recordings, that the '
+        'search does not see, in place of a part held out; repeatable',
+    )
+    parser.add_argument(
+        '--trials',
+        type=int,
+        default=TRIALS,
+        metavar='N',
+        help=f'how many gains are tried (default {TRIALS})',
+    )
     parser.add_argument('--seed', type=int, default=0, help='of the search (default 0)')
-    parser.add_argument('--measurement', metavar='TOPIC',
-                        help=f'topic of the measurement (default {MEASUREMENT}, or what the '
-                             'observer listens to)')
-    parser.add_argument('--angle', metavar='TOPIC:FIELD',
-                        help='the measurement is a number in messages of any type, as of replay')
-    parser.add_argument('--truth', metavar='TOPIC',
-                        help=f'JointState with the true velocities (default {TRUTH})')
-    parser.add_argument('--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO,
-                        help='as of evaluate')
-    parser.add_argument('--wrap-period', type=float, default=2.0 * math.pi, metavar='RAD',
-                        help='period of the positions; 0 for prismatic joints (default 2 pi)')
-    parser.add_argument('--plot', metavar='FILE',
-                        help='draw noise against delay of every trial (PNG, SVG, PDF)')
+    parser.add_argument(
+        '--measurement',
+        metavar='TOPIC',
+        help=f'topic of the measurement (default {MEASUREMENT}, or what the observer listens to)',
+    )
+    parser.add_argument(
+        '--angle',
+        metavar='TOPIC:FIELD',
+        help='the measurement is a number in messages of any type, as of replay',
+    )
+    parser.add_argument(
+        '--truth', metavar='TOPIC', help=f'JointState with the true velocities (default {TRUTH})'
+    )
+    parser.add_argument(
+        '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as of evaluate'
+    )
+    parser.add_argument(
+        '--wrap-period',
+        type=float,
+        default=2.0 * math.pi,
+        metavar='RAD',
+        help='period of the positions; 0 for prismatic joints (default 2 pi)',
+    )
+    parser.add_argument(
+        '--plot', metavar='FILE', help='draw noise against delay of every trial (PNG, SVG, PDF)'
+    )
     unpacking.arguments(parser)
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='local processes')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
-    parser.add_argument('--storage', metavar='URL',
-                        help='Optuna storage that keeps the trials, e.g. sqlite:///study.db')
-    parser.add_argument('--study', default='velocity_estimator', metavar='NAME',
-                        help='name of the study in the storage; one that is there goes on')
+    parser.add_argument(
+        '--storage',
+        metavar='URL',
+        help='Optuna storage that keeps the trials, e.g. sqlite:///study.db',
+    )
+    parser.add_argument(
+        '--study',
+        default='velocity_estimator',
+        metavar='NAME',
+        help='name of the study in the storage; one that is there goes on',
+    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -149,10 +235,16 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     destination.check(out)
     if parsed.plot:
         picture.check(parsed.plot)
-    options = Options(parsed.measurement, parsed.truth, observers=(wished.entry,),
-                      wrap_period=parsed.wrap_period, correct_reference=True,
-                      reference=parsed.reference, angle=parsed.angle,
-                      unpack_limit=parsed.unpack_limit)
+    options = Options(
+        parsed.measurement,
+        parsed.truth,
+        observers=(wished.entry,),
+        wrap_period=parsed.wrap_period,
+        correct_reference=True,
+        reference=parsed.reference,
+        angle=parsed.angle,
+        unpack_limit=parsed.unpack_limit,
+    )
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         if parsed.live is not None:
@@ -161,8 +253,16 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         left_out: list[LeftOut] = []
 
         def of(paths: Sequence[str], held_out: float) -> list[Record]:
-            parts = on_each(run_many, records, expanded(paths), wished.entry, options, held_out,
-                            tuple(parsed.joint), left_out=left_out)
+            parts = on_each(
+                run_many,
+                records,
+                expanded(paths),
+                wished.entry,
+                options,
+                held_out,
+                tuple(parsed.joint),
+                left_out=left_out,
+            )
             return [record for part in parts for record in part]
 
         seen, judged = of(parsed.bags, held_out), of(parsed.judge, 0.0)
@@ -171,9 +271,20 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         for joint, chosen in _groups(seen, wished, parsed.per_joint).items():
             name = f'{parsed.study}/{joint}' if joint else parsed.study
             try:
-                tuned.append(seek(joint, chosen, _of(judged, joint), wished, parsed.trials,
-                                  parsed.seed, parsed.storage, name, run_many))
-            except KeyboardInterrupt:   # before this joint's first trial
+                tuned.append(
+                    seek(
+                        joint,
+                        chosen,
+                        _of(judged, joint),
+                        wished,
+                        parsed.trials,
+                        parsed.seed,
+                        parsed.storage,
+                        name,
+                        run_many,
+                    )
+                )
+            except KeyboardInterrupt:  # before this joint's first trial
                 if not tuned:
                     raise
                 break
@@ -181,8 +292,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 break
     notes = _notes(seen)
     print(output.describe(tuned, notes))
-    destination.write_text(out, output.as_yaml(wished, _held(parsed, wished, seen[0].bag), tuned,
-                                               held_out))
+    destination.write_text(
+        out, output.as_yaml(wished, _held(parsed, wished, seen[0].bag), tuned, held_out)
+    )
     show(f'gains: {out}')
     if parsed.plot:
         picture.draw(tuned, parsed.plot, parsed.observer)
@@ -192,23 +304,28 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         show(f'set on {parsed.apply}: {", ".join(changed)}')
     for each in tuned:
         each.pop('trials')
-    return {'observer': parsed.observer, 'preference': wished.preference, 'out': str(out),
-            'notes': notes, 'left_out': {each.path: each.why for each in left_out},
-            'tuned': tuned}
+    return {
+        'observer': parsed.observer,
+        'preference': wished.preference,
+        'out': str(out),
+        'notes': notes,
+        'left_out': {each.path: each.why for each in left_out},
+        'tuned': tuned,
+    }
 
 
 def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
     """A bag of what the observer listens to, from the live graph, as a context."""
     named = parsed.measurement or (parsed.angle or '').partition(':')[0]
     usual = streams.of_observer(wished.entry.observer).USUAL
-    return live.recorded((named,) if named else usual,
-                         parsed.truth or TRUTH, parsed.live)
+    return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
 
 
 def _check_apart(seen: Sequence[Record], judged: Sequence[Record]) -> None:
     """A recording cannot be both; raises UsageError."""
-    both = ({Path(record.bag).resolve() for record in seen}
-            & {Path(record.bag).resolve() for record in judged})
+    both = {Path(record.bag).resolve() for record in seen} & {
+        Path(record.bag).resolve() for record in judged
+    }
     if both:
         raise UsageError(f'--judge {min(both)}: the gains are sought on this recording')
 
@@ -220,8 +337,10 @@ def _groups(found: Sequence[Record], wished: Wishes, per_joint: bool) -> dict[st
     groups: dict[str, list[Record]] = {}
     for record in found:
         if not record.label:
-            raise UsageError(f"--per-joint: '{wished.entry.observer}' estimates its joints "
-                             'together, so they share its gains')
+            raise UsageError(
+                f"--per-joint: '{wished.entry.observer}' estimates its joints "
+                'together, so they share its gains'
+            )
         groups.setdefault(record.label, []).append(record)
     return groups
 
@@ -242,9 +361,12 @@ def _notes(seen: Sequence[Record]) -> list[str]:
     sets = {tuple(sorted(joints)) for joints in by_bag.values()}
     if len(sets) < 2:
         return []
-    return ['the bags have different joints (' + '; '.join(
-        ', '.join(joints) for joints in sorted(sets)) + '): every joint counts as much as any '
-        'other; --joint takes one, --per-joint gives each its own gains']
+    return [
+        'the bags have different joints ('
+        + '; '.join(', '.join(joints) for joints in sorted(sets))
+        + '): every joint counts as much as any '
+        'other; --joint takes one, --per-joint gives each its own gains'
+    ]
 
 
 def _held(parsed: argparse.Namespace, wished: Wishes, path: str) -> dict[str, Any]:
@@ -258,7 +380,7 @@ def _held(parsed: argparse.Namespace, wished: Wishes, path: str) -> dict[str, An
     if parsed.angle:
         with open_bag(path, parsed.unpack_limit) as bag:
             kind = bag.topics[parsed.angle.partition(':')[0]].type.rpartition('/')[2]
-        if kind in ANGLE_TYPES:     # else it is a number that no node reads, but replay does
+        if kind in ANGLE_TYPES:  # else it is a number that no node reads, but replay does
             held |= {'input': ANGLE, 'angle_type': kind}
     wraps = streams.of_observer(wished.entry.observer).WRAPS
     if wraps and parsed.wrap_period != WRAP_PERIOD:

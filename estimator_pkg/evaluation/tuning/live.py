@@ -26,11 +26,12 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
     """
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
         path = str(Path(folder) / 'live')
-        record.run(argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds,
-                                      recover=None))
+        record.run(
+            argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds, recover=None)
+        )
         if interrupts.came() not in (0, signal.SIGINT):
             raise KeyboardInterrupt
-        interrupts.forget()     # Ctrl-C ended the recording alone
+        interrupts.forget()  # Ctrl-C ended the recording alone
         yield path
 
 
@@ -50,8 +51,10 @@ def apply(node: str, gains: Mapping[str, Any]) -> list[str]:
     UserError : no such node, no answer, or it refuses a value (why, in its own words).
     """
     from estimator_pkg.bags.live import live
+
     with live('gain_setter') as here:
         from estimator_pkg.nodes.remote_parameters import RemoteParameters
+
         remote = RemoteParameters(here, node)
         before = remote.get(list(gains))
         remote.set(gains)

@@ -16,10 +16,10 @@ from estimator_pkg.evaluation.compare.delay import delay
 
 Array = NDArray[np.float64]
 
-SETTLING = 0.5      # [s] at the beginning of a part that do not count
-AVERAGE = 0.05      # [s] noise is what changes faster than the mean over so long,
+SETTLING = 0.5  # [s] at the beginning of a part that do not count
+AVERAGE = 0.05  # [s] noise is what changes faster than the mean over so long,
 AVERAGE_SAMPLES = 11  # or over so many samples
-FEWEST = 10         # estimates, below which they say nothing
+FEWEST = 10  # estimates, below which they say nothing
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,11 @@ class Weights:
     noise: float
 
 
-PREFERENCES = {'smooth': Weights(1.0, 0.0, 1.0), 'balanced': Weights(1.0, 0.1, 0.1),
-               'fast': Weights(1.0, 1.0, 0.0)}
+PREFERENCES = {
+    'smooth': Weights(1.0, 0.0, 1.0),
+    'balanced': Weights(1.0, 0.1, 0.1),
+    'fast': Weights(1.0, 1.0, 0.0),
+}
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class Result(NamedTuple):
     published: float
 
 
-Results = dict[str, Result]     # by joint
+Results = dict[str, Result]  # by joint
 
 
 def measure(part: Part, observer: str, values: Mapping[str, Any], fast: bool) -> Results | None:
@@ -107,9 +110,12 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
         return None
     width = averaged(time)
     slow = np.convolve(velocity, np.ones(width) / width, 'same')
-    return Result(float(np.sqrt(np.mean(error ** 2))), delay(time, velocity, true),
-                  float(np.sqrt(np.mean((velocity - slow)[width:-width] ** 2))),
-                  float(len(rows) / np.count_nonzero(counted)))
+    return Result(
+        float(np.sqrt(np.mean(error**2))),
+        delay(time, velocity, true),
+        float(np.sqrt(np.mean((velocity - slow)[width:-width] ** 2))),
+        float(len(rows) / np.count_nonzero(counted)),
+    )
 
 
 def cost(result: Result, known: Known, weights: Weights) -> float:
@@ -117,8 +123,7 @@ def cost(result: Result, known: Known, weights: Weights) -> float:
 
     Where the delay cannot be told, the whole error may come from it.
     """
-    late = (abs(result.delay) * known.acceleration if math.isfinite(result.delay)
-            else result.error)
+    late = abs(result.delay) * known.acceleration if math.isfinite(result.delay) else result.error
     total = weights.error * result.error + weights.noise * result.noise + weights.delay * late
     return total / max(result.published, 1e-3)
 

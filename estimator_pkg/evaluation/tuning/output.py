@@ -37,8 +37,9 @@ def rounded(value: Any) -> Any:
     return value if isinstance(value, str) else float(f'{value:.6g}')
 
 
-def as_yaml(wishes: Wishes, held: Mapping[str, Any], tuned: Sequence[Mapping[str, Any]],
-            held_out: float) -> str:
+def as_yaml(
+    wishes: Wishes, held: Mapping[str, Any], tuned: Sequence[Mapping[str, Any]], held_out: float
+) -> str:
     """A parameter file for the observer's node, which says where its numbers come from.
 
     Parameters
@@ -48,8 +49,10 @@ def as_yaml(wishes: Wishes, held: Mapping[str, Any], tuned: Sequence[Mapping[str
     """
     observer = wishes.entry.observer
     stream = streams.of_observer(observer)
-    about = [f'Gains of {observer}, tuned from data (preference: {wishes.preference}).',
-             f'For the node {stream.NODE}: --ros-args --params-file THIS_FILE']
+    about = [
+        f'Gains of {observer}, tuned from data (preference: {wishes.preference}).',
+        f'For the node {stream.NODE}: --ros-args --params-file THIS_FILE',
+    ]
     for each in tuned:
         about += _origin(each, held_out)
     lines = [yaml_text.comment(line) for line in about]
@@ -62,16 +65,21 @@ def as_yaml(wishes: Wishes, held: Mapping[str, Any], tuned: Sequence[Mapping[str
         if each['joint']:
             lines.append(f'    {yaml_text.key(params_file.OVERRIDES + "." + each["joint"])}:')
             indent = '      '
-        lines += [f'{indent}{name}: {scalar(rounded(value))}{_about(wishes.gains[name])}'
-                  for name, value in each['gains'].items()]
+        lines += [
+            f'{indent}{name}: {scalar(rounded(value))}{_about(wishes.gains[name])}'
+            for name, value in each['gains'].items()
+        ]
     return '\n'.join(lines) + '\n'
 
 
 def _about(gain: Parameter) -> str:
     unit = f'[{gain.unit}] ' if gain.unit else ''
     default = single(gain.default)
-    text = 'what follows from the others' if default is None else (
-        default if isinstance(default, str) else f'{default:g}')
+    text = (
+        'what follows from the others'
+        if default is None
+        else (default if isinstance(default, str) else f'{default:g}')
+    )
     return f'  {yaml_text.comment(f"{unit}the default is {text}")}'
 
 
@@ -84,8 +92,11 @@ def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
         where = f'the last {held_out:.0%} of each record, which the search did not see'
     else:
         where = 'the data they were tuned on'
-    lines.append(f'{each["evaluations"]} trials'
-                 + (', interrupted' if each['interrupted'] else '') + f'. On {where}:')
+    lines.append(
+        f'{each["evaluations"]} trials'
+        + (', interrupted' if each['interrupted'] else '')
+        + f'. On {where}:'
+    )
     lines += [f'  {bag}' for bag in each['judged_on']]
     for label, result in (('these gains', each['best']), ('the defaults', each['default'])):
         if result is None:
@@ -93,30 +104,42 @@ def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
             continue
         lines.append(f'  {label}: {_expected(result)}')
         if len(result['by_joint']) > 1:
-            lines += [f'    {joint}: {_expected(one)}'
-                      for joint, one in result['by_joint'].items()]
-    lines += [f"'{name}' changes nothing in these bags and is left at its default."
-              for name in each['idle']]
+            lines += [f'    {joint}: {_expected(one)}' for joint, one in result['by_joint'].items()]
+    lines += [
+        f"'{name}' changes nothing in these bags and is left at its default."
+        for name in each['idle']
+    ]
     if worse(each):
         lines.append(f'{WORSE[0].upper()}{WORSE[1:]}.')
     return lines
 
 
 def _expected(result: Mapping[str, Any]) -> str:
-    return (f'error {number(result["error"])} rad/s rms, delay '
-            f'{number(result["delay_s"] * 1e3, 3)} ms, noise {number(result["noise"], 3)} rad/s')
+    return (
+        f'error {number(result["error"])} rad/s rms, delay '
+        f'{number(result["delay_s"] * 1e3, 3)} ms, noise {number(result["noise"], 3)} rad/s'
+    )
 
 
 def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> str:
     """What was found, before and after, on what was held out."""
     rows = []
     for each in tuned:
-        for label, gains, result in (('defaults', each['default_gains'], each['default']),
-                                     ('tuned', each['gains'], each['best'])):
+        for label, gains, result in (
+            ('defaults', each['default_gains'], each['default']),
+            ('tuned', each['gains'], each['best']),
+        ):
             text = ', '.join(f'{name} {written(value)}' for name, value in gains.items())
-            cells = ['-'] * 4 if result is None else [
-                number(result['error'], 4), number(result['delay_s'] * 1e3, 3),
-                number(result['noise'], 3), number(result['cost'], 4)]
+            cells = (
+                ['-'] * 4
+                if result is None
+                else [
+                    number(result['error'], 4),
+                    number(result['delay_s'] * 1e3, 3),
+                    number(result['noise'], 3),
+                    number(result['cost'], 4),
+                ]
+            )
             rows.append((each['joint'] or 'all joints', label, text, *cells))
     if all(each['judged_on'] for each in tuned):
         judged = 'the recordings named with --judge'
@@ -124,12 +147,16 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
         judged = 'the part held out'
     else:
         judged = 'the part that was tuned on: nothing was held out'
-    lines = [f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials',
-             *table(HEADER, rows, left=3).split('\n')]
+    lines = [
+        f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials',
+        *table(HEADER, rows, left=3).split('\n'),
+    ]
     for each in tuned:
         of = each['joint'] or 'all joints'
-        lines += [f"{of}: '{name}' changes nothing in these bags and is left at its default"
-                  for name in each['idle']]
+        lines += [
+            f"{of}: '{name}' changes nothing in these bags and is left at its default"
+            for name in each['idle']
+        ]
         if worse(each):
             lines.append(f'{of}: {WORSE}')
     if any(each['interrupted'] for each in tuned):

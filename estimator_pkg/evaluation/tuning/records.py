@@ -20,7 +20,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
 
-SHORTEST = 20       # samples of a part with a truth, below which it says nothing
+SHORTEST = 20  # samples of a part with a truth, below which it says nothing
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,9 @@ class Record:
         return tuple(self.seen.known)
 
 
-def records(path: str, entry: Entry, options: Options, held_out: float,
-            joints: Sequence[str] = ()) -> list[Record]:
+def records(
+    path: str, entry: Entry, options: Options, held_out: float, joints: Sequence[str] = ()
+) -> list[Record]:
     """What of a bag the observer can be tuned on.
 
     Parameters
@@ -82,16 +83,28 @@ def records(path: str, entry: Entry, options: Options, held_out: float,
         after = None
         if held_out > 0.0:
             after = _part(rest, entry, true.series, options, after=seen)
-        found.append(Record(path, label, seen, after,
-                            {joint: true.references[joint].noise for joint in seen.known},
-                            {joint: true.references[joint].origin for joint in seen.known}))
+        found.append(
+            Record(
+                path,
+                label,
+                seen,
+                after,
+                {joint: true.references[joint].noise for joint in seen.known},
+                {joint: true.references[joint].origin for joint in seen.known},
+            )
+        )
     if not found:
         raise UserError(f'{path}: too few samples with a truth to tune on (fewer than {SHORTEST})')
     return found
 
 
-def _part(part: Recording, entry: Entry, true: Mapping[str, Series], options: Options,
-          after: Part | None = None) -> Part | None:
+def _part(
+    part: Recording,
+    entry: Entry,
+    true: Mapping[str, Series],
+    options: Options,
+    after: Part | None = None,
+) -> Part | None:
     """The part with its truth; None if that is too little.
 
     Parameters
@@ -112,8 +125,9 @@ def _part(part: Recording, entry: Entry, true: Mapping[str, Series], options: Op
     return Part(part, known) if known else None
 
 
-def _known(estimate: Estimate, true: Series, period: float,
-           seen: NDArray[np.int64] | None) -> Known | None:
+def _known(
+    estimate: Estimate, true: Series, period: float, seen: NDArray[np.int64] | None
+) -> Known | None:
     due = np.unique(estimate.due)
     if seen is not None:
         due = due[due > seen[-1]]
@@ -127,5 +141,5 @@ def _known(estimate: Estimate, true: Series, period: float,
     time = (stamps - stamps[0]) * 1e-9
     width = averaged(time)
     smooth = np.convolve(velocity, np.ones(width) / width, 'valid')
-    turns = slopes(time[:len(smooth)], smooth) if len(smooth) > 2 else np.zeros(1)
-    return Known(stamps, velocity, float(np.sqrt(np.mean(turns ** 2))))
+    turns = slopes(time[: len(smooth)], smooth) if len(smooth) > 2 else np.zeros(1)
+    return Known(stamps, velocity, float(np.sqrt(np.mean(turns**2))))

@@ -19,8 +19,8 @@ import numpy as np
 from estimator_pkg import interrupts
 from estimator_pkg.evaluation.tuning.study import BATCH, Dimension, Study, Trial, Value
 
-SPREAD = 2          # batches that look everywhere, before the parabola
-NEAREST = 10        # trials that the parabola goes through, at least
+SPREAD = 2  # batches that look everywhere, before the parabola
+NEAREST = 10  # trials that the parabola goes through, at least
 GOLDEN = 0.6180339887498949
 
 
@@ -44,12 +44,18 @@ class Search:
         return min(working, key=lambda trial: trial.cost) if working else None
 
 
-def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
-           judge: Callable[[list[dict[str, Value]]], list[tuple[float, Any]]], trials: int,
-           seed: int = 0, storage: str | None = None, name: str = 'velocity_estimator',
-           told: Callable[[int, Search], None] = lambda count, so_far: None,
-           about: str = '',
-           same: Callable[[Trial, Trial], bool] = lambda one, other: False) -> Search:
+def search(
+    dimensions: Sequence[Dimension],
+    start: Mapping[str, Value],
+    judge: Callable[[list[dict[str, Value]]], list[tuple[float, Any]]],
+    trials: int,
+    seed: int = 0,
+    storage: str | None = None,
+    name: str = 'velocity_estimator',
+    told: Callable[[int, Search], None] = lambda count, so_far: None,
+    about: str = '',
+    same: Callable[[Trial, Trial], bool] = lambda one, other: False,
+) -> Search:
     """Seeks the gains of the lowest cost.
 
     Parameters
@@ -68,8 +74,11 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
     """
     study = Study(storage, name, seed, dimensions, about)
     found = Search(study.earlier())
-    found.idle = [each.name for each in dimensions
-                  if any(each.name not in trial.values for trial in found.trials)]
+    found.idle = [
+        each.name
+        for each in dimensions
+        if any(each.name not in trial.values for trial in found.trials)
+    ]
     dimensions = study.leave_out(found.idle)
     offsets = np.random.default_rng(seed).random(len(dimensions))
     number = len(found.trials) // BATCH
@@ -92,11 +101,11 @@ def search(dimensions: Sequence[Dimension], start: Mapping[str, Value],
             if number == 0 and size > len(dimensions):
                 found.idle = _idle(dimensions, found.trials[first:], same)
                 dimensions = study.leave_out(found.idle)
-                offsets = offsets[:len(dimensions)]
+                offsets = offsets[: len(dimensions)]
             found.asked += size
             number += 1
             told(size, found)
-            if interrupts.came():   # an exception may be lost where something is tidied up
+            if interrupts.came():  # an exception may be lost where something is tidied up
                 raise KeyboardInterrupt
     except KeyboardInterrupt:
         found.interrupted = True
@@ -108,12 +117,12 @@ def _first(dimensions: Sequence[Dimension], start: Mapping[str, Value]) -> list[
     begin = {each.name: start[each.name] for each in dimensions}
     if len(dimensions) == 1:
         return [begin]
-    return [begin, *({**begin, each.name: each.elsewhere(begin[each.name])}
-                     for each in dimensions)]
+    return [begin, *({**begin, each.name: each.elsewhere(begin[each.name])} for each in dimensions)]
 
 
-def _idle(dimensions: Sequence[Dimension], batch: Sequence[Trial],
-          same: Callable[[Trial, Trial], bool]) -> list[str]:
+def _idle(
+    dimensions: Sequence[Dimension], batch: Sequence[Trial], same: Callable[[Trial, Trial], bool]
+) -> list[str]:
     """The gains that changed nothing when they were changed alone; none if that holds for all."""
     if len(dimensions) == 1:
         return []
@@ -126,39 +135,50 @@ def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> 
     ratio = 2.0
     for _ in range(30):  # the root of x^(d+1) = x + 1
         ratio = (1.0 + ratio) ** (1.0 / (len(dimensions) + 1))
-    places = [(offset + (number + 1) * ratio ** -(i + 1)) % 1.0
-              for i, offset in enumerate(offsets)]
+    places = [(offset + (number + 1) * ratio ** -(i + 1)) % 1.0 for i, offset in enumerate(offsets)]
     return {each.name: each.value(place) for each, place in zip(dimensions, places)}
 
 
-def _parabola(dimensions: Sequence[Dimension], found: Search, count: int, number: int, seed: int
-              ) -> list[dict[str, Value]]:
+def _parabola(
+    dimensions: Sequence[Dimension], found: Search, count: int, number: int, seed: int
+) -> list[dict[str, Value]]:
     """Points at and around the lowest of a parabola through the best trials."""
-    working = sorted((trial for trial in found.trials if math.isfinite(trial.cost)),
-                     key=lambda trial: trial.cost)
+    working = sorted(
+        (trial for trial in found.trials if math.isfinite(trial.cost)), key=lambda trial: trial.cost
+    )
     if not working or count < 1:
         return []
     size = len(dimensions)
     terms = 1 + size + size * (size + 1) // 2
     best = np.array([each.place(working[0].values[each.name]) for each in dimensions])
     centre = best
-    kept = working[:max(terms + 2, NEAREST)]
+    kept = working[: max(terms + 2, NEAREST)]
     if len(kept) > terms:
-        places = np.array([[each.place(trial.values[each.name]) for each in dimensions]
-                           for trial in kept]) - best
+        places = (
+            np.array(
+                [[each.place(trial.values[each.name]) for each in dimensions] for trial in kept]
+            )
+            - best
+        )
         reach = float(np.max(np.abs(places))) or 1.0
         costs = np.log([max(trial.cost, 1e-300) for trial in kept])
         weights = np.exp(-0.5 * np.arange(len(kept)) / len(kept) * 3.0)
         pairs = [(i, j) for i in range(size) for j in range(i, size)]
-        columns = np.stack([np.ones(len(kept)), *(places[:, i] for i in range(size)),
-                            *(places[:, i] * places[:, j] for i, j in pairs)], axis=1)
+        columns = np.stack(
+            [
+                np.ones(len(kept)),
+                *(places[:, i] for i in range(size)),
+                *(places[:, i] * places[:, j] for i, j in pairs),
+            ],
+            axis=1,
+        )
         fitted = np.linalg.lstsq(columns * weights[:, None], costs * weights, rcond=None)[0]
         bend = np.zeros((size, size))
-        for (i, j), value in zip(pairs, fitted[1 + size:]):
+        for (i, j), value in zip(pairs, fitted[1 + size :]):
             bend[i, j] += value
             bend[j, i] += value
         values, vectors = np.linalg.eigh(bend)
-        slope = vectors.T @ fitted[1:1 + size]
+        slope = vectors.T @ fitted[1 : 1 + size]
         step = np.where(values > 1e-6, -slope / np.maximum(values, 1e-6), -np.sign(slope) * reach)
         centre = np.clip(best + np.clip(vectors @ step, -reach, reach), 0.0, 1.0)
     random = np.random.default_rng((seed, number))
@@ -167,5 +187,7 @@ def _parabola(dimensions: Sequence[Dimension], found: Search, count: int, number
     while len(points) < count:
         around = best if len(points) % 2 else centre
         points.append(np.clip(around + radius * random.uniform(-1.0, 1.0, size), 0.0, 1.0))
-    return [{each.name: each.value(float(place)) for each, place in zip(dimensions, point)}
-            for point in points]
+    return [
+        {each.name: each.value(float(place)) for each, place in zip(dimensions, point)}
+        for point in points
+    ]

@@ -30,13 +30,22 @@ from estimator_pkg.evaluation.tuning.wishes import Wishes
 from estimator_pkg.evaluation.workers import Map
 
 COMPILE_FROM = 400_000  # samples over all trials from which compiling pays
-SAME = 1e-6             # errors this close are equal [part, or rad/s]
+SAME = 1e-6  # errors this close are equal [part, or rad/s]
 
 Details = Sequence[Results | None]  # of a trial, by part
 
 
-def seek(joint: str, chosen: Sequence[Record], judged: Sequence[Record], wishes: Wishes,
-         trials: int, seed: int, storage: str | None, study: str, run_many: Map) -> dict[str, Any]:
+def seek(
+    joint: str,
+    chosen: Sequence[Record],
+    judged: Sequence[Record],
+    wishes: Wishes,
+    trials: int,
+    seed: int,
+    storage: str | None,
+    study: str,
+    run_many: Map,
+) -> dict[str, Any]:
     """The best gains for these records, as a dictionary for output and JSON.
 
     Parameters
@@ -53,68 +62,102 @@ def seek(joint: str, chosen: Sequence[Record], judged: Sequence[Record], wishes:
     seen = [record.seen for record in chosen]
     fast = sum(part.recording.size() for part in seen) * trials >= COMPILE_FROM
     first = list(run_many(measure, [(part, observer, {}, fast) for part in seen]))
-    units = [{name: value if math.isfinite(value) and value > 0.0 else 1.0
-              for name, value in costs(result, part, weights).items()}
-             for result, part in zip(first, seen)]
+    units = [
+        {
+            name: value if math.isfinite(value) and value > 0.0 else 1.0
+            for name, value in costs(result, part, weights).items()
+        }
+        for result, part in zip(first, seen)
+    ]
 
     def judge(batch: list[dict[str, Value]]) -> list[tuple[float, Any]]:
-        results = list(run_many(measure, [(part, observer, values, fast)
-                                          for values in batch for part in seen]))
+        results = list(
+            run_many(measure, [(part, observer, values, fast) for values in batch for part in seen])
+        )
         judged_ = []
         for index in range(len(batch)):
-            details = results[index * len(seen):(index + 1) * len(seen)]
+            details = results[index * len(seen) : (index + 1) * len(seen)]
             judged_.append((_total(details, seen, weights, units), details))
         return judged_
 
     with bar(f'{observer} {joint}'.strip(), trials) as told:
-        found = search(wishes.dimensions, wishes.start(), judge, trials, seed, storage, study, told,
-                       about=_about(chosen, wishes), same=_same)
+        found = search(
+            wishes.dimensions,
+            wishes.start(),
+            judge,
+            trials,
+            seed,
+            storage,
+            study,
+            told,
+            about=_about(chosen, wishes),
+            same=_same,
+        )
     best = found.best
     if best is None:
         if found.interrupted:
             raise KeyboardInterrupt
-        raise UserError(f"no gains of '{observer}' within the search work on these bags: widen "
-                        '--search, or look at the sample rate')
-    interrupts.finish()     # judging takes as long as one trial
+        raise UserError(
+            f"no gains of '{observer}' within the search work on these bags: widen "
+            '--search, or look at the sample rate'
+        )
+    interrupts.finish()  # judging takes as long as one trial
     _check_effect(found, wishes)
     idle = found.idle
     gains = {name: value for name, value in best.values.items() if name not in idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
     parts = [record.seen for record in judged] or held or seen
-    default, better = ([measure(part, observer, values, fast) for part in parts]
-                       for values in ({}, gains))
-    _check_reference(chosen, best.details or [measure(part, observer, gains, fast)
-                                              for part in seen])
+    default, better = (
+        [measure(part, observer, values, fast) for part in parts] for values in ({}, gains)
+    )
+    _check_reference(
+        chosen, best.details or [measure(part, observer, gains, fast) for part in seen]
+    )
     points = _points([first, *(trial.details for trial in found.trials)])
-    return {'joint': joint, 'gains': gains,
-            'default_gains': {name: value for name, value in wishes.defaults().items()
-                              if name not in idle},
-            'idle': idle, 'default_point': points[0],
-            'relative_cost': best.cost, 'evaluations': found.asked,
-            'interrupted': found.interrupted, 'held_out': bool(held or judged),
-            'judged_on': sorted({record.bag for record in judged}),
-            'default': _summary(default, parts, weights),
-            'best': _summary(better, parts, weights),
-            'bags': sorted({record.bag for record in chosen}),
-            'joints': sorted({joint for record in chosen for joint in record.joints}),
-            'trials': [(trial.values, trial.cost, point)
-                       for trial, point in zip(found.trials, points[1:])]}
+    return {
+        'joint': joint,
+        'gains': gains,
+        'default_gains': {
+            name: value for name, value in wishes.defaults().items() if name not in idle
+        },
+        'idle': idle,
+        'default_point': points[0],
+        'relative_cost': best.cost,
+        'evaluations': found.asked,
+        'interrupted': found.interrupted,
+        'held_out': bool(held or judged),
+        'judged_on': sorted({record.bag for record in judged}),
+        'default': _summary(default, parts, weights),
+        'best': _summary(better, parts, weights),
+        'bags': sorted({record.bag for record in chosen}),
+        'joints': sorted({joint for record in chosen for joint in record.joints}),
+        'trials': [
+            (trial.values, trial.cost, point) for trial, point in zip(found.trials, points[1:])
+        ],
+    }
 
 
 def _about(chosen: Sequence[Record], wishes: Wishes) -> str:
     """What the costs depend on beside the gains, for a storage that keeps them."""
     parts = [f'{record.bag}:{record.label}:{record.seen.recording.size()}' for record in chosen]
-    return (f'{wishes.entry.observer} {sorted(wishes.held.items())} {wishes.weights} '
-            f'{" ".join(parts)}')
+    return (
+        f'{wishes.entry.observer} {sorted(wishes.held.items())} {wishes.weights} {" ".join(parts)}'
+    )
 
 
-def _total(results: Details, parts: Sequence[Part], weights: Weights,
-           units: Sequence[Mapping[str, float]]) -> float:
+def _total(
+    results: Details, parts: Sequence[Part], weights: Weights, units: Sequence[Mapping[str, float]]
+) -> float:
     """The mean over records and joints of the cost in units of the defaults'; inf where one
     fails.
     """
-    return mean([value / unit[joint] for result, part, unit in zip(results, parts, units)
-                 for joint, value in costs(result, part, weights).items()])
+    return mean(
+        [
+            value / unit[joint]
+            for result, part, unit in zip(results, parts, units)
+            for joint, value in costs(result, part, weights).items()
+        ]
+    )
 
 
 def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[str, Any] | None:
@@ -132,11 +175,13 @@ def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[
 
 def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
     delays = [result.delay for result, _ in pairs if math.isfinite(result.delay)]
-    return {'error': math.sqrt(mean([result.error ** 2 for result, _ in pairs])),
-            'delay_s': mean(delays) if delays else math.nan,
-            'noise': math.sqrt(mean([result.noise ** 2 for result, _ in pairs])),
-            'published': mean([result.published for result, _ in pairs]),
-            'cost': mean([worth for _, worth in pairs])}
+    return {
+        'error': math.sqrt(mean([result.error**2 for result, _ in pairs])),
+        'delay_s': mean(delays) if delays else math.nan,
+        'noise': math.sqrt(mean([result.noise**2 for result, _ in pairs])),
+        'published': mean([result.published for result, _ in pairs]),
+        'cost': mean([worth for _, worth in pairs]),
+    }
 
 
 def _points(trials: Sequence[Details | None]) -> list[tuple[float, float] | None]:
@@ -153,8 +198,7 @@ def _points(trials: Sequence[Details | None]) -> list[tuple[float, float] | None
         if not len(late) or not np.isfinite(late).all():
             found.append(None)
         else:
-            found.append((float(np.mean(late)),
-                          math.sqrt(mean([one.noise ** 2 for one in results]))))
+            found.append((float(np.mean(late)), math.sqrt(mean([one.noise**2 for one in results]))))
     return found
 
 
@@ -169,13 +213,16 @@ def _check_reference(chosen: Sequence[Record], results: Details) -> None:
     """A smoother that is no better than what it should judge must not choose."""
     for record, result in zip(chosen, results):
         for joint, one in (result or {}).items():
-            if (record.origin[joint] == SMOOTHER
-                    and one.error <= CLEARLY * record.uncertainty[joint]):
+            if (
+                record.origin[joint] == SMOOTHER
+                and one.error <= CLEARLY * record.uncertainty[joint]
+            ):
                 raise UserError(
                     f'{record.bag}, {joint}: no truth, and the bag is too coarse to judge: the '
                     f'reference may be wrong by {number(record.uncertainty[joint], 2)} rad/s, the '
                     f'best estimate differs from it by {number(one.error, 2)}; tune on a recording '
-                    'with a truth or with more counts')
+                    'with a truth or with more counts'
+                )
 
 
 def _check_effect(found: Search, wishes: Wishes) -> None:
@@ -183,8 +230,10 @@ def _check_effect(found: Search, wishes: Wishes) -> None:
     working = [trial for trial in found.trials if _works(trial)]
     if len(working) >= 3 and _alike(working):
         names = ' nor '.join(f"'{each.name}'" for each in wishes.dimensions)
-        raise UserError(f'nothing in these bags depends on {names}: hold it with --set, or tune '
-                        'on a bag with motion')
+        raise UserError(
+            f'nothing in these bags depends on {names}: hold it with --set, or tune '
+            'on a bag with motion'
+        )
 
 
 def _same(one: Trial, other: Trial) -> bool:
@@ -197,7 +246,8 @@ def _works(trial: Trial) -> bool:
 
 def _alike(trials: Sequence[Trial]) -> bool:
     """True if these trials gave the same errors."""
-    errors = np.array([[one.error for result in trial.details for one in result.values()]
-                       for trial in trials])
+    errors = np.array(
+        [[one.error for result in trial.details for one in result.values()] for trial in trials]
+    )
     low, high = np.min(errors, axis=0), np.max(errors, axis=0)
     return bool(np.all(high - low <= SAME * np.maximum(high, 1.0)))

@@ -13,10 +13,10 @@ from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.optional import needs
 
 BATCH = 8
-ELSEWHERE = 0.3     # of the range, how far a gain is changed to see what it does
+ELSEWHERE = 0.3  # of the range, how far a gain is changed to see what it does
 
 ABOUT = 'about'
-ATTEMPTS, PAUSE = 4, 0.4     # to open a storage, [s] in between
+ATTEMPTS, PAUSE = 4, 0.4  # to open a storage, [s] in between
 
 T = TypeVar('T')
 Value = float | str
@@ -85,8 +85,14 @@ class Study:
         name is about something else.
     """
 
-    def __init__(self, storage: str | None, name: str, seed: int,
-                 dimensions: Sequence[Dimension], about: str = '') -> None:
+    def __init__(
+        self,
+        storage: str | None,
+        name: str,
+        seed: int,
+        dimensions: Sequence[Dimension],
+        about: str = '',
+    ) -> None:
         try:
             import optuna
         except ImportError as error:
@@ -98,17 +104,25 @@ class Study:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # that options are called experimental
             self._sampler = optuna.samplers.TPESampler(
-                seed=seed, multivariate=len(dimensions) > 1, n_startup_trials=BATCH,
-                constant_liar=True)
+                seed=seed,
+                multivariate=len(dimensions) > 1,
+                n_startup_trials=BATCH,
+                constant_liar=True,
+            )
             self._fixed = optuna.samplers.PartialFixedSampler
-            self._study = self._opened(lambda: optuna.create_study(
-                study_name=name, storage=storage, sampler=self._sampler, load_if_exists=True))
+            self._study = self._opened(
+                lambda: optuna.create_study(
+                    study_name=name, storage=storage, sampler=self._sampler, load_if_exists=True
+                )
+            )
         before = self._guarded(lambda: self._study.user_attrs.get(ABOUT))
         if before is None:
             self._guarded(lambda: self._study.set_user_attr(ABOUT, about))
         elif before != about:
-            raise UserError(f"the study '{name}' in '{storage}' is of other data, another observer "
-                            'or other wishes: name another one with --study')
+            raise UserError(
+                f"the study '{name}' in '{storage}' is of other data, another observer "
+                'or other wishes: name another one with --study'
+            )
 
     def _opened(self, call: Callable[[], T]) -> T:
         """Processes that begin together may all be about to make the tables of the storage."""
@@ -125,25 +139,32 @@ class Study:
         except Exception as error:  # a database may fail in any way
             if self._storage is None:
                 raise
-            raise UserError(f"the storage '{self._storage}' cannot be used: {first_line(error)}"
-                            ) from error
+            raise UserError(
+                f"the storage '{self._storage}' cannot be used: {first_line(error)}"
+            ) from error
 
     def earlier(self) -> list[Trial]:
         """Trials of the same gains that the storage has."""
         known = self._guarded(lambda: self._study.get_trials(deepcopy=False))
-        return [Trial(self._values(trial.params), float(trial.value)) for trial in known
-                if trial.value is not None and trial.params
-                and set(trial.params) <= set(self._distributions)]
+        return [
+            Trial(self._values(trial.params), float(trial.value))
+            for trial in known
+            if trial.value is not None
+            and trial.params
+            and set(trial.params) <= set(self._distributions)
+        ]
 
     def leave_out(self, names: Sequence[str]) -> list[Dimension]:
         """Seek these no longer; what is left."""
         self._dimensions = [each for each in self._dimensions if each.name not in names]
-        self._distributions = {each.name: self._distributions[each.name]
-                               for each in self._dimensions}
+        self._distributions = {
+            each.name: self._distributions[each.name] for each in self._dimensions
+        }
         return self._dimensions
 
-    def ask(self, points: Sequence[Mapping[str, Value]], more: int
-            ) -> list[tuple[Any, dict[str, Value]]]:
+    def ask(
+        self, points: Sequence[Mapping[str, Value]], more: int
+    ) -> list[tuple[Any, dict[str, Value]]]:
         """(trial, gains) of these points, and of so many more that the sampler suggests.
 
         The points are not queued in the study: another process that shares it would take them.
@@ -155,8 +176,7 @@ class Study:
                 self._study.sampler = self._fixed(dict(point), self._sampler)
             trials.append(self._guarded(lambda: self._study.ask(self._distributions)))
         self._study.sampler = self._sampler
-        trials += self._guarded(lambda: [self._study.ask(self._distributions)
-                                         for _ in range(more)])
+        trials += self._guarded(lambda: [self._study.ask(self._distributions) for _ in range(more)])
         return [(trial, self._values(trial.params)) for trial in trials]
 
     def tell(self, trial: Any, cost: float) -> None:
@@ -167,12 +187,16 @@ class Study:
             self._guarded(lambda: self._study.tell(trial, state=self._failed))
 
     def _values(self, params: Mapping[str, Any]) -> dict[str, Value]:
-        return {each.name: params[each.name] if each.choices else float(params[each.name])
-                for each in self._dimensions if each.name in params}
+        return {
+            each.name: params[each.name] if each.choices else float(params[each.name])
+            for each in self._dimensions
+            if each.name in params
+        }
 
 
 def _distribution(dimension: Dimension) -> Any:
     from optuna.distributions import CategoricalDistribution, FloatDistribution
+
     if dimension.choices:
         return CategoricalDistribution(dimension.choices)
     return FloatDistribution(dimension.low, dimension.high, log=dimension.logarithmic)

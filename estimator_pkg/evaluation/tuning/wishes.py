@@ -81,14 +81,17 @@ def wishes(parsed: argparse.Namespace) -> Wishes:
         raise UsageError('--wrap-period must be an angle of 0 or more')
     if parsed.observer == asked.ALL:
         raise UsageError('--observer: name one observer')
-    entry, = asked.entries([parsed.observer], parsed.params, parsed.set)
+    (entry,) = asked.entries([parsed.observer], parsed.params, parsed.set)
     known = declared(observers.find(entry.observer).gains)
     for name, value in entry.values:
         if name in known:
             known[name].check(value)
-    return Wishes(entry, _weights(parsed),
-                  f'weights {parsed.weights}' if parsed.weights else parsed.prefer,
-                  _dimensions(entry.observer, known, parsed.search, dict(entry.values)))
+    return Wishes(
+        entry,
+        _weights(parsed),
+        f'weights {parsed.weights}' if parsed.weights else parsed.prefer,
+        _dimensions(entry.observer, known, parsed.search, dict(entry.values)),
+    )
 
 
 def _weights(parsed: argparse.Namespace) -> Weights:
@@ -99,28 +102,36 @@ def _weights(parsed: argparse.Namespace) -> Weights:
     except ValueError:
         values = []
     if len(values) != 3 or min(values) < 0.0 or not 0.0 < sum(values) < math.inf:
-        raise UsageError(f"--weights '{parsed.weights}' must be three numbers of 0 or more, as in "
-                         '1,0.5,0')
+        raise UsageError(
+            f"--weights '{parsed.weights}' must be three numbers of 0 or more, as in 1,0.5,0"
+        )
     return Weights(*values)
 
 
-def _dimensions(observer: str, known: Mapping[str, Parameter], wanted: Sequence[str],
-                held: Mapping[str, Any]) -> tuple[Dimension, ...]:
+def _dimensions(
+    observer: str, known: Mapping[str, Parameter], wanted: Sequence[str], held: Mapping[str, Any]
+) -> tuple[Dimension, ...]:
     if wanted:
         found = {}
         for text in wanted:
             name, _, ends = text.partition('=')
             if name not in known:
-                raise UsageError(f"unknown parameter '{name}' of {observer}: "
-                                 f'{suggestion(name, known)}')
+                raise UsageError(
+                    f"unknown parameter '{name}' of {observer}: {suggestion(name, known)}"
+                )
             found[name] = _asked(known[name], ends, text)
     else:
-        found = {name: Dimension(name, *(each.search or (0.0, 1.0)), each.among)
-                 for name, each in known.items() if each.search is not None or each.among}
+        found = {
+            name: Dimension(name, *(each.search or (0.0, 1.0)), each.among)
+            for name, each in known.items()
+            if each.search is not None or each.among
+        }
     found = {name: each for name, each in found.items() if name not in held}
     if not found:
-        raise UsageError(f"nothing to seek: '{observer}' names no gains for it, or --set and "
-                         '--params hold them all; name some with --search')
+        raise UsageError(
+            f"nothing to seek: '{observer}' names no gains for it, or --set and "
+            '--params hold them all; name some with --search'
+        )
     return tuple(found.values())
 
 

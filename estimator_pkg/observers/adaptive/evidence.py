@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SHORTEST = 0.25   # [s] of learning in a block, ...
-MEMORIES = 4.0    # ... and time constants of the slowest filter, at least
-MOST = 64         # blocks
-FEWEST = 8        # blocks for a standard deviation
-OLD = 4.0         # memories of least squares after which a block is forgotten
+SHORTEST = 0.25  # [s] of learning in a block, ...
+MEMORIES = 4.0  # ... and time constants of the slowest filter, at least
+MOST = 64  # blocks
+FEWEST = 8  # blocks for a standard deviation
+OLD = 4.0  # memories of least squares after which a block is forgotten
 SINGULAR = 1e-13  # reciprocal condition, of the scaled matrix, of what cannot be solved
 
 
@@ -121,10 +121,15 @@ def _answer(blocks: list[Block], weights: Array) -> _Answer | None:
         return None
     inverse = np.linalg.inv(total)
     # the older half still has the way to the parameters in its innovation
-    sums = np.sum([block.sums for block in blocks[len(blocks) // 2:]], axis=0)
-    return _Answer(inverse, inverse @ vectors.sum(axis=0), _largest(matrices, vectors),
-                   float(weights @ [block.sums[0] for block in blocks]),
-                   float(sums[1] / sums[0]), float(sums[2] / sums[0]))
+    sums = np.sum([block.sums for block in blocks[len(blocks) // 2 :]], axis=0)
+    return _Answer(
+        inverse,
+        inverse @ vectors.sum(axis=0),
+        _largest(matrices, vectors),
+        float(weights @ [block.sums[0] for block in blocks]),
+        float(sums[1] / sums[0]),
+        float(sums[2] / sums[0]),
+    )
 
 
 class Verdict(NamedTuple):
@@ -145,8 +150,9 @@ class Verdict(NamedTuple):
     noise_only: bool
 
 
-def judge(evidence: Evidence, theta: Array, bias: Array, sampling: Array, noise: float,
-          doubt: float) -> Verdict | None:
+def judge(
+    evidence: Evidence, theta: Array, bias: Array, sampling: Array, noise: float, doubt: float
+) -> Verdict | None:
     """What the blocks say; None where they determine nothing.
 
     Parameters
@@ -167,10 +173,13 @@ def judge(evidence: Evidence, theta: Array, bias: Array, sampling: Array, noise:
     noise_only = slow_e <= doubt * noise
     unexplained = 0.0 if noise_only else slow_e
     size = np.sqrt(np.diag(np.linalg.inv(inverse)))
-    return Verdict(covariance, np.sqrt(unexplained * samples * np.diag(inverse)),
-                   np.sqrt(slow_bend * samples) / size,
-                   1.0 - max(0.0, slow_e - noise) / slow_bend if slow_bend > 0.0 else 0.0,
-                   noise_only)
+    return Verdict(
+        covariance,
+        np.sqrt(unexplained * samples * np.diag(inverse)),
+        np.sqrt(slow_bend * samples) / size,
+        1.0 - max(0.0, slow_e - noise) / slow_bend if slow_bend > 0.0 else 0.0,
+        noise_only,
+    )
 
 
 def _largest(matrices: Array, vectors: Array) -> Array:
@@ -178,8 +187,8 @@ def _largest(matrices: Array, vectors: Array) -> Array:
     best = _jackknife(matrices, vectors)
     while len(matrices) >= 2 * FEWEST:
         odd = len(matrices) % 2  # the oldest stays alone
-        matrices = np.concatenate([matrices[:odd], matrices[odd::2] + matrices[odd + 1::2]])
-        vectors = np.concatenate([vectors[:odd], vectors[odd::2] + vectors[odd + 1::2]])
+        matrices = np.concatenate([matrices[:odd], matrices[odd::2] + matrices[odd + 1 :: 2]])
+        vectors = np.concatenate([vectors[:odd], vectors[odd::2] + vectors[odd + 1 :: 2]])
         other = _jackknife(matrices, vectors)
         if np.sum(np.diag(other) / np.diag(best)) > len(best):
             best = other
@@ -199,8 +208,10 @@ def _jackknife(matrices: Array, vectors: Array) -> Array:
 
 
 def _merged(blocks: list[Block]) -> list[Block]:
-    return [Block(a.matrix + b.matrix, a.vector + b.vector, a.sums + b.sums)
-            for a, b in zip(blocks[::2], blocks[1::2])]
+    return [
+        Block(a.matrix + b.matrix, a.vector + b.vector, a.sums + b.sums)
+        for a, b in zip(blocks[::2], blocks[1::2])
+    ]
 
 
 def _minus(a: Block, b: Block) -> Block:

@@ -20,12 +20,12 @@ ENOUGH = 1e-18  # the series ends when its terms are smaller than this part of t
 class Companion(NamedTuple):
     """Functions for one order n. Vectors and rows are tuples of n floats."""
 
-    rows: Callable[..., tuple]      # (first row, a) -> the whole commuting matrix, as rows
-    left: Callable[..., tuple]      # (row, matrix) -> row matrix
-    after: Callable[..., tuple]     # (row, a) -> row A
-    times: Callable[..., tuple]     # (a, vector) -> A vector
-    series: Callable[..., tuple]    # (a, size, h) -> first rows of F, G0, G1; see `companion`
-    euler: Callable[..., tuple]     # (a, size, h) -> those of the forward Euler step
+    rows: Callable[..., tuple]  # (first row, a) -> the whole commuting matrix, as rows
+    left: Callable[..., tuple]  # (row, matrix) -> row matrix
+    after: Callable[..., tuple]  # (row, a) -> row A
+    times: Callable[..., tuple]  # (a, vector) -> A vector
+    series: Callable[..., tuple]  # (a, size, h) -> first rows of F, G0, G1; see `companion`
+    euler: Callable[..., tuple]  # (a, size, h) -> those of the forward Euler step
 
 
 @lru_cache
@@ -52,11 +52,18 @@ def companion(order: int) -> Companion:
     left = [' + '.join(f'x[{k}] * m[{k}][{i}]' for k in index) for i in index]
     first = ['1.0', *('0.0' for _ in index[1:])]
 
-    lines = [f'def after(x, a): return {vector(after)}', f'def times(a, x): return {vector(times)}',
-             f'def left(x, m): return {vector(left)}', 'def rows(x, a):', '    r0 = x']
+    lines = [
+        f'def after(x, a): return {vector(after)}',
+        f'def times(a, x): return {vector(times)}',
+        f'def left(x, m): return {vector(left)}',
+        'def rows(x, a):',
+        '    r0 = x',
+    ]
     for i in index[1:]:
-        lines += [f'    x = after(r{i - 1}, a)',
-                  f'    r{i} = ' + vector([f'x[{k}] - a[{i - 1}] * r0[{k}]' for k in index])]
+        lines += [
+            f'    x = after(r{i - 1}, a)',
+            f'    r{i} = ' + vector([f'x[{k}] - a[{i - 1}] * r0[{k}]' for k in index]),
+        ]
     lines += [f'    return {vector([f"r{i}" for i in index])}']
 
     next_v = ' + '.join(f'v{i} * a[{i}]' for i in index)
@@ -90,7 +97,9 @@ def companion(order: int) -> Companion:
         '    return f, g, q',
         'def euler(a, size, h):',
         '    f = ' + vector(['1.0 + h * a[0]', *('h' if i == 1 else '0.0' for i in index[1:])]),
-        '    return f, ' + vector(['h', *('0.0' for _ in index[1:])]) + ', '
+        '    return f, '
+        + vector(['h', *('0.0' for _ in index[1:])])
+        + ', '
         + vector(['0.0'] * order),
     ]
     names = written_out(lines, f'companion of order {order}')

@@ -25,109 +25,206 @@ class Gains:
     """Parameters of `adaptive`."""
 
     order: int = parameter(
-        2, unit='', range=(1, 6), structural=True,
+        2,
+        unit='',
+        range=(1, 6),
+        structural=True,
         description='order of the plant from input to angle; 2: inertia, damping and spring',
-        equation='(1), observable canonical form')
+        equation='(1), observable canonical form',
+    )
     form: str = parameter(
-        SAMPLED, unit='', choices=(SAMPLED, PAPER), structural=True,
+        SAMPLED,
+        unit='',
+        choices=(SAMPLED, PAPER),
+        structural=True,
         description='sampled: filters exact for the sample time and a step that no gain makes '
-                    'unstable; paper: (11) to (13) by forward Euler, whose damping is off by '
-                    'dt k/J')
+        'unstable; paper: (11) to (13) by forward Euler, whose damping is off by '
+        'dt k/J',
+    )
     law: str = parameter(
-        LEAST_SQUARES, unit='', choices=(LEAST_SQUARES, GRADIENT), structural=True,
+        LEAST_SQUARES,
+        unit='',
+        choices=(LEAST_SQUARES, GRADIENT),
+        structural=True,
         description='how the parameters follow: least squares needs no scaling and is some hundred '
-                    "times faster than the paper's gradient (12)")
+        "times faster than the paper's gradient (12)",
+    )
     observer_poles: tuple[float, ...] | None = parameter(
-        None, unit='1/s', kind=list, range=(-1e6, -1e-6), structural=True,
+        None,
+        unit='1/s',
+        kind=list,
+        range=(-1e6, -1e-6),
+        structural=True,
         description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; unset: '
-                    'from bandwidth_hz')
+        'from bandwidth_hz',
+    )
     bandwidth_hz: float = parameter(
-        5.0, unit='Hz', range=(1e-3, 1e4), search=(0.5, 100.0), structural=True,
+        5.0,
+        unit='Hz',
+        range=(1e-3, 1e4),
+        search=(0.5, 100.0),
+        structural=True,
         description='magnitude of the observer poles where observer_poles is unset; well above the '
-                    'frequencies of the motion, and as low as the noise asks')
+        'frequencies of the motion, and as low as the noise asks',
+    )
     model_poles: tuple[float, ...] | None = parameter(
-        None, unit='1/s', kind=list, range=(-1e6, -1e-6), structural=True,
+        None,
+        unit='1/s',
+        kind=list,
+        range=(-1e6, -1e-6),
+        structural=True,
         description='eigenvalues of A_c, one per order: the plant as it is taken to be before '
-                    'anything is learnt; unset: half the observer poles', equation='(2), (40)')
+        'anything is learnt; unset: half the observer poles',
+        equation='(2), (40)',
+    )
     gamma: tuple[float, ...] = parameter(
-        (1000.0,), unit='', kind=list, structural=True,
+        (1000.0,),
+        unit='',
+        kind=list,
+        structural=True,
         description='gain of the gradient: one number, one for each free parameter (about '
-                    '1/mean square of its signal), or a positive definite matrix row by row. It '
-                    'also weighs the parameters in the excitation gate', equation='Gamma in (12)')
+        '1/mean square of its signal), or a positive definite matrix row by row. It '
+        'also weighs the parameters in the excitation gate',
+        equation='Gamma in (12)',
+    )
     memory: float = parameter(
-        0.0, unit='s', range=(0.0, 1e9),
+        0.0,
+        unit='s',
+        range=(0.0, 1e9),
         description='least squares forgets with this time constant, of time spent adapting, but '
-                    'never more than it knew at the start; 0: never')
+        'never more than it knew at the start; 0: never',
+    )
     start_variance: tuple[float, ...] | None = parameter(
-        None, unit='', kind=list, range=(1e-12, 1e18), structural=True, advanced=True,
+        None,
+        unit='',
+        kind=list,
+        range=(1e-12, 1e18),
+        structural=True,
+        advanced=True,
         description='diagonal of P of least squares at the start, where the reading has unit '
-                    'variance: one number, or one for each free parameter; unset: 1e4 times the '
-                    'square of what the observer poles make natural')
+        'variance: one number, or one for each free parameter; unset: 1e4 times the '
+        'square of what the observer poles make natural',
+    )
     load: bool = parameter(
-        False, unit='', structural=True,
+        False,
+        unit='',
+        structural=True,
         description='learn a constant load (or an offset of the spring) too, as one more parameter '
-                    'd<order>; without it a constant load spoils the others')
+        'd<order>; without it a constant load spoils the others',
+    )
     gravity: bool = parameter(
-        False, unit='', structural=True,
+        False,
+        unit='',
+        structural=True,
         description='learn a torque that goes with the sine of the angle too (a pendulum or arm, '
-                    'whose angle is 0 where it hangs), as one more parameter s<order>; set '
-                    "known: ['k/J=0'] where there is no spring")
+        'whose angle is 0 where it hangs), as one more parameter s<order>; set '
+        "known: ['k/J=0'] where there is no spring",
+    )
     known: tuple[str, ...] = parameter(
-        (), unit='', structural=True,
+        (),
+        unit='',
+        structural=True,
         description="parameters that are known, such as 'b1=0', 'k/J=0': l1.., b1.., d<order>, "
-                    's<order>, and for order 2 b/J, k/J, Kv/J, load/J, mgl/J')
+        's<order>, and for order 2 b/J, k/J, Kv/J, load/J, mgl/J',
+    )
     bounds: tuple[str, ...] = parameter(
-        (), unit='', structural=True,
-        description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'")
+        (),
+        unit='',
+        structural=True,
+        description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'",
+    )
     theta: tuple[float, ...] | None = parameter(
-        None, unit='', kind=list, structural=True,
+        None,
+        unit='',
+        kind=list,
+        structural=True,
         description='parameters to start with, l1.. then b1.. (then d<order>, s<order>); unset: '
-                    'zero')
+        'zero',
+    )
     adapt: bool = parameter(
-        True, unit='', description='false holds the parameters; the filters go on, so that '
-                                   'adaptation resumes without a bump')
+        True,
+        unit='',
+        description='false holds the parameters; the filters go on, so that '
+        'adaptation resumes without a bump',
+    )
     velocity: str = parameter(
-        'full', unit='', choices=('full', 'paper'), structural=True,
+        'full',
+        unit='',
+        choices=('full', 'paper'),
+        structural=True,
         description='full: C (A x + B u), right as soon as the innovation vanishes; paper: (38), '
-                    'which needs b1 = 0 and right parameters')
+        'which needs b1 = 0 and right parameters',
+    )
     gate: str = parameter(
-        'noise', unit='', choices=('noise', 'gamma', 'none'), structural=True,
+        'noise',
+        unit='',
+        choices=('noise', 'gamma', 'none'),
+        structural=True,
         formerly={'off': 'none'},
         description='adapt only while the signals tell the parameters apart. noise: the '
-                    'information matrix exceeds signal_to_noise times what noise of the reading '
-                    'alone would gather; gamma: its smallest eigenvalue, weighed by gamma, exceeds '
-                    'excitation; none: adapt always')
+        'information matrix exceeds signal_to_noise times what noise of the reading '
+        'alone would gather; gamma: its smallest eigenvalue, weighed by gamma, exceeds '
+        'excitation; none: adapt always',
+    )
     signal_to_noise: float = parameter(
-        100.0, unit='', range=(1.0, 1e12),
+        100.0,
+        unit='',
+        range=(1.0, 1e12),
         description="of the gate 'noise': the noise in the filtered reading biases the parameters "
-                    'by at most about one part in so many')
+        'by at most about one part in so many',
+    )
     excitation: float = parameter(
-        0.02, unit='', range=(1e-12, 1e12), description="of the gate 'gamma'")
+        0.02, unit='', range=(1e-12, 1e12), description="of the gate 'gamma'"
+    )
     excitation_memory: float = parameter(
-        20.0, unit='s', range=(1e-3, 1e6), description='time constant of that matrix')
+        20.0, unit='s', range=(1e-3, 1e6), description='time constant of that matrix'
+    )
     knock: float = parameter(
-        5.0, unit='', range=(0.0, 1e9), structural=True,
+        5.0,
+        unit='',
+        range=(0.0, 1e9),
+        structural=True,
         description='an innovation so many times its usual size is a knock from outside: nothing '
-                    'is learnt until the filters have forgotten it; 0: learn from everything')
+        'is learnt until the filters have forgotten it; 0: learn from everything',
+    )
     moving_above: float = parameter(
-        0.0, unit='rad/s', range=(0.0, 1e6), structural=True,
+        0.0,
+        unit='rad/s',
+        range=(0.0, 1e6),
+        structural=True,
         description='learn only while the joint moves faster: where it sticks by dry friction, '
-                    'the model does not hold; 0: always')
+        'the model does not hold; 0: always',
+    )
     settle: float | None = parameter(
-        None, unit='s', kind=float, range=(0.0, 1e6), advanced=True,
+        None,
+        unit='s',
+        kind=float,
+        range=(0.0, 1e6),
+        advanced=True,
         description='no adaptation for so long after a start or a gap; unset: five time constants '
-                    'of the slowest observer pole')
+        'of the slowest observer pole',
+    )
     torque_constant: float | None = parameter(
-        None, unit='N m per unit of input', kind=float, range=(1e-9, 1e9),
+        None,
+        unit='N m per unit of input',
+        kind=float,
+        range=(1e-9, 1e9),
         description='Kv, where it is known: then J, b and k are reported too (1 where the input is '
-                    'a torque)')
+        'a torque)',
+    )
     quantum: float = parameter(
-        0.0, unit='rad', range=(0.0, 10.0),
-        description='smallest step of the measurement (2 pi / counts); 0: not known')
+        0.0,
+        unit='rad',
+        range=(0.0, 10.0),
+        description='smallest step of the measurement (2 pi / counts); 0: not known',
+    )
     noise: float | None = parameter(
-        None, unit='rad', range=(1e-12, 10.0),
+        None,
+        unit='rad',
+        range=(1e-12, 10.0),
         description='standard deviation of the measurement noise, quantisation apart; unset: '
-                    'estimated from third differences')
+        'estimated from third differences',
+    )
 
 
 @dataclass(frozen=True)
@@ -175,12 +272,18 @@ def structure(gains: Gains) -> Structure:
             raise UsageError(f"parameter '{name}' needs {n} poles for order {n}, not {len(poles)}")
     slowest, fastest = min(-pole for pole in observer), max(-pole for pole in observer)
     if 0.0 < gains.memory < 1.0 / slowest:
-        raise UsageError(f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
-                         f'filters: 0, or at least {1.0 / slowest:.3g} s')
+        raise UsageError(
+            f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
+            f'filters: 0, or at least {1.0 / slowest:.3g} s'
+        )
     column = tuple(-float(c) for c in np.poly(observer)[1:])
     model_column = tuple(-float(c) for c in np.poly(model)[1:])
-    names = (*(f'l{i + 1}' for i in range(n)), *(f'b{i + 1}' for i in range(n)),
-             *((f'd{n}',) if gains.load else ()), *((f's{n}',) if gains.gravity else ()))
+    names = (
+        *(f'l{i + 1}' for i in range(n)),
+        *(f'b{i + 1}' for i in range(n)),
+        *((f'd{n}',) if gains.load else ()),
+        *((f's{n}',) if gains.gravity else ()),
+    )
     low, high = [-math.inf] * len(names), [math.inf] * len(names)
     fixed: dict[int, float] = {}
     for text in gains.known:
@@ -200,16 +303,24 @@ def structure(gains: Gains) -> Structure:
             raise UsageError(f"parameter 'bounds' leaves no value for {names[i]}")
     theta = gains.theta if gains.theta is not None else (0.0,) * len(names)
     if len(theta) != len(names):
-        raise UsageError(f"parameter 'theta' needs {len(names)} numbers ({', '.join(names)}), "
-                         f'not {len(theta)}')
+        raise UsageError(
+            f"parameter 'theta' needs {len(names)} numbers ({', '.join(names)}), not {len(theta)}"
+        )
     return Structure(
-        names, column, model_column, tuple(m - o for m, o in zip(model_column, column)), free,
+        names,
+        column,
+        model_column,
+        tuple(m - o for m, o in zip(model_column, column)),
+        free,
         tuple(fixed.get(i, 0.0) for i in range(len(names))),
         tuple(min(max(theta[i], low[i]), high[i]) for i in free),
-        tuple(low[i] for i in free), tuple(high[i] for i in free),
+        tuple(low[i] for i in free),
+        tuple(high[i] for i in free),
         _gamma(gains.gamma, [names[i] for i in free]),
         _variance(gains.start_variance, [names[i] for i in free], (-column[-1]) ** (1.0 / n)),
-        slowest, fastest)
+        slowest,
+        fastest,
+    )
 
 
 def _spread(pole: float, count: int) -> tuple[float, ...]:
@@ -229,34 +340,40 @@ def _gamma(values: tuple[float, ...], names: list[str]) -> Matrix:
         if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
             raise UsageError("parameter 'gamma' is not symmetric")
     else:
-        raise UsageError(f"parameter 'gamma' needs 1, {m} or {m * m} numbers for the {m} free "
-                         f'parameters ({", ".join(names)}), not {len(values)}')
+        raise UsageError(
+            f"parameter 'gamma' needs 1, {m} or {m * m} numbers for the {m} free "
+            f'parameters ({", ".join(names)}), not {len(values)}'
+        )
     if np.min(np.linalg.eigvalsh(matrix)) <= 0.0:
         raise UsageError("parameter 'gamma' is not positive definite")
     return matrix
 
 
-def _variance(values: tuple[float, ...] | None, names: list[str], pace: float
-              ) -> tuple[float, ...]:
+def _variance(values: tuple[float, ...] | None, names: list[str], pace: float) -> tuple[float, ...]:
     """P at the start; `pace` is the geometric mean of the observer poles [1/s]."""
     if values is None:
         return tuple(1e4 * pace ** (2 * int(name[1:])) for name in names)
     if len(values) not in (1, len(names)):
-        raise UsageError(f"parameter 'start_variance' needs 1 or {len(names)} numbers, "
-                         f'not {len(values)}')
+        raise UsageError(
+            f"parameter 'start_variance' needs 1 or {len(names)} numbers, not {len(values)}"
+        )
     return tuple(values) if len(values) == len(names) else tuple(values) * len(names)
 
 
-def physical(names: tuple[str, ...], model: tuple[float, ...]
-             ) -> dict[str, tuple[int, float, float, str]]:
+def physical(
+    names: tuple[str, ...], model: tuple[float, ...]
+) -> dict[str, tuple[int, float, float, str]]:
     """Physical ratios by name: (place in theta, offset, sign, unit); ratio = offset + sign theta.
 
     For order 2 only, J q'' + b q' + k q + m g l sin q = Kv u + load.
     """
     if len(model) != 2:
         return {}
-    ratios = {'b/J': (0, -model[0], -1.0, '1/s'), 'k/J': (1, -model[1], -1.0, '1/s^2'),
-              'Kv/J': (3, 0.0, 1.0, 'rad/s^2 per unit of input')}
+    ratios = {
+        'b/J': (0, -model[0], -1.0, '1/s'),
+        'k/J': (1, -model[1], -1.0, '1/s^2'),
+        'Kv/J': (3, 0.0, 1.0, 'rad/s^2 per unit of input'),
+    }
     if 'd2' in names:
         ratios['load/J'] = (names.index('d2'), 0.0, 1.0, 'rad/s^2')
     if 's2' in names:
@@ -264,8 +381,9 @@ def physical(names: tuple[str, ...], model: tuple[float, ...]
     return ratios
 
 
-def _constraint(text: str, signs: str, owner: str, names: tuple[str, ...],
-                model: tuple[float, ...]) -> tuple[int, int, float]:
+def _constraint(
+    text: str, signs: str, owner: str, names: tuple[str, ...], model: tuple[float, ...]
+) -> tuple[int, int, float]:
     """(place in theta, 1 for at least, -1 for at most, 0 for equal, value) of 'name>=value'."""
     ratios = physical(names, model)
     match = _CONSTRAINT.fullmatch(text)
@@ -284,5 +402,7 @@ def _constraint(text: str, signs: str, owner: str, names: tuple[str, ...],
     if name in ratios:
         place, offset, factor, unit = ratios[name]
         return place, int(sign * factor), (value - offset) * factor
-    raise UsageError(f"parameter '{owner}': no parameter is called '{name}': "
-                     f'{suggestion(name, (*names, *ratios))}')
+    raise UsageError(
+        f"parameter '{owner}': no parameter is called '{name}': "
+        f'{suggestion(name, (*names, *ratios))}'
+    )

@@ -14,15 +14,17 @@ from estimator_pkg.observers.maths.least_squares import make_update
 from estimator_pkg.observers.maths.unroll import algebra
 
 # What the parameter law does
-INIT = 0       # the filters forget their start
+INIT = 0  # the filters forget their start
 ADAPTING = 1
-GATED = 2      # the signals carry too little to tell the parameters apart
-FROZEN = 3     # by order of the user
+GATED = 2  # the signals carry too little to tell the parameters apart
+FROZEN = 3  # by order of the user
 PHASES = ('INIT', 'ADAPTING', 'GATED', 'FROZEN')
-REASONS = ('the filters forget their start values',
-           'the signals tell the parameters apart',
-           'the signals do not tell the parameters apart: too little excitation',
-           "held by the user ('adapt' is false)")
+REASONS = (
+    'the filters forget their start values',
+    'the signals tell the parameters apart',
+    'the signals do not tell the parameters apart: too little excitation',
+    "held by the user ('adapt' is false)",
+)
 HELD = 'held for a moment: a knock, or slower than moving_above'
 
 REGULAR = 1.0 - 1e-9  # of the diagonal: what is singular but for rounding is singular
@@ -58,8 +60,9 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
     rank_one, exceeds, parts = free.rank_one, free.exceeds, motion.parts
     update = make_update(len(made.free))
 
-    def moved(theta: tuple, p: tuple, psi: tuple, e: float, design: Any, h: float,
-              forget: float) -> tuple:
+    def moved(
+        theta: tuple, p: tuple, psi: tuple, e: float, design: Any, h: float, forget: float
+    ) -> tuple:
         if is_gradient:
             if is_diagonal:
                 direction = times_m(design.gamma, psi)
@@ -101,7 +104,10 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
         matrix, vector, sums = evidence
         count, of_e, of_bend = sums
         slow_e, slow_bend = slow
-        return (rank_one(matrix, 1.0, 1.0, psi), add_m(vector, target, psi),
-                (count + 1.0, of_e + slow_e * slow_e, of_bend + slow_bend * slow_bend))
+        return (
+            rank_one(matrix, 1.0, 1.0, psi),
+            add_m(vector, target, psi),
+            (count + 1.0, of_e + slow_e * slow_e, of_bend + slow_bend * slow_bend),
+        )
 
     return Law(moved, judged, variance, expected, gathered)

@@ -39,8 +39,9 @@ def motion(gains: Gains, made: Structure) -> Motion:
     n, m = gains.order, len(made.free)
     is_paper, second = gains.form == PAPER, gains.order > 1
     has_load, has_gravity = gains.load, gains.gravity
-    clipped = (gains.law != GRADIENT
-               and any(math.isfinite(bound) for bound in (*made.low, *made.high)))
+    clipped = gains.law != GRADIENT and any(
+        math.isfinite(bound) for bound in (*made.low, *made.high)
+    )
     filters, vectors = companion(n), algebra(n)
     rows, after, times = filters.rows, filters.after, filters.times
     dot, add, apply, clip = vectors.dot, vectors.add, vectors.apply, algebra(m).clip
@@ -70,8 +71,11 @@ def motion(gains: Gains, made: Structure) -> Motion:
         x1 = z[0] + dot(y, injected) + dot(u, of_u)
         x2 = 0.0
         if second:
-            x2 = (z[1] + dot(y, add(times(a, injected), -a[0], injected))
-                  + dot(u, add(times(a, of_u), -a[0], of_u)))
+            x2 = (
+                z[1]
+                + dot(y, add(times(a, injected), -a[0], injected))
+                + dot(u, add(times(a, of_u), -a[0], of_u))
+            )
         if has_load:
             x1 += load * one[n - 1]
             if second:
@@ -99,8 +103,9 @@ def motion(gains: Gains, made: Structure) -> Motion:
             x = add(x, speed - first * y, next_unit)
         return x
 
-    def moved_by(inner: tuple, of_y: tuple, of_u: tuple, load: float, gravity: float,
-                 design: Any) -> tuple:
+    def moved_by(
+        inner: tuple, of_y: tuple, of_u: tuple, load: float, gravity: float, design: Any
+    ) -> tuple:
         y, u, one, sine = inner
         shift = add(apply(rows(y, design.a_k), of_y), 1.0, apply(rows(u, design.a_k), of_u))
         if has_load:

@@ -53,63 +53,63 @@ from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.maths.scatter import begin_scatter, follow_scatter, resume_scatter
 from estimator_pkg.observers.maths.unroll import algebra
 
-LOOK = 20          # samples between two looks at excitation and trust
-DOUBT = 9.0        # the slow innovation's power may be so many times that of the noise, ...
-CLOSE = 2e-4       # ... or so large a part of the motion's: then the velocity is right to 3 %
-SHORTEST = 0.5     # time over which both are averaged, at least [s]
-FRESH = 10.0       # so many times faster they are averaged in the beginning
-SURPRISE = 25.0    # a square counts at most so many times the usual one
+LOOK = 20  # samples between two looks at excitation and trust
+DOUBT = 9.0  # the slow innovation's power may be so many times that of the noise, ...
+CLOSE = 2e-4  # ... or so large a part of the motion's: then the velocity is right to 3 %
+SHORTEST = 0.5  # time over which both are averaged, at least [s]
+FRESH = 10.0  # so many times faster they are averaged in the beginning
+SURPRISE = 25.0  # a square counts at most so many times the usual one
 
 
 class Design(NamedTuple):
     """What the gains imply whatever the sample time is. Companion matrices by their column."""
 
-    a_k: tuple          # of A_c - K C
-    fastest: float      # bound of its poles [1/s]
-    a_c: tuple          # of A_c
-    k: tuple            # K, the injection
-    fixed: tuple        # theta, as far as it is known
-    start: tuple        # theta, as far as it is free
-    low: tuple          # bounds of the free ones
+    a_k: tuple  # of A_c - K C
+    fastest: float  # bound of its poles [1/s]
+    a_c: tuple  # of A_c
+    k: tuple  # K, the injection
+    fixed: tuple  # theta, as far as it is known
+    start: tuple  # theta, as far as it is free
+    low: tuple  # bounds of the free ones
     high: tuple
-    gamma: tuple        # Gamma of the free ones: its diagonal where there is nothing else
-    floor: tuple        # what the information matrix must exceed to open the gate
-    w: tuple            # `gramian` of A_c - K C
-    settle: float       # until the filters have forgotten their start [s]
-    average: float      # time over which the innovation's power is averaged [s]
-    memory: float       # of least squares [s]
-    keep: float         # memory of the information matrix [s]
-    pace: float         # geometric mean of the poles [1/s]
-    slowest: float      # slowest pole [1/s]
-    knock: float        # squares of e that are a knock, in usual squares
+    gamma: tuple  # Gamma of the free ones: its diagonal where there is nothing else
+    floor: tuple  # what the information matrix must exceed to open the gate
+    w: tuple  # `gramian` of A_c - K C
+    settle: float  # until the filters have forgotten their start [s]
+    average: float  # time over which the innovation's power is averaged [s]
+    memory: float  # of least squares [s]
+    keep: float  # memory of the information matrix [s]
+    pace: float  # geometric mean of the poles [1/s]
+    slowest: float  # slowest pole [1/s]
+    knock: float  # squares of e that are a knock, in usual squares
     moving_above: float  # speed below which dry friction may hold the joint [rad/s]
-    adapt: float        # 1.0: theta may change
-    is_given: float     # 1.0: the user gave theta
-    period: float       # of the circle [rad]; 0: none
+    adapt: float  # 1.0: theta may change
+    is_given: float  # 1.0: the user gave theta
+    period: float  # of the circle [rad]; 0: none
     unwrap: float
-    noise: float        # variance of the reading's noise [rad^2]; 0: to be estimated
-    finest: float       # its least, of the encoder's quantum [rad^2]
-    p_start: tuple      # P of least squares
+    noise: float  # variance of the reading's noise [rad^2]; 0: to be estimated
+    finest: float  # its least, of the encoder's quantum [rad^2]
+    p_start: tuple  # P of least squares
 
 
 class Coefficients(NamedTuple):
     """What the sample time h implies; and of the design, so that one unpacking gives a step all."""
 
-    f: tuple            # exp((A_c - K C) h)
-    g0: tuple           # first row of its integral, for what is held ...
-    g1: tuple           # ... and for what rises
-    h: float            # [s]
-    weight: float       # of the newest sample in averages
+    f: tuple  # exp((A_c - K C) h)
+    g0: tuple  # first row of its integral, for what is held ...
+    g1: tuple  # ... and for what rises
+    h: float  # [s]
+    weight: float  # of the newest sample in averages
     slow_weight: float  # of the newest look
-    keep: float         # what the information matrix keeps over a sample
-    forget: float       # what least squares keeps over a sample
-    low_pass: float     # weight of the newest sample in the low-passed innovation
-    a_k: tuple          # from here on: of the design
+    keep: float  # what the information matrix keeps over a sample
+    forget: float  # what least squares keeps over a sample
+    low_pass: float  # weight of the newest sample in the low-passed innovation
+    a_k: tuple  # from here on: of the design
     k: tuple
     fixed: tuple
     period: float
     settle: float
-    young: float        # age [s] until which theta is on its way
+    young: float  # age [s] until which theta is on its way
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -138,8 +138,11 @@ def build(gains: Gains, circle: Circle) -> Functions:
     if gains.moving_above > 0.0 and n < 2:
         raise UsageError("parameter 'moving_above' needs order 2 or more")
     has_load, has_gravity = gains.load, gains.gravity
-    is_full, is_watched, needs_motion = (gains.velocity == 'full', gains.knock > 0.0,
-                                         gains.moving_above > 0.0)
+    is_full, is_watched, needs_motion = (
+        gains.velocity == 'full',
+        gains.knock > 0.0,
+        gains.moving_above > 0.0,
+    )
     moves, laws = motion(gains, made), law(gains, made, motion(gains, made))
     parts, states, started = moves.parts, moves.states, moves.started
     paper_start, moved_by = moves.paper_start, moves.moved_by
@@ -169,53 +172,101 @@ def build(gains: Gains, circle: Circle) -> Functions:
             return as_rows(gains.excitation * np.linalg.inv(made.gamma))
         noise = np.zeros((len(made.names), len(made.names)))
         noise[:n, :n] = noise_of
-        return as_rows(gains.signal_to_noise * gains.excitation_memory
-                       * noise[np.ix_(made.free, made.free)])
+        return as_rows(
+            gains.signal_to_noise * gains.excitation_memory * noise[np.ix_(made.free, made.free)]
+        )
 
     def design() -> Design:
         finest = variance_floor(gains.quantum)
         noise = gains.noise * gains.noise + finest if gains.noise is not None else 0.0
         is_diagonal = bool(np.all(made.gamma == np.diag(np.diag(made.gamma))))
         return Design(
-            a_k=made.observer, fastest=float(made.fastest), a_c=made.model, k=made.injection,
-            fixed=made.fixed, start=made.start, low=made.low, high=made.high,
-            gamma=tuple(float(x) for x in np.diag(made.gamma)) if is_diagonal
+            a_k=made.observer,
+            fastest=float(made.fastest),
+            a_c=made.model,
+            k=made.injection,
+            fixed=made.fixed,
+            start=made.start,
+            low=made.low,
+            high=made.high,
+            gamma=tuple(float(x) for x in np.diag(made.gamma))
+            if is_diagonal
             else as_rows(made.gamma),
-            floor=floor_of_gate(), w=noise_of, settle=float(settling), average=float(average),
-            memory=float(gains.memory), keep=float(gains.excitation_memory), pace=float(pace),
-            slowest=float(made.slowest), knock=float(gains.knock * gains.knock),
-            moving_above=float(gains.moving_above), adapt=float(gains.adapt),
-            is_given=float(gains.theta is not None), period=float(circle.period),
-            unwrap=float(circle.unwrap), noise=noise, finest=finest,
-            p_start=as_rows(np.diag(made.variance)) if not is_gradient else ((0.0,),))
+            floor=floor_of_gate(),
+            w=noise_of,
+            settle=float(settling),
+            average=float(average),
+            memory=float(gains.memory),
+            keep=float(gains.excitation_memory),
+            pace=float(pace),
+            slowest=float(made.slowest),
+            knock=float(gains.knock * gains.knock),
+            moving_above=float(gains.moving_above),
+            adapt=float(gains.adapt),
+            is_given=float(gains.theta is not None),
+            period=float(circle.period),
+            unwrap=float(circle.unwrap),
+            noise=noise,
+            finest=finest,
+            p_start=as_rows(np.diag(made.variance)) if not is_gradient else ((0.0,),),
+        )
 
     def prepare(design: Any, dt: float) -> Coefficients:
         f, g0, g1 = series(design.a_k, design.fastest, dt)
-        return Coefficients(rows(f, design.a_k), g0, g1, dt, -math.expm1(-dt / design.average),
-                            -math.expm1(-LOOK * dt / design.average), math.exp(-dt / design.keep),
-                            kept(dt, design.memory), -math.expm1(-dt * design.slowest),
-                            design.a_k, design.k, design.fixed, design.period, design.settle,
-                            design.settle + 2.0 * design.average)
+        return Coefficients(
+            rows(f, design.a_k),
+            g0,
+            g1,
+            dt,
+            -math.expm1(-dt / design.average),
+            -math.expm1(-LOOK * dt / design.average),
+            math.exp(-dt / design.keep),
+            kept(dt, design.memory),
+            -math.expm1(-dt * design.slowest),
+            design.a_k,
+            design.k,
+            design.fixed,
+            design.period,
+            design.settle,
+            design.settle + 2.0 * design.average,
+        )
 
     def init(measurement: float, design: Any) -> tuple:
         theta = design.start
         inner, z = started(zeros, theta, design, measurement, 0.0)
         if is_paper:
             z = paper_start(theta, design, measurement, 0.0)
-        return (inner, z, theta, empty, design.p_start, begin(measurement),
-                begin_scatter(measurement),
-                (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (INIT, 0, 0), nothing)
+        return (
+            inner,
+            z,
+            theta,
+            empty,
+            design.p_start,
+            begin(measurement),
+            begin_scatter(measurement),
+            (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            (INIT, 0, 0),
+            nothing,
+        )
 
-    def pause(held: float, usual: float, e: float, psi_y: tuple, adapted: float, design: Any,
-              weight: float) -> tuple[float, float]:
+    def pause(
+        held: float,
+        usual: float,
+        e: float,
+        psi_y: tuple,
+        adapted: float,
+        design: Any,
+        weight: float,
+    ) -> tuple[float, float]:
         """(for how long nothing is learnt [s], usual square of the innovation).
 
         After a knock, and where dry friction may hold the joint, the equation of motion does not
         hold until the filters have forgotten it.
         """
         square = e * e
-        if needs_motion and (-design.moving_above < -design.a_k[n - 1] * psi_y[n - 2]
-                             < design.moving_above):
+        if needs_motion and (
+            -design.moving_above < -design.a_k[n - 1] * psi_y[n - 2] < design.moving_above
+        ):
             held = SETTLED / design.slowest
         elif is_watched:
             if adapted > design.average:
@@ -226,13 +277,38 @@ def build(gains: Gains, circle: Circle) -> Functions:
             usual += (square - usual) * weight
         return held, usual
 
-    def step(state: tuple, coefficients: Any, design: Any, measurement: float,
-             given: float) -> tuple:
-        ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
-         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
-         (phase, trusted, tick), evidence) = state
-        (f, g0, g1, h, weight, slow_weight, keep, forget, low_pass, a_k, k, fixed, period, settle,
-         young) = coefficients
+    def step(
+        state: tuple, coefficients: Any, design: Any, measurement: float, given: float
+    ) -> tuple:
+        (
+            (psi_y, psi_u, psi_1, psi_s),
+            z,
+            theta,
+            information,
+            p,
+            convention,
+            scatter,
+            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            (phase, trusted, tick),
+            evidence,
+        ) = state
+        (
+            f,
+            g0,
+            g1,
+            h,
+            weight,
+            slow_weight,
+            keep,
+            forget,
+            low_pass,
+            a_k,
+            k,
+            fixed,
+            period,
+            settle,
+            young,
+        ) = coefficients
         last_measurement, lowest, highest, wraps, turns = convention
         change = measurement - last_measurement
         if period > 0.0 and not -0.5 * period <= change < 0.5 * period:
@@ -260,8 +336,13 @@ def build(gains: Gains, circle: Circle) -> Functions:
         if not is_paper:
             z = apply(f, z)
             psi = pick(psi_y, psi_u, psi_1, psi_s)
-            e = (y - z[0] - dot(psi_y, k) - explained(psi_y, psi_u, psi_1, psi_s, fixed)
-                 - dot_m(psi, theta))
+            e = (
+                y
+                - z[0]
+                - dot(psi_y, k)
+                - explained(psi_y, psi_u, psi_1, psi_s, fixed)
+                - dot_m(psi, theta)
+            )
         if not -LARGEST < e < LARGEST:
             return init(measurement, design)  # numbers ran away: only a new start helps
         age += h
@@ -296,29 +377,46 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 phase = judged(information, scatter, design, h)
                 x1, x2, speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)
                 speed_power += (speed * speed - speed_power) * slow_weight
-                most = (DOUBT * expected(scatter, theta, design, h)
-                        * low_pass / (2.0 - low_pass))
+                most = DOUBT * expected(scatter, theta, design, h) * low_pass / (2.0 - low_pass)
                 close = CLOSE * speed_power / (design.pace * design.pace)
                 if slow_power > 4.0 * most and slow_power > 4.0 * close:
                     trusted = 0
                 elif (slow_power <= most or slow_power <= close) and (
-                        age > design.settle + design.average):
+                    age > design.settle + design.average
+                ):
                     trusted = 1
-        return ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p,
-                follow(convention, measurement, period),
-                follow_scatter(scatter, measurement, h, period),
-                (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
-                (phase, trusted, tick), evidence)
+        return (
+            (psi_y, psi_u, psi_1, psi_s),
+            z,
+            theta,
+            information,
+            p,
+            follow(convention, measurement, period),
+            follow_scatter(scatter, measurement, h, period),
+            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            (phase, trusted, tick),
+            evidence,
+        )
 
     def adapted_for(signals: tuple) -> float:
-        (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend,
-         slow_power) = signals
+        (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power) = signals
         return adapted
 
-    def output(state: tuple, coefficients: Any, design: Any, measurement: float,
-               given: float) -> tuple:
-        (inner, z, theta, information, p, convention, scatter, signals, (phase, trusted, tick),
-         evidence) = state
+    def output(
+        state: tuple, coefficients: Any, design: Any, measurement: float, given: float
+    ) -> tuple:
+        (
+            inner,
+            z,
+            theta,
+            information,
+            p,
+            convention,
+            scatter,
+            signals,
+            (phase, trusted, tick),
+            evidence,
+        ) = state
         x1, x2, speed = states(inner, z, theta, design)
         if is_full:
             of_y, of_u, load, gravity = parts(theta, design)
@@ -336,11 +434,35 @@ def build(gains: Gains, circle: Circle) -> Functions:
         goes with an error of the velocity of (a1 - o1) e, o1 and a1 being the first entries of
         A_c - K C and A.
         """
-        (inner, z, theta, information, p, convention, scatter,
-         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
-         flags, evidence) = state
-        (f, g0, g1, h, weight, slow_weight, keep, forget, low_pass, a_k, k, fixed, period, settle,
-         young) = coefficients
+        (
+            inner,
+            z,
+            theta,
+            information,
+            p,
+            convention,
+            scatter,
+            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            flags,
+            evidence,
+        ) = state
+        (
+            f,
+            g0,
+            g1,
+            h,
+            weight,
+            slow_weight,
+            keep,
+            forget,
+            low_pass,
+            a_k,
+            k,
+            fixed,
+            period,
+            settle,
+            young,
+        ) = coefficients
         of_y, of_u, load, gravity = parts(theta, design)
         injected = add(k, 1.0, of_y)  # K + L
         first = design.a_c[0] + of_y[0] - a_k[0]
@@ -354,48 +476,93 @@ def build(gains: Gains, circle: Circle) -> Functions:
         slow = slow_power - noise * (1.0 + of_position) * low_pass / (2.0 - low_pass)
         if slow < 0.0:
             slow = 0.0
-        return (math.sqrt(of_position * noise + slow),
-                math.sqrt(of_speed * noise + first * first * slow))
+        return (
+            math.sqrt(of_position * noise + slow),
+            math.sqrt(of_speed * noise + first * first * slow),
+        )
 
     def restart(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
-        (inner, z, theta, information, p, convention, scatter, signals, flags,
-         evidence) = resume(state, coefficients, design, measurement)
+        (inner, z, theta, information, p, convention, scatter, signals, flags, evidence) = resume(
+            state, coefficients, design, measurement
+        )
         y = signals[0]
         inner, z = started(zeros, theta, design, y, 0.0)
         if is_paper:
             z = paper_start(theta, design, y, 0.0)
-        return (inner, z, theta, information, p, convention, scatter, signals, (INIT, 0, 0),
-                evidence)
+        return (
+            inner,
+            z,
+            theta,
+            information,
+            p,
+            convention,
+            scatter,
+            signals,
+            (INIT, 0, 0),
+            evidence,
+        )
 
     def resume(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
-        ((psi_y, psi_u, psi_1, psi_s), z, theta, information, p, convention, scatter,
-         (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
-         (phase, trusted, tick), evidence) = state
+        (
+            (psi_y, psi_u, psi_1, psi_s),
+            z,
+            theta,
+            information,
+            p,
+            convention,
+            scatter,
+            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            (phase, trusted, tick),
+            evidence,
+        ) = state
         last_measurement, lowest, highest, wraps, turns = convention
         y += wrap(measurement - last_measurement, design.period)
         x1, x2, speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)
         inner, z = started(psi_u, theta, design, y, speed)
         if is_paper:
             z = paper_start(theta, design, y, speed)
-        return (inner, z, theta, information, p, follow(convention, measurement, design.period),
-                resume_scatter(scatter, measurement),
-                (y, 0.0, power, speed_power, adapted, held, usual, 0.0, 0.0, slow_power),
-                (INIT, trusted, 0), evidence)
+        return (
+            inner,
+            z,
+            theta,
+            information,
+            p,
+            follow(convention, measurement, design.period),
+            resume_scatter(scatter, measurement),
+            (y, 0.0, power, speed_power, adapted, held, usual, 0.0, 0.0, slow_power),
+            (INIT, trusted, 0),
+            evidence,
+        )
 
     def limits(dt: float) -> str | None:
         if is_paper and made.fastest * dt >= 2.0:
-            return (f"form 'paper' is unstable at a sample time of {dt:.3g} s: its fastest pole "
-                    f'needs less than {2.0 / made.fastest:.3g} s')
+            return (
+                f"form 'paper' is unstable at a sample time of {dt:.3g} s: its fastest pole "
+                f'needs less than {2.0 / made.fastest:.3g} s'
+            )
         return None
 
-    return Functions(design, prepare, init, step, output, stddev, resume, limits,
-                     lambda dt: 0.0,  # with the plant's parameters it lags nothing
-                     is_angle, restart=restart)
+    return Functions(
+        design,
+        prepare,
+        init,
+        step,
+        output,
+        stddev,
+        resume,
+        limits,
+        lambda dt: 0.0,  # with the plant's parameters it lags nothing
+        is_angle,
+        restart=restart,
+    )
 
 
 OBSERVER = Observer(
-    name='adaptive', summary='velocity of a servo of unknown parameters, which it identifies',
-    gains=Gains, build=build,
+    name='adaptive',
+    summary='velocity of a servo of unknown parameters, which it identifies',
+    gains=Gains,
+    build=build,
     reference='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers; sampled form '
-              'of our own',
-    kind='angle_and_input')
+    'of our own',
+    kind='angle_and_input',
+)

@@ -18,11 +18,11 @@ from estimator_pkg.observers.contract import Functions
 
 Array = NDArray[np.float64]
 
-EXPLAINED = 0.9   # part of the acceleration that a model must predict to be believed
-SMALL = 0.1       # error of a parameter, in its value, up to which it is believed, ...
-LITTLE = 0.05     # ... or in the size at which it alone would make the acceleration: it is about 0
-CURVED = 8.0      # between 12, of a parabola's mean height, and what is found for b/J
-SURELY = 2.0      # standard deviations from which a sign counts
+EXPLAINED = 0.9  # part of the acceleration that a model must predict to be believed
+SMALL = 0.1  # error of a parameter, in its value, up to which it is believed, ...
+LITTLE = 0.05  # ... or in the size at which it alone would make the acceleration: it is about 0
+CURVED = 8.0  # between 12, of a parabola's mean height, and what is found for b/J
+SURELY = 2.0  # standard deviations from which a sign counts
 
 
 class Identified(NamedTuple):
@@ -88,8 +88,13 @@ class _Free(NamedTuple):
         return bool(error <= SMALL * abs(self.value) or error <= LITTLE * self.scale)
 
 
-def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = None,
-           origin: Origin | None = None) -> Report:
+def report(
+    gains: Gains,
+    state: tuple,
+    dt: float,
+    evidence: Evidence | None = None,
+    origin: Origin | None = None,
+) -> Report:
     """What a state of the observer with these gains and this sample time [s] says.
 
     Parameters
@@ -100,14 +105,24 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
     """
     made = structure(gains)
     theta = list(made.fixed)
-    (inner, z, free_theta, information, p, convention, scatter,
-     (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
-     (phase, observer_trusts, tick), gathered) = state
+    (
+        inner,
+        z,
+        free_theta,
+        information,
+        p,
+        convention,
+        scatter,
+        (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+        (phase, observer_trusts, tick),
+        gathered,
+    ) = state
     for place, value, low, high in zip(made.free, free_theta, made.low, made.high):
         theta[place] = min(max(value, low), high)
     given = adapted == 0.0 and gains.theta is not None
-    verdict = None if given or evidence is None else _verdict(gains, made, theta, state, dt,
-                                                              evidence)
+    verdict = (
+        None if given or evidence is None else _verdict(gains, made, theta, state, dt, evidence)
+    )
     covariance = _whole(made, verdict, given, origin)
     sigma = np.sqrt(np.diag(covariance))
     ratios = physical(made.names, made.model)
@@ -118,21 +133,35 @@ def report(gains: Gains, state: tuple, dt: float, evidence: Evidence | None = No
     # one bad parameter says nothing of another, a model that does not fit does
     believed = {own.name: own.is_known for own in free}
     fits = not why_not or (verdict is not None and _fits(verdict))
-    known = [(given and not why_not) or i not in made.free
-             or (fits and believed[_plant_name(name, ratios, i)])
-             for i, name in enumerate(made.names)]
-    parameters = [Identified(name, value, float(s), _unit(name, gains.order), good)
-                  for name, value, s, good in zip(made.names, theta, sigma, known)]
+    known = [
+        (given and not why_not)
+        or i not in made.free
+        or (fits and believed[_plant_name(name, ratios, i)])
+        for i, name in enumerate(made.names)
+    ]
+    parameters = [
+        Identified(name, value, float(s), _unit(name, gains.order), good)
+        for name, value, s, good in zip(made.names, theta, sigma, known)
+    ]
     for name, (place, offset, sign, unit) in ratios.items():
-        parameters.append(Identified(name, offset + sign * theta[place], float(sigma[place]), unit,
-                                     known[place]))
+        parameters.append(
+            Identified(name, offset + sign * theta[place], float(sigma[place]), unit, known[place])
+        )
     if ratios and gains.torque_constant is not None:
         parameters += _masses(gains.torque_constant, theta, covariance, made, known)
     reason = HELD if phase == ADAPTING and held > 0.0 else REASONS[phase]
-    return Report(PHASES[phase], f'{reason}; not trusted: {why_not}' if why_not else reason,
-                  tuple(parameters), made.names, tuple(theta), not why_not, adapted,
-                  excitation(gains, state, dt), why_not,
-                  verdict.explained if verdict is not None else math.nan)
+    return Report(
+        PHASES[phase],
+        f'{reason}; not trusted: {why_not}' if why_not else reason,
+        tuple(parameters),
+        made.names,
+        tuple(theta),
+        not why_not,
+        adapted,
+        excitation(gains, state, dt),
+        why_not,
+        verdict.explained if verdict is not None else math.nan,
+    )
 
 
 def excitation(gains: Gains, state: tuple, dt: float) -> float:
@@ -164,8 +193,9 @@ def _noise(state: tuple, design: Any) -> float:
     return float(design.noise or max(seen, design.finest))
 
 
-def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float,
-             evidence: Evidence) -> Verdict | None:
+def _verdict(
+    gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float, evidence: Evidence
+) -> Verdict | None:
     """The evidence, with what noise in the filtered angle and the sampling do to the parameters."""
     functions, design = _made(gains)
     n = gains.order
@@ -175,11 +205,16 @@ def _verdict(gains: Gains, made: Structure, theta: list[float], state: tuple, dt
     f, g0, g1, *_ = functions.prepare(design, dt)  # g1: part of the newest reading in the regressor
     bias[:n] = noise * (np.array(g1) - dt * weights @ injected)
     low_pass = -math.expm1(-dt * made.slowest)
-    slow = (noise * (1.0 + dt * float(injected @ weights @ injected))
-            * low_pass / (2.0 - low_pass))
+    slow = noise * (1.0 + dt * float(injected @ weights @ injected)) * low_pass / (2.0 - low_pass)
     free = list(made.free)
-    return judge(evidence, np.array(theta)[free], bias[free],
-                 _sampling(gains, made, theta, dt)[free], slow, DOUBT)
+    return judge(
+        evidence,
+        np.array(theta)[free],
+        bias[free],
+        _sampling(gains, made, theta, dt)[free],
+        slow,
+        DOUBT,
+    )
 
 
 def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> Array:
@@ -198,12 +233,11 @@ def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> A
     a[:, 0] = plant[:n]
     error = np.zeros(len(theta))
     error[:n] = np.poly(a)[1:] - np.poly(a + 0.5 * dt * a @ a)[1:]
-    error[n:2 * n] = 0.5 * dt * a @ plant[n:2 * n]
+    error[n : 2 * n] = 0.5 * dt * a @ plant[n : 2 * n]
     return error
 
 
-def _whole(made: Structure, verdict: Verdict | None, given: bool, origin: Origin | None
-           ) -> Array:
+def _whole(made: Structure, verdict: Verdict | None, given: bool, origin: Origin | None) -> Array:
     """Covariance of all of theta; infinite variances where nothing is known."""
     covariance = np.zeros((len(made.names), len(made.names)))
     if given and origin is not None:
@@ -213,8 +247,9 @@ def _whole(made: Structure, verdict: Verdict | None, given: bool, origin: Origin
             covariance[place, place] = spread[place] ** 2
     elif not given:
         places = np.ix_(made.free, made.free)
-        covariance[places] = (np.diag([math.inf] * len(made.free)) if verdict is None
-                              else verdict.covariance)
+        covariance[places] = (
+            np.diag([math.inf] * len(made.free)) if verdict is None else verdict.covariance
+        )
     return covariance
 
 
@@ -223,17 +258,24 @@ def _plant_name(name: str, ratios: dict, place: int) -> str:
     return next((own for own, (at, *_) in ratios.items() if at == place), name)
 
 
-def _free(made: Structure, theta: list[float], sigma: Array, ratios: dict,
-          verdict: Verdict | None) -> list[_Free]:
+def _free(
+    made: Structure, theta: list[float], sigma: Array, ratios: dict, verdict: Verdict | None
+) -> list[_Free]:
     found = []
     for k, place in enumerate(made.free):
         name = _plant_name(made.names[place], ratios, place)
         value = theta[place] + (made.model[place] if place < len(made.model) else 0.0)
         if name in ratios:
             value = ratios[name][1] + ratios[name][2] * theta[place]
-        found.append(_Free(name, value, float(sigma[place]),
-                           0.0 if verdict is None else float(verdict.hidden[k]),
-                           0.0 if verdict is None else float(verdict.scale[k])))
+        found.append(
+            _Free(
+                name,
+                value,
+                float(sigma[place]),
+                0.0 if verdict is None else float(verdict.hidden[k]),
+                0.0 if verdict is None else float(verdict.scale[k]),
+            )
+        )
     return found
 
 
@@ -241,8 +283,14 @@ def _fits(verdict: Verdict) -> bool:
     return verdict.noise_only or verdict.explained >= EXPLAINED
 
 
-def _doubt(gains: Gains, observer_trusts: int, adapted: float, given: bool, verdict: Verdict | None,
-           free: list[_Free]) -> str:
+def _doubt(
+    gains: Gains,
+    observer_trusts: int,
+    adapted: float,
+    given: bool,
+    verdict: Verdict | None,
+    free: list[_Free],
+) -> str:
     """Why the parameters are not trusted; '': they are."""
     if given:
         return '' if observer_trusts else 'the innovation is larger than noise explains'
@@ -251,8 +299,10 @@ def _doubt(gains: Gains, observer_trusts: int, adapted: float, given: bool, verd
     if verdict is None:
         return 'too little was learnt from, or the signals do not tell the parameters apart'
     if not _fits(verdict):
-        return (f'the model predicts {100.0 * max(0.0, verdict.explained):.0f} % of the '
-                f'acceleration, {100.0 * EXPLAINED:.0f} % are needed')
+        return (
+            f'the model predicts {100.0 * max(0.0, verdict.explained):.0f} % of the '
+            f'acceleration, {100.0 * EXPLAINED:.0f} % are needed'
+        )
     by_name = {own.name: own for own in free}
     damping, gain = by_name.get('b/J'), by_name.get('Kv/J')
     if damping and damping.value < -SURELY * damping.stddev - LITTLE * damping.scale:
@@ -274,16 +324,19 @@ def _unit(name: str, order: int) -> str:
     return rate if name[0] in 'ds' else f'{rate} per unit of input'
 
 
-def _masses(constant: float, theta: list[float], covariance: Array, made: Structure,
-            known: list[bool]) -> list[Identified]:
+def _masses(
+    constant: float, theta: list[float], covariance: Array, made: Structure, known: list[bool]
+) -> list[Identified]:
     """J, b, k and m g l from the ratios and Kv; errors to first order."""
     b2 = theta[3]
     if b2 == 0.0:
         return []
     inertia, model = constant / b2, made.model
     wanted: list[tuple[str, str, float, int | None]] = [
-        ('J', 'kg m^2', 1.0, None), ('b', 'N m s/rad', -(model[0] + theta[0]), 0),
-        ('k', 'N m/rad', -(model[1] + theta[1]), 1)]
+        ('J', 'kg m^2', 1.0, None),
+        ('b', 'N m s/rad', -(model[0] + theta[0]), 0),
+        ('k', 'N m/rad', -(model[1] + theta[1]), 1),
+    ]
     if 's2' in made.names:
         at = made.names.index('s2')
         wanted.append(('mgl', 'N m', -theta[at], at))
@@ -296,6 +349,9 @@ def _masses(constant: float, theta: list[float], covariance: Array, made: Struct
         used = slope != 0.0
         variance = float(slope[used] @ covariance[np.ix_(used, used)] @ slope[used])
         sigma = math.sqrt(variance) if variance >= 0.0 else math.inf
-        found.append(Identified(name, inertia * ratio, sigma, unit,
-                                known[3] and (place is None or known[place])))
+        found.append(
+            Identified(
+                name, inertia * ratio, sigma, unit, known[3] and (place is None or known[place])
+            )
+        )
     return found

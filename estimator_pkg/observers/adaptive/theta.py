@@ -29,8 +29,12 @@ class Theta(NamedTuple):
 def unrolled_theta(order: int, load: bool, gravity: bool, free: tuple[int, ...]) -> Theta:
     """The functions for this structure; `free` are places in theta."""
     last = order - 1
-    signals = [*(f'y[{i}]' for i in range(order)), *(f'u[{i}]' for i in range(order)),
-               *([f'one[{last}]'] if load else []), *([f'sine[{last}]'] if gravity else [])]
+    signals = [
+        *(f'y[{i}]' for i in range(order)),
+        *(f'u[{i}]' for i in range(order)),
+        *([f'one[{last}]'] if load else []),
+        *([f'sine[{last}]'] if gravity else []),
+    ]
     known = [i for i in range(len(signals)) if i not in free]
     values = [f'x[{free.index(i)}]' if i in free else f'fixed[{i}]' for i in range(len(signals))]
 
@@ -42,7 +46,8 @@ def unrolled_theta(order: int, load: bool, gravity: bool, free: tuple[int, ...])
         'def explained(y, u, one, sine, fixed): return '
         + (' + '.join(f'fixed[{i}] * {signals[i]}' for i in known) or '0.0'),
         f'def parts(x, fixed): return ({vector(values[:order])}, '
-        f'{vector(values[order:2 * order])}, {values[2 * order] if load else "0.0"}, '
-        f'{values[-1] if gravity else "0.0"})']
+        f'{vector(values[order : 2 * order])}, {values[2 * order] if load else "0.0"}, '
+        f'{values[-1] if gravity else "0.0"})',
+    ]
     names = written_out(lines, 'parameters')
     return Theta(names['pick'], names['explained'], names['parts'])

@@ -21,35 +21,35 @@ from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, F
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
-MEMORY = 400.0      # samples over which the innovation's power is averaged
-RECENT = 32.0       # the same for the low-speed bound, which must soon know of a change
-STILL = 8.0         # after so many equal readings the noise is surely less than a quantum
-SURELY = 4.0        # standard deviations of noise that may have held a reading back
-FRESH = 4.0         # samples that the power weighs when a start has settled
-OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
-LARGEST = 1e9       # beyond it [rad] a double does not tell 1e-7 rad apart: no reading, but garbage
-CONFIRMED = 3.5     # a lock takes more samples than these
-RESTED = 0.12       # [s] within the noise of one angle: the shaft rests, and may start
-START = 0.25        # [s] that a start lasts at least, ...
-DECAYED = 10.0      # ... and until the errors of the core have decayed by so many nepers
-PACE = 0.8          # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
-LAG_3 = 0.2         # a fifth of what a ramp's begin or end errs by, in acceleration/pace: order 3
-LAG_2 = 0.36        # the same of order 2, which lags throughout
-TAIL = 1.18         # of these nepers, where the polynomial before the exponential is generous
-LEARNT = 6.0        # nepers after which innovations of a start speak of noise again
-ENOUGH = 8.0        # changed readings after which a start has shown its noise
-SHORT = 32.0        # samples over which they are averaged until the start is over
-BEGUN = 0.75        # sample times by which motion may have begun after the last reading at rest
-BAND = 10.0         # (3.2)^2: times the power of the innovations, off by more is no rest
+MEMORY = 400.0  # samples over which the innovation's power is averaged
+RECENT = 32.0  # the same for the low-speed bound, which must soon know of a change
+STILL = 8.0  # after so many equal readings the noise is surely less than a quantum
+SURELY = 4.0  # standard deviations of noise that may have held a reading back
+FRESH = 4.0  # samples that the power weighs when a start has settled
+OUTSIDE = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
+LARGEST = 1e9  # beyond it [rad] a double does not tell 1e-7 rad apart: no reading, but garbage
+CONFIRMED = 3.5  # a lock takes more samples than these
+RESTED = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
+START = 0.25  # [s] that a start lasts at least, ...
+DECAYED = 10.0  # ... and until the errors of the core have decayed by so many nepers
+PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
+LAG_3 = 0.2  # a fifth of what a ramp's begin or end errs by, in acceleration/pace: order 3
+LAG_2 = 0.36  # the same of order 2, which lags throughout
+TAIL = 1.18  # of these nepers, where the polynomial before the exponential is generous
+LEARNT = 6.0  # nepers after which innovations of a start speak of noise again
+ENOUGH = 8.0  # changed readings after which a start has shown its noise
+SHORT = 32.0  # samples over which they are averaged until the start is over
+BEGUN = 0.75  # sample times by which motion may have begun after the last reading at rest
+BAND = 10.0  # (3.2)^2: times the power of the innovations, off by more is no rest
 LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
-SLOW = 0.125        # a joint at rest does not leave the noise in this part of the rest's time
-UNBOUNDED = 1e200   # a noise gain beyond it: no gap, but a sample time too long for the core
-GAP = 0.2           # [s] a gap is at least so long
-RESIDUE = 1e-9      # [rad] a smaller step is rounding, no quantum
-COARSEST = 2.0 ** -23  # resolution of a float32, of its value: a reading is no finer than known
-FINEST = 2.0 ** -52    # the same of a double
-LOST_AFTER = 0.5    # in doubt, and off for this long [s] in all (never less than it takes to
-                    # settle): the observer starts again
+SLOW = 0.125  # a joint at rest does not leave the noise in this part of the rest's time
+UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
+GAP = 0.2  # [s] a gap is at least so long
+RESIDUE = 1e-9  # [rad] a smaller step is rounding, no quantum
+COARSEST = 2.0**-23  # resolution of a float32, of its value: a reading is no finer than known
+FINEST = 2.0**-52  # the same of a double
+LOST_AFTER = 0.5  # in doubt, and off for this long [s] in all (never less than it takes to
+# settle): the observer starts again
 
 
 @dataclass(frozen=True)
@@ -57,15 +57,24 @@ class AngleGains:
     """The parameters that all angle-only observers share."""
 
     quantum: float = parameter(
-        0.0, unit='rad', range=(0.0, 10.0), structural=False,
-        description='smallest step of the measurement (2 pi / counts); 0: not known')
+        0.0,
+        unit='rad',
+        range=(0.0, 10.0),
+        structural=False,
+        description='smallest step of the measurement (2 pi / counts); 0: not known',
+    )
     noise: float | None = parameter(
-        None, unit='rad', range=(1e-12, 10.0),
+        None,
+        unit='rad',
+        range=(1e-12, 10.0),
         description='standard deviation of the measurement noise, quantisation apart; '
-                    'unset: estimated from the innovation')
+        'unset: estimated from the innovation',
+    )
     low_speed_bound: bool = parameter(
-        True, unit='', description='hold |velocity| below (last change) / (time since it), '
-                                   'on the output only')
+        True,
+        unit='',
+        description='hold |velocity| below (last change) / (time since it), on the output only',
+    )
 
 
 @dataclass(frozen=True)
@@ -134,8 +143,14 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
     return ((change if change > quantum else quantum) + SURELY * math.sqrt(variance)) / since
 
 
-def _watch(lock: tuple[int, float, float, float], size: float, outside: float, dt: float,
-           settle: float, lost: float) -> tuple[int, float, float, float]:
+def _watch(
+    lock: tuple[int, float, float, float],
+    size: float,
+    outside: float,
+    dt: float,
+    settle: float,
+    lost: float,
+) -> tuple[int, float, float, float]:
     """The lock after one sample; what `around` says of its four fields holds.
 
     An innovation of this `size` [rad] beyond `outside` [rad] throws doubt on the lock; `settle` [s]
@@ -155,13 +170,15 @@ def _watch(lock: tuple[int, float, float, float], size: float, outside: float, d
     return (status, clear, astray, trusted)
 
 
-def linear_pace(noise_gains: Callable[[tuple, tuple], tuple[float, float, float]]
-                ) -> Callable[[tuple, tuple, float], float]:
+def linear_pace(
+    noise_gains: Callable[[tuple, tuple], tuple[float, float, float]],
+) -> Callable[[tuple, tuple, float], float]:
     """How fast the errors of a tracking loop decay [1/s], from what it makes of noise.
 
     A loop whose poles are all at w lets through a velocity variance of 1/4 (order 2) to 7/4 (order
     3) of w^3 dt per unit variance of white noise.
     """
+
     def pace(inner: tuple, coefficients: tuple, dt: float) -> float:
         return PACE * (noise_gains(inner, coefficients)[1] / dt) ** (1.0 / 3.0)
 
@@ -201,25 +218,48 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         floor = variance_floor(gains.quantum)
         known = gains.noise * gains.noise + floor if gains.noise is not None else 0.0
         outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
-        return (core.design(), float(circle.period), float(circle.unwrap), float(gains.quantum),
-                known, floor, float(core.settle), outside, float(gains.low_speed_bound),
-                max(LOST_AFTER, float(core.settle)))
+        return (
+            core.design(),
+            float(circle.period),
+            float(circle.unwrap),
+            float(gains.quantum),
+            known,
+            floor,
+            float(core.settle),
+            outside,
+            float(gains.low_speed_bound),
+            max(LOST_AFTER, float(core.settle)),
+        )
 
     def prepare(design: tuple, dt: float) -> tuple:
         return (prepare_core(design[0], dt), dt)
 
     def init(measurement: float, design: tuple) -> tuple:
         inner = init_core(measurement, design[0])
-        return (inner, begin(measurement), (0.0, 0.0, 0.0, design[5]), (design[5], 1.0),
-                (INITIALISING, 0.0, 0.0, 0.0), (-RESTED, measurement, 0.0, 0.0, 0.0),
-                begin_clock(inner))
+        return (
+            inner,
+            begin(measurement),
+            (0.0, 0.0, 0.0, design[5]),
+            (design[5], 1.0),
+            (INITIALISING, 0.0, 0.0, 0.0),
+            (-RESTED, measurement, 0.0, 0.0, 0.0),
+            begin_clock(inner),
+        )
 
     retake = make_retake(prepare, correct)
 
-    def step(state: tuple, coefficients: tuple, design: tuple, measurement: float,
-             given: float) -> tuple:
-        (inner, convention, (change, since, smallest, recent), (power, count), lock, start,
-         stamps) = state
+    def step(
+        state: tuple, coefficients: tuple, design: tuple, measurement: float, given: float
+    ) -> tuple:
+        (
+            inner,
+            convention,
+            (change, since, smallest, recent),
+            (power, count),
+            lock,
+            start,
+            stamps,
+        ) = state
         before, clock = recent, start[0]
         inner, innovation = correct(inner, coefficients[0], measurement)
         if coefficients[1] != stamps[0] or stamps[1] != 0.0:
@@ -227,8 +267,15 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 stamps = follow_clock(stamps, coefficients[1])
             else:
                 inner, innovation, coefficients, stamps = retake(
-                    stamps, recent if lock[0] != INITIALISING else math.inf, state[0], design,
-                    measurement, inner, innovation, coefficients)
+                    stamps,
+                    recent if lock[0] != INITIALISING else math.inf,
+                    state[0],
+                    design,
+                    measurement,
+                    inner,
+                    innovation,
+                    coefficients,
+                )
         square = innovation * innovation
         size = abs(innovation)
         outside = design[7]
@@ -263,8 +310,15 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                     count += 1.0
             elif count < MEMORY:
                 count += 1.0
-            return (inner, convention, reading, (power + (square - power) / count, count), lock,
-                    start, stamps)
+            return (
+                inner,
+                convention,
+                reading,
+                (power + (square - power) / count, count),
+                lock,
+                start,
+                stamps,
+            )
         if lock[0] == INITIALISING:
             if size <= outside:
                 power += (square - power) / FRESH
@@ -281,8 +335,15 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
                 lock = (INITIALISING, 0.0, 0.0, 0.0)
         return (inner, convention, reading, (power, count), lock, start, stamps)
 
-    def resting(start: tuple, measurement: float, moved: float, since: float, power: float,
-                coefficients: tuple, inner: tuple) -> tuple:
+    def resting(
+        start: tuple,
+        measurement: float,
+        moved: float,
+        since: float,
+        power: float,
+        coefficients: tuple,
+        inner: tuple,
+    ) -> tuple:
         """The start after a reading that `moved` [rad], `since` [s] unchanged; none is in force.
 
         power : recent one of the innovations [rad^2]; BAND times it is the noise of a rest.
@@ -298,13 +359,15 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             if square > band:
                 return (0.0, measurement, 0.0, 0.0, 0.0)
         # of noise alone the innovations have more power than the readings
-        elif (LARGEST_GAIN * square > band
-              and square * noise_gains(inner, coefficients[0])[2] > band):
+        elif (
+            LARGEST_GAIN * square > band and square * noise_gains(inner, coefficients[0])[2] > band
+        ):
             return (coefficients[1], anchor, 0.0, off, 0.0)
         return (-rested - coefficients[1], anchor + off / RECENT, 0.0, 0.0, 0.0)
 
-    def started(start: tuple, moved: float, since: float, power: float, coefficients: tuple,
-                inner: tuple) -> tuple:
+    def started(
+        start: tuple, moved: float, since: float, power: float, coefficients: tuple, inner: tuple
+    ) -> tuple:
         """As `resting`, while a start is in force. It is over when it is old and its errors have
         decayed, when the shaft rests again, and when it only swayed.
         """
@@ -312,9 +375,9 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         if moved != 0.0:
             travelled += moved
             square, band = travelled * travelled, BAND * power
-            if kept == 0.0 and square <= band:                  # back where it was ...
+            if kept == 0.0 and square <= band:  # back where it was ...
                 pushed = SLOW * RESTED * estimate(inner)[1]
-                if decay < 1.0 or pushed * pushed <= band:      # ... and slow: it rests still
+                if decay < 1.0 or pushed * pushed <= band:  # ... and slow: it rests still
                     return (-RESTED, anchor, 0.0, 0.0, 0.0)
         elif since >= RESTED and decay >= LEARNT:
             return (0.0, anchor, 0.0, 0.0, 0.0)
@@ -356,13 +419,18 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         bound = low_speed_bound(change, since, quantum, variance)
         return bound if value > bound else -bound if value < -bound else value
 
-    def output(state: tuple, coefficients: tuple, design: tuple, measurement: float,
-               given: float) -> tuple:
+    def output(
+        state: tuple, coefficients: tuple, design: tuple, measurement: float, given: float
+    ) -> tuple:
         position, velocity, acceleration = estimate(state[0])
         if state[2][1] > 0.0 and design[8] > 0.0:
             velocity = bounded(state, coefficients, design, velocity)
-        return (present(state[1], position, design[1], design[2]), velocity, acceleration,
-                state[4][0])
+        return (
+            present(state[1], position, design[1], design[2]),
+            velocity,
+            acceleration,
+            state[4][0],
+        )
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
         if state[6][1] != 0.0:
@@ -404,13 +472,30 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         moved = wrap(measurement - convention[0], design[1])
         if noise_gains(inner, coefficients[0])[1] < UNBOUNDED:
             start = (coefficients[1], measurement, 0.0, 0.0, abs(speed) + abs(moved) / GAP)
-        return (resume_core(inner, measurement), follow(convention, measurement, design[1]),
-                (0.0, 0.0, reading[2], reading[3]), power, lock, start,
-                (stamps[0], 0.0, 0.0, stamps[3]))
+        return (
+            resume_core(inner, measurement),
+            follow(convention, measurement, design[1]),
+            (0.0, 0.0, reading[2], reading[3]),
+            power,
+            lock,
+            start,
+            (stamps[0], 0.0, 0.0, stamps[3]),
+        )
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
         fresh = init(measurement, design)
         return (fresh[0], follow(state[1], measurement, design[1]), *fresh[2:])
 
-    return Functions(design, prepare, init, step, output, stddev, resume, core.limits,
-                     core.group_delay, is_angle, restart=restart)
+    return Functions(
+        design,
+        prepare,
+        init,
+        step,
+        output,
+        stddev,
+        resume,
+        core.limits,
+        core.group_delay,
+        is_angle,
+        restart=restart,
+    )

@@ -10,7 +10,7 @@ from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.parameters import parameter
 
-LAG = 0.4       # see `AngleCore.lag`: (1 + w dt/2)/w of a ramp
+LAG = 0.4  # see `AngleCore.lag`: (1 + w dt/2)/w of a ramp
 SETTLING = 3.0  # time constants until a start counts as settled
 
 
@@ -19,9 +19,13 @@ class Gains(AngleGains):
     """Parameters of `finite_difference`."""
 
     bandwidth_hz: float = parameter(
-        50.0, unit='Hz', range=(0.001, 1e6), search=(0.5, 500.0),
+        50.0,
+        unit='Hz',
+        range=(0.001, 1e6),
+        search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity (the pole of the low-pass)',
-        equation='v += (1 - exp(-2 pi f dt)) (dy/dt - v)')
+        equation='v += (1 - exp(-2 pi f dt)) (dy/dt - v)',
+    )
 
 
 def prepare(design: tuple, dt: float) -> tuple:
@@ -41,8 +45,10 @@ def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
     change = wrap(measurement - last, period)
     if started == 0.0:
         return (measurement, change * rate, 1.0), 0.0  # the speed was not known: no surprise
-    return ((measurement, velocity + weight * (change * rate - velocity), 1.0),
-            change - velocity * dt)
+    return (
+        (measurement, velocity + weight * (change * rate - velocity), 1.0),
+        change - velocity * dt,
+    )
 
 
 def estimate(state: tuple) -> tuple[float, float, float]:
@@ -79,12 +85,29 @@ def build(gains: Gains, circle: Circle) -> Functions:
         # of the low-pass, z/(1 - z) samples, and half a sample of the difference
         return dt * (0.5 - math.exp(-pole * dt) / math.expm1(-pole * dt))
 
-    return around(AngleCore(
-        design=design, settle=SETTLING / pole, prepare=prepare, init=init, correct=correct,
-        estimate=estimate, resume=resume, noise_gains=noise_gains,
-        limits=lambda dt: None, group_delay=group_delay, lag=LAG), gains, circle)
+    return around(
+        AngleCore(
+            design=design,
+            settle=SETTLING / pole,
+            prepare=prepare,
+            init=init,
+            correct=correct,
+            estimate=estimate,
+            resume=resume,
+            noise_gains=noise_gains,
+            limits=lambda dt: None,
+            group_delay=group_delay,
+            lag=LAG,
+        ),
+        gains,
+        circle,
+    )
 
 
 OBSERVER = Observer(
-    name='finite_difference', summary='wrapped finite difference with a one-pole low-pass',
-    gains=Gains, build=build, reference='textbook; the baseline that users have today')
+    name='finite_difference',
+    summary='wrapped finite difference with a one-pole low-pass',
+    gains=Gains,
+    build=build,
+    reference='textbook; the baseline that users have today',
+)

@@ -46,9 +46,9 @@ from estimator_pkg.parameters import parameter
 VELOCITY, ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
 REACH = {VELOCITY: 1.0, ACCELERATION: 1.6996647}
-SETTLING = 4.0       # times 1/w0: the start's gains have come down to the steady ones
-USUAL_DT = 1e-3      # [s] where a number is needed before the first sample (the sixth root of it)
-FIRST_2 = (1.0, 0.0, 0.0)                  # P/R after one sample: the rest is set by the second
+SETTLING = 4.0  # times 1/w0: the start's gains have come down to the steady ones
+USUAL_DT = 1e-3  # [s] where a number is needed before the first sample (the sixth root of it)
+FIRST_2 = (1.0, 0.0, 0.0)  # P/R after one sample: the rest is set by the second
 FIRST_3 = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -57,23 +57,37 @@ class Gains(AngleGains):
     """Parameters of `kalman`."""
 
     model: str = parameter(
-        ACCELERATION, unit='', choices=(VELOCITY, ACCELERATION), structural=True,
+        ACCELERATION,
+        unit='',
+        choices=(VELOCITY, ACCELERATION),
+        structural=True,
         description='what a joint does when left alone; constant_acceleration also gives the '
-                    'acceleration and has no ramp lag')
+        'acceleration and has no ramp lag',
+    )
     jerk_psd: float = parameter(
-        1e3, unit='(rad/s^3)^2 s', range=(1e-12, 1e18),
+        1e3,
+        unit='(rad/s^3)^2 s',
+        range=(1e-12, 1e18),
         description='density of the white jerk that moves a constant_acceleration joint',
         equation='Q = q [[dt^5/20, dt^4/8, dt^3/6], [dt^4/8, dt^3/3, dt^2/2], '
-                 '[dt^3/6, dt^2/2, dt]]')
+        '[dt^3/6, dt^2/2, dt]]',
+    )
     acceleration_psd: float = parameter(
-        10.0, unit='(rad/s^2)^2 s', range=(1e-12, 1e18),
+        10.0,
+        unit='(rad/s^2)^2 s',
+        range=(1e-12, 1e18),
         description='density of the white acceleration that moves a constant_velocity joint',
-        equation='Q = q [[dt^3/3, dt^2/2], [dt^2/2, dt]]')
+        equation='Q = q [[dt^3/3, dt^2/2], [dt^2/2, dt]]',
+    )
     bandwidth_hz: float | None = parameter(
-        None, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
+        None,
+        unit='Hz',
+        range=(0.001, 1e5),
+        search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity; set, it takes the place of '
-                    'the density; unset: follows from density and noise',
-        equation='q = w0^(2n) R dt, w0 = 2 pi f / (1 or 1.69966), n = 2 or 3')
+        'the density; unset: follows from density and noise',
+        equation='q = w0^(2n) R dt, w0 = 2 pi f / (1 or 1.69966), n = 2 or 3',
+    )
 
 
 def make_prepare(of_noise: Any) -> Any:
@@ -81,6 +95,7 @@ def make_prepare(of_noise: Any) -> Any:
 
     Design: (density, wrap period, 1 where it is per R dt, 1 where R is estimated).
     """
+
     def prepare(design: tuple, dt: float) -> tuple:
         density = design[0]
         if design[2] > 0.0:
@@ -133,8 +148,17 @@ def correct_3(state: tuple, coefficients: tuple, measurement: float) -> tuple[tu
     if started == 0.0:
         return (measurement, v + innovation / dt, 0.0, start_3(dt), 1.0, scatter), 0.0
     p, left = step_3(p, dt, scale, added)
-    return ((measurement - left * innovation, v + gained + p[1] * innovation,
-             a + p[2] * innovation, p, 1.0, scatter), innovation)
+    return (
+        (
+            measurement - left * innovation,
+            v + gained + p[1] * innovation,
+            a + p[2] * innovation,
+            p,
+            1.0,
+            scatter,
+        ),
+        innovation,
+    )
 
 
 def estimate_2(state: tuple) -> tuple[float, float, float]:
@@ -223,19 +247,37 @@ def build(gains: Gains, circle: Circle) -> Functions:
         alpha, beta = steady_gains_2(of_r, dt)
         return dt * (alpha / beta - 0.5)
 
-    functions = ((init_2, correct_2, estimate_2, resume_2, noise_gains_2, of_noise_2) if order == 2
-                 else (init_3, correct_3, estimate_3, resume_3, noise_gains_3, of_noise_3))
+    functions = (
+        (init_2, correct_2, estimate_2, resume_2, noise_gains_2, of_noise_2)
+        if order == 2
+        else (init_3, correct_3, estimate_3, resume_3, noise_gains_3, of_noise_3)
+    )
     init, correct, estimate, resume, noise_gains, of_noise = functions
-    return around(AngleCore(
-        design=design, settle=SETTLING / radius, prepare=make_prepare(of_noise), init=init,
-        correct=correct, estimate=estimate, resume=resume, noise_gains=noise_gains,
-        limits=lambda dt: None, group_delay=group_delay, lag=LAG_2 if order == 2 else LAG_3),
-        gains, circle)
+    return around(
+        AngleCore(
+            design=design,
+            settle=SETTLING / radius,
+            prepare=make_prepare(of_noise),
+            init=init,
+            correct=correct,
+            estimate=estimate,
+            resume=resume,
+            noise_gains=noise_gains,
+            limits=lambda dt: None,
+            group_delay=group_delay,
+            lag=LAG_2 if order == 2 else LAG_3,
+        ),
+        gains,
+        circle,
+    )
 
 
 OBSERVER = Observer(
-    name='kalman', summary='Kalman filter of constant velocity or constant acceleration',
-    gains=Gains, build=build,
+    name='kalman',
+    summary='Kalman filter of constant velocity or constant acceleration',
+    gains=Gains,
+    build=build,
     reference='textbook; Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking '
-              'and Navigation (2001), section 6.2',
-    gives_acceleration=lambda gains: gains.model == ACCELERATION)
+    'and Navigation (2001), section 6.2',
+    gives_acceleration=lambda gains: gains.model == ACCELERATION,
+)

@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-UNEVEN = 0.1    # a sample time this part off the mean may be stamped wrongly
-BEYOND = 16.0   # times the recent power of the innovations: one that is no noise;
-                # and so many times what is left of it with the right sample time (squared)
-PACES = 32.0    # samples over which the sample time is averaged
-HOLE = 2.0      # mean sample times: a longer one is a hole, and counts as so much
-WHOLE = 0.2     # mean sample times: this close to a whole number, samples may have been lost ...
-SURE = 144.0    # ... and it takes so many times what is left (squared) to say that none was
+UNEVEN = 0.1  # a sample time this part off the mean may be stamped wrongly
+BEYOND = 16.0  # times the recent power of the innovations: one that is no noise;
+# and so many times what is left of it with the right sample time (squared)
+PACES = 32.0  # samples over which the sample time is averaged
+HOLE = 2.0  # mean sample times: a longer one is a hole, and counts as so much
+WHOLE = 0.2  # mean sample times: this close to a whole number, samples may have been lost ...
+SURE = 144.0  # ... and it takes so many times what is left (squared) to say that none was
+
 
 def begin_clock(inner: tuple) -> tuple:
     """The clock at a start; `inner` is the core's state, of which it keeps a second one.
@@ -34,8 +35,9 @@ def follow_clock(clock: tuple, dt: float) -> tuple:
     return (pace + ((dt if dt < HOLE * pace else HOLE * pace) - pace) / PACES, 0.0, 0.0, clock[3])
 
 
-def make_retake(prepare: Callable[[tuple, float], tuple],
-                correct: Callable[[tuple, tuple, float], tuple]) -> Callable[..., tuple]:
+def make_retake(
+    prepare: Callable[[tuple, float], tuple], correct: Callable[[tuple, tuple, float], tuple]
+) -> Callable[..., tuple]:
     """What is asked of a sample whose stamp, or the one before it, came at another time than usual.
 
     Parameters
@@ -43,8 +45,17 @@ def make_retake(prepare: Callable[[tuple, float], tuple],
     prepare : (design, dt) -> (coefficients of the core, dt [s]).
     correct : of the core; see `AngleCore`.
     """
-    def retake(clock: tuple, power: float, before: tuple, design: tuple, measurement: float,
-               after: tuple, innovation: float, coefficients: tuple) -> tuple:
+
+    def retake(
+        clock: tuple,
+        power: float,
+        before: tuple,
+        design: tuple,
+        measurement: float,
+        after: tuple,
+        innovation: float,
+        coefficients: tuple,
+    ) -> tuple:
         """(core's state, innovation [rad], coefficients, clock) with the sample time that explains
         the reading.
 
@@ -70,7 +81,7 @@ def make_retake(prepare: Callable[[tuple, float], tuple],
             return after, innovation, coefficients, follow_clock(clock, dt)
         taken = 0.0
         state, left = correct(other, coefficients[0], measurement)
-        if left * left < least:     # it was not late: the motion did change
+        if left * left < least:  # it was not late: the motion did change
             after, innovation, least = state, left, left * left
         # late still, but less; or the first again that is stamped rightly
         for trial in (pace if odd * late < 0.0 and abs(odd) > UNEVEN * pace else 0.0, dt + late):
@@ -83,7 +94,11 @@ def make_retake(prepare: Callable[[tuple, float], tuple],
         if taken == 0.0:
             return after, innovation, coefficients, follow_clock(clock, dt)
         late += dt - taken
-        return (after, innovation, coefficients,
-                (pace, taken, late if abs(late) > UNEVEN * pace else 0.0, after))
+        return (
+            after,
+            innovation,
+            coefficients,
+            (pace, taken, late if abs(late) > UNEVEN * pace else 0.0, after),
+        )
 
     return retake

@@ -26,13 +26,21 @@ class Gains(AngleGains):
     """Parameters of `pll`."""
 
     bandwidth_hz: float = parameter(
-        50.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
+        50.0,
+        unit='Hz',
+        range=(0.001, 1e5),
+        search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity',
-        equation='w0 = 2 pi f / sqrt(1 - 2 zeta^2 + sqrt((1 - 2 zeta^2)^2 + 1))')
+        equation='w0 = 2 pi f / sqrt(1 - 2 zeta^2 + sqrt((1 - 2 zeta^2)^2 + 1))',
+    )
     damping: float = parameter(
-        1.0, unit='', range=(0.2, 10.0), advanced=True,
+        1.0,
+        unit='',
+        range=(0.2, 10.0),
+        advanced=True,
         description='zeta of the loop; 1: two equal poles, 0.707: flattest response',
-        equation='s^2 + 2 zeta w0 s + w0^2')
+        equation='s^2 + 2 zeta w0 s + w0^2',
+    )
 
 
 def prepare(design: tuple, dt: float) -> tuple:
@@ -87,13 +95,29 @@ def build(gains: Gains, circle: Circle) -> Functions:
         alpha, beta = matched(decay, spread, dt)
         return dt * (alpha / beta - 0.5)
 
-    return around(AngleCore(
-        design=design, settle=SETTLING / slow, prepare=prepare, init=init, correct=correct,
-        estimate=estimate, resume=resume, noise_gains=noise_gains,
-        limits=lambda dt: None, group_delay=group_delay, lag=LAG_2), gains, circle)
+    return around(
+        AngleCore(
+            design=design,
+            settle=SETTLING / slow,
+            prepare=prepare,
+            init=init,
+            correct=correct,
+            estimate=estimate,
+            resume=resume,
+            noise_gains=noise_gains,
+            limits=lambda dt: None,
+            group_delay=group_delay,
+            lag=LAG_2,
+        ),
+        gains,
+        circle,
+    )
 
 
 OBSERVER = Observer(
-    name='pll', summary='phase-locked loop of motor drives, second order',
-    gains=Gains, build=build,
-    reference='textbook; Harnefors and Nee, IEEE Trans. Ind. Electron. 47(1), 2000')
+    name='pll',
+    summary='phase-locked loop of motor drives, second order',
+    gains=Gains,
+    build=build,
+    reference='textbook; Harnefors and Nee, IEEE Trans. Ind. Electron. 47(1), 2000',
+)

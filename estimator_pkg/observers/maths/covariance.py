@@ -28,9 +28,14 @@ def of_noise_2(density: float, dt: float) -> tuple[float, float, float]:
 def of_noise_3(density: float, dt: float) -> tuple[float, float, float, float, float, float]:
     """What white jerk of this `density` (of the noise variance) adds within dt [s]."""
     square = dt * dt
-    return (density * square * square * dt / 20.0, density * square * square / 8.0,
-            density * square * dt / 6.0, density * square * dt / 3.0, density * square / 2.0,
-            density * dt)
+    return (
+        density * square * square * dt / 20.0,
+        density * square * square / 8.0,
+        density * square * dt / 6.0,
+        density * square * dt / 3.0,
+        density * square / 2.0,
+        density * dt,
+    )
 
 
 def start_2(dt: float) -> tuple[float, float, float]:
@@ -41,12 +46,19 @@ def start_2(dt: float) -> tuple[float, float, float]:
 def start_3(dt: float) -> tuple[float, float, float, float, float, float]:
     """As `start_2`, with an acceleration of which next to nothing is known."""
     square = dt * dt
-    return (1.0, 1.0 / dt, 0.0, (2.0 + 0.25 * VAGUE) / square, 0.5 * VAGUE / (square * dt),
-            VAGUE / (square * square))
+    return (
+        1.0,
+        1.0 / dt,
+        0.0,
+        (2.0 + 0.25 * VAGUE) / square,
+        0.5 * VAGUE / (square * dt),
+        VAGUE / (square * square),
+    )
 
 
-def step_2(p: tuple[float, float, float], dt: float, scale: float,
-           added: tuple[float, float, float]) -> tuple[tuple[float, float, float], float]:
+def step_2(
+    p: tuple[float, float, float], dt: float, scale: float, added: tuple[float, float, float]
+) -> tuple[tuple[float, float, float], float]:
     """Prediction over dt [s] and update; (P, 1/(1 + p00 of the prediction)).
 
     Parameters
@@ -66,9 +78,12 @@ def step_2(p: tuple[float, float, float], dt: float, scale: float,
     return (n00 * left, p01, p11 + scale * q11 - p01 * n01), left
 
 
-def step_3(p: tuple[float, float, float, float, float, float], dt: float, scale: float,
-           added: tuple[float, float, float, float, float, float]
-           ) -> tuple[tuple[float, float, float, float, float, float], float]:
+def step_3(
+    p: tuple[float, float, float, float, float, float],
+    dt: float,
+    scale: float,
+    added: tuple[float, float, float, float, float, float],
+) -> tuple[tuple[float, float, float, float, float, float], float]:
     """As `step_2`, with the acceleration."""
     p00, p01, p02, p11, p12, p22 = p
     q00, q01, q02, q11, q12, q22 = added
@@ -84,10 +99,14 @@ def step_3(p: tuple[float, float, float, float, float, float], dt: float, scale:
         return start_3(dt), left
     p01 = n01 * left
     p02 = n02 * left
-    return (n00 * left, p01, p02,
-            p11 + dt * (p12 + r12) + scale * q11 - p01 * n01,
-            r12 + scale * q12 - p01 * n02,
-            p22 + scale * q22 - p02 * n02), left
+    return (
+        n00 * left,
+        p01,
+        p02,
+        p11 + dt * (p12 + r12) + scale * q11 - p01 * n01,
+        r12 + scale * q12 - p01 * n02,
+        p22 + scale * q22 - p02 * n02,
+    ), left
 
 
 def steady_gains_2(density: float, dt: float) -> tuple[float, float]:

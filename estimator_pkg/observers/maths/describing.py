@@ -40,8 +40,17 @@ def _half() -> tuple[float, ...]:
     return tuple(inverse(0.5 + 0.5 * (k + 0.5) / POINTS) for k in range(POINTS))
 
 
-def describing(inject: Callable[..., tuple[float, float]], first: float, second: float, m1: float,
-               m2: float, dt: float, size: float, *, implicit: bool) -> Describing:
+def describing(
+    inject: Callable[..., tuple[float, float]],
+    first: float,
+    second: float,
+    m1: float,
+    m2: float,
+    dt: float,
+    size: float,
+    *,
+    implicit: bool,
+) -> Describing:
     """The injection at innovations of deviation `size`.
 
     Parameters
@@ -50,11 +59,11 @@ def describing(inject: Callable[..., tuple[float, float]], first: float, second:
         (e, dt, first, second, m1, m2) -> the offset after the step, and the second injection.
     """
     points = np.array(_half())
-    points *= size / np.sqrt(np.mean(points ** 2))
+    points *= size / np.sqrt(np.mean(points**2))
     if implicit:
         found = np.array([inject(e, dt, first, second, m1, m2) for e in points.tolist()])
     else:
         found = np.array([inject(e, first, second, m1, m2) for e in points.tolist()])
-    gains = points @ found / np.sum(points ** 2)
+    gains = points @ found / np.sum(points**2)
     left = found - points[:, None] * gains
     return Describing(float(gains[0]), float(gains[1]), left.T @ left / len(points))

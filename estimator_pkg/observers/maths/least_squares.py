@@ -14,7 +14,7 @@ from collections.abc import Callable
 from estimator_pkg.observers.maths.unroll import algebra
 
 LEAST_KEPT = 0.1  # of what is known, over a sample time far beyond the memory
-TRACE = 1e-13     # of the covariance at the start
+TRACE = 1e-13  # of the covariance at the start
 
 
 def kept(dt: float, memory: float) -> float:
@@ -34,8 +34,9 @@ def make_update(size: int) -> Callable[..., tuple]:
     wider, limited = free.wider, free.limited
     nothing = ((0.0,) * size,) * size
 
-    def update(theta: tuple, p: tuple, psi: tuple, error: float, forget: float, most: tuple
-               ) -> tuple[tuple, tuple, float]:
+    def update(
+        theta: tuple, p: tuple, psi: tuple, error: float, forget: float, most: tuple
+    ) -> tuple[tuple, tuple, float]:
         direction = apply(p, psi)
         if forget < 1.0 and (wider(nothing, p) or dot(psi, direction) < 0.0):
             p = most

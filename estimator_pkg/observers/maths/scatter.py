@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from estimator_pkg.observers.circle import wrap
 
-MEMORY = 400.0     # differences that the mean square stands for at most
-SURPRISE = 25.0    # a square counts at most so many times the mean: an outlier is no noise
-UNEVEN = 2.0       # sample times that differ by more than this factor are left out
-FINEST = 1e-14     # the least variance [rad^2], finer than any encoder
-ZERO = 1e-9        # a third difference below it [rad] is rounding
-FIRST = 1e-6       # before anything was seen: (1 mrad)^2
+MEMORY = 400.0  # differences that the mean square stands for at most
+SURPRISE = 25.0  # a square counts at most so many times the mean: an outlier is no noise
+UNEVEN = 2.0  # sample times that differ by more than this factor are left out
+FINEST = 1e-14  # the least variance [rad^2], finer than any encoder
+ZERO = 1e-9  # a third difference below it [rad] is rounding
+FIRST = 1e-6  # before anything was seen: (1 mrad)^2
 
 # (variance [rad^2], differences it stands for, last measurement [rad], last rate [rad/s], last
 # difference of rates [rad/s^2], the two sample times before [s]; a time of 0: not yet)

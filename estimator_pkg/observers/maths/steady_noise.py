@@ -23,8 +23,9 @@ def settled(step: NDArray[np.float64], entering: NDArray[np.float64]) -> NDArray
     return covariance
 
 
-def steady_variances(transition: NDArray[np.float64], gain: NDArray[np.float64]
-                     ) -> tuple[float, float, float]:
+def steady_variances(
+    transition: NDArray[np.float64], gain: NDArray[np.float64]
+) -> tuple[float, float, float]:
     """Variances of position, velocity and innovation per unit variance of white noise.
 
     Parameters

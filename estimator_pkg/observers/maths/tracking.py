@@ -14,8 +14,11 @@ def reach(damping: float) -> float:
     """The -3 dB frequency of w0^2/(s^2 + 2 damping w0 s + w0^2), over w0."""
     middle = 1.0 - 2.0 * damping * damping
     # the root of u^2 - 2 middle u - 1 that is positive, without a difference of large numbers
-    power = (middle + math.hypot(middle, 1.0) if middle > 0.0
-             else 1.0 / (math.hypot(middle, 1.0) - middle))
+    power = (
+        middle + math.hypot(middle, 1.0)
+        if middle > 0.0
+        else 1.0 / (math.hypot(middle, 1.0) - middle)
+    )
     return math.sqrt(power)
 
 
@@ -51,20 +54,28 @@ def noise_of_two(alpha: float, beta: float, dt: float) -> tuple[float, float, fl
     The solution of P = A P A' + K K' with A = (1 - K C) F, for x and v.
     """
     scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
-    return ((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) * scale,
-            2.0 * beta * beta * scale / (dt * dt),
-            (4.0 * alpha + 2.0 * beta) * scale)
+    return (
+        (2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) * scale,
+        2.0 * beta * beta * scale / (dt * dt),
+        (4.0 * alpha + 2.0 * beta) * scale,
+    )
 
 
-def noise_of_three(alpha: float, beta: float, gamma: float, dt: float
-                   ) -> tuple[float, float, float]:
+def noise_of_three(
+    alpha: float, beta: float, gamma: float, dt: float
+) -> tuple[float, float, float]:
     """As `noise_of_two`, for x, v and a."""
-    scale = 1.0 / ((4.0 - 2.0 * alpha - beta)
-                   * (2.0 * alpha * beta + alpha * gamma - 2.0 * gamma))
-    position = (4.0 * alpha * alpha * beta + 2.0 * alpha * alpha * gamma
-                - 6.0 * alpha * beta * beta + alpha * beta * gamma - 4.0 * alpha * gamma
-                + 4.0 * beta * beta)
+    scale = 1.0 / ((4.0 - 2.0 * alpha - beta) * (2.0 * alpha * beta + alpha * gamma - 2.0 * gamma))
+    position = (
+        4.0 * alpha * alpha * beta
+        + 2.0 * alpha * alpha * gamma
+        - 6.0 * alpha * beta * beta
+        + alpha * beta * gamma
+        - 4.0 * alpha * gamma
+        + 4.0 * beta * beta
+    )
     velocity = 2.0 * (2.0 * beta * beta * (beta - gamma) + (2.0 - alpha) * gamma * gamma)
-    innovation = 2.0 * (4.0 * alpha * beta + 2.0 * alpha * gamma + 2.0 * beta * beta
-                        + beta * gamma - 4.0 * gamma)
+    innovation = 2.0 * (
+        4.0 * alpha * beta + 2.0 * alpha * gamma + 2.0 * beta * beta + beta * gamma - 4.0 * gamma
+    )
     return position * scale, velocity * scale / (dt * dt), innovation * scale

@@ -31,18 +31,18 @@ def written_out(lines: list[str], title: str, **known: Any) -> dict[str, Any]:
 class Algebra(NamedTuple):
     """Functions for vectors of one size n and for n x n matrices."""
 
-    dot: Callable[..., float]        # (x, y)
-    add: Callable[..., tuple]        # (x, a, y) -> x + a y
-    scale: Callable[..., tuple]      # (a, x) -> a x
-    times: Callable[..., tuple]      # (x, y) -> elementwise product
-    clip: Callable[..., tuple]       # (x, low, high), elementwise
-    apply: Callable[..., tuple]      # (matrix, x) -> matrix x
-    rank_one: Callable[..., tuple]   # (matrix, keep, a, x) -> keep matrix + a x x^T
-    wider: Callable[..., bool]       # (matrix, other): is an entry of its diagonal above other's?
-    limited: Callable[..., tuple]    # (covariance, most, part): rows and columns scaled so that its
-                                     # diagonal is not above that of most, plus a part of that
-    exceeds: Callable[..., bool]     # (matrix, keep, a, floor): is matrix - a floor positive
-                                     # definite, where the matrix' diagonal counts keep times?
+    dot: Callable[..., float]  # (x, y)
+    add: Callable[..., tuple]  # (x, a, y) -> x + a y
+    scale: Callable[..., tuple]  # (a, x) -> a x
+    times: Callable[..., tuple]  # (x, y) -> elementwise product
+    clip: Callable[..., tuple]  # (x, low, high), elementwise
+    apply: Callable[..., tuple]  # (matrix, x) -> matrix x
+    rank_one: Callable[..., tuple]  # (matrix, keep, a, x) -> keep matrix + a x x^T
+    wider: Callable[..., bool]  # (matrix, other): is an entry of its diagonal above other's?
+    limited: Callable[..., tuple]  # (covariance, most, part): rows and columns scaled so that its
+    # diagonal is not above that of most, plus a part of that
+    exceeds: Callable[..., bool]  # (matrix, keep, a, floor): is matrix - a floor positive
+    # definite, where the matrix' diagonal counts keep times?
 
 
 @lru_cache
@@ -54,9 +54,13 @@ def algebra(size: int) -> Algebra:
         return '(' + ''.join(entry.format(i=i) + ', ' for i in index) + ')'
 
     def matrix(entry: str) -> str:
-        return '(' + ''.join(
-            '(' + ''.join(entry.format(i=i, j=j) + ', ' for j in index) + '), '
-            for i in index) + ')'
+        return (
+            '('
+            + ''.join(
+                '(' + ''.join(entry.format(i=i, j=j) + ', ' for j in index) + '), ' for i in index
+            )
+            + ')'
+        )
 
     def product(row: str, x: str) -> str:
         return ' + '.join(f'{row}[{k}] * {x}[{k}]' for k in index)
@@ -71,22 +75,34 @@ def algebra(size: int) -> Algebra:
         f'def rank_one(m, keep, a, x): return {matrix("keep * m[{i}][{j}] + a * x[{i}] * x[{j}]")}',
         'def wider(m, x): return ' + ' or '.join(f'm[{i}][{i}] > x[{i}][{i}]' for i in index),
         'def limited(m, x, part):',
-        *(f'    s{i} = (x[{i}][{i}] / m[{i}][{i}]) ** 0.5 if m[{i}][{i}] > x[{i}][{i}] else 1.0'
-          for i in index),
-        '    return (' + ''.join('(' + ''.join(
-            f'm[{i}][{j}] * (s{i} * s{j})' + (f' + part * x[{i}][{i}], ' if i == j else ', ')
-            for j in index) + '), ' for i in index) + ')',
+        *(
+            f'    s{i} = (x[{i}][{i}] / m[{i}][{i}]) ** 0.5 if m[{i}][{i}] > x[{i}][{i}] else 1.0'
+            for i in index
+        ),
+        '    return ('
+        + ''.join(
+            '('
+            + ''.join(
+                f'm[{i}][{j}] * (s{i} * s{j})' + (f' + part * x[{i}][{i}], ' if i == j else ', ')
+                for j in index
+            )
+            + '), '
+            for i in index
+        )
+        + ')',
         'def exceeds(m, keep, a, floor):',  # true where Cholesky's factors exist
     ]
     for j in index:
         for i in range(j, size):
             taken = ''.join(f' - l{i}{k} * l{j}{k}' for k in range(j))
             if i == j:
-                lines += [f'    d{j} = keep * m[{j}][{j}] - a * floor[{j}][{j}]{taken}',
-                          f'    if not d{j} > 0.0: return False', f'    l{j}{j} = d{j} ** 0.5']
+                lines += [
+                    f'    d{j} = keep * m[{j}][{j}] - a * floor[{j}][{j}]{taken}',
+                    f'    if not d{j} > 0.0: return False',
+                    f'    l{j}{j} = d{j} ** 0.5',
+                ]
             else:
-                lines.append(
-                    f'    l{i}{j} = (m[{i}][{j}] - a * floor[{i}][{j}]{taken}) / l{j}{j}')
+                lines.append(f'    l{i}{j} = (m[{i}][{j}] - a * floor[{i}][{j}]{taken}) / l{j}{j}')
     lines.append('    return True')
     names = written_out(lines, f'unrolled for {size}')
     return Algebra(*(names[name] for name in Algebra._fields))

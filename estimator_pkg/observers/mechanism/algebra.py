@@ -22,27 +22,27 @@ LARGEST = 1e9  # beyond it [rad or m] a number is no reading, but garbage
 class MechanicalAlgebra(NamedTuple):
     """Functions for mechanisms of one size n."""
 
-    apply: Callable[..., tuple]       # (A, x) -> A x
-    turned: Callable[..., tuple]      # (A, x) -> A^T x
-    product_t: Callable[..., tuple]   # (A, B) -> A B^T
-    product: Callable[..., tuple]     # (A, B) -> A B
+    apply: Callable[..., tuple]  # (A, x) -> A x
+    turned: Callable[..., tuple]  # (A, x) -> A^T x
+    product_t: Callable[..., tuple]  # (A, B) -> A B^T
+    product: Callable[..., tuple]  # (A, B) -> A B
     transposed: Callable[..., tuple]  # (A) -> A^T
-    scaled_t: Callable[..., tuple]    # (g, A) -> diag(g) A^T
-    times: Callable[..., tuple]       # (x, y) -> elementwise product
-    scale: Callable[..., tuple]       # (a, x) -> a x
-    nought: Callable[..., tuple]      # (x) -> 0
-    minus: Callable[..., tuple]       # (x, y) -> x - y
-    towards: Callable[..., tuple]     # (x, a, y) -> x + a y
-    between: Callable[..., tuple]     # (y, x, periods) -> y - x, wrapped each
-    solve: Callable[..., tuple]       # (A, x) -> A^-1 x, x'Ax > 0; nan where A is not so
-    divided: Callable[..., tuple]     # (A, B) -> A^-1 B, the same
-    blend: Callable[..., tuple]       # (A, w, B) -> A + w B
-    finite: Callable[..., bool]       # (x): are all of them readings?
-    beyond: Callable[..., bool]       # (x, bounds): is any |x_i| above its bound?
-    begin: Callable[..., tuple]       # (y) -> conventions
-    follow: Callable[..., tuple]      # (conventions, y, periods) -> conventions
-    present: Callable[..., tuple]     # (conventions, q, periods, unwrap) -> q as y is written
-    squares: Callable[..., tuple]     # (p, w, x) -> p + w (x^2 - p), elementwise
+    scaled_t: Callable[..., tuple]  # (g, A) -> diag(g) A^T
+    times: Callable[..., tuple]  # (x, y) -> elementwise product
+    scale: Callable[..., tuple]  # (a, x) -> a x
+    nought: Callable[..., tuple]  # (x) -> 0
+    minus: Callable[..., tuple]  # (x, y) -> x - y
+    towards: Callable[..., tuple]  # (x, a, y) -> x + a y
+    between: Callable[..., tuple]  # (y, x, periods) -> y - x, wrapped each
+    solve: Callable[..., tuple]  # (A, x) -> A^-1 x, x'Ax > 0; nan where A is not so
+    divided: Callable[..., tuple]  # (A, B) -> A^-1 B, the same
+    blend: Callable[..., tuple]  # (A, w, B) -> A + w B
+    finite: Callable[..., bool]  # (x): are all of them readings?
+    beyond: Callable[..., bool]  # (x, bounds): is any |x_i| above its bound?
+    begin: Callable[..., tuple]  # (y) -> conventions
+    follow: Callable[..., tuple]  # (conventions, y, periods) -> conventions
+    present: Callable[..., tuple]  # (conventions, q, periods, unwrap) -> q as y is written
+    squares: Callable[..., tuple]  # (p, w, x) -> p + w (x^2 - p), elementwise
 
 
 def column(entry: str, size: int) -> str:
@@ -66,17 +66,20 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
 
     apply = ''.join(total('a[{i}][{k}] * x[{k}]', n, i=i) + ', ' for i in rows)
     turned = ''.join(total('a[{k}][{i}] * x[{k}]', n, i=i) + ', ' for i in rows)
-    product_t = ''.join('(' + ''.join(total('a[{i}][{k}] * b[{j}][{k}]', n, i=i, j=j) + ', '
-                                      for j in rows) + '), ' for i in rows)
-    plain = ''.join('(' + ''.join(total('a[{i}][{k}] * b[{k}][{j}]', n, i=i, j=j) + ', '
-                                  for j in rows) + '), ' for i in rows)
+    product_t = ''.join(
+        '(' + ''.join(total('a[{i}][{k}] * b[{j}][{k}]', n, i=i, j=j) + ', ' for j in rows) + '), '
+        for i in rows
+    )
+    plain = ''.join(
+        '(' + ''.join(total('a[{i}][{k}] * b[{k}][{j}]', n, i=i, j=j) + ', ' for j in rows) + '), '
+        for i in rows
+    )
     flipped = ''.join('(' + ''.join(f'a[{j}][{i}], ' for j in rows) + '), ' for i in rows)
-    scaled = ''.join('(' + ''.join(f'g[{i}] * a[{j}][{i}], ' for j in rows) + '), '
-                     for i in rows)
-    columns = ''.join('solve(a, (' + ''.join(f'b[{i}][{j}], ' for i in rows) + ')), '
-                      for j in rows)
-    blended = ''.join('(' + ''.join(f'a[{i}][{j}] + w * b[{i}][{j}], ' for j in rows) + '), '
-                      for i in rows)
+    scaled = ''.join('(' + ''.join(f'g[{i}] * a[{j}][{i}], ' for j in rows) + '), ' for i in rows)
+    columns = ''.join('solve(a, (' + ''.join(f'b[{i}][{j}], ' for i in rows) + ')), ' for j in rows)
+    blended = ''.join(
+        '(' + ''.join(f'a[{i}][{j}] + w * b[{i}][{j}], ' for j in rows) + '), ' for i in rows
+    )
     lines = [
         f'def product(a, b): return ({plain})',
         f'def transposed(a): return ({flipped})',
@@ -90,24 +93,57 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
         f'def minus(x, y): return {vector("x[{i}] - y[{i}]")}',
         f'def towards(x, a, y): return {vector("x[{i}] + a * y[{i}]")}',
         f'def between(y, x, periods): return {vector("wrap(y[{i}] - x[{i}], periods[{i}])")}',
-        'def finite(x): return ' + ' and '.join(
-            f'-LARGEST < x[{i}] < LARGEST' for i in rows),
-        'def beyond(x, bounds): return ' + ' or '.join(
-            f'not -bounds[{i}] <= x[{i}] <= bounds[{i}]' for i in rows),
+        'def finite(x): return ' + ' and '.join(f'-LARGEST < x[{i}] < LARGEST' for i in rows),
+        'def beyond(x, bounds): return '
+        + ' or '.join(f'not -bounds[{i}] <= x[{i}] <= bounds[{i}]' for i in rows),
         f'def begin_all(y): return {vector("begin(y[{i}])")}',
         f'def follow_all(c, y, periods): return {vector("follow(c[{i}], y[{i}], periods[{i}])")}',
         'def present_all(c, q, periods, unwrap): return '
         + vector('present(c[{i}], q[{i}], periods[{i}], unwrap[{i}])'),
         f'def squares(p, w, x): return {vector("p[{i}] + w * (x[{i}] * x[{i}] - p[{i}])")}',
-        'def solve(m, x):', *_elimination(n),
+        'def solve(m, x):',
+        *_elimination(n),
         f'def divided(a, b): return transposed(({columns}))',
-        f'def blend(a, w, b): return ({blended})']
-    names = written_out(lines, f'mechanisms of {n}', wrap=wrap, begin=begin, follow=follow,
-                        present=present, LARGEST=LARGEST, nan=math.nan)
-    return MechanicalAlgebra(*(names[name] for name in (
-        'apply', 'turned', 'product_t', 'product', 'transposed', 'scaled_t', 'times', 'scale',
-        'nought', 'minus', 'towards', 'between', 'solve', 'divided', 'blend', 'finite',
-        'beyond', 'begin_all', 'follow_all', 'present_all', 'squares')))
+        f'def blend(a, w, b): return ({blended})',
+    ]
+    names = written_out(
+        lines,
+        f'mechanisms of {n}',
+        wrap=wrap,
+        begin=begin,
+        follow=follow,
+        present=present,
+        LARGEST=LARGEST,
+        nan=math.nan,
+    )
+    return MechanicalAlgebra(
+        *(
+            names[name]
+            for name in (
+                'apply',
+                'turned',
+                'product_t',
+                'product',
+                'transposed',
+                'scaled_t',
+                'times',
+                'scale',
+                'nought',
+                'minus',
+                'towards',
+                'between',
+                'solve',
+                'divided',
+                'blend',
+                'finite',
+                'beyond',
+                'begin_all',
+                'follow_all',
+                'present_all',
+                'squares',
+            )
+        )
+    )
 
 
 def _elimination(n: int) -> list[str]:
@@ -117,15 +153,23 @@ def _elimination(n: int) -> list[str]:
     """
     lines = []
     for i in range(n):
-        lines += [f'    u{i}{j} = m[{i}][{j}]' + ''.join(f' - l{i}{k} * u{k}{j}' for k in range(i))
-                  for j in range(i, n)]
+        lines += [
+            f'    u{i}{j} = m[{i}][{j}]' + ''.join(f' - l{i}{k} * u{k}{j}' for k in range(i))
+            for j in range(i, n)
+        ]
         lines += [f'    if not u{i}{i} > 0.0:', '        return ' + column('nan', n)]
-        lines += [f'    l{j}{i} = (m[{j}][{i}]'
-                  + ''.join(f' - l{j}{k} * u{k}{i}' for k in range(i)) + f') / u{i}{i}'
-                  for j in range(i + 1, n)]
+        lines += [
+            f'    l{j}{i} = (m[{j}][{i}]'
+            + ''.join(f' - l{j}{k} * u{k}{i}' for k in range(i))
+            + f') / u{i}{i}'
+            for j in range(i + 1, n)
+        ]
     for i in range(n):
         lines.append(f'    y{i} = x[{i}]' + ''.join(f' - l{i}{k} * y{k}' for k in range(i)))
     for i in reversed(range(n)):
-        lines.append(f'    z{i} = (y{i}' + ''.join(f' - u{i}{k} * z{k}' for k in range(i + 1, n))
-                     + f') / u{i}{i}')
+        lines.append(
+            f'    z{i} = (y{i}'
+            + ''.join(f' - u{i}{k} * z{k}' for k in range(i + 1, n))
+            + f') / u{i}{i}'
+        )
     return [*lines, '    return ' + column('z{i}', n)]

@@ -37,29 +37,29 @@ from estimator_pkg.observers.mechanism.parameters import (
 
 Array = NDArray[np.float64]
 
-OUTSIDE = 0.125     # an innovation beyond this part of a turn is no noise: lock is doubted
-LOST_AFTER = 0.5    # s, in doubt for so long and the observer starts again
-COAST = 0.2         # s, without input or outside the domain for so long: not observable
-MEMORY = 400.0      # samples over which the innovation's power is averaged
-SETTLED = 4.0       # time constants of the slowest pole until a start has settled
+OUTSIDE = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
+LOST_AFTER = 0.5  # s, in doubt for so long and the observer starts again
+COAST = 0.2  # s, without input or outside the domain for so long: not observable
+MEMORY = 400.0  # samples over which the innovation's power is averaged
+SETTLED = 4.0  # time constants of the slowest pole until a start has settled
 
 
 class Design(NamedTuple):
     """What the gains imply whatever the sample time is."""
 
-    core: tuple         # of the core
-    periods: tuple      # of each position [rad]; 0: none
-    unwrap: tuple       # 1.0 or 0.0, of each
-    outside: tuple      # innovations [rad or m] beyond which lock is doubted
-    settle: float       # time without trouble until the estimate counts [s]
-    lost_after: float   # time astray until the observer starts again [s]
+    core: tuple  # of the core
+    periods: tuple  # of each position [rad]; 0: none
+    unwrap: tuple  # 1.0 or 0.0, of each
+    outside: tuple  # innovations [rad or m] beyond which lock is doubted
+    settle: float  # time without trouble until the estimate counts [s]
+    lost_after: float  # time astray until the observer starts again [s]
 
 
 class Coefficients(NamedTuple):
     """What the sample time implies."""
 
     core: tuple
-    dt: float           # [s]
+    dt: float  # [s]
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,13 @@ class MechanicalFunctions(Functions):
     why: Callable[[tuple, tuple], str]
 
 
-def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, circle: Any,
-           describe: Callable[[float], dict[str, Any]]) -> MechanicalFunctions:
+def around(
+    core: MechanicalCore,
+    gains: MechanicalGains,
+    mechanics: Mechanics,
+    circle: Any,
+    describe: Callable[[float], dict[str, Any]],
+) -> MechanicalFunctions:
     """The contract's functions for an observer of a mechanism made of `core`.
 
     State: core; last measurement; conventions; power of e; lock: (status, time since the last
@@ -129,17 +134,26 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
     circles = circles_of(mechanics, circle)
     algebra = mechanical_algebra(n)
     between, begin_all, follow_all = algebra.between, algebra.begin, algebra.follow
-    finite, beyond, present_all, squares = (algebra.finite, algebra.beyond, algebra.present,
-                                            algebra.squares)
+    finite, beyond, present_all, squares = (
+        algebra.finite,
+        algebra.beyond,
+        algebra.present,
+        algebra.squares,
+    )
     towards, nought = algebra.towards, algebra.nought
     given_finite = mechanical_algebra(max(1, mechanics.inputs)).finite
     needs_input = mechanics.inputs > 0
     prepare_core, advance, carry, begin_core = (core.prepare, core.advance, core.carry, core.begin)
     unknown, seen = (math.nan,) * n, core.seen
-    stddev = make_stddev(core, mechanics, per_joint('noise', gains.noise, n),
-                         per_joint('quantum', gains.quantum, n), measured=gains.noise is None,
-                         euler=gains.form == PAPER,
-                         linear_hold=gains.form == EXACT and gains.hold == LINEAR)
+    stddev = make_stddev(
+        core,
+        mechanics,
+        per_joint('noise', gains.noise, n),
+        per_joint('quantum', gains.quantum, n),
+        measured=gains.noise is None,
+        euler=gains.form == PAPER,
+        linear_hold=gains.form == EXACT and gains.hold == LINEAR,
+    )
     linear_hold = gains.form == EXACT and gains.hold == LINEAR
     settling = SETTLED / core.slowest if core.slowest > 0.0 else math.inf
 
@@ -147,20 +161,29 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
         periods = tuple(float(each.period) for each in circles)
         outside = tuple(OUTSIDE * period if period > 0.0 else math.inf for period in periods)
         return Design(
-            core=core.design(), periods=periods,
-            unwrap=tuple(float(each.unwrap) for each in circles), outside=outside,
+            core=core.design(),
+            periods=periods,
+            unwrap=tuple(float(each.unwrap) for each in circles),
+            outside=outside,
             settle=float(settling),
-            lost_after=max(LOST_AFTER, min(float(settling), 10.0 * LOST_AFTER)))
+            lost_after=max(LOST_AFTER, min(float(settling), 10.0 * LOST_AFTER)),
+        )
 
     def prepare(design: Any, dt: float) -> Coefficients:
         return Coefficients(prepare_core(design.core, dt), dt)
 
     def init(measurement: tuple, design: Any) -> tuple:
-        return (begin_core(), measurement, begin_all(measurement), nought(measurement),
-                (INITIALISING, 0.0, 0.0, 0))
+        return (
+            begin_core(),
+            measurement,
+            begin_all(measurement),
+            nought(measurement),
+            (INITIALISING, 0.0, 0.0, 0),
+        )
 
-    def step(state: tuple, coefficients: Any, design: Any, measurement: tuple,
-             given: tuple) -> tuple:
+    def step(
+        state: tuple, coefficients: Any, design: Any, measurement: tuple, given: tuple
+    ) -> tuple:
         inner, before, conventions, power, (status, clear, astray, trouble) = state
         core_coefficients, dt = coefficients
         core_design, periods, unwrap, outside, settle, lost_after = design
@@ -170,8 +193,9 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
         if needs_input and not given_finite(given):
             found = 2
         else:
-            after, good = advance(inner, core_coefficients, core_design, before, moved,
-                                  measurement, given)
+            after, good = advance(
+                inner, core_coefficients, core_design, before, moved, measurement, given
+            )
             e, x, d, v = after
             if not good:
                 found = 1
@@ -205,11 +229,13 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
             status = COASTING
         return (inner, measurement, conventions, power, (status, clear, astray, found))
 
-    def output(state: tuple, coefficients: Any, design: Any, measurement: tuple,
-               given: tuple) -> tuple:
+    def output(
+        state: tuple, coefficients: Any, design: Any, measurement: tuple, given: tuple
+    ) -> tuple:
         (e, x, d, v), before, conventions, power, (status, clear, astray, trouble) = state
-        position = present_all(conventions, towards(measurement, 1.0, e), design.periods,
-                               design.unwrap)
+        position = present_all(
+            conventions, towards(measurement, 1.0, e), design.periods, design.unwrap
+        )
         return position, v, unknown, status
 
     def resume(state: tuple, coefficients: Any, design: Any, measurement: tuple) -> tuple:
@@ -217,20 +243,31 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
         inner = carry((nought(measurement), x, d, v), design.core, measurement)
         if status == TRACKING:
             status = COASTING
-        return (inner, measurement, follow_all(conventions, measurement, design.periods), power,
-                (status, 0.0, 0.0, 0))
+        return (
+            inner,
+            measurement,
+            follow_all(conventions, measurement, design.periods),
+            power,
+            (status, 0.0, 0.0, 0),
+        )
 
     def restart(state: tuple, coefficients: Any, design: Any, measurement: tuple) -> tuple:
         inner, before, conventions, power, lock = state
-        return (begin_core(), measurement, follow_all(conventions, measurement, design.periods),
-                power, (INITIALISING, 0.0, 0.0, 0))
+        return (
+            begin_core(),
+            measurement,
+            follow_all(conventions, measurement, design.periods),
+            power,
+            (INITIALISING, 0.0, 0.0, 0),
+        )
 
     def why(state: tuple, design: Any) -> str:
         inner, before, conventions, power, (status, clear, astray, trouble) = state
         if trouble == 1:
             complaint = mechanics.complaint()
-            return (f"outside the domain of model '{mechanics.name}': the velocity is held"
-                    + (f' ({complaint})' if complaint else ''))
+            return f"outside the domain of model '{mechanics.name}': the velocity is held" + (
+                f' ({complaint})' if complaint else ''
+            )
         if trouble == 2:
             needed = ', '.join(mechanics.joints[index] for index in mechanics.actuated)
             return f"no effort for {needed}, which model '{mechanics.name}' needs"
@@ -238,17 +275,32 @@ def around(core: MechanicalCore, gains: MechanicalGains, mechanics: Mechanics, c
             return 'the positions are far from what the model and the inputs explain'
         if trouble == 4:
             complaint = mechanics.complaint()
-            return (f"model '{mechanics.name}' gives no numbers at these positions"
-                    + (f': {complaint}' if complaint else ''))
+            return f"model '{mechanics.name}' gives no numbers at these positions" + (
+                f': {complaint}' if complaint else ''
+            )
         if status == INITIALISING:
-            return (f'settling: {clear:.2g} s of {design.settle:.3g} s, four times the slowest '
-                    'time constant')
+            return (
+                f'settling: {clear:.2g} s of {design.settle:.3g} s, four times the slowest '
+                'time constant'
+            )
         return ''
 
     return MechanicalFunctions(
-        design=design, prepare=prepare, init=init, step=step, output=output, stddev=stddev,
-        resume=resume, limits=core.limits,
+        design=design,
+        prepare=prepare,
+        init=init,
+        step=step,
+        output=output,
+        stddev=stddev,
+        resume=resume,
+        limits=core.limits,
         group_delay=lambda dt: core.lag + (0.0 if linear_hold else 0.5 * dt),
-        finite=finite, blank=tuple(mechanics.centre),
+        finite=finite,
+        blank=tuple(mechanics.centre),
         no_input=(math.nan,) * max(1, mechanics.inputs),
-        mechanics=mechanics, core=core, describe=describe, why=why, restart=restart)
+        mechanics=mechanics,
+        core=core,
+        describe=describe,
+        why=why,
+        restart=restart,
+    )

@@ -28,8 +28,8 @@ from estimator_pkg.observers.mechanism.velocity import linear_observer
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
-TRIPLE = (3.0, 3.0, 1.0)   # (s + 1)^3
-REACH = 1.642467686        # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from velocity to estimate
+TRIPLE = (3.0, 3.0, 1.0)  # (s + 1)^3
+REACH = 1.642467686  # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from velocity to estimate
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,17 @@ class Gains(MechanicalGains, BandwidthGains):
     """Parameters of `ehgo`."""
 
     h: tuple[float, ...] | None = parameter(
-        None, unit='', kind=list, range=(0.0, 1e9), advanced=True,
+        None,
+        unit='',
+        kind=list,
+        range=(0.0, 1e9),
+        advanced=True,
         description="the paper's h1, h2, h3, with epsilon; unset: three equal poles",
-        equation='(h1/epsilon, h2/epsilon^2, h3/epsilon^3)')
+        equation='(h1/epsilon, h2/epsilon^2, h3/epsilon^3)',
+    )
     epsilon: float = parameter(
-        1.0, unit='s', range=(1e-9, 1e3), advanced=True, description="the paper's epsilon")
+        1.0, unit='s', range=(1e-9, 1e3), advanced=True, description="the paper's epsilon"
+    )
 
 
 def tune(gains: Gains) -> tuple[float, float, float]:
@@ -51,7 +57,7 @@ def tune(gains: Gains) -> tuple[float, float, float]:
         h, epsilon = TRIPLE, REACH / (2.0 * np.pi * gains.bandwidth_hz)
     if len(h) != 3:
         raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3")
-    return h[0] / epsilon, h[1] / epsilon ** 2, h[2] / epsilon ** 3
+    return h[0] / epsilon, h[1] / epsilon**2, h[2] / epsilon**3
 
 
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
@@ -61,12 +67,23 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     eye = np.eye(mechanics.degrees)
     L, K, E = (gain * eye for gain in tune(gains))
     return linear_observer(
-        mechanics, gains, circle, L, K, E, point,
+        mechanics,
+        gains,
+        circle,
+        L,
+        K,
+        E,
+        point,
         "the gains 'h' do not make the error decay: s^3 + h1 s^2 + h2 s + h3 has a root that is "
-        'not stable')
+        'not stable',
+    )
 
 
 OBSERVER = Observer(
-    name='ehgo', summary='extended high-gain observer of any mechanism: finds unknown forces too',
-    gains=Gains, build=build, kind='mechanical',
-    reference='(25) of Aranovskiy, Ortega, Romero, Sokolov (IJC 2019)')
+    name='ehgo',
+    summary='extended high-gain observer of any mechanism: finds unknown forces too',
+    gains=Gains,
+    build=build,
+    kind='mechanical',
+    reference='(25) of Aranovskiy, Ortega, Romero, Sokolov (IJC 2019)',
+)

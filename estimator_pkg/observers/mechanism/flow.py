@@ -21,9 +21,9 @@ from functools import lru_cache
 from estimator_pkg.observers.maths.unroll import written_out
 from estimator_pkg.observers.mechanism.algebra import total
 
-LARGEST_PART = 3.0     # of dt (|L| + sqrt(trace K)): beyond it a step is made in parts
-MOST_PARTS = 1000.0    # beyond so many the gains have nothing to do with the rate: refused
-NEGLIGIBLE = 1e-17     # a term this much smaller than the sum adds nothing
+LARGEST_PART = 3.0  # of dt (|L| + sqrt(trace K)): beyond it a step is made in parts
+MOST_PARTS = 1000.0  # beyond so many the gains have nothing to do with the rate: refused
+NEGLIGIBLE = 1e-17  # a term this much smaller than the sum adds nothing
 
 
 @lru_cache
@@ -34,13 +34,20 @@ def make_flow(n: int, *, diagonal: bool, damped: bool, disturbed: bool) -> Calla
     step would take more than `MOST_PARTS` parts. Without a disturbance state d is ().
     """
     rows = range(n)
-    lines = ['def flow(e, p, d, calm, psi, b, gains, damping, gain_d, f, r, dt):',
-             '    ' + _unpack('e', n) + ' = e', '    ' + _unpack('p', n) + ' = p']
+    lines = [
+        'def flow(e, p, d, calm, psi, b, gains, damping, gain_d, f, r, dt):',
+        '    ' + _unpack('e', n) + ' = e',
+        '    ' + _unpack('p', n) + ' = p',
+    ]
     if disturbed:
         lines.append('    ' + _unpack('d', n) + ' = d')
-    lines += ['    ' + _matrix('m', n) + ' = calm', '    ' + _matrix('b', n) + ' = b',
-              '    ' + (_unpack('l', n) if diagonal else _matrix('l', n)) + ' = gains',
-              '    ' + _unpack('f', n) + ' = f', '    ' + _unpack('r', n) + ' = r']
+    lines += [
+        '    ' + _matrix('m', n) + ' = calm',
+        '    ' + _matrix('b', n) + ' = b',
+        '    ' + (_unpack('l', n) if diagonal else _matrix('l', n)) + ' = gains',
+        '    ' + _unpack('f', n) + ' = f',
+        '    ' + _unpack('r', n) + ' = r',
+    ]
     if damped:
         lines.append('    ' + _matrix('w', n) + ' = damping')
     if disturbed:
@@ -51,11 +58,15 @@ def make_flow(n: int, *, diagonal: bool, damped: bool, disturbed: bool) -> Calla
     if damped:
         lines.append('    speed += ' + ' + '.join(f'abs(w{i}{i})' for i in rows))
     lines += [
-        '    h = dt', '    parts = 1', f'    if not dt * speed <= {LARGEST_PART!r}:',
+        '    h = dt',
+        '    parts = 1',
+        f'    if not dt * speed <= {LARGEST_PART!r}:',
         f'        if not dt * speed <= {LARGEST_PART * MOST_PARTS!r}:',
         '            return (e, p, d, False)',
-        f'        parts = int(dt * speed / {LARGEST_PART!r}) + 1', '        h = dt / parts',
-        '    for part in range(parts):']
+        f'        parts = int(dt * speed / {LARGEST_PART!r}) + 1',
+        '        h = dt / parts',
+        '    for part in range(parts):',
+    ]
     body = _rates(n, 'e', 'p', 'd', diagonal, damped, disturbed)
     for i in rows:
         body[f'x{i}'] += f' - r{i}'
@@ -70,10 +81,20 @@ def make_flow(n: int, *, diagonal: bool, damped: bool, disturbed: bool) -> Calla
     lines.append(f'            {left} = ' + ', '.join(f'({rate}) * c' for rate in again.values()))
     for term, sum_, _ in states:
         lines += [f'            {sum_}{i} += {term}{i}' for i in rows]
-    small = [' + '.join(f'abs({term}{i})' for i in rows) + f' <= {NEGLIGIBLE!r} * ('
-             + ' + '.join(f'abs({sum_}{i})' for i in rows) + ')' for term, sum_, _ in states]
-    lines += [f'            if {" and ".join(small)}:', '                break',
-              '            k += 1.0', '            if k > 60.0:', '                break']
+    small = [
+        ' + '.join(f'abs({term}{i})' for i in rows)
+        + f' <= {NEGLIGIBLE!r} * ('
+        + ' + '.join(f'abs({sum_}{i})' for i in rows)
+        + ')'
+        for term, sum_, _ in states
+    ]
+    lines += [
+        f'            if {" and ".join(small)}:',
+        '                break',
+        '            k += 1.0',
+        '            if k > 60.0:',
+        '                break',
+    ]
     for _, sum_, state in states:
         lines += [f'        {state}{i} += {sum_}{i}' for i in rows]
     out = [_unpack(name, n) for name in ('e', 'p')] + [_unpack('d', n) if disturbed else 'd']
@@ -89,8 +110,9 @@ def _matrix(name: str, n: int) -> str:
     return '(' + ''.join(_unpack(f'{name}{i}', n) + ', ' for i in range(n)) + ')'
 
 
-def _rates(n: int, e: str, p: str, d: str, diagonal: bool, damped: bool, disturbed: bool
-           ) -> dict[str, str]:
+def _rates(
+    n: int, e: str, p: str, d: str, diagonal: bool, damped: bool, disturbed: bool
+) -> dict[str, str]:
     """The right-hand sides without constants: x for e, y for p, z for d."""
     rates = {}
     for i in range(n):

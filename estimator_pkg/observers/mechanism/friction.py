@@ -31,8 +31,9 @@ def may_stop(force: float, free: float, v: float, inertia: float, dt: float) -> 
     return lost * v > 0.0 and abs(lost) * dt > inertia * abs(v)
 
 
-def stopping(force: float, free: float, late: float, v: float, inertia: float, dt: float
-             ) -> tuple[float, float]:
+def stopping(
+    force: float, free: float, late: float, v: float, inertia: float, dt: float
+) -> tuple[float, float]:
     """(force that is held, viscous coefficient) of one joint.
 
     Parameters
@@ -63,25 +64,43 @@ def make_resistance(mechanics: Mechanics) -> Callable[..., tuple]:
 
     if not mechanics.speed_matters:
         return viscous
-    matrix = ''.join('(' + ''.join((f'd[{i}][{j}]' if damped else '0.0')
-                                   + (f' + s{i}, ' if i == j else ', ') for j in range(n)) + '), '
-                     for i in range(n))
-    stops = ' or '.join(f'may_stop(full[{i}], free[{i}], v[{i}], mass[{i}][{i}], dt)'
-                        for i in range(n))
-    lines = ['def resistance(values, q, v, u, mass, dt):',
-             '    full = force(values, q, v, u)',
-             f'    free = force(values, q, {column("0.0", n)}, u)',
-             f'    {column("f{i}", n)} = full',
-             *(f'    s{i} = 0.0' for i in range(n)),
-             f'    if {stops}:',
-             f'        ahead = {column("v[{i}] + dt * free[{i}] / mass[{i}][{i}]", n)}',
-             '        late = force(values, q, ahead, u)',
-             *(f'        f{i}, s{i} = stopping(full[{i}], free[{i}], late[{i}], v[{i}], '
-               f'mass[{i}][{i}], dt)' for i in range(n)),
-             *(['    d = damping(values, q)'] if damped else []),
-             f'    return {column("f{i}", n)}, ({matrix})']
-    return written_out(lines, f'resistance of {mechanics.name}', force=force, damping=damping,
-                       stopping=stopping, may_stop=may_stop)['resistance']
+    matrix = ''.join(
+        '('
+        + ''.join(
+            (f'd[{i}][{j}]' if damped else '0.0') + (f' + s{i}, ' if i == j else ', ')
+            for j in range(n)
+        )
+        + '), '
+        for i in range(n)
+    )
+    stops = ' or '.join(
+        f'may_stop(full[{i}], free[{i}], v[{i}], mass[{i}][{i}], dt)' for i in range(n)
+    )
+    lines = [
+        'def resistance(values, q, v, u, mass, dt):',
+        '    full = force(values, q, v, u)',
+        f'    free = force(values, q, {column("0.0", n)}, u)',
+        f'    {column("f{i}", n)} = full',
+        *(f'    s{i} = 0.0' for i in range(n)),
+        f'    if {stops}:',
+        f'        ahead = {column("v[{i}] + dt * free[{i}] / mass[{i}][{i}]", n)}',
+        '        late = force(values, q, ahead, u)',
+        *(
+            f'        f{i}, s{i} = stopping(full[{i}], free[{i}], late[{i}], v[{i}], '
+            f'mass[{i}][{i}], dt)'
+            for i in range(n)
+        ),
+        *(['    d = damping(values, q)'] if damped else []),
+        f'    return {column("f{i}", n)}, ({matrix})',
+    ]
+    return written_out(
+        lines,
+        f'resistance of {mechanics.name}',
+        force=force,
+        damping=damping,
+        stopping=stopping,
+        may_stop=may_stop,
+    )['resistance']
 
 
 def is_resisted(mechanics: Mechanics) -> bool:

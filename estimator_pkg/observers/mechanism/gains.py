@@ -31,8 +31,10 @@ def require_hurwitz(L: Array) -> None:
     """-L must be Hurwitz; raises UsageError."""
     slowest = float(np.min(np.linalg.eigvals(L).real))
     if not slowest > 0.0:
-        raise UsageError(f"parameter 'L': -L is not Hurwitz (its slowest eigenvalue is "
-                         f'{-slowest:+.3g} 1/s): every eigenvalue of L needs a positive real part')
+        raise UsageError(
+            f"parameter 'L': -L is not Hurwitz (its slowest eigenvalue is "
+            f'{-slowest:+.3g} 1/s): every eigenvalue of L needs a positive real part'
+        )
 
 
 def require_positive(name: str, gain: Array) -> Array:
@@ -41,8 +43,9 @@ def require_positive(name: str, gain: Array) -> Array:
         raise UsageError(f"parameter '{name}' is not symmetric")
     lowest = float(np.linalg.eigvalsh(0.5 * (gain + gain.T))[0])
     if not lowest > 0.0:
-        raise UsageError(f"parameter '{name}' is not positive definite (lowest eigenvalue "
-                         f'{lowest:.3g})')
+        raise UsageError(
+            f"parameter '{name}' is not positive definite (lowest eigenvalue {lowest:.3g})"
+        )
     return 0.5 * (gain + gain.T)
 
 
@@ -67,14 +70,14 @@ def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool
     size = 3 * n if disturbed else 2 * n
     matrix = np.zeros((size, size))
     matrix[:n, :n] = -tuning.L
-    matrix[:n, n:2 * n] = calm
-    matrix[n:2 * n, :n] = -tuning.Gamma @ calm.T @ tuning.P0
+    matrix[:n, n : 2 * n] = calm
+    matrix[n : 2 * n, :n] = -tuning.Gamma @ calm.T @ tuning.P0
     if mechanics.damping is not None:
         damping = check.matrix(mechanics.damping, mechanics, q)
-        matrix[n:2 * n, n:2 * n] = -psi.T @ damping @ calm
+        matrix[n : 2 * n, n : 2 * n] = -psi.T @ damping @ calm
     if disturbed:
-        matrix[n:2 * n, 2 * n:] = psi.T
-        matrix[2 * n:, :n] = -tuning.E
+        matrix[n : 2 * n, 2 * n :] = psi.T
+        matrix[2 * n :, :n] = -tuning.E
     return matrix
 
 
@@ -101,8 +104,10 @@ def euler_limit(matrices: list[Array]) -> Limits:
     def limits(dt: float) -> str | None:
         if dt < longest:
             return None
-        return (f'forward Euler (form: paper) is unstable at a sample time of {dt:.4g} s: these '
-                f'gains need less than {longest:.4g} s; use form: exact or lower gains')
+        return (
+            f'forward Euler (form: paper) is unstable at a sample time of {dt:.4g} s: these '
+            f'gains need less than {longest:.4g} s; use form: exact or lower gains'
+        )
 
     return limits
 
@@ -118,16 +123,18 @@ def exact_limit(matrices: list[Array], n: int) -> Limits:
     def limits(dt: float) -> str | None:
         if dt < longest:
             return None
-        return (f'the gains are far too fast for a sample time of {dt:.4g} s: these need less than '
-                f'{longest:.4g} s; lower bandwidth_hz')
+        return (
+            f'the gains are far too fast for a sample time of {dt:.4g} s: these need less than '
+            f'{longest:.4g} s; lower bandwidth_hz'
+        )
 
     return limits
 
 
 def _pace(matrix: Array, n: int) -> float:
     """What `flow` takes the speed of this error system to be [1/s]."""
-    stiffness = abs(float(np.trace(matrix[:n, n:2 * n] @ matrix[n:2 * n, :n])))
-    return float(np.sum(np.abs(np.diag(matrix)[:2 * n]))) + math.sqrt(stiffness)
+    stiffness = abs(float(np.trace(matrix[:n, n : 2 * n] @ matrix[n : 2 * n, :n])))
+    return float(np.sum(np.abs(np.diag(matrix)[: 2 * n]))) + math.sqrt(stiffness)
 
 
 def never(dt: float) -> str | None:
@@ -160,15 +167,22 @@ def guaranteed_rate(L: Array, Gamma: Array, k0: float, k1: float, k2: float) -> 
     k4 = float(np.linalg.eigvalsh(0.5 * (L + L.T))[0])
     of_gamma = np.linalg.eigvalsh(Gamma)
     k5, k6, k7 = float(of_gamma[-1]), min(1.0, float(of_gamma[0])), max(1.0, float(of_gamma[-1]))
-    d2 = (k1 * k3 + k2) ** 2 / (2.0 * k0 ** 2) + k1 ** 2 * k5 + 0.5 * k4
+    d2 = (k1 * k3 + k2) ** 2 / (2.0 * k0**2) + k1**2 * k5 + 0.5 * k4
     c1 = 2.0 / k4 * d2 + k1 * k7
     c3 = (2.0 / k4 * d2 + 2.0 * k1 * k7) / k6
-    c4 = min(0.5 * k0 ** 2, d2 + k1 * k4 * k7)
+    c4 = min(0.5 * k0**2, d2 + k1 * k4 * k7)
     return Guarantee(d2, c1, c3, c4, c4 / c3)
 
 
-def describe(mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, disturbed: bool,
-             speed: float = 1.0) -> dict[str, Any]:
+def describe(
+    mechanics: Mechanics,
+    tuning: Tuning,
+    point: Array,
+    dt: float,
+    *,
+    disturbed: bool,
+    speed: float = 1.0,
+) -> dict[str, Any]:
     """What a person wants to know of GESO's gains.
 
     Parameters
@@ -180,24 +194,39 @@ def describe(mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, d
     configurations = [q for q, _ in check.random_states(mechanics)]
     matrices = [error_matrix(mechanics, tuning, q, disturbed) for q in (point, *configurations)]
     found = {
-        'operating_point': point.tolist(), 'L': tuning.L.tolist(), 'Gamma': tuning.Gamma.tolist(),
+        'operating_point': point.tolist(),
+        'L': tuning.L.tolist(),
+        'Gamma': tuning.Gamma.tolist(),
         'K': K.tolist(),
-        'poles': sorted((complex(pole) for pole in np.linalg.eigvals(matrices[0])),
-                        key=lambda pole: (pole.real, pole.imag)),
+        'poles': sorted(
+            (complex(pole) for pole in np.linalg.eigvals(matrices[0])),
+            key=lambda pole: (pole.real, pole.imag),
+        ),
         'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(tuning.L))).tolist(),
         'slowest_pole_over_range': min(slowest_pole(matrix) for matrix in matrices),
-        'dt_K': (dt * np.diag(K)).tolist(), 'dt_K_below_L':
-            bool(np.all(dt * np.diag(K) < np.diag(tuning.L))),
-        'longest_euler_dt': longest_euler(matrices)}
+        'dt_K': (dt * np.diag(K)).tolist(),
+        'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(tuning.L))),
+        'longest_euler_dt': longest_euler(matrices),
+    }
     # the proposition is about (11) itself: L + L^T > 0 and no disturbance state
     if not disturbed and np.allclose(tuning.P0, np.eye(len(tuning.P0))):
-        sizes = [np.linalg.svd(check.factors(mechanics, q)[0], compute_uv=False)
-                 for q in configurations]
-        turning = max(sum(float(np.linalg.norm(slope, 2)) * speed for slope in check.slopes(
-            mechanics, lambda x: check.factors(mechanics, x)[0], q)) for q in configurations)
+        sizes = [
+            np.linalg.svd(check.factors(mechanics, q)[0], compute_uv=False) for q in configurations
+        ]
+        turning = max(
+            sum(
+                float(np.linalg.norm(slope, 2)) * speed
+                for slope in check.slopes(mechanics, lambda x: check.factors(mechanics, x)[0], q)
+            )
+            for q in configurations
+        )
         found['guaranteed_rate'] = guaranteed_rate(
-            tuning.L, tuning.Gamma, min(size[-1] for size in sizes),
-            max(size[0] for size in sizes), turning).rate
+            tuning.L,
+            tuning.Gamma,
+            min(size[-1] for size in sizes),
+            max(size[0] for size in sizes),
+            turning,
+        ).rate
         found['guaranteed_for_speed'] = speed
     return found
 

@@ -54,8 +54,14 @@ class GeneralObserver:
     UsageError : gains that do not work, or matrices that do not fit.
     """
 
-    def __init__(self, B: Callable[[Array], Array], f2: Callable[[Array, Array], Array],
-                 L: Array, Gamma: Array, f1: Callable[[Array, Array], Array] | None = None) -> None:
+    def __init__(
+        self,
+        B: Callable[[Array], Array],
+        f2: Callable[[Array, Array], Array],
+        L: Array,
+        Gamma: Array,
+        f1: Callable[[Array, Array], Array] | None = None,
+    ) -> None:
         self._B, self._f1, self._f2 = B, f1, f2
         self.L, self.Gamma = np.asarray(L, float), np.asarray(Gamma, float)
         if self.L.ndim != 2 or self.L.shape[0] != self.L.shape[1]:
@@ -74,8 +80,9 @@ class GeneralObserver:
         """True if B has full column rank at all of these: the condition for a uniform rate."""
         return all(np.linalg.matrix_rank(self._B(y)) == len(self.Gamma) for y in configurations)
 
-    def step(self, state: GeneralState, y: Array, following: Array, u: Array, dt: float
-             ) -> GeneralState:
+    def step(
+        self, state: GeneralState, y: Array, following: Array, u: Array, dt: float
+    ) -> GeneralState:
         """One sample further: the measurement goes from `y` to `following`, linearly.
 
         Raises

@@ -50,14 +50,25 @@ class Gains(MechanicalGains, LoopGains):
     """Parameters of `geso`."""
 
     Gamma: tuple[float, ...] | None = parameter(
-        None, unit='', kind=list, range=(-1e12, 1e12), advanced=True,
+        None,
+        unit='',
+        kind=list,
+        range=(-1e12, 1e12),
+        advanced=True,
         description='gain of the momenta: one number, one per position, or a symmetric positive '
-                    'definite matrix row by row; the gain of the innovation is '
-                    'calM Gamma calM^T', equation='ph\' = ... + Gamma calM^T (y - qh)')
+        'definite matrix row by row; the gain of the innovation is '
+        'calM Gamma calM^T',
+        equation="ph' = ... + Gamma calM^T (y - qh)",
+    )
     K: tuple[float, ...] | None = parameter(
-        None, unit='1/s^2', kind=list, range=(-1e12, 1e12), advanced=True,
+        None,
+        unit='1/s^2',
+        kind=list,
+        range=(-1e12, 1e12),
+        advanced=True,
         description='gain of the innovation at the operating point, instead of Gamma',
-        equation='Gamma = calM^-1 K calM^-T')
+        equation='Gamma = calM^-1 K calM^-T',
+    )
 
 
 def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
@@ -114,7 +125,8 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     if mechanics.factors is None:
         raise UserError(
             f"model '{mechanics.name}' is not partially linearisable (it gives no Psi, and the "
-            "Cholesky factor of M^-1 is none): use the observer 'hgo', which needs none")
+            "Cholesky factor of M^-1 is none): use the observer 'hgo', which needs none"
+        )
     point = operating_point(gains, mechanics)
     tuned = tune(gains, mechanics, point)
     n = mechanics.degrees
@@ -122,13 +134,18 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     paper = gains.form == PAPER
     damped = mechanics.damping is not None if paper else is_resisted(mechanics)
     diagonal = bool(np.all(np.diag(np.diag(tuned.L)) == tuned.L))
-    simple = (bool(np.all(tuned.Gamma == np.diag(np.diag(tuned.Gamma))))
-              and bool(np.all(np.eye(n) == tuned.P0)))
+    simple = bool(np.all(tuned.Gamma == np.diag(np.diag(tuned.Gamma)))) and bool(
+        np.all(np.eye(n) == tuned.P0)
+    )
     at_measurement = gains.schedule == MEASUREMENT
     linear_hold = gains.hold == LINEAR and not paper
     algebra = mechanical_algebra(n)
-    apply, turned, product, product_t = (algebra.apply, algebra.turned, algebra.product,
-                                         algebra.product_t)
+    apply, turned, product, product_t = (
+        algebra.apply,
+        algebra.turned,
+        algebra.product,
+        algebra.product_t,
+    )
     scaled_t, scale, nought = algebra.scaled_t, algebra.scale, algebra.nought
     towards, minus, times = algebra.towards, algebra.minus, algebra.times
     transposed, finite = algebra.transposed, algebra.finite
@@ -150,8 +167,15 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     def begin() -> tuple:
         return (zeros, zeros, zeros, zeros)
 
-    def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
-                measurement: tuple, given: tuple) -> tuple:
+    def advance(
+        core: tuple,
+        coefficients: tuple,
+        design: tuple,
+        before: tuple,
+        moved: tuple,
+        measurement: tuple,
+        given: tuple,
+    ) -> tuple:
         e, p, d, v = core
         values, L, Gamma, P0, E = design
         dt, inverse_dt = coefficients
@@ -214,14 +238,20 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         return (e, p, d, velocity) if finite(velocity) else core
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
-        return (mechanical_gains.error_matrix(mechanics, tuned, at, disturbed),
-                check.factors(mechanics, at)[0])
+        return (
+            mechanical_gains.error_matrix(mechanics, tuned, at, disturbed),
+            check.factors(mechanics, at)[0],
+        )
 
     configurations = [point, *(q for q, _ in check.random_states(mechanics))]
-    matrices = [mechanical_gains.error_matrix(mechanics, tuned, q, disturbed)
-                for q in configurations]
-    limits = (mechanical_gains.euler_limit(matrices) if paper
-              else mechanical_gains.exact_limit(matrices, n))
+    matrices = [
+        mechanical_gains.error_matrix(mechanics, tuned, q, disturbed) for q in configurations
+    ]
+    limits = (
+        mechanical_gains.euler_limit(matrices)
+        if paper
+        else mechanical_gains.exact_limit(matrices, n)
+    )
     calm_there = check.factors(mechanics, point)[0]
     K = calm_there @ tuned.Gamma @ calm_there.T @ tuned.P0
 
@@ -229,13 +259,24 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         return mechanical_gains.describe(mechanics, tuned, point, dt, disturbed=disturbed)
 
     core = MechanicalCore(
-        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry,
-        linear=linear, limits=limits, slowest=mechanical_gains.slowest_pole(matrices[0]),
-        lag=0.0 if disturbed else float(np.max(np.diag(tuned.L) / np.diag(K))))
+        design=design,
+        prepare=prepare,
+        begin=begin,
+        advance=advance,
+        carry=carry,
+        linear=linear,
+        limits=limits,
+        slowest=mechanical_gains.slowest_pole(matrices[0]),
+        lag=0.0 if disturbed else float(np.max(np.diag(tuned.L) / np.diag(K))),
+    )
     return around(core, gains, mechanics, circle, describe)
 
 
 OBSERVER = Observer(
-    name='geso', summary='globally exponentially stable observer of a mechanism whose model and '
-                         'input are known', gains=Gains, build=build, kind='mechanical',
-    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equation (11)')
+    name='geso',
+    summary='globally exponentially stable observer of a mechanism whose model and input are known',
+    gains=Gains,
+    build=build,
+    kind='mechanical',
+    reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equation (11)',
+)

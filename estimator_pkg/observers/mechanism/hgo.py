@@ -37,14 +37,25 @@ class Gains(MechanicalGains, LoopGains):
     """Parameters of `hgo`."""
 
     K: tuple[float, ...] | None = parameter(
-        None, unit='1/s^2', kind=list, range=(-1e12, 1e12), advanced=True,
-        description='gain of the velocity: one number, one per position, or a matrix row by row')
+        None,
+        unit='1/s^2',
+        kind=list,
+        range=(-1e12, 1e12),
+        advanced=True,
+        description='gain of the velocity: one number, one per position, or a matrix row by row',
+    )
     h: tuple[float, ...] | None = parameter(
-        None, unit='', kind=list, range=(0.0, 1e9), advanced=True,
+        None,
+        unit='',
+        kind=list,
+        range=(0.0, 1e9),
+        advanced=True,
         description="the paper's h1, h2, with epsilon, instead of L and K",
-        equation='L = h1/epsilon, K = h2/epsilon^2')
+        equation='L = h1/epsilon, K = h2/epsilon^2',
+    )
     epsilon: float = parameter(
-        1.0, unit='s', range=(1e-9, 1e3), advanced=True, description="the paper's epsilon")
+        1.0, unit='s', range=(1e-9, 1e3), advanced=True, description="the paper's epsilon"
+    )
 
 
 def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
@@ -56,7 +67,7 @@ def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
             raise UsageError("give either 'h' and 'epsilon', or 'L' and 'K', not both")
         if len(gains.h) != 2:
             raise UsageError(f"parameter 'h' has {len(gains.h)} numbers: 'hgo' takes 2")
-        L, K = eye * gains.h[0] / gains.epsilon, eye * gains.h[1] / gains.epsilon ** 2
+        L, K = eye * gains.h[0] / gains.epsilon, eye * gains.h[1] / gains.epsilon**2
     elif gains.L is not None or gains.K is not None:
         if gains.L is None or gains.K is None:
             raise UsageError("'L' and 'K' go together")
@@ -64,8 +75,8 @@ def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
     else:
         omega = natural_frequency(gains.bandwidth_hz, gains.damping)
         middle = 2.0 * gains.damping * omega
-        L, K = eye * (middle + slow), eye * (omega ** 2 + middle * slow)
-        return L, K, eye * omega ** 2 * slow if slow > 0.0 else None
+        L, K = eye * (middle + slow), eye * (omega**2 + middle * slow)
+        return L, K, eye * omega**2 * slow if slow > 0.0 else None
     return L, K, K * slow if slow > 0.0 else None
 
 
@@ -75,11 +86,22 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     point = operating_point(gains, mechanics)
     L, K, E = tune(gains, mechanics.degrees)
     return linear_observer(
-        mechanics, gains, circle, L, K, E, point,
-        "the gains 'L' and 'K' are not positive definite: the error does not decay")
+        mechanics,
+        gains,
+        circle,
+        L,
+        K,
+        E,
+        point,
+        "the gains 'L' and 'K' are not positive definite: the error does not decay",
+    )
 
 
 OBSERVER = Observer(
-    name='hgo', summary='high-gain observer of any mechanism whose model and input are known',
-    gains=Gains, build=build, kind='mechanical',
-    reference='Lee, Mukherjee, Khalil (2015); (21) of Aranovskiy et al. (IJC 2019)')
+    name='hgo',
+    summary='high-gain observer of any mechanism whose model and input are known',
+    gains=Gains,
+    build=build,
+    kind='mechanical',
+    reference='Lee, Mukherjee, Khalil (2015); (21) of Aranovskiy et al. (IJC 2019)',
+)

@@ -23,7 +23,7 @@ def exponential(matrix: Array) -> Array:
     """exp(matrix) by scaling, Taylor and squaring (small matrices)."""
     size = float(np.max(np.sum(np.abs(matrix), axis=1)))
     times = max(0, int(np.ceil(np.log2(max(size, 1e-300)))) + 2)
-    part = matrix / 2.0 ** times
+    part = matrix / 2.0**times
     term = total = np.eye(len(matrix))
     for k in range(1, 20):
         term = term @ part / k
@@ -33,8 +33,9 @@ def exponential(matrix: Array) -> Array:
     return total
 
 
-def discrete(matrix: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
-             ) -> tuple[Array, Array]:
+def discrete(
+    matrix: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
+) -> tuple[Array, Array]:
     """(Phi, W) of the error over one sample: z+ = Phi z + W (y_k - y_{k-1}).
 
     Parameters
@@ -72,8 +73,9 @@ class NoiseGains(NamedTuple):
     own_innovation: Array
 
 
-def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
-                ) -> NoiseGains:
+def noise_gains(
+    matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
+) -> NoiseGains:
     """Those of an observer whose error is linear; the innovation is e = estimate minus measurement.
 
     Parameters
@@ -94,12 +96,13 @@ def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, 
     transition[:size, :size], transition[:size, size:] = step, -arrival
     entering = np.vstack([arrival, np.eye(n)])
     inward = np.hstack([np.eye(n), np.zeros((n, size - n)), np.eye(n)])
-    velocity = np.hstack([np.zeros((n, n)), shown, np.zeros((n, size - n - shown.shape[1])),
-                          np.zeros((n, n))])
+    velocity = np.hstack(
+        [np.zeros((n, n)), shown, np.zeros((n, size - n - shown.shape[1])), np.zeros((n, n))]
+    )
     offset = np.hstack([np.eye(n), np.zeros((n, size))])
     gains = np.zeros((3, n, n))
     for joint in range(n):
-        column = entering[:, joint:joint + 1]
+        column = entering[:, joint : joint + 1]
         covariance = settled(transition, column @ column.T)
         for kind, rows in enumerate((inward, velocity, offset)):
             gains[kind, :, joint] = np.einsum('ij,jk,ik->i', rows, covariance, rows)
@@ -107,9 +110,16 @@ def noise_gains(matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, 
     return NoiseGains(of_position, of_velocity, of_innovation, nothing, nothing, nothing)
 
 
-def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
-                quantum: tuple[float, ...], *, measured: bool, euler: bool, linear_hold: bool
-                ) -> Callable[[tuple, tuple, tuple], tuple]:
+def make_stddev(
+    core: Any,
+    mechanics: Mechanics,
+    noise: tuple[float, ...],
+    quantum: tuple[float, ...],
+    *,
+    measured: bool,
+    euler: bool,
+    linear_hold: bool,
+) -> Callable[[tuple, tuple, tuple], tuple]:
     """`stddev` of the contract for a `MechanicalCore`.
 
     The variances per noise depend on the configuration and on dt alone (and, where the core is not
@@ -132,8 +142,9 @@ def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
         return noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
 
     @lru_cache(KEPT)
-    def gains(place: tuple[int, ...], sizes: tuple[int, ...], period: int
-              ) -> tuple[NoiseGains, Array] | None:
+    def gains(
+        place: tuple[int, ...], sizes: tuple[int, ...], period: int
+    ) -> tuple[NoiseGains, Array] | None:
         """(variances, inverse of those of the innovation); None where nothing holds."""
         at, dt = np.array(reach) * np.array(place), math.exp(GRID * period)
         if not mechanics.admits(mechanics.values, tuple(at.tolist())):
@@ -152,17 +163,25 @@ def make_stddev(core: Any, mechanics: Mechanics, noise: tuple[float, ...],
     def stddev(state: tuple, coefficients: Any, design: Any) -> tuple:
         inner, measurement, conventions, squares, lock = state
         power = [max(each, 1e-300) for each in squares]
-        sizes = () if core.noise is None else tuple(
-            round(0.5 * math.log(each) / GRID) for each in power)
-        kept = gains(tuple(round(at / each) for at, each in zip(measurement, reach)), sizes,
-                     round(math.log(coefficients.dt) / GRID))
+        sizes = (
+            ()
+            if core.noise is None
+            else tuple(round(0.5 * math.log(each) / GRID) for each in power)
+        )
+        kept = gains(
+            tuple(round(at / each) for at, each in zip(measurement, reach)),
+            sizes,
+            round(math.log(coefficients.dt) / GRID),
+        )
         if kept is None:
             return (math.inf,) * n, (math.inf,) * n
         found, back = kept
         known = given
         if measured:
             known = np.maximum(back @ (np.array(power) - found.own_innovation), floor)
-        return (tuple(np.sqrt(found.position @ known + found.own_position).tolist()),
-                tuple(np.sqrt(found.velocity @ known + found.own_velocity).tolist()))
+        return (
+            tuple(np.sqrt(found.position @ known + found.own_position).tolist()),
+            tuple(np.sqrt(found.velocity @ known + found.own_velocity).tolist()),
+        )
 
     return stddev

@@ -27,33 +27,60 @@ class MechanicalGains:
     """The parameters that all observers of mechanisms share."""
 
     model: str = parameter(
-        'single_joint', unit='', structural=True,
+        'single_joint',
+        unit='',
+        structural=True,
         choices=(*registry.names(registry.MODELS), 'package.module:name'),
         description="the mechanism; 'velocity_estimator list' shows what each takes, "
-                    'docs/own_model.md how to write one')
+        'docs/own_model.md how to write one',
+    )
     model_parameters: tuple[str, ...] = parameter(
-        (), unit='', structural=True,
+        (),
+        unit='',
+        structural=True,
         description="the model's numbers as 'name=value', such as ['inertia=0.05', "
-                    "'damping=0.01']; 'velocity_estimator identify' finds them")
+        "'damping=0.01']; 'velocity_estimator identify' finds them",
+    )
     form: str = parameter(
-        EXACT, unit='', choices=(EXACT, PAPER), structural=True,
+        EXACT,
+        unit='',
+        choices=(EXACT, PAPER),
+        structural=True,
         description='exact: the step is exact for the time between samples; paper: forward Euler, '
-                    'which is unstable where dt K is not well below L')
+        'which is unstable where dt K is not well below L',
+    )
     hold: str = parameter(
-        LINEAR, unit='', choices=(LINEAR, PREVIOUS), structural=True, advanced=True,
+        LINEAR,
+        unit='',
+        choices=(LINEAR, PREVIOUS),
+        structural=True,
+        advanced=True,
         description='the measurement between samples in the exact form: linear, or held at the '
-                    'sample before (half a sample more delay)')
+        'sample before (half a sample more delay)',
+    )
     schedule: str = parameter(
-        MEASUREMENT, unit='', choices=(MEASUREMENT, ESTIMATE), structural=True,
+        MEASUREMENT,
+        unit='',
+        choices=(MEASUREMENT, ESTIMATE),
+        structural=True,
         description='where the model is evaluated: at the measurement, as the proof wants it, or '
-                    'at the estimated position, which is quieter with a noisy encoder')
+        'at the estimated position, which is quieter with a noisy encoder',
+    )
     noise: tuple[float, ...] | None = parameter(
-        None, unit='rad or m', kind=list, range=(1e-12, 10.0),
+        None,
+        unit='rad or m',
+        kind=list,
+        range=(1e-12, 10.0),
         description='standard deviation of the measurement noise of each position; unset: '
-                    'estimated from the innovation')
+        'estimated from the innovation',
+    )
     quantum: tuple[float, ...] | None = parameter(
-        None, unit='rad or m', kind=list, range=(0.0, 10.0),
-        description='smallest step of each measurement; unset: not known')
+        None,
+        unit='rad or m',
+        kind=list,
+        range=(0.0, 10.0),
+        description='smallest step of each measurement; unset: not known',
+    )
 
 
 @dataclass(frozen=True)
@@ -61,13 +88,21 @@ class BandwidthGains:
     """The parameters of observers that are as fast as a bandwidth says, at an operating point."""
 
     bandwidth_hz: float = parameter(
-        10.0, unit='Hz', range=(0.001, 1e5), search=(0.5, 500.0),
+        10.0,
+        unit='Hz',
+        range=(0.001, 1e5),
+        search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity for motion that the model '
-                    'does not foresee; lower trusts the model more. Not used where L or h is set')
+        'does not foresee; lower trusts the model more. Not used where L or h is set',
+    )
     operating_point: tuple[float, ...] | None = parameter(
-        None, unit='rad or m', kind=list, range=(-1e6, 1e6),
+        None,
+        unit='rad or m',
+        kind=list,
+        range=(-1e6, 1e6),
         description='positions at which bandwidth and damping hold; unset: the middle of the '
-                    "model's range")
+        "model's range",
+    )
 
 
 @dataclass(frozen=True)
@@ -75,17 +110,30 @@ class LoopGains(BandwidthGains):
     """The parameters of observers whose error is one of second order, with a disturbance beside."""
 
     damping: float = parameter(
-        1.0, unit='', range=(0.1, 10.0), search=(0.5, 2.0),
+        1.0,
+        unit='',
+        range=(0.1, 10.0),
+        search=(0.5, 2.0),
         description='damping ratio of the error at the operating point',
-        equation='L = 2 damping sqrt(K), velocity/true = K/(s^2 + L s + K)')
+        equation='L = 2 damping sqrt(K), velocity/true = K/(s^2 + L s + K)',
+    )
     L: tuple[float, ...] | None = parameter(
-        None, unit='1/s', kind=list, range=(-1e9, 1e9), advanced=True,
+        None,
+        unit='1/s',
+        kind=list,
+        range=(-1e9, 1e9),
+        advanced=True,
         description='gain of the position: one number, one per position, or a matrix row by row',
-        equation="qh' = vh + L (y - qh)")
+        equation="qh' = vh + L (y - qh)",
+    )
     disturbance_hz: float = parameter(
-        0.0, unit='Hz', range=(0.0, 1e4), search=(0.0, 50.0),
+        0.0,
+        unit='Hz',
+        range=(0.0, 1e4),
+        search=(0.0, 50.0),
         description='how fast a constant or slow force that the model does not know is found and '
-                    'taken into account; 0: not at all')
+        'taken into account; 0: not at all',
+    )
 
 
 def model_of(gains: MechanicalGains) -> Mechanics:
@@ -102,8 +150,9 @@ def circles_of(mechanics: Mechanics, circle: Any) -> tuple[Circle, ...]:
         return tuple(Circle(period, circle.unwrap) for period in mechanics.periods)
     circles = tuple(Circle(*each) for each in circle)
     if len(circles) != mechanics.degrees:
-        raise UsageError(f"model '{mechanics.name}' has {mechanics.degrees} positions, not "
-                         f'{len(circles)}')
+        raise UsageError(
+            f"model '{mechanics.name}' has {mechanics.degrees} positions, not {len(circles)}"
+        )
     return circles
 
 
@@ -121,8 +170,11 @@ def spread(name: str, values: tuple[float, ...], count: int) -> Array:
         return np.diag(given)
     if len(given) == count * count:
         return given.reshape(count, count)
-    takes = ('one position takes 1' if count == 1
-             else f'{count} positions takes 1, {count} or {count * count}')
+    takes = (
+        'one position takes 1'
+        if count == 1
+        else f'{count} positions takes 1, {count} or {count * count}'
+    )
     raise UsageError(f"parameter '{name}' has {len(given)} numbers; a mechanism of {takes}")
 
 
@@ -142,8 +194,10 @@ def operating_point(gains: BandwidthGains, mechanics: Mechanics) -> Array:
     if gains.operating_point is None:
         return np.array(mechanics.centre, float)
     if len(gains.operating_point) != mechanics.degrees:
-        raise UsageError(f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
-                         f'for {mechanics.degrees} positions')
+        raise UsageError(
+            f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
+            f'for {mechanics.degrees} positions'
+        )
     if not mechanics.admits(mechanics.values, gains.operating_point):
         raise UsageError(f"model '{mechanics.name}' cannot be used at the operating point")
     return np.array(gains.operating_point, float)

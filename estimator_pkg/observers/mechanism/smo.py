@@ -65,16 +65,18 @@ def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tupl
     return (one, two) if e > 0.0 else (-one, -two)
 
 
-def implicit_twisting(free: float, h: float, first: float, second: float, m1: float, m2: float
-                      ) -> tuple[float, float]:
+def implicit_twisting(
+    free: float, h: float, first: float, second: float, m1: float, m2: float
+) -> tuple[float, float]:
     """(e, second injection) after an implicit step: e + h first sqrt|e| sgn e + h^2 second sgn e
     = free, with sgn 0 anything in [-1, 1].
     """
     return implicit_step(free, h, first, second)
 
 
-def implicit_uniform(free: float, h: float, first: float, second: float, m1: float, m2: float
-                     ) -> tuple[float, float]:
+def implicit_uniform(
+    free: float, h: float, first: float, second: float, m1: float, m2: float
+) -> tuple[float, float]:
     """As `implicit_twisting`, for `uniform`: a quartic in sqrt|e|, by Newton from above."""
     size = abs(free)
     held = h * h * second * 0.5 * m1 * m1
@@ -99,29 +101,38 @@ def implicit_uniform(free: float, h: float, first: float, second: float, m1: flo
 
 def make_inject(n: int, one: Any) -> Any:
     """inject(e, first, second, m1, m2) -> two vectors, of one channel's injections `one`."""
-    body = (['def inject(e, first, second, m1, m2):']
-            + [f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
-               for i in range(n)]
-            + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
+    body = (
+        ['def inject(e, first, second, m1, m2):']
+        + [
+            f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
+            for i in range(n)
+        ]
+        + [f'    return {column("a{i}", n)}, {column("b{i}", n)}']
+    )
     title = f'injections of {n}, {one.__name__}'
     return written_out(body, title, **{one.__name__: one})['inject']
 
 
 def make_settle(n: int, one: Any) -> Any:
     """settle(free, h, first, second, m1, m2) -> (e, second injections): `one` for each channel."""
-    body = (['def settle(free, h, first, second, m1, m2):']
-            + [f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], '
-               'm1, m2)'
-               for i in range(n)]
-            + [f'    return {column("a{i}", n)}, {column("b{i}", n)}'])
+    body = (
+        ['def settle(free, h, first, second, m1, m2):']
+        + [
+            f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], m1, m2)'
+            for i in range(n)
+        ]
+        + [f'    return {column("a{i}", n)}, {column("b{i}", n)}']
+    )
     title = f'implicit steps of {n}, {one.__name__}'
     return written_out(body, title, **{one.__name__: one})['settle']
 
 
 Array = NDArray[np.float64]
 
-def scatter(pairs: Sequence[Describing], damping: Array, dt: float, *, implicit: bool,
-            linear_hold: bool) -> NoiseGains:
+
+def scatter(
+    pairs: Sequence[Describing], damping: Array, dt: float, *, implicit: bool, linear_hold: bool
+) -> NoiseGains:
     """Variances of estimate and innovation, per variance of noise and by the remnants.
 
     Parameters
@@ -176,14 +187,19 @@ def scatter(pairs: Sequence[Describing], damping: Array, dt: float, *, implicit:
         per_noise[1, :, joint] = variances(speeds, covariance)
         per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2
     chatter = settled(step, remnant)
-    return NoiseGains(per_noise[0], per_noise[1], per_noise[2], variances(shown, chatter),
-                      variances(speeds, chatter), variances(seen, chatter))
-
+    return NoiseGains(
+        per_noise[0],
+        per_noise[1],
+        per_noise[2],
+        variances(shown, chatter),
+        variances(speeds, chatter),
+        variances(seen, chatter),
+    )
 
 
 SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
-FIRST, SECOND = 1.5, 1.1    # of (22)
-SMALLEST = 1e-18            # rad^2 or m^2: no innovation is taken for smaller
+FIRST, SECOND = 1.5, 1.1  # of (22)
+SMALLEST = 1e-18  # rad^2 or m^2: no innovation is taken for smaller
 
 
 @dataclass(frozen=True)
@@ -191,20 +207,33 @@ class Gains(MechanicalGains):
     """Parameters of `smo`."""
 
     variant: str = parameter(
-        SUPER_TWISTING, unit='', choices=(SUPER_TWISTING, UNIFORM), structural=True,
-        description='which injections')
+        SUPER_TWISTING,
+        unit='',
+        choices=(SUPER_TWISTING, UNIFORM),
+        structural=True,
+        description='which injections',
+    )
     mu: tuple[float, ...] = parameter(
-        (10.0,), unit='rad/s^2 or m/s^2', kind=list, range=(1e-9, 1e9), search=(0.1, 1e4),
+        (10.0,),
+        unit='rad/s^2 or m/s^2',
+        kind=list,
+        range=(1e-9, 1e9),
+        search=(0.1, 1e4),
         description='super_twisting: about the largest acceleration that the model does not '
-                    'explain, for all positions or each')
+        'explain, for all positions or each',
+    )
     k1: tuple[float, ...] = parameter(
-        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the position')
+        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the position'
+    )
     k2: tuple[float, ...] = parameter(
-        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the velocity')
+        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the velocity'
+    )
     mu1: float = parameter(
-        1.86, unit='', range=(1e-9, 1e6), description='uniform: of the root, and of the sign')
+        1.86, unit='', range=(1e-9, 1e6), description='uniform: of the root, and of the sign'
+    )
     mu2: float = parameter(
-        0.303, unit='', range=(0.0, 1e6), description='uniform: of the powers 3/2 and 2')
+        0.303, unit='', range=(0.0, 1e6), description='uniform: of the powers 3/2 and 2'
+    )
 
 
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
@@ -219,7 +248,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     else:
         first = np.array(per_joint('k1', gains.k1, n))
         second = np.array(per_joint('k2', gains.k2, n))
-        acceleration_limit = second * 0.5 * gains.mu1 ** 2
+        acceleration_limit = second * 0.5 * gains.mu1**2
     paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper
     algebra = mechanical_algebra(n)
@@ -232,8 +261,13 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     zeros = (0.0,) * n
 
     def design() -> tuple:
-        return (mechanics.values, tuple(first.tolist()), tuple(second.tolist()),
-                float(gains.mu1), float(gains.mu2))
+        return (
+            mechanics.values,
+            tuple(first.tolist()),
+            tuple(second.tolist()),
+            float(gains.mu1),
+            float(gains.mu2),
+        )
 
     def prepare(design: tuple, dt: float) -> tuple:
         return (dt, 1.0 / dt)
@@ -241,8 +275,15 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     def begin() -> tuple:
         return (zeros, zeros, zeros, zeros)
 
-    def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
-                measurement: tuple, given: tuple) -> tuple:
+    def advance(
+        core: tuple,
+        coefficients: tuple,
+        design: tuple,
+        before: tuple,
+        moved: tuple,
+        measurement: tuple,
+        given: tuple,
+    ) -> tuple:
         e, x, _, _ = core
         values, gain_1, gain_2, m1, m2 = design
         dt, inverse_dt = coefficients
@@ -276,32 +317,75 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     def noise(at: Array, power: Array, dt: float) -> NoiseGains:
         damped = linear_matrix(mechanics, np.eye(n), np.eye(n), None, at)[n:, n:]
         of_one = inject_one if paper else settle_one
-        pairs = [describing(of_one, float(first[i]), float(second[i]), gains.mu1, gains.mu2, dt,
-                            math.sqrt(max(float(power[i]), SMALLEST)), implicit=not paper)
-                 for i in range(n)]
+        pairs = [
+            describing(
+                of_one,
+                float(first[i]),
+                float(second[i]),
+                gains.mu1,
+                gains.mu2,
+                dt,
+                math.sqrt(max(float(power[i]), SMALLEST)),
+                implicit=not paper,
+            )
+            for i in range(n)
+        ]
         return scatter(pairs, damped, dt, implicit=not paper, linear_hold=linear_hold)
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
         """By the gains that noise of the present size sees, for steps that are short for them."""
-        pairs = [describing(inject_one, float(first[i]), float(second[i]), gains.mu1, gains.mu2,
-                            1.0, math.sqrt(max(float(power[i]), SMALLEST)), implicit=False)
-                 for i in range(n)]
-        return (linear_matrix(mechanics, np.diag([pair.position for pair in pairs]),
-                              np.diag([pair.velocity for pair in pairs]), None, at), np.eye(n))
+        pairs = [
+            describing(
+                inject_one,
+                float(first[i]),
+                float(second[i]),
+                gains.mu1,
+                gains.mu2,
+                1.0,
+                math.sqrt(max(float(power[i]), SMALLEST)),
+                implicit=False,
+            )
+            for i in range(n)
+        ]
+        return (
+            linear_matrix(
+                mechanics,
+                np.diag([pair.position for pair in pairs]),
+                np.diag([pair.velocity for pair in pairs]),
+                None,
+                at,
+            ),
+            np.eye(n),
+        )
 
     def describe(dt: float) -> dict[str, Any]:
-        return {'acceleration_limit': acceleration_limit.tolist(),
-                'chattering': (dt * acceleration_limit).tolist()}
+        return {
+            'acceleration_limit': acceleration_limit.tolist(),
+            'chattering': (dt * acceleration_limit).tolist(),
+        }
 
     core = MechanicalCore(
-        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry, linear=linear,
-        limits=mechanical_gains.never, slowest=4.0 * float(np.min(acceleration_limit)), lag=0.0,
-        noise=noise, seen=2)
+        design=design,
+        prepare=prepare,
+        begin=begin,
+        advance=advance,
+        carry=carry,
+        linear=linear,
+        limits=mechanical_gains.never,
+        slowest=4.0 * float(np.min(acceleration_limit)),
+        lag=0.0,
+        noise=noise,
+        seen=2,
+    )
     return around(core, gains, mechanics, circle, describe)
 
 
 OBSERVER = Observer(
-    name='smo', summary='sliding-mode observer of any mechanism whose model and input are known',
-    gains=Gains, build=build, kind='mechanical',
+    name='smo',
+    summary='sliding-mode observer of any mechanism whose model and input are known',
+    gains=Gains,
+    build=build,
+    kind='mechanical',
     reference='Davila, Fridman, Levant (2005) and Cruz-Zavala, Moreno, Fridman (2010); (22) of '
-              'Aranovskiy et al. (IJC 2019)')
+    'Aranovskiy et al. (IJC 2019)',
+)

@@ -112,20 +112,29 @@ def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at:
     n = mechanics.degrees
     matrix = np.zeros((2 * n, 2 * n) if E is None else (3 * n, 3 * n))
     matrix[:n, :n] = -L
-    matrix[:n, n:2 * n] = np.eye(n)
-    matrix[n:2 * n, :n] = -K
+    matrix[:n, n : 2 * n] = np.eye(n)
+    matrix[n : 2 * n, :n] = -K
     if mechanics.damping is not None:
-        matrix[n:2 * n, n:2 * n] = -np.linalg.solve(
+        matrix[n : 2 * n, n : 2 * n] = -np.linalg.solve(
             check.matrix(mechanics.inertia, mechanics, at),
-            check.matrix(mechanics.damping, mechanics, at))
+            check.matrix(mechanics.damping, mechanics, at),
+        )
     if E is not None:
-        matrix[n:2 * n, 2 * n:] = np.eye(n)
-        matrix[2 * n:, :n] = -E
+        matrix[n : 2 * n, 2 * n :] = np.eye(n)
+        matrix[2 * n :, :n] = -E
     return matrix
 
 
-def linear_observer(mechanics: Mechanics, gains: MechanicalGains, circle: Any, L: Array, K: Array,
-                    E: Array | None, point: Array, complaint: str) -> MechanicalFunctions:
+def linear_observer(
+    mechanics: Mechanics,
+    gains: MechanicalGains,
+    circle: Any,
+    L: Array,
+    K: Array,
+    E: Array | None,
+    point: Array,
+    complaint: str,
+) -> MechanicalFunctions:
     """HGO (E None) or EHGO with these gain matrices.
 
     Raises
@@ -140,12 +149,19 @@ def linear_observer(mechanics: Mechanics, gains: MechanicalGains, circle: Any, L
     def describe(dt: float) -> dict[str, Any]:
         return describe_linear(L, K, matrices, dt)
 
-    return around(linear_core(mechanics, gains, L, K, E, matrices), gains, mechanics, circle,
-                  describe)
+    return around(
+        linear_core(mechanics, gains, L, K, E, matrices), gains, mechanics, circle, describe
+    )
 
 
-def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array,
-                E: Array | None, matrices: list[Array]) -> MechanicalCore:
+def linear_core(
+    mechanics: Mechanics,
+    gains: MechanicalGains,
+    L: Array,
+    K: Array,
+    E: Array | None,
+    matrices: list[Array],
+) -> MechanicalCore:
     """HGO (E None) and EHGO: qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)."""
     n = mechanics.degrees
     extended = E is not None
@@ -153,11 +169,9 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper
     algebra = mechanical_algebra(n)
-    towards, minus, scale, nought = (algebra.towards, algebra.minus, algebra.scale,
-                                     algebra.nought)
+    towards, minus, scale, nought = (algebra.towards, algebra.minus, algebra.scale, algebra.nought)
     apply, times = algebra.apply, algebra.times
-    flow = make_flow(n, diagonal=diagonal, damped=is_resisted(mechanics),
-                     disturbed=extended)
+    flow = make_flow(n, diagonal=diagonal, damped=is_resisted(mechanics), disturbed=extended)
     acceleration, drift = make_acceleration(mechanics), make_drift(mechanics)
     place = make_place(n, gains)
     admits = mechanics.admits
@@ -165,8 +179,13 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     gain_e = np.zeros((n, n)) if E is None else E
 
     def design() -> tuple:
-        return (mechanics.values, tuple_of(np.diag(L)) if diagonal else tuple_of(L), tuple_of(K),
-                tuple_of(gain_e), tuple_of(np.eye(n)))
+        return (
+            mechanics.values,
+            tuple_of(np.diag(L)) if diagonal else tuple_of(L),
+            tuple_of(K),
+            tuple_of(gain_e),
+            tuple_of(np.eye(n)),
+        )
 
     def prepare(design: tuple, dt: float) -> tuple:
         return (dt, 1.0 / dt)
@@ -174,8 +193,15 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
     def begin() -> tuple:
         return (zeros, zeros, zeros, zeros)
 
-    def advance(core: tuple, coefficients: tuple, design: tuple, before: tuple, moved: tuple,
-                measurement: tuple, given: tuple) -> tuple:
+    def advance(
+        core: tuple,
+        coefficients: tuple,
+        design: tuple,
+        before: tuple,
+        moved: tuple,
+        measurement: tuple,
+        given: tuple,
+    ) -> tuple:
         e, x, d, v = core
         values, L, K, E, one = design
         dt, inverse_dt = coefficients
@@ -207,15 +233,25 @@ def linear_core(mechanics: Mechanics, gains: MechanicalGains, L: Array, K: Array
         return linear_matrix(mechanics, L, K, E, at), np.eye(n)
 
     return MechanicalCore(
-        design=design, prepare=prepare, begin=begin, advance=advance, carry=carry, linear=linear,
-        limits=(mechanical_gains.euler_limit(matrices) if paper
-                else mechanical_gains.exact_limit(matrices, n)),
+        design=design,
+        prepare=prepare,
+        begin=begin,
+        advance=advance,
+        carry=carry,
+        linear=linear,
+        limits=(
+            mechanical_gains.euler_limit(matrices)
+            if paper
+            else mechanical_gains.exact_limit(matrices, n)
+        ),
         slowest=mechanical_gains.slowest_pole(matrices[0]),
-        lag=0.0 if extended else float(np.max(np.diag(L) / np.diag(K))))
+        lag=0.0 if extended else float(np.max(np.diag(L) / np.diag(K))),
+    )
 
 
-def matrices_over_range(mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
-                        ) -> list[Array]:
+def matrices_over_range(
+    mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
+) -> list[Array]:
     """The error systems at the operating point, and over the model's range where D makes a
     difference.
     """
@@ -233,11 +269,15 @@ def describe_linear(L: Array, K: Array, matrices: list[Array], dt: float) -> dic
     matrices : of `matrices_over_range`.
     """
     return {
-        'L': L.tolist(), 'K': K.tolist(),
-        'poles': sorted((complex(pole) for pole in np.linalg.eigvals(matrices[0])),
-                        key=lambda pole: (pole.real, pole.imag)),
+        'L': L.tolist(),
+        'K': K.tolist(),
+        'poles': sorted(
+            (complex(pole) for pole in np.linalg.eigvals(matrices[0])),
+            key=lambda pole: (pole.real, pole.imag),
+        ),
         'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(L))).tolist(),
         'slowest_pole_over_range': min(map(mechanical_gains.slowest_pole, matrices)),
         'dt_K': (dt * np.diag(K)).tolist(),
         'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(L))),
-        'longest_euler_dt': mechanical_gains.longest_euler(matrices)}
+        'longest_euler_dt': mechanical_gains.longest_euler(matrices),
+    }

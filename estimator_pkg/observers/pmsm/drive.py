@@ -45,5 +45,7 @@ def finite(measurement: Sample) -> bool:
     """False where one of the four numbers is NaN or infinite, or all are beyond any drive."""
     i_alpha, i_beta, u_alpha, u_beta = measurement
     # false for nan; as one comparison it costs half as much
-    return (i_alpha * i_alpha + i_beta * i_beta + u_alpha * u_alpha + u_beta * u_beta
-            < LARGEST * LARGEST)
+    return (
+        i_alpha * i_alpha + i_beta * i_beta + u_alpha * u_alpha + u_beta * u_beta
+        < LARGEST * LARGEST
+    )

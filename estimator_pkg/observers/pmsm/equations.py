@@ -27,9 +27,20 @@ def emf(h: complex, z: complex) -> complex:
     return z * (1j * h)
 
 
-def flow(i: complex, h: complex, z: complex, x: float, current: complex, voltage: complex,
-         resistance: float, inductance: float, k_p: float, k_i: float, k_eta: float,
-         gamma: float) -> tuple[complex, complex, complex, float]:
+def flow(
+    i: complex,
+    h: complex,
+    z: complex,
+    x: float,
+    current: complex,
+    voltage: complex,
+    resistance: float,
+    inductance: float,
+    k_p: float,
+    k_i: float,
+    k_eta: float,
+    gamma: float,
+) -> tuple[complex, complex, complex, float]:
     """Time derivatives of (i, h, z, x): the flow of (5) and (16).
 
     Parameters
@@ -41,8 +52,9 @@ def flow(i: complex, h: complex, z: complex, x: float, current: complex, voltage
     error = i_frame - i
     turning = complex(0.0, frame_speed(h, x, k_eta))
     # the rotation acts on the measured current, so that the fast error system is linear
-    d_i = ((h + back * voltage - resistance * i) * (1.0 / inductance) - turning * i_frame
-           + k_p * error)
+    d_i = (
+        (h + back * voltage - resistance * i) * (1.0 / inductance) - turning * i_frame + k_p * error
+    )
     return d_i, k_i * error, turning * z, gamma * h.real
 
 

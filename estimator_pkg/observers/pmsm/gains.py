@@ -10,12 +10,12 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.models.motor import MotorData, check_motor
 from estimator_pkg.parameters import parameter
 
-EPSILON = 85e-6           # s; Table 1's gains are those of (17) at this epsilon
-EPSILON_SPEED = 0.374     # epsilon times the top electrical speed in Table 1's motor
-EMF_SPEED = 75.0          # electrical rad/s whose back-EMF is the least that counts
-FLUX_RANGE = 2.5          # the flux linkage is sought within this factor of the nominal one
-NOISE_GUESS = 0.002       # current noise per flux/inductance until it is measured
-SETTLES = 5.0             # epsilons until the fast part has forgotten its start
+EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
+EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
+EMF_SPEED = 75.0  # electrical rad/s whose back-EMF is the least that counts
+FLUX_RANGE = 2.5  # the flux linkage is sought within this factor of the nominal one
+NOISE_GUESS = 0.002  # current noise per flux/inductance until it is measured
+SETTLES = 5.0  # epsilons until the fast part has forgotten its start
 
 
 @dataclass(frozen=True)
@@ -23,99 +23,196 @@ class Gains(MotorData):
     """Parameters of `pmsm`: motor data, one relative bandwidth, and the paper's symbols."""
 
     variant: str = parameter(
-        'identifier', unit='', choices=('identifier', 'hybrid', 'continuous'), structural=True,
+        'identifier',
+        unit='',
+        choices=('identifier', 'hybrid', 'continuous'),
+        structural=True,
         description='identifier: (16) with the flux identifier (25), (26); hybrid: (16); '
-                    'continuous: (5)')
+        'continuous: (5)',
+    )
     form: str = parameter(
-        'robust', unit='', choices=('robust', 'paper'), structural=True,
+        'robust',
+        unit='',
+        choices=('robust', 'paper'),
+        structural=True,
         description='robust: gated identifier, alternating clock, frozen while not observable; '
-                    'paper: the equations as printed (misprints mended)')
+        'paper: the equations as printed (misprints mended)',
+    )
     relative_bandwidth: float = parameter(
-        0.1286, unit='', range=(0.01, 1.0), search=(0.03, 0.5),
+        0.1286,
+        unit='',
+        range=(0.01, 1.0),
+        search=(0.03, 0.5),
         description='natural frequency of angle and flux estimation per electrical speed',
-        equation='sqrt(gamma) phi')
+        equation='sqrt(gamma) phi',
+    )
     epsilon: float | None = parameter(
-        None, unit='s', range=(1e-6, 0.1), advanced=True,
+        None,
+        unit='s',
+        range=(1e-6, 0.1),
+        advanced=True,
         description='time constant of current and back-EMF estimation; unset: 0.374 over the top '
-                    'electrical speed, 85 us where speed_max is unset', equation='(17)')
+        'electrical speed, 85 us where speed_max is unset',
+        equation='(17)',
+    )
     speed_max: float | None = parameter(
-        None, unit='rad/s', range=(0.1, 1e5),
+        None,
+        unit='rad/s',
+        range=(0.1, 1e5),
         description='top mechanical speed; the sample rate is refused where the rotor turns more '
-                    'than half a turn (electrical) per sample at it')
+        'than half a turn (electrical) per sample at it',
+    )
     k_p: float | None = parameter(
-        None, unit='1/s', range=(1e-3, 1e9), advanced=True,
-        description='current correction; unset: 2/epsilon - R/L', equation='kp in (5), (17)')
+        None,
+        unit='1/s',
+        range=(1e-3, 1e9),
+        advanced=True,
+        description='current correction; unset: 2/epsilon - R/L',
+        equation='kp in (5), (17)',
+    )
     k_i: float | None = parameter(
-        None, unit='V/(A s)', range=(1e-9, 1e12), advanced=True,
-        description='back-EMF correction; unset: 2 L/epsilon^2', equation='ki in (5), (17)')
+        None,
+        unit='V/(A s)',
+        range=(1e-9, 1e12),
+        advanced=True,
+        description='back-EMF correction; unset: 2 L/epsilon^2',
+        equation='ki in (5), (17)',
+    )
     k_eta: float | None = parameter(
-        None, unit='1/Wb', range=(0.0, 1e9), advanced=True,
+        None,
+        unit='1/Wb',
+        range=(0.0, 1e9),
+        advanced=True,
         description='alignment of the frame; unset: sqrt(2 gamma) (damping 0.707)',
-        equation='k_eta in (5)')
+        equation='k_eta in (5)',
+    )
     gamma: float | None = parameter(
-        None, unit='1/Wb^2', range=(0.0, 1e15), advanced=True,
+        None,
+        unit='1/Wb^2',
+        range=(0.0, 1e15),
+        advanced=True,
         description='adaptation of the flux; unset: (relative_bandwidth/flux)^2',
-        equation='gamma in (5)')
+        equation='gamma in (5)',
+    )
     clock_rate: float = parameter(
-        200.0, unit='1/s', range=(1.0, 5000.0), advanced=True,
+        200.0,
+        unit='1/s',
+        range=(1.0, 5000.0),
+        advanced=True,
         description='ticks at which the frame may be reset and the identifier looks',
-        equation='Lambda in (7)')
+        equation='Lambda in (7)',
+    )
     periods: int = parameter(
-        2, unit='', range=(1, 16), structural=True, advanced=True,
-        description='clock periods that the identifier fits', equation='N in (23)')
+        2,
+        unit='',
+        range=(1, 16),
+        structural=True,
+        advanced=True,
+        description='clock periods that the identifier fits',
+        equation='N in (23)',
+    )
     second_period: float = parameter(
-        0.8, unit='', range=(0.2, 1.0), advanced=True,
+        0.8,
+        unit='',
+        range=(0.2, 1.0),
+        advanced=True,
         description='every second clock period is so much shorter, so that no speed brings the '
-                    'rotor back to the same angle at every tick; 1: all equal (form paper: always)')
+        'rotor back to the same angle at every tick; 1: all equal (form paper: always)',
+    )
     scaling: str = parameter(
-        'amplitude', unit='', choices=('amplitude', 'power'), structural=True,
+        'amplitude',
+        unit='',
+        choices=('amplitude', 'power'),
+        structural=True,
         description='what the length of the measured alpha-beta vectors means: the amplitude of '
-                    'the phase quantity, or sqrt(1.5) times that (power-invariant)')
+        'the phase quantity, or sqrt(1.5) times that (power-invariant)',
+    )
     voltage_delay: float = parameter(
-        0.0, unit='sample', range=(0.0, 8.0), structural=True,
+        0.0,
+        unit='sample',
+        range=(0.0, 8.0),
+        structural=True,
         description='the reported voltage acts so many samples later than over the interval that '
-                    'ends at its stamp (2: a command computed at the stamp that acts over the next '
-                    'but one period)')
+        'ends at its stamp (2: a command computed at the stamp that acts over the next '
+        'but one period)',
+    )
     dead_time_voltage: float = parameter(
-        0.0, unit='V', range=(0.0, 1e4),
+        0.0,
+        unit='V',
+        range=(0.0, 1e4),
         description='mean phase voltage that the dead time of the bridge takes away, where the '
-                    'reported voltage does not know of it: dc voltage x dead time x carrier '
-                    'frequency; it is taken off by the signs of the phase currents')
+        'reported voltage does not know of it: dc voltage x dead time x carrier '
+        'frequency; it is taken off by the signs of the phase currents',
+    )
     pwm_frequency: float | None = parameter(
-        None, unit='Hz', range=(1.0, 1e7), advanced=True,
+        None,
+        unit='Hz',
+        range=(1.0, 1e7),
+        advanced=True,
         description='carrier frequency of the drive: over a period the voltage stands still while '
-                    'the rotor turns, and the current leaves the line between its samples; allowed '
-                    'for where given (angle: omega R/(12 L f^2))')
+        'the rotor turns, and the current leaves the line between its samples; allowed '
+        'for where given (angle: omega R/(12 L f^2))',
+    )
     initial_flux: float | None = parameter(
-        None, unit='Wb', range=(0.0, 1e3), advanced=True,
-        description='flux linkage to start from; unset: the nominal one; 0: unknown')
+        None,
+        unit='Wb',
+        range=(0.0, 1e3),
+        advanced=True,
+        description='flux linkage to start from; unset: the nominal one; 0: unknown',
+    )
     flux_min: float | None = parameter(
-        None, unit='Wb', range=(1e-9, 1e3), advanced=True,
+        None,
+        unit='Wb',
+        range=(1e-9, 1e3),
+        advanced=True,
         description='smallest flux linkage to believe; unset: nominal / 2.5',
-        equation='sat, below (5)')
+        equation='sat, below (5)',
+    )
     flux_max: float | None = parameter(
-        None, unit='Wb', range=(1e-9, 1e3), advanced=True,
+        None,
+        unit='Wb',
+        range=(1e-9, 1e3),
+        advanced=True,
         description='largest flux linkage to believe; unset: nominal x 2.5',
-        equation='sat, below (5)')
+        equation='sat, below (5)',
+    )
     emf_min: float | None = parameter(
-        None, unit='V', range=(0.0, 1e4),
+        None,
+        unit='V',
+        range=(0.0, 1e4),
         description='back-EMF below which the rotor is not observable, noise and resistance apart; '
-                    'unset: nominal flux times 75 rad/s (electrical)')
+        'unset: nominal flux times 75 rad/s (electrical)',
+    )
     resistance_error: float = parameter(
-        0.2, unit='', range=(0.0, 2.0), advanced=True,
+        0.2,
+        unit='',
+        range=(0.0, 2.0),
+        advanced=True,
         description='relative uncertainty of the resistance; the back-EMF must exceed twice the '
-                    'voltage drop it stands for')
+        'voltage drop it stands for',
+    )
     current_noise: float | None = parameter(
-        None, unit='A', range=(1e-9, 1e3),
+        None,
+        unit='A',
+        range=(1e-9, 1e3),
         description='standard deviation of the noise of each measured current; unset: estimated '
-                    'from the innovation')
+        'from the innovation',
+    )
     speed_filter_hz: float = parameter(
-        1000.0, unit='Hz', range=(0.0, 1e5), search=(20.0, 2000.0),
+        1000.0,
+        unit='Hz',
+        range=(0.0, 1e5),
+        search=(20.0, 2000.0),
         description='-3 dB frequency of the low-pass on the speed output (two poles); 0: none. Its '
-                    'delay 0.193/f is declared')
+        'delay 0.193/f is declared',
+    )
     hold: float = parameter(
-        0.010, unit='s', range=(0.0, 10.0), advanced=True,
-        description='the residuals must have been in order for so long before the estimate counts')
+        0.010,
+        unit='s',
+        range=(0.0, 10.0),
+        advanced=True,
+        description='the residuals must have been in order for so long before the estimate counts',
+    )
 
 
 class Tuning(NamedTuple):
@@ -143,17 +240,21 @@ def tuning(gains: Gains) -> Tuning:
             epsilon = EPSILON_SPEED / (gains.speed_max * pole_pairs)
             epsilon = min(epsilon, inductance / resistance)
     k_p = gains.k_p if gains.k_p is not None else 2.0 / epsilon - resistance / inductance
-    k_i = gains.k_i if gains.k_i is not None else 2.0 * inductance / epsilon ** 2
+    k_i = gains.k_i if gains.k_i is not None else 2.0 * inductance / epsilon**2
     gamma = gains.gamma if gains.gamma is not None else (gains.relative_bandwidth / flux) ** 2
     k_eta = gains.k_eta if gains.k_eta is not None else math.sqrt(2.0 * gamma)
     if k_p <= 0.0:
-        raise UsageError(f'epsilon = {epsilon:g} s is too slow for L/R = '
-                         f'{inductance / resistance:g} s: it must be below twice that')
+        raise UsageError(
+            f'epsilon = {epsilon:g} s is too slow for L/R = '
+            f'{inductance / resistance:g} s: it must be below twice that'
+        )
     epsilon = 2.0 / (resistance / inductance + k_p)
     if gains.clock_rate * SETTLES * epsilon > 1.0:
-        raise UsageError(f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs '
-                         f'{SETTLES * epsilon:g} s to settle between ticks '
-                         f'(at most {1.0 / (SETTLES * epsilon):g} /s)')
+        raise UsageError(
+            f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs '
+            f'{SETTLES * epsilon:g} s to settle between ticks '
+            f'(at most {1.0 / (SETTLES * epsilon):g} /s)'
+        )
     low, high = flux_range(gains)
     if not low < high:
         raise UsageError(f'flux_min = {low:g} Wb is not below flux_max = {high:g} Wb')

@@ -18,8 +18,9 @@ def empty_registers(count: int) -> tuple[tuple, tuple, tuple]:
     return (complex(0.0, 0.0),) * (count + 1), (0.0,) * (count + 1), (complex(0.0, 0.0),) * count
 
 
-def shift(registers: tuple[tuple, tuple, tuple], emf: complex, size: float, integral: complex
-          ) -> tuple[tuple, tuple, tuple]:
+def shift(
+    registers: tuple[tuple, tuple, tuple], emf: complex, size: float, integral: complex
+) -> tuple[tuple, tuple, tuple]:
     """The registers one tick further, (25).
 
     Parameters
@@ -52,9 +53,18 @@ def solve(registers: tuple[tuple, tuple, tuple]) -> tuple[float, float, float, f
     return found, travelled, rest, scale
 
 
-def credible(registers: tuple[tuple, tuple, tuple], found: float, travelled: float, rest: float,
-             scale: float, least_chord: float, largest_rest: float, lowest: float, highest: float,
-             least_emf: float) -> bool:
+def credible(
+    registers: tuple[tuple, tuple, tuple],
+    found: float,
+    travelled: float,
+    rest: float,
+    scale: float,
+    least_chord: float,
+    largest_rest: float,
+    lowest: float,
+    highest: float,
+    least_emf: float,
+) -> bool:
     """Whether xi* says something of the motor: the gates of the robust form.
 
     The printed identifier divides noise by nothing where the rotor comes back to the same angle at
@@ -71,5 +81,8 @@ def credible(registers: tuple[tuple, tuple, tuple], found: float, travelled: flo
     for size in registers[1]:
         if size < least_emf:
             return False
-    return (travelled >= least_chord * least_chord * scale and rest <= largest_rest * travelled
-            and lowest <= abs(found) <= highest)
+    return (
+        travelled >= least_chord * least_chord * scale
+        and rest <= largest_rest * travelled
+        and lowest <= abs(found) <= highest
+    )

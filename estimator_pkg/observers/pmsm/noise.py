@@ -22,8 +22,9 @@ def together(one: complex, other: complex) -> float:
     return one.real * other.real + one.imag * other.imag
 
 
-def covariance(e11: float, e12: float, e21: float, e22: float, b1: complex, b2: complex
-               ) -> tuple[float, float, float]:
+def covariance(
+    e11: float, e12: float, e21: float, e22: float, b1: complex, b2: complex
+) -> tuple[float, float, float]:
     """(P11, Re P12, P22) of P = E P E' + b b*, by Cramer's rule."""
     a11, a12, a13 = 1.0 - e11 * e11, -2.0 * e11 * e12, -e12 * e12
     a21, a22, a23 = -e11 * e21, 1.0 - e11 * e22 - e12 * e21, -e12 * e22
@@ -37,8 +38,9 @@ def covariance(e11: float, e12: float, e21: float, e22: float, b1: complex, b2: 
     return p11 / total, p12 / total, p22 / total
 
 
-def prepare_noise(inductance: float, k_p: float, k_i: float, scheme: tuple, omega: float
-                  ) -> tuple[float, float, float]:
+def prepare_noise(
+    inductance: float, k_p: float, k_i: float, scheme: tuple, omega: float
+) -> tuple[float, float, float]:
     """Variances per unit variance of white noise on each current, at a frame speed `omega` [rad/s].
 
     In the turning frame the noise is as white; what changes is how it acts (the terms -j omega of
@@ -64,21 +66,33 @@ def prepare_noise(inductance: float, k_p: float, k_i: float, scheme: tuple, omeg
     return of_h, of_innovation, of_integral
 
 
-def through_four_poles(c3: float, c2: float, c1: float, d3: float, d2: float, d1: float, d0: float
-                       ) -> float:
+def through_four_poles(
+    c3: float, c2: float, c1: float, d3: float, d2: float, d1: float, d0: float
+) -> float:
     """Integral of |c(j w)/d(j w)|^2 over w/(2 pi): white noise of density one through c/d.
 
     c = c3 s^3 + c2 s^2 + c1 s and d = s^4 + d3 s^3 + d2 s^2 + d1 s + d0, all poles stable (the
     table of James, Nichols and Phillips, 1947, for order four).
     """
-    return ((c3 * c3 * (d1 * d2 - d0 * d3) + (c2 * c2 - 2.0 * c1 * c3) * d1 + c1 * c1 * d3)
-            / (2.0 * (d1 * d2 * d3 - d0 * d3 * d3 - d1 * d1)))
+    return (c3 * c3 * (d1 * d2 - d0 * d3) + (c2 * c2 - 2.0 * c1 * c3) * d1 + c1 * c1 * d3) / (
+        2.0 * (d1 * d2 * d3 - d0 * d3 * d3 - d1 * d1)
+    )
 
 
-def deviations(variance: float, size: float, x: float, k_eta: float, gamma: float,
-               resistance: float, inductance: float, epsilon: float, natural: float,
-               damping_out: float, dt: float, gains: tuple[float, float, float]
-               ) -> tuple[float, float, float]:
+def deviations(
+    variance: float,
+    size: float,
+    x: float,
+    k_eta: float,
+    gamma: float,
+    resistance: float,
+    inductance: float,
+    epsilon: float,
+    natural: float,
+    damping_out: float,
+    dt: float,
+    gains: tuple[float, float, float],
+) -> tuple[float, float, float]:
     """One standard deviation of electrical angle [rad], electrical speed [rad/s] and xi [1/Wb].
 
     Noise n of the current appears in the back-EMF as (R + j omega L + L s) n. With its radial part
@@ -96,30 +110,55 @@ def deviations(variance: float, size: float, x: float, k_eta: float, gamma: floa
     omega = size * abs(x)
     density = variance * dt
     slow = (resistance * resistance + omega * omega * inductance * inductance) * density
-    damping = k_eta * size              # 2 zeta omega_n of the slow loop
-    stiffness = gamma * size * size     # omega_n^2
+    damping = k_eta * size  # 2 zeta omega_n of the slow loop
+    stiffness = gamma * size * size  # omega_n^2
     if damping <= 0.0 or stiffness <= 0.0:
         return math.pi / math.sqrt(3.0), math.sqrt(x * x * of_h * variance), abs(x)
     both = x * x + k_eta * k_eta
-    of_angle = (both * of_integral * variance + 0.5 * slow * x * x / damping
-                + 0.5 * slow / (size * size) * (damping + stiffness / damping))
-    of_xi = 0.5 * slow * (x * x * stiffness + stiffness * stiffness / (size * size)) / (
-        damping * size * size)
+    of_angle = (
+        both * of_integral * variance
+        + 0.5 * slow * x * x / damping
+        + 0.5 * slow / (size * size) * (damping + stiffness / damping)
+    )
+    of_xi = (
+        0.5
+        * slow
+        * (x * x * stiffness + stiffness * stiffness / (size * size))
+        / (damping * size * size)
+    )
     of_speed = x * x * of_h * variance  # of |h| xi: what is given without a low-pass
     if natural > 0.0:
         e, w = 2.0 * damping_out * natural, natural * natural
-        d3, d2, d1, d0 = (damping + e, stiffness + damping * e + w, damping * w + stiffness * e,
-                          stiffness * w)
+        d3, d2, d1, d0 = (
+            damping + e,
+            stiffness + damping * e + w,
+            damping * w + stiffness * e,
+            stiffness * w,
+        )
         pull = gamma * size
-        of_speed = w * w * slow * (through_four_poles(0.0, x, 0.0, d3, d2, d1, d0)
-                                   + through_four_poles(0.0, k_eta, pull, d3, d2, d1, d0))
+        of_speed = (
+            w
+            * w
+            * slow
+            * (
+                through_four_poles(0.0, x, 0.0, d3, d2, d1, d0)
+                + through_four_poles(0.0, k_eta, pull, d3, d2, d1, d0)
+            )
+        )
         # L s n: what the slow loop leaves of it, or the fast part, whichever is less
-        fast = (through_four_poles(x, 0.0, 0.0, d3, d2, d1, d0)
-                + through_four_poles(k_eta, pull, 0.0, d3, d2, d1, d0))
+        fast = through_four_poles(x, 0.0, 0.0, d3, d2, d1, d0) + through_four_poles(
+            k_eta, pull, 0.0, d3, d2, d1, d0
+        )
         f = 2.0 / epsilon
         corner = 0.5 * f * f
-        of_fast = both * corner * corner * through_four_poles(
-            0.0, 0.0, 1.0, e + f, w + e * f + corner, w * f + e * corner, w * corner)
+        of_fast = (
+            both
+            * corner
+            * corner
+            * through_four_poles(
+                0.0, 0.0, 1.0, e + f, w + e * f + corner, w * f + e * corner, w * corner
+            )
+        )
         of_speed += w * w * inductance * inductance * density * min(fast, of_fast)
         of_speed = min(of_speed, both * of_h * variance)
     return math.sqrt(of_angle), math.sqrt(of_speed), math.sqrt(of_xi)

@@ -52,10 +52,10 @@ from estimator_pkg.observers.pmsm.watch import (
     look,
 )
 
-CHORD = 0.3         # gates of the identifier, see `credible`
+CHORD = 0.3  # gates of the identifier, see `credible`
 REST = 0.25
-SPEED_CLIP = 2e4    # rad/s, electrical: a back-EMF that turns faster is noise
-BEYOND = 1e15       # V and 1/Wb: the numbers have run away
+SPEED_CLIP = 2e4  # rad/s, electrical: a back-EMF that turns faster is noise
+BEYOND = 1e15  # V and 1/Wb: the numbers have run away
 TURN = 2.0 * math.pi
 
 
@@ -89,19 +89,36 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         """Current and voltage as amplitude-invariant vectors."""
         i_alpha, i_beta, u_alpha, u_beta = measurement
         if scale != 1.0:
-            return (complex(i_alpha * scale, i_beta * scale),
-                    complex(u_alpha * scale, u_beta * scale))
+            return (
+                complex(i_alpha * scale, i_beta * scale),
+                complex(u_alpha * scale, u_beta * scale),
+            )
         return complex(i_alpha, i_beta), complex(u_alpha, u_beta)
 
     def init(measurement: Sample, design: Any) -> State:
         current, voltage = take(measurement)
         zero = complex(0.0, 0.0)
-        return ((current, zero, complex(1.0, 0.0), design.xi_start, current, zero),
-                (zero, 0.0, 1.0, 0), blank_registers, begin_watch(design.noise_guess),
-                (0.0, 0.0, 0.0), (design.dead, 0.0), no_voltages)
+        return (
+            (current, zero, complex(1.0, 0.0), design.xi_start, current, zero),
+            (zero, 0.0, 1.0, 0),
+            blank_registers,
+            begin_watch(design.noise_guess),
+            (0.0, 0.0, 0.0),
+            (design.dead, 0.0),
+            no_voltages,
+        )
 
-    def tick(i: complex, h: complex, z: complex, x: float, integral: complex, ticks: int,
-             registers: tuple, least: float, design: Any) -> tuple:
+    def tick(
+        i: complex,
+        h: complex,
+        z: complex,
+        x: float,
+        integral: complex,
+        ticks: int,
+        registers: tuple,
+        least: float,
+        design: Any,
+    ) -> tuple:
         """A tick of the clock: the identifier, then the reset of the frame."""
         event = 0
         if identifies:
@@ -110,9 +127,21 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             ticks += 1
             if ticks > count + 1:
                 found, travelled, rest, total = solve(registers)
-                if abs(x - found) > design.threshold and (not robust or credible(
-                        registers, found, travelled, rest, total, CHORD, REST, design.xi_low,
-                        design.xi_high, least)):
+                if abs(x - found) > design.threshold and (
+                    not robust
+                    or credible(
+                        registers,
+                        found,
+                        travelled,
+                        rest,
+                        total,
+                        CHORD,
+                        REST,
+                        design.xi_low,
+                        design.xi_high,
+                        least,
+                    )
+                ):
                     x = found
                     event = RESET
                     if robust:  # a sound flux and a sound direction: begin aligned
@@ -136,16 +165,29 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             mean_h = complex(0.0, -size)
         return i, h, z, x, (level, mean_h, rate, 0.0, power, idle, calm, reasons)
 
-    def step(state: Any, coefficients: Any, design: Any, measurement: Sample,
-             given: float) -> State:
+    def step(
+        state: Any, coefficients: Any, design: Any, measurement: Sample, given: float
+    ) -> State:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, before, y = core
         integral, rho, span, ticks = clock
         level, mean_h, rate, slip, power, idle, calm, last = watch
         velocity, slope, travel = out
         clear_time, clear_angle = clear
-        (dt, scheme, noise, watching, emf_of_noise, window, low_pass, pace, k_eta, gamma, standing,
-         dead_time) = coefficients
+        (
+            dt,
+            scheme,
+            noise,
+            watching,
+            emf_of_noise,
+            window,
+            low_pass,
+            pace,
+            k_eta,
+            gamma,
+            standing,
+            dead_time,
+        ) = coefficients
         i_alpha, i_beta, u_alpha, u_beta = measurement
         current, voltage = complex(i_alpha, i_beta), complex(u_alpha, u_beta)
         if scale != 1.0:
@@ -164,11 +206,13 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         searching = robust and last & SEARCHING != 0
         if searching:  # xi is frozen, the frame is led at the speed at which the back-EMF turns
             turning = rate if -SPEED_CLIP < rate < SPEED_CLIP else 0.0
-            i, h, z, held, frame = advance(i, h, z, 0.0, before, current, voltage, scheme, 0.0, 0.0,
-                                           turning)
+            i, h, z, held, frame = advance(
+                i, h, z, 0.0, before, current, voltage, scheme, 0.0, 0.0, turning
+            )
         else:  # the flow (16)
-            i, h, z, x, frame = advance(i, h, z, x, before, current, voltage, scheme, k_eta, gamma,
-                                        0.0)
+            i, h, z, x, frame = advance(
+                i, h, z, x, before, current, voltage, scheme, k_eta, gamma, 0.0
+            )
             travel += frame * dt
         innovation = z.conjugate() * current - i  # i_tilde
         new_y = emf(h, z)
@@ -185,8 +229,9 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             else:
                 least = least_emf(power, current, emf_of_noise, design.emf_min, design.drop)
                 flowed = x
-                i, h, z, x, registers, ticks, event = tick(i, h, z, x, integral, ticks, registers,
-                                                           least, design)
+                i, h, z, x, registers, ticks, event = tick(
+                    i, h, z, x, integral, ticks, registers, least, design
+                )
                 if robust and x != flowed:  # the averages of before say nothing of what is now
                     watch = (level, complex(0.0, -level), rate, 0.0, power, idle, calm, last)
                 travel += wrap(rotor_angle(z, x) - travel, TURN)
@@ -226,8 +271,15 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             else:
                 velocity = speed
         watch = look(watch, event, h, speed, turned / dt, innovation, current, voltage, x, watching)
-        return ((i, h, z, x, current, new_y), (integral, rho, span, ticks), registers, watch,
-                (velocity, slope, travel), clear, voltages)
+        return (
+            (i, h, z, x, current, new_y),
+            (integral, rho, span, ticks),
+            registers,
+            watch,
+            (velocity, slope, travel),
+            clear,
+            voltages,
+        )
 
     def status_of(reasons: int, calm: float, design: Any) -> int:
         if reasons & BLIND:
@@ -241,8 +293,9 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         return reasons
 
-    def output(state: Any, coefficients: Any, design: Any, measurement: Sample,
-               given: float) -> tuple:
+    def output(
+        state: Any, coefficients: Any, design: Any, measurement: Sample, given: float
+    ) -> tuple:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, current, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
@@ -254,8 +307,9 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         position = wrap(travel / design.pole_pairs, design.period)
         return position, velocity / design.pole_pairs, math.nan, status
 
-    def row(state: Any, coefficients: Any, design: Any
-            ) -> tuple[float, float, float, float, int, int]:
+    def row(
+        state: Any, coefficients: Any, design: Any
+    ) -> tuple[float, float, float, float, int, int]:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, current, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
@@ -267,23 +321,33 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             return rotor_angle(z, x), velocity, flux, 0.0, INITIALISING, reasons
         return rotor_angle(z, x), velocity, flux, 1.0, TRACKING, reasons
 
-    def electrical(state: Any, coefficients: Any, design: Any
-                   ) -> tuple[float, float, float, float]:
+    def electrical(state: Any, coefficients: Any, design: Any) -> tuple[float, float, float, float]:
         angle, speed, flux, valid, status, reasons = row(state, coefficients, design)
         return angle, speed, flux, valid
 
-    def electrical_stddev(state: Any, coefficients: Any, design: Any
-                          ) -> tuple[float, float, float]:
+    def electrical_stddev(state: Any, coefficients: Any, design: Any) -> tuple[float, float, float]:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, current, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        noise = prepare_noise(design.inductance, design.k_p, design.k_i, coefficients.scheme,
-                              level * x)
+        noise = prepare_noise(
+            design.inductance, design.k_p, design.k_i, coefficients.scheme, level * x
+        )
         of_h, of_innovation, of_integral = noise
         variance = design.noise_power if design.noise_power > 0.0 else power / of_innovation
         of_angle, of_speed, of_xi = deviations(
-            variance, level, x, design.k_eta, design.gamma, design.resistance,
-            design.inductance, design.epsilon, design.natural, DAMPING, coefficients.dt, noise)
+            variance,
+            level,
+            x,
+            design.k_eta,
+            design.gamma,
+            design.resistance,
+            design.inductance,
+            design.epsilon,
+            design.natural,
+            DAMPING,
+            coefficients.dt,
+            noise,
+        )
         if reasons & BLIND:
             # nothing is known of the angle; the speed is evenly spread within its bound
             of_angle = math.pi / math.sqrt(3.0)
@@ -301,15 +365,15 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         if reasons & BLIND != LOW_EMF:
             return math.inf
-        least = LEAVES * least_emf(power, current, coefficients.emf_of_noise, design.emf_min,
-                                   design.drop)
+        least = LEAVES * least_emf(
+            power, current, coefficients.emf_of_noise, design.emf_min, design.drop
+        )
         if level > least:
             least = level
         flux = flux_linkage(x, design.flux_low, design.flux_high)
         return least / (flux * design.pole_pairs)
 
-    def coast(state: Any, coefficients: Any, design: Any, measurement: Sample,
-              gap: float) -> State:
+    def coast(state: Any, coefficients: Any, design: Any, measurement: Sample, gap: float) -> State:
         """After `gap` [s] without samples: flux and speed are kept, the rotor is found again."""
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, before, y = core
@@ -317,10 +381,15 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         velocity, slope, travel = out
         current, voltage = take(measurement)
         zero = complex(0.0, 0.0)
-        return ((z.conjugate() * current, h, z, x, current, zero),
-                (zero, 0.0, 1.0, 0), registers,
-                (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
-                (velocity, 0.0, travel + velocity * gap), (design.dead, 0.0), voltages)
+        return (
+            (z.conjugate() * current, h, z, x, current, zero),
+            (zero, 0.0, 1.0, 0),
+            registers,
+            (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
+            (velocity, 0.0, travel + velocity * gap),
+            (design.dead, 0.0),
+            voltages,
+        )
 
     def resume(state: Any, coefficients: Any, design: Any, measurement: Sample) -> State:
         return coast(state, coefficients, design, measurement, 0.0)
@@ -329,9 +398,11 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         top = (gains.speed_max or 0.0) * poles
         if top * dt <= math.pi:
             return None
-        return (f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
-                f'sample at speed_max = {gains.speed_max:g} rad/s: at least {top / math.pi:.0f} Hz '
-                'is needed')
+        return (
+            f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
+            f'sample at speed_max = {gains.speed_max:g} rad/s: at least {top / math.pi:.0f} Hz '
+            'is needed'
+        )
 
     def group_delay(dt: float) -> float:
         if gains.speed_filter_hz <= 0.0:
@@ -339,13 +410,31 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return 2.0 * DAMPING / natural_frequency(gains.speed_filter_hz, DAMPING)
 
     return DriveFunctions(
-        design, prepare, init, step, output, stddev, resume, limits, group_delay, finite=finite,
-        blank=(0.0, 0.0, 0.0, 0.0), row=row, electrical=electrical,
-        electrical_stddev=electrical_stddev, speed_bound=speed_bound, reasons=reasons_of,
-        coast=coast)
+        design,
+        prepare,
+        init,
+        step,
+        output,
+        stddev,
+        resume,
+        limits,
+        group_delay,
+        finite=finite,
+        blank=(0.0, 0.0, 0.0, 0.0),
+        row=row,
+        electrical=electrical,
+        electrical_stddev=electrical_stddev,
+        speed_bound=speed_bound,
+        reasons=reasons_of,
+        coast=coast,
+    )
 
 
 OBSERVER = Observer(
-    name='pmsm', summary='sensorless speed, angle and flux of a permanent-magnet motor',
-    gains=Gains, build=build, reference='Bosso, Azzollini, Tilli (2020), (5), (16), (25), (26)',
-    kind='drive')
+    name='pmsm',
+    summary='sensorless speed, angle and flux of a permanent-magnet motor',
+    gains=Gains,
+    build=build,
+    reference='Bosso, Azzollini, Tilli (2020), (5), (16), (25), (26)',
+    kind='drive',
+)

@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from cmath import rect
 
-FASTEST = 1e6        # rad/s: a frame that would turn faster has run away, and stays finite
+FASTEST = 1e6  # rad/s: a frame that would turn faster has run away, and stays finite
 SMALLEST_SINC = 0.2  # the mean of a voltage that turns further than this within a sample is lost
 LARGEST_STRETCH = 1.0 / SMALLEST_SINC
 
 
-def exponential(a: float, b: float, c: float, d: float, dt: float
-                ) -> tuple[float, float, float, float]:
+def exponential(
+    a: float, b: float, c: float, d: float, dt: float
+) -> tuple[float, float, float, float]:
     """exp([[a, b], [c, d]] dt), row by row, in closed form.
 
     With the mean m of the diagonal, A - m I squares to a multiple of I.
@@ -38,8 +39,9 @@ def exponential(a: float, b: float, c: float, d: float, dt: float
     return even + odd * half, odd * b, odd * c, even - odd * half
 
 
-def prepare_scheme(resistance: float, inductance: float, k_p: float, k_i: float, dt: float
-                   ) -> tuple[float, ...]:
+def prepare_scheme(
+    resistance: float, inductance: float, k_p: float, k_i: float, dt: float
+) -> tuple[float, ...]:
     """What one step needs beside the gains.
 
     With A0 = [[-(R/L + kp), 1/L], [-ki, 0]]: E = exp(A0 dt), G0 = A0^-1 (E - I),
@@ -60,14 +62,38 @@ def prepare_scheme(resistance: float, inductance: float, k_p: float, k_i: float,
     q11, q12, q21, q22 = g11 / dt - 1.0, g12 / dt, g21 / dt, g22 / dt - 1.0
     f11, f12 = i12 * q21, i12 * q22
     f21, f22 = i21 * q11 + i22 * q21, i21 * q12 + i22 * q22
-    return (dt, e11, e12, e21, e22,
-            g11 * b, g11 * k_p + g12 * k_i, g11, f11 * k_p + f12 * k_i, f11,
-            g21 * b, g21 * k_p + g22 * k_i, g21, f21 * k_p + f22 * k_i, f21)
+    return (
+        dt,
+        e11,
+        e12,
+        e21,
+        e22,
+        g11 * b,
+        g11 * k_p + g12 * k_i,
+        g11,
+        f11 * k_p + f12 * k_i,
+        f11,
+        g21 * b,
+        g21 * k_p + g22 * k_i,
+        g21,
+        f21 * k_p + f22 * k_i,
+        f21,
+    )
 
 
-def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: complex,
-            voltage: complex, scheme: tuple, k_eta: float, gamma: float, turning: float
-            ) -> tuple[complex, complex, complex, float, float]:
+def advance(
+    i: complex,
+    h: complex,
+    z: complex,
+    x: float,
+    before: complex,
+    now: complex,
+    voltage: complex,
+    scheme: tuple,
+    k_eta: float,
+    gamma: float,
+    turning: float,
+) -> tuple[complex, complex, complex, float, float]:
     """(i, h, z, x, frame speed) one sample further.
 
     Two passes over the frame speed: predicted, then the mean of both ends. They are written out:
@@ -105,8 +131,12 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     else:
         mean = 1.0 if angle == 0.0 else LARGEST_STRETCH
     moved = end * half_turn * half_turn
-    new_h = (base_h + (hu * mean) * (drive * half_turn) + hdd * moved
-             - (first * 1j) * (lag_h + hdw * moved))
+    new_h = (
+        base_h
+        + (hu * mean) * (drive * half_turn)
+        + hdd * moved
+        - (first * 1j) * (lag_h + hdw * moved)
+    )
     pull = new_h.real
     speed = 0.5 * (first + abs(new_h) * (lean + half_gain * pull) + k_eta * pull + turning)
     if not -FASTEST < speed < FASTEST:
@@ -124,8 +154,14 @@ def advance(i: complex, h: complex, z: complex, x: float, before: complex, now: 
     mean_drive = mean * (drive * half_turn)
     lead = speed * 1j
     new_h = base_h + hu * mean_drive + hdd * moved - lead * (lag_h + hdw * moved)
-    new_i = (e11 * i + e12 * h + (ia - idd) * start + iu * mean_drive + idd * moved
-             - lead * ((iw - idw) * start + idw * moved))
+    new_i = (
+        e11 * i
+        + e12 * h
+        + (ia - idd) * start
+        + iu * mean_drive
+        + idd * moved
+        - lead * ((iw - idw) * start + idw * moved)
+    )
     return new_i, new_h, z * turn.conjugate(), lean + half_gain * new_h.real, speed
 
 

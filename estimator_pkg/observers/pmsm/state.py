@@ -21,10 +21,10 @@ from estimator_pkg.observers.pmsm.noise import low_pass_weight, prepare_noise
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.watch import emf_of_noise, prepare_watch
 
-FAST = 1e-3         # s, averages of the back-EMF
-SLOW = 5e-3         # s, averages of speeds, and how long the turning is watched before locking on
+FAST = 1e-3  # s, averages of the back-EMF
+SLOW = 5e-3  # s, averages of speeds, and how long the turning is watched before locking on
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
-DAMPING = 0.46      # of the low-pass on the speed: little delay for its noise and -3 dB frequency
+DAMPING = 0.46  # of the low-pass on the speed: little delay for its noise and -3 dB frequency
 
 # The state: (core, clock, registers, watch, out, clear, voltages), where
 # core      : i, h, z, xi_hat, the last current, y
@@ -49,24 +49,24 @@ class Design(NamedTuple):
     inductance: float
     epsilon: float
     clock_rate: float
-    threshold: float       # of (26) [1/Wb]
-    xi_low: float          # range of |xi| to believe [1/Wb]
+    threshold: float  # of (26) [1/Wb]
+    xi_low: float  # range of |xi| to believe [1/Wb]
     xi_high: float
     flux_low: float
     flux_high: float
     emf_min: float
-    drop: float            # resistance by which the current may falsify the back-EMF [ohm]
-    xi_start: float        # 0: unknown
+    drop: float  # resistance by which the current may falsify the back-EMF [ohm]
+    xi_start: float  # 0: unknown
     pole_pairs: float
     hold: float
-    natural: float         # natural frequency of the low-pass on the speed [rad/s]; 0: none
-    noise_power: float     # of each current [A^2]; 0: to be estimated
+    natural: float  # natural frequency of the low-pass on the speed [rad/s]; 0: none
+    noise_power: float  # of each current [A^2]; 0: to be estimated
     noise_guess: float
-    period: float          # of the published position [rad]; 0: none
+    period: float  # of the published position [rad]; 0: none
     second_period: float
-    standing: float        # by how much a voltage that stands still appears to lag [s]
-    dead_time: float       # phase voltage that dead time takes away [V]
-    dead: float            # minus the time until the back-EMF has forgotten where it started [s]
+    standing: float  # by how much a voltage that stands still appears to lag [s]
+    dead_time: float  # phase voltage that dead time takes away [V]
+    dead: float  # minus the time until the back-EMF has forgotten where it started [s]
 
 
 class Coefficients(NamedTuple):
@@ -104,20 +104,35 @@ def design_of(gains: Gains, circle: Circle) -> Design:
     start = nominal if gains.initial_flux is None else gains.initial_flux
     least = nominal * EMF_SPEED if gains.emf_min is None else gains.emf_min
     return Design(
-        k_p=tuned.k_p, k_i=tuned.k_i, k_eta=tuned.k_eta, gamma=tuned.gamma,
-        resistance=resistance, inductance=inductance, epsilon=tuned.epsilon,
-        clock_rate=gains.clock_rate, threshold=4.0 * math.sqrt(tuned.gamma),
-        xi_low=1.0 / high, xi_high=1.0 / low, flux_low=low, flux_high=high, emf_min=least,
+        k_p=tuned.k_p,
+        k_i=tuned.k_i,
+        k_eta=tuned.k_eta,
+        gamma=tuned.gamma,
+        resistance=resistance,
+        inductance=inductance,
+        epsilon=tuned.epsilon,
+        clock_rate=gains.clock_rate,
+        threshold=4.0 * math.sqrt(tuned.gamma),
+        xi_low=1.0 / high,
+        xi_high=1.0 / low,
+        flux_low=low,
+        flux_high=high,
+        emf_min=least,
         drop=2.0 * gains.resistance_error * resistance,
-        xi_start=1.0 / start if start > 0.0 else 0.0, pole_pairs=poles, hold=gains.hold,
+        xi_start=1.0 / start if start > 0.0 else 0.0,
+        pole_pairs=poles,
+        hold=gains.hold,
         natural=natural_frequency(gains.speed_filter_hz, DAMPING),
         noise_power=(gains.current_noise or 0.0) ** 2,
         noise_guess=(NOISE_GUESS * nominal / inductance) ** 2,
         period=0.0 if circle.unwrap else float(circle.period),
         second_period=gains.second_period,
-        standing=resistance / (12.0 * inductance * gains.pwm_frequency ** 2)
-        if gains.pwm_frequency else 0.0,
-        dead_time=gains.dead_time_voltage, dead=-10.0 * tuned.epsilon)
+        standing=resistance / (12.0 * inductance * gains.pwm_frequency**2)
+        if gains.pwm_frequency
+        else 0.0,
+        dead_time=gains.dead_time_voltage,
+        dead=-10.0 * tuned.epsilon,
+    )
 
 
 def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coefficients:
@@ -126,14 +141,37 @@ def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coeffici
     noise = prepare_noise(design.inductance, design.k_p, design.k_i, scheme, 0.0)
     fast = max(FAST, 5.0 * design.epsilon)
     slow = max(SLOW, 5.0 * fast)
-    weights = (low_pass_weight(1.0 / fast, dt), low_pass_weight(1.0 / slow, dt),
-               low_pass_weight(1.0 / NOISE_MEMORY, dt))
+    weights = (
+        low_pass_weight(1.0 / fast, dt),
+        low_pass_weight(1.0 / slow, dt),
+        low_pass_weight(1.0 / NOISE_MEMORY, dt),
+    )
     of_h, of_innovation, of_integral = noise
-    watching = prepare_watch(weights, noise, slow, dt, design.noise_power * of_innovation,
-                             design.emf_min, design.drop, design.xi_low, design.xi_high,
-                             when_blind)
+    watching = prepare_watch(
+        weights,
+        noise,
+        slow,
+        dt,
+        design.noise_power * of_innovation,
+        design.emf_min,
+        design.drop,
+        design.xi_low,
+        design.xi_high,
+        when_blind,
+    )
     natural = design.natural
     low_pass = exponential(0.0, 1.0, -natural * natural, -2.0 * DAMPING * natural, dt)
-    return Coefficients(dt, scheme, noise, watching, emf_of_noise(noise), slow, low_pass,
-                        design.clock_rate * dt, design.k_eta, design.gamma, design.standing,
-                        design.dead_time)
+    return Coefficients(
+        dt,
+        scheme,
+        noise,
+        watching,
+        emf_of_noise(noise),
+        slow,
+        low_pass,
+        design.clock_rate * dt,
+        design.k_eta,
+        design.gamma,
+        design.standing,
+        design.dead_time,
+    )

@@ -14,8 +14,7 @@ from estimator_pkg.observers.switched.system import System
 from estimator_pkg.observers.switched.velocity import moved_chain, moved_observers
 
 
-def discrete(system: System, state: State
-             ) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
+def discrete(system: System, state: State) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
     """(Z, its standard deviations, converged); the prediction until it is converged."""
     if not system.is_regression:
         known = state.fitted or system.gains.discrete == 'copy'
@@ -42,21 +41,31 @@ def jump(system: System, state: State, event: tuple) -> State:
     known = model.transition(mode)
     shown = discrete(system, state)[0]
     if known is None:
-        return carry(system, state)._replace(history=(), predicted=shown, p=vague(system), age=0.0,
-                                             y_at=state.y, fitted=False)
+        return carry(system, state)._replace(
+            history=(), predicted=shown, p=vague(system), age=0.0, y_at=state.y, fitted=False
+        )
     a, beta = np.array(known), np.array(model.offset(mode, v, state.y_at))
-    row = (np.array(model.lam(zeta, state.u)),
-           np.array(theta) - np.array(model.gamma(zeta, state.u)), a, beta,
-           settled(system, state) and gates_open(system, state))
-    history = (*state.history, row)[-(system.gains.steps + 1):]
+    row = (
+        np.array(model.lam(zeta, state.u)),
+        np.array(theta) - np.array(model.gamma(zeta, state.u)),
+        a,
+        beta,
+        settled(system, state) and gates_open(system, state),
+    )
+    history = (*state.history, row)[-(system.gains.steps + 1) :]
     old, fitted = np.array(shown), False
     if system.gains.discrete == 'inversion':
         old, fitted = inverted(system, history, old)
     new = tuple((a @ old + beta).tolist())
     after = carry(system, state)._replace(
-        history=history, predicted=new, z=tuple((a @ np.array(state.z) + beta).tolist()),
-        age=0.0, y_at=state.y, fitted=fitted,
-        p=tuple(map(tuple, (a @ np.array(state.p) @ a.T).tolist())))
+        history=history,
+        predicted=new,
+        z=tuple((a @ np.array(state.z) + beta).tolist()),
+        age=0.0,
+        y_at=state.y,
+        fitted=fitted,
+        p=tuple(map(tuple, (a @ np.array(state.p) @ a.T).tolist())),
+    )
     if system.gains.reset == 'none':
         return after
     return moved(system, after, tuple(old.tolist()), new)
@@ -96,5 +105,6 @@ def moved(system: System, state: State, old: tuple, new: tuple) -> State:
         change = [after[first + j] - zeta[first + j] for j in range(k)]
         zh.append((state.zh[i][0], *(state.zh[i][j] + change[j] for j in range(1, k))))
         zt.append((*(after[first + j] for j in range(1, k)), ending[i]))
-    return state._replace(zh=tuple(zh), zt=tuple(zt), used=new,
-                          observed=moved_observers(system, state, old, new))
+    return state._replace(
+        zh=tuple(zh), zt=tuple(zt), used=new, observed=moved_observers(system, state, old, new)
+    )

@@ -42,8 +42,8 @@ from estimator_pkg.observers.switched.state import State, SwitchedFunctions, is_
 from estimator_pkg.observers.switched.system import make_system
 from estimator_pkg.observers.switched.velocity import motions, observe, poles, spread
 
-LOCKED = 0.3   # [s] after the start, at most, that the stages need
-FADED = 20.0   # time constants of the extended observers after which the start no longer shows
+LOCKED = 0.3  # [s] after the start, at most, that the stages need
+FADED = 20.0  # time constants of the extended observers after which the start no longer shows
 
 
 def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
@@ -64,32 +64,66 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         return ()
 
     def prepare(design: tuple, dt: float) -> tuple:
-        filters = zip(system.filters, system.columns, (
-            made.series(column, gains.filter_rate, dt)
-            for made, column in zip(system.filters, system.columns)))
-        return (dt, tuple((made.rows(f, column), g0, g1)
-                          for made, column, (f, g0, g1) in filters),
-                tuple(each.at(dt) for each in extended))
+        filters = zip(
+            system.filters,
+            system.columns,
+            (
+                made.series(column, gains.filter_rate, dt)
+                for made, column in zip(system.filters, system.columns)
+            ),
+        )
+        return (
+            dt,
+            tuple((made.rows(f, column), g0, g1) for made, column, (f, g0, g1) in filters),
+            tuple(each.at(dt) for each in extended),
+        )
 
     def init(measurement: tuple, design: tuple) -> State:
         y = tuple(map(float, measurement))
         zero = tuple((0.0,) * k for k in indices)
         nothing, u = (0.0,) * m, (0.0,) * system.inputs
-        first = system.signals(y, u, tuple(x for i in outputs
-                                           for x in (y[i], *(0.0,) * (indices[i] - 1))))
+        first = system.signals(
+            y, u, tuple(x for i in outputs for x in (y[i], *(0.0,) * (indices[i] - 1)))
+        )
         return State(
-            zh=tuple((y[i], *(0.0,) * (indices[i] - 1)) for i in outputs), zt=zero, errors=zero,
-            y=y, u=u, z=nothing, predicted=nothing, y_at=y, history=(), dt=0.0,
-            observed=tuple((y[i], *(0.0,) * indices[i]) for i in outputs), used=nothing,
-            powers=(0.0,) * len(indices), noises=((1.0, 1.0, 1.0),) * len(indices),
-            age=0.0, total=0.0, deaf=FORGOTTEN / gains.filter_rate, fitted=False,
-            filters=tuple((resting(system, i, y[i]), (0.0,) * indices[i], empty_columns(system, i),
-                           (0.0,) * indices[i]) for i in outputs),
-            last_columns=first, origin=first, p=vague(system), power=0.0,
-            conventions=tuple(map(begin, y)), scatters=tuple(map(begin_scatter, y)))
+            zh=tuple((y[i], *(0.0,) * (indices[i] - 1)) for i in outputs),
+            zt=zero,
+            errors=zero,
+            y=y,
+            u=u,
+            z=nothing,
+            predicted=nothing,
+            y_at=y,
+            history=(),
+            dt=0.0,
+            observed=tuple((y[i], *(0.0,) * indices[i]) for i in outputs),
+            used=nothing,
+            powers=(0.0,) * len(indices),
+            noises=((1.0, 1.0, 1.0),) * len(indices),
+            age=0.0,
+            total=0.0,
+            deaf=FORGOTTEN / gains.filter_rate,
+            fitted=False,
+            filters=tuple(
+                (
+                    resting(system, i, y[i]),
+                    (0.0,) * indices[i],
+                    empty_columns(system, i),
+                    (0.0,) * indices[i],
+                )
+                for i in outputs
+            ),
+            last_columns=first,
+            origin=first,
+            p=vague(system),
+            power=0.0,
+            conventions=tuple(map(begin, y)),
+            scatters=tuple(map(begin_scatter, y)),
+        )
 
-    def step(state: Any, coefficients: tuple, design: tuple, measurement: tuple, given: tuple
-             ) -> State:
+    def step(
+        state: Any, coefficients: tuple, design: tuple, measurement: tuple, given: tuple
+    ) -> State:
         h, filters_of, corrections = coefficients
         read = tuple(map(float, measurement))
         jumps = tuple(wrap(read[i] - state.conventions[i][0], period) for i in outputs)
@@ -100,12 +134,17 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
             z, _, converged = discrete(system, state)
             state = observe(system, state, y, u, z if converged else state.used, corrections)
         state = state._replace(
-            zh=tuple(c[0] for c in climbed), zt=tuple(c[1] for c in climbed),
-            errors=tuple(c[2] for c in climbed), u=u, dt=h, age=state.age + h,
-            total=state.total + h, deaf=max(0.0, state.deaf - h),
+            zh=tuple(c[0] for c in climbed),
+            zt=tuple(c[1] for c in climbed),
+            errors=tuple(c[2] for c in climbed),
+            u=u,
+            dt=h,
+            age=state.age + h,
+            total=state.total + h,
+            deaf=max(0.0, state.deaf - h),
             conventions=tuple(follow(state.conventions[i], read[i], period) for i in outputs),
-            scatters=tuple(follow_scatter(state.scatters[i], read[i], h, period)
-                           for i in outputs))
+            scatters=tuple(follow_scatter(state.scatters[i], read[i], h, period) for i in outputs),
+        )
         if system.is_regression:
             state = learn(system, state, y, jumps, filters_of, h)
         else:
@@ -119,9 +158,12 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
 
     def given_outputs(state: Any, measurement: tuple) -> list[tuple[float, float, float]]:
         z, _, converged = discrete(system, state)
-        return [(present(convention, position, period, float(circle.unwrap)), velocity, second)
-                for convention, (position, velocity, second) in zip(
-                    state.conventions, motions(system, state, z, converged))]
+        return [
+            (present(convention, position, period, float(circle.unwrap)), velocity, second)
+            for convention, (position, velocity, second) in zip(
+                state.conventions, motions(system, state, z, converged)
+            )
+        ]
 
     def status(state: Any) -> int:
         if system.is_filtered:
@@ -132,8 +174,9 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
             return INITIALISING
         return TRACKING if state.age > 0.0 else COASTING
 
-    def output(state: Any, coefficients: tuple, design: tuple, measurement: tuple,
-               given: tuple) -> tuple:
+    def output(
+        state: Any, coefficients: tuple, design: tuple, measurement: tuple, given: tuple
+    ) -> tuple:
         position, velocity, acceleration = given_outputs(state, measurement)[0]
         return position, velocity, acceleration, status(state)
 
@@ -153,37 +196,73 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
     def resume(state: Any, coefficients: tuple, design: tuple, measurement: tuple) -> State:
         """After a gap: positions from the measurement, speeds and Z kept, filters anew."""
         fresh = init(measurement, design)
-        y = tuple(state.y[i] + wrap(float(measurement[i]) - state.conventions[i][0], period)
-                  for i in outputs)
+        y = tuple(
+            state.y[i] + wrap(float(measurement[i]) - state.conventions[i][0], period)
+            for i in outputs
+        )
         shown = discrete(system, state)[0]
         return fresh._replace(
-            zh=tuple((y[i], *state.zh[i][1:]) for i in outputs), zt=state.zt, y=y, u=state.u,
-            observed=tuple((y[i], *state.observed[i][1:]) for i in outputs), used=state.used,
-            noises=state.noises, dt=state.dt, z=shown, predicted=shown, y_at=y, p=state.p,
+            zh=tuple((y[i], *state.zh[i][1:]) for i in outputs),
+            zt=state.zt,
+            y=y,
+            u=state.u,
+            observed=tuple((y[i], *state.observed[i][1:]) for i in outputs),
+            used=state.used,
+            noises=state.noises,
+            dt=state.dt,
+            z=shown,
+            predicted=shown,
+            y_at=y,
+            p=state.p,
             filters=tuple((resting(system, i, y[i]), *fresh.filters[i][1:]) for i in outputs),
-            conventions=tuple(follow(state.conventions[i], float(measurement[i]), period)
-                              for i in outputs),
-            scatters=tuple(resume_scatter(state.scatters[i], float(measurement[i]))
-                           for i in outputs))
+            conventions=tuple(
+                follow(state.conventions[i], float(measurement[i]), period) for i in outputs
+            ),
+            scatters=tuple(
+                resume_scatter(state.scatters[i], float(measurement[i])) for i in outputs
+            ),
+        )
 
     def restart(state: Any, coefficients: tuple, design: tuple, measurement: tuple) -> State:
-        return init(measurement, design)._replace(conventions=tuple(
-            follow(state.conventions[i], float(measurement[i]), period) for i in outputs))
+        return init(measurement, design)._replace(
+            conventions=tuple(
+                follow(state.conventions[i], float(measurement[i]), period) for i in outputs
+            )
+        )
 
     def finite(measurement: tuple) -> bool:
         return len(measurement) == len(indices) and all(is_angle(x) for x in measurement)
 
     return SwitchedFunctions(
-        design, prepare, init, step, output, stddev, resume, lambda dt: None, lambda dt: 0.0,
-        finite, (0.0,) * len(indices), (0.0,) * system.inputs,
-        lambda state, event: jump(system, state, event), states=states, outputs=given_outputs,
-        discrete=lambda state: discrete(system, state), chains=system.chains,
-        deviations=deviations, restart=restart)
+        design,
+        prepare,
+        init,
+        step,
+        output,
+        stddev,
+        resume,
+        lambda dt: None,
+        lambda dt: 0.0,
+        finite,
+        (0.0,) * len(indices),
+        (0.0,) * system.inputs,
+        lambda state, event: jump(system, state, event),
+        states=states,
+        outputs=given_outputs,
+        discrete=lambda state: discrete(system, state),
+        chains=system.chains,
+        deviations=deviations,
+        restart=restart,
+    )
 
 
 OBSERVER = Observer(
-    name='switched', summary='hybrid observer of systems that known events switch',
-    gains=Gains, build=build,
+    name='switched',
+    summary='hybrid observer of systems that known events switch',
+    gains=Gains,
+    build=build,
     reference='Barbot, Djemai, Manamanni (2007): State observer and observability conditions for a '
-              'class of hybrid continuous-discrete dynamic system', kind='switched',
-    gives_acceleration=lambda gains: True)
+    'class of hybrid continuous-discrete dynamic system',
+    kind='switched',
+    gives_acceleration=lambda gains: True,
+)

@@ -14,9 +14,9 @@ from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.switched.state import State
 from estimator_pkg.observers.switched.system import System
 
-VAGUE = 1e8                  # variance of an unknown Z, in variances of the reading
-CERTAIN = 0.1                # a standard deviation below this part of Z counts as converged
-FORGOTTEN = 8.0              # time constants of the filter until a start is forgotten
+VAGUE = 1e8  # variance of an unknown Z, in variances of the reading
+CERTAIN = 0.1  # a standard deviation below this part of Z counts as converged
+FORGOTTEN = 8.0  # time constants of the filter until a start is forgotten
 
 
 def resting(system: System, i: int, value: float) -> tuple[float, ...]:
@@ -35,12 +35,16 @@ def vague(system: System) -> tuple:
     return tuple(tuple(VAGUE if i == j else 0.0 for j in m) for i in m)
 
 
-def learn(system: System, state: State, y: tuple, jumps: tuple, filters_of: tuple, h: float
-          ) -> State:
+def learn(
+    system: System, state: State, y: tuple, jumps: tuple, filters_of: tuple, h: float
+) -> State:
     """Filter everything and take the rows into least squares; y are the new outputs."""
     # the input was u all the time, so the columns run from (y before, u) to (y now, u)
-    before = (system.signals(state.y, state.u, system.chains(state)[0])
-              if system.model.basis is not None else state.last_columns)
+    before = (
+        system.signals(state.y, state.u, system.chains(state)[0])
+        if system.model.basis is not None
+        else state.last_columns
+    )
     state = state._replace(y=y)
     now = system.signals(y, state.u, system.chains(state)[0])
     z, p, power, filters = state.z, state.p, state.power, []
@@ -55,8 +59,9 @@ def learn(system: System, state: State, y: tuple, jumps: tuple, filters_of: tupl
     return state._replace(z=z, p=p, power=power, filters=tuple(filters), last_columns=now)
 
 
-def _filtered(system: System, state: State, i: int, jump: float, before: tuple, now: tuple,
-              filter_of: tuple) -> tuple[tuple, tuple, float]:
+def _filtered(
+    system: System, state: State, i: int, jump: float, before: tuple, now: tuple, filter_of: tuple
+) -> tuple[tuple, tuple, float]:
     """(filters of output i, row of Lambda, what it has to explain)."""
     left, add, dot = system.filters[i].left, system.wide[i].add, system.wide[i].dot
     f, g0, g1 = filter_of
@@ -69,12 +74,14 @@ def _filtered(system: System, state: State, i: int, jump: float, before: tuple, 
     of_y = fed(of_y, state.y[i] - jump, state.y[i])
     of_gamma = fed(of_gamma, before[0], now[0])
     shift = [state.origin[i][j + 1] if orders[j + 1] else 0.0 for j in range(m)]
-    of_columns = tuple(fed(of_columns[j], before[j + 1] - shift[j], now[j + 1] - shift[j])
-                       for j in range(m))
+    of_columns = tuple(
+        fed(of_columns[j], before[j + 1] - shift[j], now[j + 1] - shift[j]) for j in range(m)
+    )
     carried = left(carried, f)
     rows = tuple(of_columns[j][k - 1 - orders[j + 1]] for j in range(m))
-    target = (state.y[i] + dot(system.columns[i], of_y) - of_gamma[k - 1 - orders[0]]
-              - carried[k - 1])
+    target = (
+        state.y[i] + dot(system.columns[i], of_y) - of_gamma[k - 1 - orders[0]] - carried[k - 1]
+    )
     return (of_y, of_gamma, of_columns, carried), rows, target
 
 
@@ -91,8 +98,11 @@ def carry(system: System, state: State) -> State:
             column = of_columns[j]
             if system.orders[i][j + 1]:  # as if the derivative had been filtered
                 fed = state.last_columns[i][j + 1] - state.origin[i][j + 1]
-                column = add(system.filters[i].after(column, system.columns[i]), fed,
-                             (1.0, *(0.0,) * (system.model.indices[i] - 1)))
+                column = add(
+                    system.filters[i].after(column, system.columns[i]),
+                    fed,
+                    (1.0, *(0.0,) * (system.model.indices[i] - 1)),
+                )
             carried = add(carried, z[j], column)
         filters.append((of_y, of_gamma, empty_columns(system, i), carried))
     deaf = state.deaf if certain(state) else FORGOTTEN / system.gains.filter_rate

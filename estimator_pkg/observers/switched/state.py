@@ -21,35 +21,38 @@ class State(NamedTuple):
     zh: tuple[tuple[float, ...], ...]
     zt: tuple[tuple[float, ...], ...]
     errors: tuple[tuple[float, ...], ...]
-    y: tuple[float, ...]             # newest outputs, unwrapped
-    u: tuple[float, ...]             # newest input
-    z: tuple[float, ...]             # Z as learnt
-    predicted: tuple[float, ...]     # Z as predicted at the last event
-    y_at: tuple[float, ...]          # outputs at the last event
-    history: tuple                   # (Lambda, Y, A_d, beta_d) of the last intervals
-    dt: float                        # the last interval [s]
+    y: tuple[float, ...]  # newest outputs, unwrapped
+    u: tuple[float, ...]  # newest input
+    z: tuple[float, ...]  # Z as learnt
+    predicted: tuple[float, ...]  # Z as predicted at the last event
+    y_at: tuple[float, ...]  # outputs at the last event
+    history: tuple  # (Lambda, Y, A_d, beta_d) of the last intervals
+    dt: float  # the last interval [s]
     observed: tuple[tuple[float, ...], ...]  # extended observers: the chain, what is unexplained
-    used: tuple[float, ...]          # Z as they last used it
-    powers: tuple[float, ...]        # mean square of their innovations, as noise of the readings
-    noises: tuple                    # variances of position, velocity and innovation at unit noise
-    age: float                       # since the last event, or gap [s]
-    total: float                     # since the start [s]
-    deaf: float                      # the filters hold what is not known for so long [s]
-    fitted: bool                     # the last inversion could be used
-    filters: tuple                   # (of y, of Gamma, of the columns of Lambda, carried) by output
-    last_columns: tuple              # Gamma and Lambda's columns at the newest sample
-    origin: tuple                    # columns at the last event: derivatives count from there
-    p: tuple                         # of least squares
-    power: float                     # mean square of its residual
+    used: tuple[float, ...]  # Z as they last used it
+    powers: tuple[float, ...]  # mean square of their innovations, as noise of the readings
+    noises: tuple  # variances of position, velocity and innovation at unit noise
+    age: float  # since the last event, or gap [s]
+    total: float  # since the start [s]
+    deaf: float  # the filters hold what is not known for so long [s]
+    fitted: bool  # the last inversion could be used
+    filters: tuple  # (of y, of Gamma, of the columns of Lambda, carried) by output
+    last_columns: tuple  # Gamma and Lambda's columns at the newest sample
+    origin: tuple  # columns at the last event: derivatives count from there
+    p: tuple  # of least squares
+    power: float  # mean square of its residual
     conventions: tuple
     scatters: tuple
 
 
 def is_sound(state: State) -> bool:
     """False where an estimate is so large, or no number, that no sample could bring it back."""
-    return (all(-LARGEST < x < LARGEST for x in state.z)
-            and all(-LARGEST < x < LARGEST for chains in (state.zh, state.zt, state.observed)
-                    for chain in chains for x in chain))
+    return all(-LARGEST < x < LARGEST for x in state.z) and all(
+        -LARGEST < x < LARGEST
+        for chains in (state.zh, state.zt, state.observed)
+        for chain in chains
+        for x in chain
+    )
 
 
 @dataclass(frozen=True)
@@ -67,11 +70,12 @@ class SwitchedFunctions(Functions):
     init: Callable[[Any, tuple], Any]
 
     states: Callable[[Any], tuple[float, ...]] = tuple
-    outputs: Callable[[Any, tuple], list[tuple[float, float, float]]] = (
-        lambda state, measurement: [])
-    discrete: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...], bool]] = (
-        lambda state: ((), (), False))
-    chains: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...]]] = (
-        lambda state: ((), ()))
+    outputs: Callable[[Any, tuple], list[tuple[float, float, float]]] = lambda state, reading: []
+    discrete: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...], bool]] = lambda state: (
+        (),
+        (),
+        False,
+    )
+    chains: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...]]] = lambda state: ((), ())
     jump: Callable[[Any, tuple], Any] = lambda state, event: state
     deviations: Callable[[Any], list[tuple[float, float]]] = lambda state: []

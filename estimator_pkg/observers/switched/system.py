@@ -15,7 +15,7 @@ from estimator_pkg.observers.maths.least_squares import make_update
 from estimator_pkg.observers.maths.unroll import Algebra, algebra
 from estimator_pkg.observers.switched.gains import Gains
 
-LAMBDA, ALPHA = 1.5, 1.1     # lambda = 1.5 sqrt(L), alpha = 1.1 L
+LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 
 
 @dataclass(frozen=True)
@@ -84,13 +84,17 @@ class System:
         """For each output: Gamma, then the columns of Lambda (or what they are derivatives of)."""
         if self.model.basis is not None:
             return tuple(tuple(float(x) for x in row) for row in self.model.basis(y, u))
-        return tuple((float(g), *map(float, row))
-                     for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u)))
+        return tuple(
+            (float(g), *map(float, row))
+            for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u))
+        )
 
     def ending(self, zeta: tuple, u: tuple, z: tuple) -> tuple[float, ...]:
         """Gamma + Lambda Z, which end the chains (9)."""
-        return tuple(float(g) + self.free.dot(tuple(map(float, row)), z)
-                     for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u)))
+        return tuple(
+            float(g) + self.free.dot(tuple(map(float, row)), z)
+            for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u))
+        )
 
 
 def make_system(gains: Gains, circle: Circle) -> System:
@@ -104,18 +108,28 @@ def make_system(gains: Gains, circle: Circle) -> System:
     model = load(gains.model)
     check(model, None if gains.discrete == 'copy' else gains.steps)
     if 0.0 < gains.memory < 1.0 / gains.filter_rate:
-        raise UsageError(f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
-                         f'filter: 0, or at least {1.0 / gains.filter_rate:.3g} s')
+        raise UsageError(
+            f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
+            f'filter: 0, or at least {1.0 / gains.filter_rate:.3g} s'
+        )
     m, scale, rate = model.size, gains.bound_scale, gains.filter_rate
     orders = model.orders or tuple((0,) * (m + 1) for _ in model.indices)
     if any(order > 1 or order >= k for own, k in zip(orders, model.indices) for order in own):
         raise UsageError("model: 'orders' may be 0, or 1 where the chain is longer than 1")
     return System(
-        gains, model, circle,
-        tuple(tuple((LAMBDA * math.sqrt(scale * bound), ALPHA * scale * bound) for bound in own)
-              for own in model.bounds),
-        tuple(tuple(-math.comb(k, i + 1) * rate ** (i + 1) for i in range(k))
-              for k in model.indices),
-        tuple(companion(k) for k in model.indices), algebra(m),
+        gains,
+        model,
+        circle,
+        tuple(
+            tuple((LAMBDA * math.sqrt(scale * bound), ALPHA * scale * bound) for bound in own)
+            for own in model.bounds
+        ),
+        tuple(
+            tuple(-math.comb(k, i + 1) * rate ** (i + 1) for i in range(k)) for k in model.indices
+        ),
+        tuple(companion(k) for k in model.indices),
+        algebra(m),
         make_update(m),
-        tuple(algebra(k) for k in model.indices), orders)
+        tuple(algebra(k) for k in model.indices),
+        orders,
+    )

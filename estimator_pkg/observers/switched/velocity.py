@@ -25,8 +25,8 @@ from estimator_pkg.observers.maths.steady_noise import steady_variances
 from estimator_pkg.observers.switched.state import State
 from estimator_pkg.observers.switched.system import System
 
-SMALLEST, LARGEST, POINTS = 1e-4, 20.0, 65   # pole times dt, where the noise is tabulated
-FORGET = 0.02                                # of the innovation's mean square, a sample
+SMALLEST, LARGEST, POINTS = 1e-4, 20.0, 65  # pole times dt, where the noise is tabulated
+FORGET = 0.02  # of the innovation's mean square, a sample
 
 Correction = tuple[tuple[float, ...], tuple[float, ...], tuple[float, float, float]]
 
@@ -50,13 +50,18 @@ class Poles:
         """Gains, Taylor's factors dt^i/i!, and (position, velocity, innovation) variances."""
         apart = 1.0 - math.exp(-self.pole * dt)
         n = len(self.weights)
-        gains = tuple(sum(apart ** (j + 1) * self.weights[j][i] for j in range(n)) / dt ** i
-                      for i in range(n))
+        gains = tuple(
+            sum(apart ** (j + 1) * self.weights[j][i] for j in range(n)) / dt**i for i in range(n)
+        )
         place = np.log(self.pole * dt)
         position, velocity, innovation = (
-            math.exp(np.interp(place, _places(), self.noise[:, c])) for c in range(3))
-        return (gains, tuple(dt ** i / math.factorial(i) for i in range(n)),
-                (position, velocity / (dt * dt), innovation))
+            math.exp(np.interp(place, _places(), self.noise[:, c])) for c in range(3)
+        )
+        return (
+            gains,
+            tuple(dt**i / math.factorial(i) for i in range(n)),
+            (position, velocity / (dt * dt), innovation),
+        )
 
 
 def poles(length: int, bandwidth_hz: float) -> Poles:
@@ -77,12 +82,15 @@ def _places() -> NDArray[np.float64]:
 @lru_cache
 def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
     """(weights, noise) of `Poles` at dt = 1."""
-    a = np.array([[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)]
-                  for i in range(n)])
+    a = np.array(
+        [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
+    )
     seen = np.vstack([np.linalg.matrix_power(a, i)[0] for i in range(n)])
     last = np.linalg.solve(seen, np.eye(n)[:, -1])
-    weights = [math.comb(n, j) * np.linalg.solve(a, np.linalg.matrix_power(a - np.eye(n), n - j)
-                                                 @ last) for j in range(1, n + 1)]
+    weights = [
+        math.comb(n, j) * np.linalg.solve(a, np.linalg.matrix_power(a - np.eye(n), n - j) @ last)
+        for j in range(1, n + 1)
+    ]
     noise = []
     for place in np.exp(_places()):
         gain = sum((1.0 - math.exp(-place)) ** (j + 1) * weights[j] for j in range(n))
@@ -93,6 +101,7 @@ def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
 @lru_cache
 def _unit_bandwidth(n: int) -> float:
     """-3 dB frequency [rad/s] from true to estimated velocity of n integrators, poles at -1."""
+
     def gain(w: float) -> float:
         s = 1j * w
         return abs(sum(math.comb(n, i) * s ** (n - i) for i in range(2, n + 1)) / (s + 1.0) ** n)
@@ -106,8 +115,9 @@ def _unit_bandwidth(n: int) -> float:
     return low
 
 
-def observe(system: System, state: State, y: tuple, u: tuple, z: tuple,
-            corrections: tuple[Correction, ...]) -> State:
+def observe(
+    system: System, state: State, y: tuple, u: tuple, z: tuple, corrections: tuple[Correction, ...]
+) -> State:
     """The state with the extended observers one sample further; y and u are new, z is to be used.
 
     It should be a Z that is converged: one half learnt would feed noise.
@@ -127,8 +137,12 @@ def observe(system: System, state: State, y: tuple, u: tuple, z: tuple,
         observed.append(tuple(a + k * error for a, k in zip(ahead, gains)))
         power = state.powers[i]
         powers.append(power + FORGET * (error * error / noise[2] - power))
-    return state._replace(observed=tuple(observed), powers=tuple(powers), used=z,
-                          noises=tuple(each[2] for each in corrections))
+    return state._replace(
+        observed=tuple(observed),
+        powers=tuple(powers),
+        used=z,
+        noises=tuple(each[2] for each in corrections),
+    )
 
 
 def _chains(state: State) -> tuple[float, ...]:
@@ -142,13 +156,16 @@ def _given_up(system: System, state: State, i: int, lam: tuple, z: tuple) -> flo
     return float(state.observed[i][-1] + system.free.dot(lam, change))
 
 
-def moved_observers(system: System, state: State, old: tuple, new: tuple
-                    ) -> tuple[tuple[float, ...], ...]:
+def moved_observers(
+    system: System, state: State, old: tuple, new: tuple
+) -> tuple[tuple[float, ...], ...]:
     """The extended observers after Z has jumped from `old`, as it is now known, to `new`."""
     model, zeta = system.model, _chains(state)
     after, rows = moved_chain(system, zeta, old, new), model.lam(zeta, state.u)
-    return tuple((*after[first:first + k], _given_up(system, state, i, tuple(map(float, row)), old))
-                 for i, (first, k, row) in enumerate(zip(model.firsts, model.indices, rows)))
+    return tuple(
+        (*after[first : first + k], _given_up(system, state, i, tuple(map(float, row)), old))
+        for i, (first, k, row) in enumerate(zip(model.firsts, model.indices, rows))
+    )
 
 
 def moved_chain(system: System, zeta: tuple, old: tuple, new: tuple) -> tuple[float, ...]:
@@ -157,8 +174,9 @@ def moved_chain(system: System, zeta: tuple, old: tuple, new: tuple) -> tuple[fl
     return model.zeta(model.state(zeta, old), new)
 
 
-def motions(system: System, state: State, z: tuple, converged: bool
-            ) -> list[tuple[float, float, float]]:
+def motions(
+    system: System, state: State, z: tuple, converged: bool
+) -> list[tuple[float, float, float]]:
     """(position, velocity, acceleration or nan) of each output at the newest sample.
 
     The acceleration is that of the model alone where Z is converged, which is quieter.
@@ -176,8 +194,9 @@ def motions(system: System, state: State, z: tuple, converged: bool
     return found
 
 
-def _of_cascade(system: System, state: State, z: tuple, converged: bool
-                ) -> list[tuple[float, float, float]]:
+def _of_cascade(
+    system: System, state: State, z: tuple, converged: bool
+) -> list[tuple[float, float, float]]:
     """The auxiliary states. An implicit stage that slides gives the mean of its derivative over
     the last interval: half an interval of acceleration carries it to the newest sample.
     """

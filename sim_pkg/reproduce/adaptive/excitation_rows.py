@@ -19,41 +19,94 @@ from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, PERCENT, Part, Referen
 REST = -0.2 / 0.3  # where the spring of 4.2 holds a load of -0.2 rad/s^2 [rad]
 
 A5 = (
-    *family('A5a one sine theta', 'parameters after 300 s of sin 0.7 t, example 4.1',
-            dict(zip(NAMES, (1.639, 1.7413, 10.542, 27.01))), 0.1, PERCENT),
+    *family(
+        'A5a one sine theta',
+        'parameters after 300 s of sin 0.7 t, example 4.1',
+        dict(zip(NAMES, (1.639, 1.7413, 10.542, 27.01))),
+        0.1,
+        PERCENT,
+    ),
     Reference('A5a one sine e_y', 'rms error of the angle, last 100 s [rad]', 1e-5, 5.0, PERCENT),
     Reference('A5a one sine e_w38', 'rms error of (38), last 100 s [rad/s]', 7.47, 5.0, PERCENT),
-    Reference('A5a one sine e_wful', 'rms error of the full formula, last 100 s [rad/s]', 5.2e-3,
-              5.0, PERCENT),
-    *family('A5a two sines theta', 'parameters after 300 s of sin 0.7 t + sin 1.9 t',
-            dict(zip(NAMES, (2.5053, 1.5073, 0.1251, 9.9508))), 0.1, PERCENT),
-    Reference('A5a two sines e_w38', 'rms error of (38), last 100 s [rad/s]', .26, 5.0, PERCENT),
-    Reference('A5a two sines e_wful', 'rms error of the full formula, last 100 s [rad/s]', .045,
-              5.0, PERCENT),
-    *family('A5b drift at rest', 'parameter error under noise alone (0.01 rad, 2 ms)',
-            {'1000 s l1': .001, '1000 s l2': -.004, '4000 s l1': .003, '4000 s l2': -.018},
-            6e-4),
-    *family('A5b drift at rest, Gamma 1e6', 'after 300 s', {'l1': .13, 'l2': -1.32}, 5.0, PERCENT),
-    *family('A5b drift with the gate', 'largest change in 4000 s', {'gamma': 1e-12, 'noise': 1e-12},
-            kind=AT_MOST),
-    *family('A5b drift with other remedies', 'largest change in 1000 s, leak 0.01/s, dead zone '
-            '0.04 rad, frozen', {'leak': 5e-4, 'dead zone': 1e-12, 'frozen': 1e-12}, kind=AT_MOST),
-    Reference('A5c gate in training', 'largest parameter error after 600 s with the gate', 1.2e-5,
-              kind=AT_MOST),
+    Reference(
+        'A5a one sine e_wful',
+        'rms error of the full formula, last 100 s [rad/s]',
+        5.2e-3,
+        5.0,
+        PERCENT,
+    ),
+    *family(
+        'A5a two sines theta',
+        'parameters after 300 s of sin 0.7 t + sin 1.9 t',
+        dict(zip(NAMES, (2.5053, 1.5073, 0.1251, 9.9508))),
+        0.1,
+        PERCENT,
+    ),
+    Reference('A5a two sines e_w38', 'rms error of (38), last 100 s [rad/s]', 0.26, 5.0, PERCENT),
+    Reference(
+        'A5a two sines e_wful',
+        'rms error of the full formula, last 100 s [rad/s]',
+        0.045,
+        5.0,
+        PERCENT,
+    ),
+    *family(
+        'A5b drift at rest',
+        'parameter error under noise alone (0.01 rad, 2 ms)',
+        {'1000 s l1': 0.001, '1000 s l2': -0.004, '4000 s l1': 0.003, '4000 s l2': -0.018},
+        6e-4,
+    ),
+    *family('A5b drift at rest, Gamma 1e6', 'after 300 s', {'l1': 0.13, 'l2': -1.32}, 5.0, PERCENT),
+    *family(
+        'A5b drift with the gate',
+        'largest change in 4000 s',
+        {'gamma': 1e-12, 'noise': 1e-12},
+        kind=AT_MOST,
+    ),
+    *family(
+        'A5b drift with other remedies',
+        'largest change in 1000 s, leak 0.01/s, dead zone 0.04 rad, frozen',
+        {'leak': 5e-4, 'dead zone': 1e-12, 'frozen': 1e-12},
+        kind=AT_MOST,
+    ),
+    Reference(
+        'A5c gate in training',
+        'largest parameter error after 600 s with the gate',
+        1.2e-5,
+        kind=AT_MOST,
+    ),
     Reference('A5c adapting', 'samples that adapt [%]', 98.8, 0.1),
     Reference('A5d load, unmodelled: J', 'error of J after 800 s [%]', 5.0, kind=AT_LEAST),
     Reference('A5d load, unmodelled: b', 'error of b after 800 s [%]', 300.0, kind=AT_LEAST),
-    *family('A5d load, learnt', 'J, b, k with one more regressor',
-            {'J': 10.0004, 'b': 0.1, 'k': 3.0}, 0.02, PERCENT),
-    *family('A5e load at rest, plain', 'k/J, 0.3 is right, gradient without a gate',
-            {'30 s': .154, '100 s': .018, '600 s': -.0001}, 5e-3),
-    *family('A5e load at rest', 'k/J after 600 s with other remedies: leak 0.01/s, leak 0.1/s, '
-            'projection on 0.1, dead zone 0.004 rad',
-            {'leak 0.01': .073, 'leak 0.1': .229, 'projection': .100, 'dead zone': .363}, 5.0,
-            PERCENT),
-    *family('A5e load at rest, gate', 'k/J after 600 s',
-            {'gamma': .3, 'noise': .3, 'noise, least squares': .3}, 0.5, PERCENT),
-    Reference('A5e load at rest, frozen', 'k/J after 600 s', .3, 0.5, PERCENT),
+    *family(
+        'A5d load, learnt',
+        'J, b, k with one more regressor',
+        {'J': 10.0004, 'b': 0.1, 'k': 3.0},
+        0.02,
+        PERCENT,
+    ),
+    *family(
+        'A5e load at rest, plain',
+        'k/J, 0.3 is right, gradient without a gate',
+        {'30 s': 0.154, '100 s': 0.018, '600 s': -0.0001},
+        5e-3,
+    ),
+    *family(
+        'A5e load at rest',
+        'k/J after 600 s with other remedies: leak 0.01/s, leak 0.1/s, '
+        'projection on 0.1, dead zone 0.004 rad',
+        {'leak 0.01': 0.073, 'leak 0.1': 0.229, 'projection': 0.100, 'dead zone': 0.363},
+        5.0,
+        PERCENT,
+    ),
+    *family(
+        'A5e load at rest, gate',
+        'k/J after 600 s',
+        {'gamma': 0.3, 'noise': 0.3, 'noise, least squares': 0.3},
+        0.5,
+        PERCENT,
+    ),
+    Reference('A5e load at rest, frozen', 'k/J after 600 s', 0.3, 0.5, PERCENT),
 )
 
 
@@ -88,8 +141,10 @@ def _drift() -> Values:
     found = run(start, noise, inputs, dt, every=500_000)
     for seconds, row in ((1000, 0), (4000, 3)):
         for i in (0, 1):
-            yield (f'A5b drift at rest {seconds} s {NAMES[i]}',
-                   found.theta[row, i] - example.theta[i])
+            yield (
+                f'A5b drift at rest {seconds} s {NAMES[i]}',
+                found.theta[row, i] - example.theta[i],
+            )
     strong = gains(example, theta=example.theta, gamma=(1e6,))
     found = run(strong, noise[:150_001], inputs[:150_000], dt, every=150_000)
     for i in (0, 1):
@@ -101,8 +156,9 @@ def _drift() -> Values:
     found = run(gains(example, theta=example.theta, adapt=False), *part)
     yield 'A5b drift with other remedies frozen', np.abs(found.theta - example.theta).max()
     for gate in ('gamma', 'noise'):
-        found = run(gains(example, theta=example.theta, gate=gate), noise, inputs, dt,
-                    every=500_000)
+        found = run(
+            gains(example, theta=example.theta, gate=gate), noise, inputs, dt, every=500_000
+        )
         yield f'A5b drift with the gate {gate}', np.abs(found.theta - example.theta).max()
 
 
@@ -134,10 +190,23 @@ def _held_load() -> Values:
     inputs = np.zeros(600_000)
     own = -example.model_poles[0] * example.model_poles[1]
 
-    def stiffness(every: int = 10_000, zero: bool = False, leak: float = 0.0,
-                  dead_zone: float = 0.0, **changes: object) -> Array:
-        found = run(gains(example, theta=example.theta, **changes), angles, inputs, dt, every,
-                    from_zero=zero, leak=leak, dead_zone=dead_zone)
+    def stiffness(
+        every: int = 10_000,
+        zero: bool = False,
+        leak: float = 0.0,
+        dead_zone: float = 0.0,
+        **changes: object,
+    ) -> Array:
+        found = run(
+            gains(example, theta=example.theta, **changes),
+            angles,
+            inputs,
+            dt,
+            every,
+            from_zero=zero,
+            leak=leak,
+            dead_zone=dead_zone,
+        )
         return -(own + found.theta[:, 1])
 
     plain = stiffness(zero=True)
@@ -149,8 +218,10 @@ def _held_load() -> Values:
     yield 'A5e load at rest dead zone', stiffness(zero=True, dead_zone=4e-3)[-1]
     yield 'A5e load at rest, gate gamma', stiffness(gate='gamma')[-1]
     yield 'A5e load at rest, gate noise', stiffness(gate='noise')[-1]
-    yield 'A5e load at rest, gate noise, least squares', stiffness(
-        gate='noise', law='least_squares')[-1]
+    yield (
+        'A5e load at rest, gate noise, least squares',
+        stiffness(gate='noise', law='least_squares')[-1],
+    )
     yield 'A5e load at rest, frozen', stiffness(adapt=False)[-1]
 
 

@@ -22,10 +22,12 @@ def estimation() -> Figure:
     """Figure 1: the velocity while the parameters are learnt, and after that."""
     run = continuous(VELOCITY, example_1(), freeze=FROZEN_FROM)
     figure = Figure(figsize=(8.0, 6.0), layout='constrained')
-    for axes, begin, end, title in zip(figure.subplots(2, 1), (0.0, FROZEN_FROM),
-                                       (40.0, FROZEN_FROM + 40.0),
-                                       ('a) during estimation', 'b) estimation stopped at 100 s, '
-                                                                'another input')):
+    for axes, begin, end, title in zip(
+        figure.subplots(2, 1),
+        (0.0, FROZEN_FROM),
+        (40.0, FROZEN_FROM + 40.0),
+        ('a) during estimation', 'b) estimation stopped at 100 s, another input'),
+    ):
         part = slice(run.at(begin), run.at(end), THIN)
         axes.plot(run.time[part], run.velocity[part], label='velocity')
         axes.plot(run.time[part], run.estimate[part], '--', label='estimate (38)')
@@ -50,8 +52,9 @@ def identification() -> Figure:
     first.legend(loc='upper right', ncols=4)
     second.plot(time[::THIN], plant[::THIN], label='plant')
     second.plot(time[::THIN], model[::THIN], '--', label='model of 400 s')
-    second.set(title='b) plant and identified model under another input', xlabel='time [s]',
-               ylabel='[rad]')
+    second.set(
+        title='b) plant and identified model under another input', xlabel='time [s]', ylabel='[rad]'
+    )
     second.legend()
     third.plot(time[::THIN], (model - plant)[::THIN])
     third.set(title='c) their difference', xlabel='time [s]', ylabel='[rad]')

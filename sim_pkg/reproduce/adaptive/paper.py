@@ -11,8 +11,14 @@ REPRODUCTION = Reproduction(
     parts=(*rows.PARTS, *sampling_rows.PARTS, *excitation_rows.PARTS, *recorded_rows.PARTS),
     figures='sim_pkg.reproduce.adaptive.figures',
     tables=recorded_rows.table,
-    notes=('The inputs, the start values and the gains of example 4.1 are not published: ours are '
-           'in sim_pkg/reproduce/adaptive/plant.py.',
-           'What each row shows, misprints and findings: docs/papers/adaptive.md',
-           *(() if recorded_rows.PARTS else
-             ('The recorded pendulum is left out: there is no folder bags here.',))))
+    notes=(
+        'The inputs, the start values and the gains of example 4.1 are not published: ours are '
+        'in sim_pkg/reproduce/adaptive/plant.py.',
+        'What each row shows, misprints and findings: docs/papers/adaptive.md',
+        *(
+            ()
+            if recorded_rows.PARTS
+            else ('The recorded pendulum is left out: there is no folder bags here.',)
+        ),
+    ),
+)

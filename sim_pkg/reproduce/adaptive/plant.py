@@ -36,18 +36,28 @@ class Example(NamedTuple):
 
 
 # K of 4.1 and Gamma of 4.1 are not printed; Gamma of 4.2 is printed for two parameters, not four
-VELOCITY = Example(5.0, 10.0, 5.0, 100.0, (-4.0, -5.0), (-1.0, -2.0),
-                   (10.0, 10.0, 1000.0, 1000.0), 1.0, (2.5, 1.5, 0.0, 10.0))
-IDENTIFICATION = Example(0.1, 10.0, 3.0, 2.0, (-10.0, -12.0), (-1.5, -2.5),
-                         (1000.0,) * 4, 5.0, (3.99, 3.45, 0.0, 0.2))
+VELOCITY = Example(
+    5.0,
+    10.0,
+    5.0,
+    100.0,
+    (-4.0, -5.0),
+    (-1.0, -2.0),
+    (10.0, 10.0, 1000.0, 1000.0),
+    1.0,
+    (2.5, 1.5, 0.0, 10.0),
+)
+IDENTIFICATION = Example(
+    0.1, 10.0, 3.0, 2.0, (-10.0, -12.0), (-1.5, -2.5), (1000.0,) * 4, 5.0, (3.99, 3.45, 0.0, 0.2)
+)
 
 
 def lcg(seed: int, count: int) -> Array:
     """`count` uniform numbers of unit variance, the same on every machine; shape (count,)."""
     values = np.empty(count)
     for i in range(count):
-        seed = (1664525 * seed + 1013904223) % 2 ** 32
-        values[i] = math.sqrt(3.0) * (2.0 * seed / 2 ** 32 - 1.0)
+        seed = (1664525 * seed + 1013904223) % 2**32
+        values[i] = math.sqrt(3.0) * (2.0 * seed / 2**32 - 1.0)
     return values
 
 
@@ -64,14 +74,15 @@ def random_input(example: Example, dt: float, duration: float, seed: int = 12345
 
 def square(dt: float, duration: float) -> Array:
     """+1 and -1, for 5 s each; shape (duration / dt,)."""
-    return held(np.where(np.arange(math.ceil(duration / 5.0) + 1) % 2 == 0, 1.0, -1.0), 5.0, dt,
-                duration)
+    return held(
+        np.where(np.arange(math.ceil(duration / 5.0) + 1) % 2 == 0, 1.0, -1.0), 5.0, dt, duration
+    )
 
 
 def exponential(matrix: Array) -> Array:
     """exp(matrix), shape (n, n), by scaling and a Taylor series."""
     halvings = max(0, math.ceil(math.log2(max(1e-300, float(np.abs(matrix).sum())))) + 2)
-    scaled = matrix / 2.0 ** halvings
+    scaled = matrix / 2.0**halvings
     whole = term = np.eye(len(matrix))
     for j in range(1, 20):
         term = term @ scaled / j
@@ -84,13 +95,20 @@ def exponential(matrix: Array) -> Array:
 def _march(angle: Array, speed: Array, e: Array, inputs: Array) -> None:
     q, w = angle[0], speed[0]
     for i in range(len(inputs)):
-        q, w = (e[0, 0] * q + e[0, 1] * w + e[0, 2] * inputs[i],
-                e[1, 0] * q + e[1, 1] * w + e[1, 2] * inputs[i])
+        q, w = (
+            e[0, 0] * q + e[0, 1] * w + e[0, 2] * inputs[i],
+            e[1, 0] * q + e[1, 1] * w + e[1, 2] * inputs[i],
+        )
         angle[i + 1], speed[i + 1] = q, w
 
 
-def response(example: Example, inputs: Array, dt: float, load: float = 0.0,
-             start: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array]:
+def response(
+    example: Example,
+    inputs: Array,
+    dt: float,
+    load: float = 0.0,
+    start: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Array, Array]:
     """Angle [rad] and velocity [rad/s] under a held input, exactly; one longer than `inputs`.
 
     Parameters
@@ -133,11 +151,17 @@ def _flow(s: Array, u: float, p: Array, adapting: float, injecting: float, out: 
     out[15] += u
 
 
-def _integrate(s: Array, inputs: Array, p: Array, adapting: Array, injecting: Array, h: float,
-               out: Array) -> None:
+def _integrate(
+    s: Array, inputs: Array, p: Array, adapting: Array, injecting: Array, h: float, out: Array
+) -> None:
     count = len(s)
-    k1, k2, k3, k4, t = (np.empty(count), np.empty(count), np.empty(count), np.empty(count),
-                         np.empty(count))
+    k1, k2, k3, k4, t = (
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+    )
     out[0] = s
     for i in range(len(inputs)):
         u, g, j = inputs[i], adapting[i], injecting[i]
@@ -178,9 +202,14 @@ class Continuous(NamedTuple):
         return round(time / RK4_STEP)
 
 
-def continuous(example: Example, inputs: Array, *, freeze: float = math.inf,
-               injection_stays: bool = False, gamma: tuple[float, ...] | None = None
-               ) -> Continuous:
+def continuous(
+    example: Example,
+    inputs: Array,
+    *,
+    freeze: float = math.inf,
+    injection_stays: bool = False,
+    gamma: tuple[float, ...] | None = None,
+) -> Continuous:
     """Plant and observer together by Runge-Kutta 4, everything at zero first.
 
     Parameters
@@ -190,16 +219,25 @@ def continuous(example: Example, inputs: Array, *, freeze: float = math.inf,
     injection_stays : the last term of (13) is left on then.
     """
     model, observer = _column(example.model_poles), _column(example.observer_poles)
-    p = np.array([example.k / example.J, example.b / example.J, example.Kv / example.J, *model,
-                  *(m - o for m, o in zip(model, observer)), *(gamma or example.gamma)])
+    p = np.array(
+        [
+            example.k / example.J,
+            example.b / example.J,
+            example.Kv / example.J,
+            *model,
+            *(m - o for m, o in zip(model, observer)),
+            *(gamma or example.gamma),
+        ]
+    )
     time = np.arange(len(inputs) + 1) * RK4_STEP
     adapting = (time[:-1] < freeze - 1e-9).astype(float)
     injecting = np.ones_like(adapting) if injection_stays else adapting
     out = np.empty((len(inputs) + 1, 16))
     compiled(_integrate)(np.zeros(16), inputs, p, adapting, injecting, RK4_STEP, out)
     theta = out[:, 4:8].copy()
-    return Continuous(time, out[:, 0], out[:, 1], out[:, 3] + (model[0] + theta[:, 0]) * out[:, 2],
-                      theta)
+    return Continuous(
+        time, out[:, 0], out[:, 1], out[:, 3] + (model[0] + theta[:, 0]) * out[:, 2], theta
+    )
 
 
 def _column(poles: tuple[float, float]) -> tuple[float, float]:

@@ -31,45 +31,96 @@ from sim_pkg.reproduce.contract import (
     Values,
 )
 
-RECORDINGS = {'energy_shaping': 'energy_shaping_200hz', 'sac': 'sac_200hz_multiturn',
-              'system_identification': 'system_identification_300hz',
-              'gravity_compensation': 'gravity_compensation_1000hz'}
+RECORDINGS = {
+    'energy_shaping': 'energy_shaping_200hz',
+    'sac': 'sac_200hz_multiturn',
+    'system_identification': 'system_identification_300hz',
+    'gravity_compensation': 'gravity_compensation_1000hz',
+}
 QUANTUM = 2.914e-3  # [rad] of the position column
 # Torque in; gravity is a known regressor and there is no spring. Where the joint sticks, or
 # somebody pushes it, nothing is learnt.
 SETTINGS: dict[str, Any] = {
-    'gravity': True, 'known': ('b1=0', 'k/J=0'), 'bandwidth_hz': 3.0, 'moving_above': 0.5,
-    'torque_constant': 1.0, 'quantum': QUANTUM}
+    'gravity': True,
+    'known': ('b1=0', 'k/J=0'),
+    'bandwidth_hz': 3.0,
+    'moving_above': 0.5,
+    'torque_constant': 1.0,
+    'quantum': QUANTUM,
+}
 LINEAR: dict[str, Any] = {
-    'known': ('b1=0',), 'torque_constant': 1.0, 'quantum': QUANTUM}  # as somebody may start
+    'known': ('b1=0',),
+    'torque_constant': 1.0,
+    'quantum': QUANTUM,
+}  # as somebody may start
 NAMES = {'1/J': 'Kv/J', 'b/J': 'b/J', 'mgl/J': 'mgl/J'}
 UNITS = {'1/J': '1/(kg m^2)', 'b/J': '1/s', 'mgl/J': '1/s^2'}
 FOUND = {  # value, standard deviation
     'energy_shaping': {'1/J': (4.93, 0.195), 'b/J': (0.179, 0.0329), 'mgl/J': (19.6, 0.145)},
     'sac': {'1/J': (5.06, 0.140), 'b/J': (0.172, 0.0164), 'mgl/J': (19.77, 0.141)},
-    'system_identification': {'1/J': (5.72, 0.942), 'b/J': (0.0956, 0.0790),
-                              'mgl/J': (20.49, 0.531)}}
+    'system_identification': {
+        '1/J': (5.72, 0.942),
+        'b/J': (0.0956, 0.0790),
+        'mgl/J': (20.49, 0.531),
+    },
+}
 PAIRS = tuple(combinations(FOUND, 2))
 
 RECORDED = (
-    *(Reference(f'recorded {recording} {name}', f'identified [{UNITS[name]}]', value, 2.0, PERCENT)
-      for recording, row in FOUND.items() for name, (value, _) in row.items()),
-    *(Reference(f'recorded {recording} {name} stddev', f'one of it [{UNITS[name]}]', sigma, 10.0,
-                PERCENT)
-      for recording, row in FOUND.items() for name, (_, sigma) in row.items()),
-    *(Reference(f'recorded {recording} explained', 'part of the acceleration that was predicted',
-                0.99, kind=AT_LEAST) for recording in FOUND),
-    *(Reference(f'recorded disagreement {name}',
-                'largest difference of two recordings, in its standard deviations', 2.0,
-                kind=AT_MOST) for name in NAMES),
-    Reference('recorded gravity_compensation explained',
-              'part of the acceleration that was predicted: a hand moves the joint', 0.5,
-              kind=AT_MOST),
-    Reference('recorded gravity_compensation trusted', 'parameters that are trusted', 0.0,
-              kind=EXACT),
-    *(Reference(f'recorded spring {recording} trusted',
-                'parameters that are trusted with a spring in place of gravity', 0.0, kind=EXACT)
-      for recording in RECORDINGS),
+    *(
+        Reference(
+            f'recorded {recording} {name}', f'identified [{UNITS[name]}]', value, 2.0, PERCENT
+        )
+        for recording, row in FOUND.items()
+        for name, (value, _) in row.items()
+    ),
+    *(
+        Reference(
+            f'recorded {recording} {name} stddev',
+            f'one of it [{UNITS[name]}]',
+            sigma,
+            10.0,
+            PERCENT,
+        )
+        for recording, row in FOUND.items()
+        for name, (_, sigma) in row.items()
+    ),
+    *(
+        Reference(
+            f'recorded {recording} explained',
+            'part of the acceleration that was predicted',
+            0.99,
+            kind=AT_LEAST,
+        )
+        for recording in FOUND
+    ),
+    *(
+        Reference(
+            f'recorded disagreement {name}',
+            'largest difference of two recordings, in its standard deviations',
+            2.0,
+            kind=AT_MOST,
+        )
+        for name in NAMES
+    ),
+    Reference(
+        'recorded gravity_compensation explained',
+        'part of the acceleration that was predicted: a hand moves the joint',
+        0.5,
+        kind=AT_MOST,
+    ),
+    Reference(
+        'recorded gravity_compensation trusted', 'parameters that are trusted', 0.0, kind=EXACT
+    ),
+    *(
+        Reference(
+            f'recorded spring {recording} trusted',
+            'parameters that are trusted with a spring in place of gravity',
+            0.0,
+            kind=EXACT,
+        )
+        for recording in RECORDINGS
+    ),
 )
 
 
@@ -88,10 +139,14 @@ def identified(recording: str, linear: bool = False) -> Report:
     assert place is not None
     with open_bag(place / RECORDINGS[recording]) as bag:
         series = next(iter(joint_series(bag, '/joint_states').values()))
-    joint = AdaptiveJoint(OBSERVER, build(OBSERVER.gains, LINEAR if linear else SETTINGS),
-                          JointSettings(wrap_period=0.0))
-    for stamp, angle, torque in zip(series.stamps_ns.tolist(), series.position.tolist(),
-                                    series.effort.tolist()):
+    joint = AdaptiveJoint(
+        OBSERVER,
+        build(OBSERVER.gains, LINEAR if linear else SETTINGS),
+        JointSettings(wrap_period=0.0),
+    )
+    for stamp, angle, torque in zip(
+        series.stamps_ns.tolist(), series.position.tolist(), series.effort.tolist()
+    ):
         joint.update(stamp, angle, torque)  # as live: a batch would end its blocks elsewhere
     return joint.report()
 
@@ -99,17 +154,24 @@ def identified(recording: str, linear: bool = False) -> Report:
 def values() -> Values:
     """The values of all rows."""
     found = {recording: identified(recording) for recording in RECORDINGS}
-    numbers = {recording: {item.name: item for item in report.parameters}
-               for recording, report in found.items()}
+    numbers = {
+        recording: {item.name: item for item in report.parameters}
+        for recording, report in found.items()
+    }
     for recording in FOUND:
         for name, own in NAMES.items():
             yield f'recorded {recording} {name}', numbers[recording][own].value
             yield f'recorded {recording} {name} stddev', numbers[recording][own].stddev
         yield f'recorded {recording} explained', found[recording].explained
     for name, own in NAMES.items():
-        yield f'recorded disagreement {name}', max(
-            abs(numbers[a][own].value - numbers[b][own].value)
-            / math.hypot(numbers[a][own].stddev, numbers[b][own].stddev) for a, b in PAIRS)
+        yield (
+            f'recorded disagreement {name}',
+            max(
+                abs(numbers[a][own].value - numbers[b][own].value)
+                / math.hypot(numbers[a][own].stddev, numbers[b][own].stddev)
+                for a, b in PAIRS
+            ),
+        )
     yield 'recorded gravity_compensation explained', found['gravity_compensation'].explained
     yield 'recorded gravity_compensation trusted', _trusted(found['gravity_compensation'])
     for recording in RECORDINGS:
@@ -126,20 +188,32 @@ def table(rows: Sequence[Row]) -> list[str]:
     value = {row.reference.id: row.value for row in rows}
     if not all(reference.id in value for reference in RECORDED):
         return []
-    lines = ['The recorded pendulum (torque in, gravity known as a regressor), value and its '
-             'standard deviation:', f'  {"recording":22}' + ''.join(
-                 f'{f"{name} [{UNITS[name]}]":>22}' for name in NAMES) + '  predicted']
+    lines = [
+        'The recorded pendulum (torque in, gravity known as a regressor), value and its '
+        'standard deviation:',
+        f'  {"recording":22}'
+        + ''.join(f'{f"{name} [{UNITS[name]}]":>22}' for name in NAMES)
+        + '  predicted',
+    ]
     for recording in FOUND:
         numbers = ''.join(
             f'{value[f"recorded {recording} {name}"]:14.4g} +- '
-            f'{value[f"recorded {recording} {name} stddev"]:<4.2g}' for name in NAMES)
-        lines.append(f'  {recording:22}{numbers}'
-                     f'{100.0 * value[f"recorded {recording} explained"]:9.1f} %')
-    lines.append(f'  {"gravity_compensation":22}{"nothing that is trusted":>66}'
-                 f'{100.0 * value["recorded gravity_compensation explained"]:9.1f} %')
+            f'{value[f"recorded {recording} {name} stddev"]:<4.2g}'
+            for name in NAMES
+        )
+        lines.append(
+            f'  {recording:22}{numbers}{100.0 * value[f"recorded {recording} explained"]:9.1f} %'
+        )
+    lines.append(
+        f'  {"gravity_compensation":22}{"nothing that is trusted":>66}'
+        f'{100.0 * value["recorded gravity_compensation explained"]:9.1f} %'
+    )
     worst = {name: value[f'recorded disagreement {name}'] for name in NAMES}
-    lines.append('  They agree within ' + ', '.join(
-        f'{far:.1f} ({name})' for name, far in worst.items()) + ' standard deviations.')
+    lines.append(
+        '  They agree within '
+        + ', '.join(f'{far:.1f} ({name})' for name, far in worst.items())
+        + ' standard deviations.'
+    )
     return lines
 
 

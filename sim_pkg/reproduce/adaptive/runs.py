@@ -37,9 +37,17 @@ class Run(NamedTuple):
 
 def gains(example: Example, **changes: Any) -> Gains:
     """The paper's observer: the gradient in the sampled form, without gate or time to settle."""
-    plain = Gains(law='gradient', observer_poles=example.observer_poles,
-                  model_poles=example.model_poles, gamma=example.gamma, settle=0.0, gate='none',
-                  velocity='paper', start_variance=(1e6,), knock=0.0)
+    plain = Gains(
+        law='gradient',
+        observer_poles=example.observer_poles,
+        model_poles=example.model_poles,
+        gamma=example.gamma,
+        settle=0.0,
+        gate='none',
+        velocity='paper',
+        start_variance=(1e6,),
+        knock=0.0,
+    )
     return replace(plain, **changes)
 
 
@@ -47,24 +55,54 @@ def gains(example: Example, **changes: Any) -> Gains:
 def _loop(step: Callable, output: Callable, size: int) -> Callable:
     add, scale = algebra(size).add, algebra(size).scale
 
-    def loop(state: tuple, coefficients: tuple, design: tuple, angles: Array, inputs: Array,
-             every: int, kept: Array, leak: float, dead: float) -> tuple:
+    def loop(
+        state: tuple,
+        coefficients: tuple,
+        design: tuple,
+        angles: Array,
+        inputs: Array,
+        every: int,
+        kept: Array,
+        leak: float,
+        dead: float,
+    ) -> tuple:
         for k in range(1, len(angles)):
             before = state[2]
             state = step(state, coefficients, design, angles[k], inputs[k - 1])
             if dead > 0.0:
-                unmoved = (state[0], state[1], before, state[3], state[4], state[5], state[6],
-                           state[7], state[8], state[9])
+                unmoved = (
+                    state[0],
+                    state[1],
+                    before,
+                    state[3],
+                    state[4],
+                    state[5],
+                    state[6],
+                    state[7],
+                    state[8],
+                    state[9],
+                )
                 e = angles[k] - output(unmoved, coefficients, design, angles[k], inputs[k - 1])[0]
                 if -dead <= e <= dead:
                     state = unmoved
             elif leak > 0.0:
                 theta = add(scale(1.0 - leak, state[2]), leak, design[5])
-                state = (state[0], state[1], theta, state[3], state[4], state[5], state[6],
-                         state[7], state[8], state[9])
+                state = (
+                    state[0],
+                    state[1],
+                    theta,
+                    state[3],
+                    state[4],
+                    state[5],
+                    state[6],
+                    state[7],
+                    state[8],
+                    state[9],
+                )
             if k % every == 0:
-                position, speed, acceleration, status = output(state, coefficients, design,
-                                                               angles[k], inputs[k - 1])
+                position, speed, acceleration, status = output(
+                    state, coefficients, design, angles[k], inputs[k - 1]
+                )
                 row = kept[k // every - 1]
                 row[0], row[1], row[2] = position, speed, state[8][0]
                 i = 3
@@ -76,8 +114,17 @@ def _loop(step: Callable, output: Callable, size: int) -> Callable:
     return loop
 
 
-def run(settings: Gains, angles: Array, inputs: Array, dt: float, every: int = 1, *,
-        from_zero: bool = False, leak: float = 0.0, dead_zone: float = 0.0) -> Run:
+def run(
+    settings: Gains,
+    angles: Array,
+    inputs: Array,
+    dt: float,
+    every: int = 1,
+    *,
+    from_zero: bool = False,
+    leak: float = 0.0,
+    dead_zone: float = 0.0,
+) -> Run:
     """The observer on these samples.
 
     Parameters
@@ -104,12 +151,21 @@ def run(settings: Gains, angles: Array, inputs: Array, dt: float, every: int = 1
             compiled(loop)(state, coefficients, design, angles, inputs, every, kept, *remedies)
         else:
             try:
-                loop(state, coefficients, design, angles.tolist(), inputs.tolist(), every, kept,
-                     *remedies)
+                loop(
+                    state,
+                    coefficients,
+                    design,
+                    angles.tolist(),
+                    inputs.tolist(),
+                    every,
+                    kept,
+                    *remedies,
+                )
             except OverflowError:
                 kept[:, :] = math.nan  # diverged
     rows = np.arange(1, count + 1) * every
     free = kept[:, 3:]
     b1 = free[:, 2] if free.shape[1] >= 4 else 0.0
-    return Run(rows * dt, kept[:, 0], kept[:, 1], kept[:, 1] + b1 * inputs[rows - 1], free,
-               kept[:, 2])
+    return Run(
+        rows * dt, kept[:, 0], kept[:, 1], kept[:, 1] + b1 * inputs[rows - 1], free, kept[:, 2]
+    )

@@ -32,13 +32,13 @@ from sim_pkg.reproduce import splitmix
 
 Array = NDArray[np.floating[Any]]
 
-STEP = 1e-4             # integration step [s]
-DURATION = 8.0          # of Figures 4 and 5 [s]
+STEP = 1e-4  # integration step [s]
+DURATION = 8.0  # of Figures 4 and 5 [s]
 STEPS = round(DURATION / STEP)
-NOISE_HOLD = 10         # steps for which a noise value is held: 1 ms
+NOISE_HOLD = 10  # steps for which a noise value is held: 1 ms
 NOISE_REACH = math.radians(15.0)
 MARGIN = math.radians(5.0)  # delta_pi
-K1, K2 = 6.0, 5.0       # the paper's k_v and k_p
+K1, K2 = 6.0, 5.0  # the paper's k_v and k_p
 
 
 class Trace(NamedTuple):
@@ -83,10 +83,21 @@ def make_simulation(name: str) -> Callable[..., None]:
     flow = make_flow(injections.BUILT_IN[name])
     lyapunov = make_lyapunov(POTENTIALS[name])
 
-    def simulate(gains: tuple[float, float, float], margin: float, step: float, speed: Array,
-                 noise: Array, velocity: Array, output_error: Array, position_error: Array,
-                 value: Array, flow_change: Array, reset_change: Array, wrap_change: Array,
-                 resets: Array) -> None:
+    def simulate(
+        gains: tuple[float, float, float],
+        margin: float,
+        step: float,
+        speed: Array,
+        noise: Array,
+        velocity: Array,
+        output_error: Array,
+        position_error: Array,
+        value: Array,
+        flow_change: Array,
+        reset_change: Array,
+        wrap_change: Array,
+        resets: Array,
+    ) -> None:
         """Fills the arrays from `velocity` on; all of shape (n,).
 
         gains : l1, l2, saturation limit. speed : true velocity at half steps, shape (2 n + 1,).
@@ -158,8 +169,9 @@ def figure_5(injection: str, seed: int) -> Trace:
     seed : of the splitmix64 stream. The paper states neither distribution nor bandwidth.
     """
     held = splitmix.uniforms(seed, STEPS // NOISE_HOLD, NOISE_REACH)
-    return _run(injection, (*observer_gains(K1, K2, 0.1), 0.03), MARGIN,
-                np.repeat(held, NOISE_HOLD))
+    return _run(
+        injection, (*observer_gains(K1, K2, 0.1), 0.03), MARGIN, np.repeat(held, NOISE_HOLD)
+    )
 
 
 def _run(injection: str, gains: tuple[float, float, float], margin: float, noise: Array) -> Trace:

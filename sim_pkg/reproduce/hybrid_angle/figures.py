@@ -25,14 +25,22 @@ from sim_pkg.reproduce.hybrid_angle.sampled import (
 
 # As in the paper: sin blue, tan red, saw green, sat purple.
 COLOURS = {'sin': '#1f6fb4', 'tan': '#d1342f', 'saw': '#2a9d4a', 'sat': '#8a4fbf'}
-LABELS = {'sin': r'$\sin$', 'tan': r'$2\,\tan(e/2)$', 'saw': r'$\mathrm{saw}$',
-          'sat': r'$\mathrm{sat}_M(\mathrm{saw})$'}
-TRUTH: dict[str, Any] = {'color': '#222222', 'linewidth': 1.1, 'linestyle': (0, (5, 2)),
-                         'label': 'true'}
+LABELS = {
+    'sin': r'$\sin$',
+    'tan': r'$2\,\tan(e/2)$',
+    'saw': r'$\mathrm{saw}$',
+    'sat': r'$\mathrm{sat}_M(\mathrm{saw})$',
+}
+TRUTH: dict[str, Any] = {
+    'color': '#222222',
+    'linewidth': 1.1,
+    'linestyle': (0, (5, 2)),
+    'label': 'true',
+}
 GREY = '#cfcfcf'
 SOFT = '#555555'
-BAND = '#e9e4d8'        # of the jump set J2
-THIN = 25               # every so many integration steps are drawn: 2.5 ms
+BAND = '#e9e4d8'  # of the jump set J2
+THIN = 25  # every so many integration steps are drawn: 2.5 ms
 
 
 def injection_curves() -> Figure:
@@ -45,11 +53,17 @@ def injection_curves() -> Figure:
         axes.plot(error[:-1], curve[:-1], color=COLOURS[name], label=LABELS[name], linewidth=1.8)
     axes.axvspan(-math.pi, -math.pi + MARGIN, color=BAND, label=r'jump set $J_2$')
     axes.axvspan(math.pi - MARGIN, math.pi, color=BAND)
-    axes.set(xlim=(-math.pi, math.pi), ylim=(-5.0, 5.0), xlabel=r'output error $e_y$ [rad]',
-             ylabel=r'injection $\varphi(e_y)$ [rad]',
-             title=r'The four injections ($M = 1$ rad, $\delta_\pi = 5^\circ$)')
-    axes.set_xticks([-math.pi, -0.5 * math.pi, 0.0, 0.5 * math.pi, math.pi],
-                    [r'$-\pi$', r'$-\pi/2$', '0', r'$\pi/2$', r'$\pi$'])
+    axes.set(
+        xlim=(-math.pi, math.pi),
+        ylim=(-5.0, 5.0),
+        xlabel=r'output error $e_y$ [rad]',
+        ylabel=r'injection $\varphi(e_y)$ [rad]',
+        title=r'The four injections ($M = 1$ rad, $\delta_\pi = 5^\circ$)',
+    )
+    axes.set_xticks(
+        [-math.pi, -0.5 * math.pi, 0.0, 0.5 * math.pi, math.pi],
+        [r'$-\pi$', r'$-\pi/2$', '0', r'$\pi/2$', r'$\pi$'],
+    )
     _tidy(axes)
     axes.legend(loc='upper left', frameon=False, bbox_to_anchor=(0.05, 1.0))
     return figure
@@ -65,14 +79,25 @@ def noise_free() -> Figure:
         error.plot(trace.time[::THIN], trace.output_error[::THIN], **_line(name))
         value.plot(trace.time, trace.lyapunov, **_line(name))
         at = np.flatnonzero(trace.resets > 0)
-        value.plot(trace.time[at], trace.lyapunov[at], linestyle='', marker='v', markersize=4,
-                   color=COLOURS[name])
+        value.plot(
+            trace.time[at],
+            trace.lyapunov[at],
+            linestyle='',
+            marker='v',
+            markersize=4,
+            color=COLOURS[name],
+        )
     _circle(error)
     error.set_ylabel(r'output error $e_y$ [rad]')
-    value.plot([], [], linestyle='', marker='v', markersize=4, color=SOFT,
-               label=r'before a jump in $J_2$')
-    value.set(ylabel=r'Lyapunov function $V$ [rad$^2$]', xlabel='time [s]', xlim=(0.0, 8.0),
-              ylim=(0.0, None))
+    value.plot(
+        [], [], linestyle='', marker='v', markersize=4, color=SOFT, label=r'before a jump in $J_2$'
+    )
+    value.set(
+        ylabel=r'Lyapunov function $V$ [rad$^2$]',
+        xlabel='time [s]',
+        xlim=(0.0, 8.0),
+        ylim=(0.0, None),
+    )
     value.legend(handles=[value.lines[-1]], loc='upper right', frameon=False)
     velocity.text(0.3, -3.0, 'all four nearly coincide', color=SOFT, fontsize=9)
     velocity.set_title(r'Continuous time, no noise, $\epsilon = 0.7$ s, $M = 1$ rad')
@@ -94,11 +119,14 @@ def noisy() -> Figure:
     _circle(error)
     error.set(ylabel=r'position error $e_1$ [rad]', xlim=(0.0, 8.0))
     steady.axhline(0.0, color='#222222', linewidth=0.8)
-    steady.set(ylabel=r'velocity error $e_2$ [rad/s]', xlabel='time [s]', xlim=(7.5, 8.0),
-               ylim=(-0.8, 0.8))
+    steady.set(
+        ylabel=r'velocity error $e_2$ [rad/s]', xlabel='time [s]', xlim=(7.5, 8.0), ylim=(-0.8, 0.8)
+    )
     velocity.text(5.5, -17.5, 'sin, tan and saw coincide', color=SOFT, fontsize=9)
-    velocity.set_title(r'Continuous time, $w \in [-15^\circ, 15^\circ]$, $\epsilon = 0.1$ s, '
-                       r'$M = 0.03$ rad')
+    velocity.set_title(
+        r'Continuous time, $w \in [-15^\circ, 15^\circ]$, $\epsilon = 0.1$ s, '
+        r'$M = 0.03$ rad'
+    )
     for axes in (velocity, error, steady):
         _tidy(axes)
     return figure
@@ -117,19 +145,29 @@ def sampled() -> Figure:
     figure = Figure(figsize=(9.0, 7.0), layout='constrained')
     whole, *parts = figure.subplot_mosaic([['whole'] * 3, ['up', 'steady', 'down']]).values()
     for axes in (whole, *parts):
-        axes.plot(time, dirty, color=GREY, linewidth=1.2 if axes is parts[1] else 5.0,
-                  label='dirty derivative')
+        axes.plot(
+            time,
+            dirty,
+            color=GREY,
+            linewidth=1.2 if axes is parts[1] else 5.0,
+            label='dirty derivative',
+        )
         axes.plot(time, velocity, **TRUTH)
         for name in FOUR:
             axes.plot(time, estimates[name], **_line(name))
         axes.set_xlabel('time [s]')
         _tidy(axes)
-    whole.set(xlim=(0.0, 8.0), ylabel='velocity [rad/s]',
-              title=r'Algorithm 1 at 100 Hz, $\epsilon = 0.1$ s, $M = 1$ rad')
+    whole.set(
+        xlim=(0.0, 8.0),
+        ylabel='velocity [rad/s]',
+        title=r'Algorithm 1 at 100 Hz, $\epsilon = 0.1$ s, $M = 1$ rad',
+    )
     whole.legend(loc='upper right', frameon=False)
-    limits: list[tuple[str, Any, Any]] = [('run-up', (0.0, 1.5), (0.0, 150.0)),
-                                          ('steady state', (4.0, 4.9), (149.3, 150.7)),
-                                          ('run-down', (4.95, 5.7), (-25.0, 155.0))]
+    limits: list[tuple[str, Any, Any]] = [
+        ('run-up', (0.0, 1.5), (0.0, 150.0)),
+        ('steady state', (4.0, 4.9), (149.3, 150.7)),
+        ('run-down', (4.95, 5.7), (-25.0, 155.0)),
+    ]
     for axes, (title, across, up) in zip(parts, limits):
         axes.set(title=title, xlim=across, ylim=up)
     parts[0].set_ylabel('velocity [rad/s]')
@@ -152,10 +190,13 @@ def _circle(axes: Axes) -> None:
     axes.axhspan(-math.pi, -math.pi + MARGIN, color=BAND)
     axes.axhspan(math.pi - MARGIN, math.pi, color=BAND, label=r'jump set $J_2$')
     axes.set_ylim(-1.03 * math.pi, 1.03 * math.pi)
-    axes.set_yticks([-math.pi, -0.5 * math.pi, 0.0, 0.5 * math.pi, math.pi],
-                    [r'$-\pi$', r'$-\pi/2$', '0', r'$\pi/2$', r'$\pi$'])
-    axes.legend(handles=axes.patches[-1:], loc='upper right', frameon=False,
-                bbox_to_anchor=(1.0, 0.97))
+    axes.set_yticks(
+        [-math.pi, -0.5 * math.pi, 0.0, 0.5 * math.pi, math.pi],
+        [r'$-\pi$', r'$-\pi/2$', '0', r'$\pi/2$', r'$\pi$'],
+    )
+    axes.legend(
+        handles=axes.patches[-1:], loc='upper right', frameon=False, bbox_to_anchor=(1.0, 0.97)
+    )
 
 
 def _line(name: str) -> dict[str, Any]:
@@ -170,5 +211,9 @@ def _tidy(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-FIGURES = {'hybrid_angle_figure_3': injection_curves, 'hybrid_angle_figure_4': noise_free,
-           'hybrid_angle_figure_5': noisy, 'hybrid_angle_figure_6': sampled}
+FIGURES = {
+    'hybrid_angle_figure_3': injection_curves,
+    'hybrid_angle_figure_4': noise_free,
+    'hybrid_angle_figure_5': noisy,
+    'hybrid_angle_figure_6': sampled,
+}

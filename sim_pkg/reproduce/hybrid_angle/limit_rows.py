@@ -40,15 +40,25 @@ EPSILON = FIGURE_6['epsilon']
 
 RAMPS = (
     Reference('ramp e2 at a=75', 'velocity lag, Algorithm 1 [rad/s]', 8.625, 0.001),
-    Reference('ramp e2 at a=75 third order', 'velocity lag, robust form of order 3 [rad/s]', 0.0,
-              0.001),
-    *family('ramp e2 at a=600', 'velocity error after 2 s at 600 rad/s^2 [rad/s]',
-            four(995, 69.0, 69.0, 899), 1.0),
+    Reference(
+        'ramp e2 at a=75 third order', 'velocity lag, robust form of order 3 [rad/s]', 0.0, 0.001
+    ),
+    *family(
+        'ramp e2 at a=600',
+        'velocity error after 2 s at 600 rad/s^2 [rad/s]',
+        four(995, 69.0, 69.0, 899),
+        1.0,
+    ),
     # l2 max|phi| for sin and sat. Algorithm 1 tests J2 after the correction, so saw reaches l2 pi;
     # tan's slope at the lag makes the discrete loop unstable above 4/(2 alpha + beta) = 3.2, long
     # before its formula's 22900
-    *family('ramp measured capacity', 'largest acceleration tracked by Algorithm 1 [rad/s^2]',
-            {'sin': 500, 'tan': 1483, 'saw': 1571, 'sat': 500, 'sat M=0.03': 15}, 1.0, PERCENT),
+    *family(
+        'ramp measured capacity',
+        'largest acceleration tracked by Algorithm 1 [rad/s^2]',
+        {'sin': 500, 'tan': 1483, 'saw': 1571, 'sat': 500, 'sat M=0.03': 15},
+        1.0,
+        PERCENT,
+    ),
     Reference('ramp e2 at 1200 rad/s', 'after a run-up in 20 s, above 2 pi/T [rad/s]', 0.0, 0.001),
 )
 
@@ -56,8 +66,10 @@ RAMPS = (
 def ramp_values() -> Values:
     """The values of RAMPS."""
     yield 'ramp e2 at a=75', ramp_errors(partial(algorithm_1, 'saw'), 75.0, 2.0)[-1]
-    yield ('ramp e2 at a=75 third order',
-           ramp_errors(partial(robust, 'saw', order=3), 75.0, 2.0)[-1])
+    yield (
+        'ramp e2 at a=75 third order',
+        ramp_errors(partial(robust, 'saw', order=3), 75.0, 2.0)[-1],
+    )
     for name in FOUR:
         yield f'ramp e2 at a=600 {name}', ramp_errors(partial(algorithm_1, name), 600.0, 2.0)[-1]
         yield f'ramp measured capacity {name}', capacity(partial(algorithm_1, name), 3000.0)
@@ -91,26 +103,45 @@ def capacity(run: Callable[[Array], Run], high: float) -> float:
     return low
 
 
-COLD = tuple(range(10, 311, 10))   # speeds of the cold starts [rad/s]
-NO_RESET = 1e-6                    # a delta_pi that no sample falls into [rad]
+COLD = tuple(range(10, 311, 10))  # speeds of the cold starts [rad/s]
+NO_RESET = 1e-6  # a delta_pi that no sample falls into [rad]
 
 STARTS = (
-    *family('start locked of 31', 'cold starts at 10..310 rad/s locked within 6 s, Algorithm 1',
-            four(27, 31, 26, 19), kind=EXACT),
-    *family('start locked of 31 without J2', 'the same with J2 off', four(27, 31, 26, 19),
-            kind=EXACT),
-    *family('start locked of 31 robust', 'the same, robust form of order 2',
-            four(30, 30, 30, 30), kind=AT_LEAST),
-    Reference('start false lock', 'mean e2 [4,5), saw, eps=0.4, run-up of Figure 6 [rad/s]',
-              104.8, 0.05),
+    *family(
+        'start locked of 31',
+        'cold starts at 10..310 rad/s locked within 6 s, Algorithm 1',
+        four(27, 31, 26, 19),
+        kind=EXACT,
+    ),
+    *family(
+        'start locked of 31 without J2', 'the same with J2 off', four(27, 31, 26, 19), kind=EXACT
+    ),
+    *family(
+        'start locked of 31 robust',
+        'the same, robust form of order 2',
+        four(30, 30, 30, 30),
+        kind=AT_LEAST,
+    ),
+    Reference(
+        'start false lock', 'mean e2 [4,5), saw, eps=0.4, run-up of Figure 6 [rad/s]', 104.8, 0.05
+    ),
     Reference('start false lock std', 'how quiet the wrong speed is, std of e2 [rad/s]', 0.5, 0.05),
-    Reference('start false lock robust', 'RMS e2 [4,5) of the robust form there [rad/s]', 0.14,
-              kind=AT_MOST),
-    Reference('start stationary tan', 'start angles of 360 that end on an alias, Algorithm 1', 8,
-              kind=EXACT),
+    Reference(
+        'start false lock robust',
+        'RMS e2 [4,5) of the robust form there [rad/s]',
+        0.14,
+        kind=AT_MOST,
+    ),
+    Reference(
+        'start stationary tan',
+        'start angles of 360 that end on an alias, Algorithm 1',
+        8,
+        kind=EXACT,
+    ),
     Reference('start stationary tan worst', 'largest of those wrong speeds [rad/s]', 2513, 1.0),
-    Reference('start stationary tan robust', 'start angles of 360 that end on an alias', 0,
-              kind=EXACT),
+    Reference(
+        'start stationary tan robust', 'start angles of 360 that end on an alias', 0, kind=EXACT
+    ),
 )
 
 
@@ -118,15 +149,19 @@ def start_values() -> Values:
     """The values of STARTS."""
     for name in FOUR:
         yield f'start locked of 31 {name}', locked(partial(algorithm_1, name))
-        yield (f'start locked of 31 without J2 {name}',
-               locked(partial(algorithm_1, name, delta_pi=NO_RESET)))
+        yield (
+            f'start locked of 31 without J2 {name}',
+            locked(partial(algorithm_1, name, delta_pi=NO_RESET)),
+        )
         yield f'start locked of 31 robust {name}', locked(partial(robust, name))
     _, velocity, angles = samples(profiles.figure_6(0.15), 5.0)
     error = error_of(algorithm_1('saw', angles, epsilon=0.4), velocity)[rows(4, 5)]
     yield 'start false lock', error.mean()
     yield 'start false lock std', error.std()
-    yield ('start false lock robust',
-           rms(error_of(robust('saw', angles, epsilon=0.4), velocity)[rows(4, 5)]))
+    yield (
+        'start false lock robust',
+        rms(error_of(robust('saw', angles, epsilon=0.4), velocity)[rows(4, 5)]),
+    )
     degrees = wrapped(np.radians(np.arange(360) + 0.5))
     finals = np.array([algorithm_1('tan', [angle] * 600).velocity[-1] for angle in degrees])
     yield 'start stationary tan', np.sum(np.abs(finals) > 1.0)
@@ -151,8 +186,9 @@ TAN = (
     Reference('tan one update at 175 deg', 'how far it moves xh1 [rad]', 27, 0.5),
     Reference('tan one update at 175 deg: xh2', 'the speed it leaves [rad/s]', 229, 0.5),
     Reference('tan outlier 3.13 rad', 'largest velocity error, 150 rad/s [rad/s]', 1880, 10.0),
-    Reference('tan outlier 3.13 rad: after 5 s', 'velocity error that stays [rad/s]', 100,
-              kind=AT_LEAST),
+    Reference(
+        'tan outlier 3.13 rad: after 5 s', 'velocity error that stays [rad/s]', 100, kind=AT_LEAST
+    ),
 )
 
 

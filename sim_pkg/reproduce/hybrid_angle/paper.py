@@ -8,9 +8,12 @@ from sim_pkg.reproduce.hybrid_angle import continuous_rows, limit_rows, sampled_
 REPRODUCTION = Reproduction(
     name='hybrid_angle',
     summary='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
-            'measurements with jumps (2018)',
+    'measurements with jumps (2018)',
     parts=(*continuous_rows.PARTS, *sampled_rows.PARTS, *limit_rows.PARTS, *stream_rows.PARTS),
     figures='sim_pkg.reproduce.hybrid_angle.figures',
-    notes=('The paper prints curves and words, no numbers but the 150 rad/s: the references come '
-           'from an independent implementation.',
-           'What each row shows, misprints and findings: docs/papers/hybrid_angle.md'))
+    notes=(
+        'The paper prints curves and words, no numbers but the 150 rad/s: the references come '
+        'from an independent implementation.',
+        'What each row shows, misprints and findings: docs/papers/hybrid_angle.md',
+    ),
+)

@@ -22,7 +22,7 @@ from sim_pkg.reproduce.hybrid_angle.continuous import K1, K2, MARGIN
 Array = NDArray[np.floating[Any]]
 Numbers = Sequence[float] | Array
 
-PERIOD = 0.01           # sample time of the paper's experiment [s]
+PERIOD = 0.01  # sample time of the paper's experiment [s]
 TURN = 2.0 * math.pi
 QUANTUM = TURN / 2**14  # of the 14-bit encoder [rad]
 
@@ -42,8 +42,9 @@ class Run(NamedTuple):
     resets: NDArray[np.bool_]
 
 
-def algorithm_1(injection: str, angles: Numbers, periods: float | Numbers = PERIOD,
-                **gains: float) -> Run:
+def algorithm_1(
+    injection: str, angles: Numbers, periods: float | Numbers = PERIOD, **gains: float
+) -> Run:
     """Algorithm 1 (``form: paper``) from (0, 0); its first pass predicts over one sample time.
 
     Parameters
@@ -53,15 +54,29 @@ def algorithm_1(injection: str, angles: Numbers, periods: float | Numbers = PERI
     periods : T [s], or the time before each sample, shape (n,).
     gains : where they differ from Figure 6: epsilon [s], M, delta_pi [rad].
     """
-    return _run(angles, periods, start=0.0, form='paper', injection=injection,
-                **{**FIGURE_6, **gains})
+    return _run(
+        angles, periods, start=0.0, form='paper', injection=injection, **{**FIGURE_6, **gains}
+    )
 
 
-def robust(injection: str, angles: Numbers, periods: float | Numbers = PERIOD, *,
-           order: int = 2, **gains: float) -> Run:
+def robust(
+    injection: str,
+    angles: Numbers,
+    periods: float | Numbers = PERIOD,
+    *,
+    order: int = 2,
+    **gains: float,
+) -> Run:
     """``form: robust``, started at the first sample; parameters as for `algorithm_1`."""
-    return _run(angles, periods, start=None, form='robust', injection=injection, order=order,
-                **{'epsilon': FIGURE_6['epsilon'], **gains})
+    return _run(
+        angles,
+        periods,
+        start=None,
+        form='robust',
+        injection=injection,
+        order=order,
+        **{'epsilon': FIGURE_6['epsilon'], **gains},
+    )
 
 
 def _run(angles: Numbers, periods: float | Numbers, *, start: float | None, **gains: Any) -> Run:
@@ -94,8 +109,9 @@ def wrapped(angles: Numbers, quantum: float = 0.0) -> Array:
     return np.array([wrap(angle, TURN) for angle in exact.tolist()])
 
 
-def samples(profile: Profile, duration: float, *, start: float = 0.0, quantum: float = 0.0
-            ) -> tuple[Array, Array, Array]:
+def samples(
+    profile: Profile, duration: float, *, start: float = 0.0, quantum: float = 0.0
+) -> tuple[Array, Array, Array]:
     """A motion sampled every PERIOD.
 
     Returns

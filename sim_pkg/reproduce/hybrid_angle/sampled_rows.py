@@ -31,24 +31,48 @@ from sim_pkg.reproduce.hybrid_angle.sampled import (
     wrapped,
 )
 
-START = 0.3             # angle of the shaft before the run-up [rad]
-DECAYS = (0.15, 0.05)   # time constants of the run-down [s]: 1000 and 3000 rad/s^2
+START = 0.3  # angle of the shaft before the run-up [rad]
+DECAYS = (0.15, 0.05)  # time constants of the run-down [s]: 1000 and 3000 rad/s^2
 EPSILON = FIGURE_6['epsilon']
 
 
 FIGURE_6_ROWS = (
-    *family('F6 RMS e2 [0,2)', 'RMS velocity error in the run-up [rad/s]',
-            four(10.879, 10.875, 10.876, 10.876), 0.05, paper=dict.fromkeys(FOUR, 'similar')),
-    *family('F6 mean xh2 [4,5)', 'mean estimate at the steady speed [rad/s]',
-            four(150.0, 150.0, 150.0, 150.0), 0.1, paper=dict.fromkeys(FOUR, 150)),
-    *family('F6 RMS e2 [5,6) td=0.15', 'RMS velocity error, run-down at 1000 rad/s^2 [rad/s]',
-            four(24.16, 24.01, 24.04, 24.04), 1.0, PERCENT),
-    *family('F6 RMS e2 [5,6) td=0.05', 'RMS velocity error, run-down at 3000 rad/s^2 [rad/s]',
-            four(60.24, 30.56, 30.73, 46.37), 1.0, PERCENT,
-            {'sin': 'slower', 'tan': 'faster', 'saw': 'faster', 'sat': 'slower'}),
+    *family(
+        'F6 RMS e2 [0,2)',
+        'RMS velocity error in the run-up [rad/s]',
+        four(10.879, 10.875, 10.876, 10.876),
+        0.05,
+        paper=dict.fromkeys(FOUR, 'similar'),
+    ),
+    *family(
+        'F6 mean xh2 [4,5)',
+        'mean estimate at the steady speed [rad/s]',
+        four(150.0, 150.0, 150.0, 150.0),
+        0.1,
+        paper=dict.fromkeys(FOUR, 150),
+    ),
+    *family(
+        'F6 RMS e2 [5,6) td=0.15',
+        'RMS velocity error, run-down at 1000 rad/s^2 [rad/s]',
+        four(24.16, 24.01, 24.04, 24.04),
+        1.0,
+        PERCENT,
+    ),
+    *family(
+        'F6 RMS e2 [5,6) td=0.05',
+        'RMS velocity error, run-down at 3000 rad/s^2 [rad/s]',
+        four(60.24, 30.56, 30.73, 46.37),
+        1.0,
+        PERCENT,
+        {'sin': 'slower', 'tan': 'faster', 'saw': 'faster', 'sat': 'slower'},
+    ),
     *family('F6 J2 resets', 'number of J2 jumps, both run-downs', four(0, 0, 0, 0), kind=EXACT),
-    Reference('F6 spread of RMS e2 [5,6)', 'over 7 start angles, all injections [rad/s]', 0.002,
-              kind=AT_MOST),
+    Reference(
+        'F6 spread of RMS e2 [5,6)',
+        'over 7 start angles, all injections [rad/s]',
+        0.002,
+        kind=AT_MOST,
+    ),
 )
 
 
@@ -67,27 +91,40 @@ def figure_6_values() -> Values:
             if decay == DECAYS[0]:
                 yield f'F6 RMS e2 [0,2) {name}', rms(error[rows(0, 2)])
                 yield f'F6 mean xh2 [4,5) {name}', run.velocity[rows(4, 5)].mean()
-            shifted = [rms(error_of(algorithm_1(name, samples(motion, 6.0, start=start)[2]),
-                                    velocity[:601])[rows(5, 6)]) for start in range(-3, 4)]
+            shifted = [
+                rms(
+                    error_of(
+                        algorithm_1(name, samples(motion, 6.0, start=start)[2]), velocity[:601]
+                    )[rows(5, 6)]
+                )
+                for start in range(-3, 4)
+            ]
             spread = max(spread, max(shifted) - min(shifted))
         yield f'F6 J2 resets {name}', resets
     yield 'F6 spread of RMS e2 [5,6)', spread
 
 
 STABILITY = (
-    Reference('stability T/eps', 'largest T/epsilon with both z-poles inside the circle',
-              0.29666, 1e-4),
-    Reference('stability T/eps refused', 'T/epsilon from which the observer refuses to run',
-              0.29666, 1e-4),
+    Reference(
+        'stability T/eps', 'largest T/epsilon with both z-poles inside the circle', 0.29666, 1e-4
+    ),
+    Reference(
+        'stability T/eps refused', 'T/epsilon from which the observer refuses to run', 0.29666, 1e-4
+    ),
     Reference('stability slow z-pole', 'at epsilon 0.1 s', 0.911, 0.0005),
     Reference('stability fast z-pole', 'at epsilon 0.1 s', 0.439, 0.0005),
-    Reference('stability saw eps=0.0340 |e2| at 6 s', 'from rest, 10 rad/s [rad/s]', 1e-4,
-              kind=AT_MOST),
-    Reference('stability sin eps=0.0335 limit cycle', 'RMS velocity error, 5 to 6 s [rad/s]',
-              4.49, 0.5),
-    Reference('stability order of line 3: position bias',
-              'truth minus estimate at 150 rad/s if line 3 compares without predicting [rad]',
-              -1.50, 0.005),
+    Reference(
+        'stability saw eps=0.0340 |e2| at 6 s', 'from rest, 10 rad/s [rad/s]', 1e-4, kind=AT_MOST
+    ),
+    Reference(
+        'stability sin eps=0.0335 limit cycle', 'RMS velocity error, 5 to 6 s [rad/s]', 4.49, 0.5
+    ),
+    Reference(
+        'stability order of line 3: position bias',
+        'truth minus estimate at 150 rad/s if line 3 compares without predicting [rad]',
+        -1.50,
+        0.005,
+    ),
 )
 
 
@@ -154,15 +191,30 @@ TRADE_OFF: dict[str, tuple[Callable[[Array], Run], float, float]] = {
 NOISE = (
     Reference('noise sigma_v/sigma_y', 'measured from the impulse response [1/s]', 5.5048, 0.001),
     Reference('noise sigma_v/sigma_y told', 'as the observer tells it [1/s]', 5.5048, 0.001),
-    Reference('noise sigma_v/sigma_y matched', 'robust form, as the observer tells it [1/s]',
-              4.51, 0.005),
+    Reference(
+        'noise sigma_v/sigma_y matched', 'robust form, as the observer tells it [1/s]', 4.51, 0.005
+    ),
     Reference('noise std xh2 14 bit', 'at 150 rad/s, quantisation alone [rad/s]', 0.00050, 0.00008),
-    Reference('noise std xh2 2 mrad', 'at 150 rad/s, uniform +-2 mrad, mean of 3 seeds [rad/s]',
-              0.00647, 0.0006),
-    *family('noise std xh2 2 mrad', 'as above, other designs [rad/s]',
-            {name: row[1] for name, row in TRADE_OFF.items()}, 10.0, PERCENT),
-    *family('noise RMS e2 [5,6) td=0.15', 'what each design costs in the run-down [rad/s]',
-            {name: row[2] for name, row in TRADE_OFF.items()}, 1.0, PERCENT),
+    Reference(
+        'noise std xh2 2 mrad',
+        'at 150 rad/s, uniform +-2 mrad, mean of 3 seeds [rad/s]',
+        0.00647,
+        0.0006,
+    ),
+    *family(
+        'noise std xh2 2 mrad',
+        'as above, other designs [rad/s]',
+        {name: row[1] for name, row in TRADE_OFF.items()},
+        10.0,
+        PERCENT,
+    ),
+    *family(
+        'noise RMS e2 [5,6) td=0.15',
+        'what each design costs in the run-down [rad/s]',
+        {name: row[2] for name, row in TRADE_OFF.items()},
+        1.0,
+        PERCENT,
+    ),
 )
 
 
@@ -170,8 +222,10 @@ def noise_values() -> Values:
     """The values of NOISE."""
     impulse = np.zeros(1000)
     impulse[0] = 1e-3
-    yield ('noise sigma_v/sigma_y',
-           math.sqrt(np.square(algorithm_1('saw', impulse).velocity / 1e-3).sum()))
+    yield (
+        'noise sigma_v/sigma_y',
+        math.sqrt(np.square(algorithm_1('saw', impulse).velocity / 1e-3).sum()),
+    )
     yield 'noise sigma_v/sigma_y told', told_noise({'form': 'paper', **FIGURE_6})
     yield 'noise sigma_v/sigma_y matched', told_noise({'order': 2, 'epsilon': EPSILON})
     time, _, angles = samples(profiles.constant(150.0), 30.0, quantum=QUANTUM)
@@ -184,8 +238,10 @@ def noise_values() -> Values:
         yield f'noise std xh2 2 mrad {name}', std
         if name == 'Algorithm 1 eps=0.1':
             yield 'noise std xh2 2 mrad', std
-        yield (f'noise RMS e2 [5,6) td=0.15 {name}',
-               rms(error_of(run(angles), velocity)[rows(5, 6)]))
+        yield (
+            f'noise RMS e2 [5,6) td=0.15 {name}',
+            rms(error_of(run(angles), velocity)[rows(5, 6)]),
+        )
 
 
 def told_noise(gains: dict[str, float | str]) -> float:

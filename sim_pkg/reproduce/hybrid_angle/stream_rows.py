@@ -26,31 +26,42 @@ from sim_pkg.reproduce.hybrid_angle.sampled import (
     wrapped,
 )
 
-SPEED = 150.0                                   # [rad/s]
-COUNT = 1001                                    # samples of a stream
-SETTLED = 400                                   # samples before which nothing happens
-PLACE = 500                                     # sample of the gap or outlier
+SPEED = 150.0  # [rad/s]
+COUNT = 1001  # samples of a stream
+SETTLED = 400  # samples before which nothing happens
+PLACE = 500  # sample of the gap or outlier
 ANGLES = tuple(0.0137 * SPEED * k for k in range(6))  # start angles [rad]
-JITTER = 0.001                                  # reach of the jitter [s]
+JITTER = 0.001  # reach of the jitter [s]
 COLUMNS = ('fixed T', 'true T', 'robust')
 
 
-def reference(name: str, column: str, value: float, tolerance: float = 0.0, kind: str = PERCENT
-              ) -> Reference:
+def reference(
+    name: str, column: str, value: float, tolerance: float = 0.0, kind: str = PERCENT
+) -> Reference:
     """A row of the table; the name ends in RMS or max."""
-    what = {'fixed T': 'Algorithm 1 told a fixed T', 'true T': 'Algorithm 1 told the true times',
-            'robust': 'robust form, order 2'}[column]
-    return Reference(f'stream {name} {column}', f'velocity error, {what} [rad/s]', value,
-                     tolerance, kind)
+    what = {
+        'fixed T': 'Algorithm 1 told a fixed T',
+        'true T': 'Algorithm 1 told the true times',
+        'robust': 'robust form, order 2',
+    }[column]
+    return Reference(
+        f'stream {name} {column}', f'velocity error, {what} [rad/s]', value, tolerance, kind
+    )
 
 
 STREAMS = (
-    *(reference('clean RMS', column, value, 5.0)
-      for column, value in zip(COLUMNS, (0.00050, 0.00050, 0.00037))),
-    *(reference('sampling jitter RMS', column, value, 10.0)
-      for column, value in zip(COLUMNS, (0.476, 0.00062, 0.00051))),
-    *(reference('stamp jitter RMS', column, value, 10.0)
-      for column, value in zip(COLUMNS, (0.00050, 0.479, 0.392))),
+    *(
+        reference('clean RMS', column, value, 5.0)
+        for column, value in zip(COLUMNS, (0.00050, 0.00050, 0.00037))
+    ),
+    *(
+        reference('sampling jitter RMS', column, value, 10.0)
+        for column, value in zip(COLUMNS, (0.476, 0.00062, 0.00051))
+    ),
+    *(
+        reference('stamp jitter RMS', column, value, 10.0)
+        for column, value in zip(COLUMNS, (0.00050, 0.479, 0.392))
+    ),
     reference('5 % drops RMS', 'fixed T', 10.6, 25.0),
     reference('5 % drops RMS', 'true T', 0.00056, 10.0),
     reference('5 % drops RMS', 'robust', 0.00040, 10.0),
@@ -75,8 +86,14 @@ STREAMS = (
 )
 
 
-def columns(taken: Array, stamped: Array, *, start: float = 0.0, outlier: float = 0.0,
-            injection: str = 'saw') -> dict[str, Array]:
+def columns(
+    taken: Array,
+    stamped: Array,
+    *,
+    start: float = 0.0,
+    outlier: float = 0.0,
+    injection: str = 'saw',
+) -> dict[str, Array]:
     """Velocity errors [rad/s] from the settled part on, by column.
 
     Parameters
@@ -89,14 +106,18 @@ def columns(taken: Array, stamped: Array, *, start: float = 0.0, outlier: float 
     angles = wrapped(exact, QUANTUM)
     angles[PLACE] = wrapped([angles[PLACE] + outlier])[0]
     periods = np.diff(stamped, prepend=stamped[0] - PERIOD)
-    runs = (algorithm_1(injection, angles), algorithm_1(injection, angles, periods),
-            robust(injection, angles, periods))
+    runs = (
+        algorithm_1(injection, angles),
+        algorithm_1(injection, angles, periods),
+        robust(injection, angles, periods),
+    )
     speed = np.full(len(angles), SPEED)
     return {column: error_of(run, speed)[SETTLED:] for column, run in zip(COLUMNS, runs)}
 
 
-def mean_of(cases: Iterator[dict[str, Array]], measure: Callable[[Array], float]
-            ) -> dict[str, float]:
+def mean_of(
+    cases: Iterator[dict[str, Array]], measure: Callable[[Array], float]
+) -> dict[str, float]:
     """The mean of a measure over the cases, by column."""
     found = [{column: measure(error) for column, error in case.items()} for case in cases]
     return {column: float(np.mean([case[column] for case in found])) for column in COLUMNS}
@@ -121,24 +142,37 @@ def measured() -> Iterator[tuple[str, dict[str, float]]]:
     time = PERIOD * np.arange(COUNT)
     jitter = {seed: splitmix.uniforms(seed, COUNT, JITTER) for seed in SEEDS}
     yield 'clean RMS', mean_of((columns(time, time, start=start) for start in ANGLES), rms)
-    yield 'sampling jitter RMS', mean_of(
-        (columns(time + late, time + late) for late in jitter.values()), rms)
-    yield 'stamp jitter RMS', mean_of(
-        (columns(time, time + wrong) for wrong in jitter.values()), rms)
+    yield (
+        'sampling jitter RMS',
+        mean_of((columns(time + late, time + late) for late in jitter.values()), rms),
+    )
+    yield (
+        'stamp jitter RMS',
+        mean_of((columns(time, time + wrong) for wrong in jitter.values()), rms),
+    )
     kept = [time[~dropped(seed)] for seed in SEEDS]
     yield '5 % drops RMS', mean_of((columns(left, left) for left in kept), rms)
     for name, length in (('40 ms', 4), ('1.01 s', 101)):
         left = np.delete(time, slice(PLACE + 1, PLACE + length))
-        yield f'gap {name} max', mean_of(
-            (columns(left, left, start=start) for start in ANGLES), largest)
+        yield (
+            f'gap {name} max',
+            mean_of((columns(left, left, start=start) for start in ANGLES), largest),
+        )
     twice = np.sort(np.concatenate([time, time[::50]]))
     run = algorithm_1('saw', wrapped(SPEED * twice, QUANTUM))
     yield 'duplicates 1 in 50 RMS', {'fixed T': rms(SPEED - run.velocity[SETTLED:])}
     for size in (0.5, 3.0, 3.13):
         for injection in ('saw', 'sat', 'sin'):
-            yield f'outlier {size:g} rad {injection} max', mean_of(
-                (columns(time, time, start=start, outlier=size, injection=injection)
-                 for start in ANGLES), largest)
+            yield (
+                f'outlier {size:g} rad {injection} max',
+                mean_of(
+                    (
+                        columns(time, time, start=start, outlier=size, injection=injection)
+                        for start in ANGLES
+                    ),
+                    largest,
+                ),
+            )
 
 
 def dropped(seed: int) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from sim_pkg.reproduce.adaptive.plant import Array
 from sim_pkg.reproduce.hybrid_discrete.runs import example
 
-STEP = 1e-3   # [s]
+STEP = 1e-3  # [s]
 UNTIL = 10.0  # [s]
 KEPT = slice(0, round(UNTIL / STEP), 5)
 
@@ -16,27 +16,39 @@ KEPT = slice(0, round(UNTIL / STEP), 5)
 def continuous_states() -> Figure:
     """Figure 2."""
     run = example(STEP)
-    return _panels(run.times[KEPT], run.state[KEPT], (run.state + run.state_error)[KEPT], 'x',
-                   'continuous states')
+    return _panels(
+        run.times[KEPT],
+        run.state[KEPT],
+        (run.state + run.state_error)[KEPT],
+        'x',
+        'continuous states',
+    )
 
 
 def output_coordinates() -> Figure:
     """Figure 3."""
     run = example(STEP)
-    return _panels(run.times[KEPT], run.zeta[KEPT], run.zeta_hat[KEPT], 'zeta',
-                   'in the coordinates of the outputs')
+    return _panels(
+        run.times[KEPT],
+        run.zeta[KEPT],
+        run.zeta_hat[KEPT],
+        'zeta',
+        'in the coordinates of the outputs',
+    )
 
 
 def discrete_states() -> Figure:
     """Figure 4."""
     run = example(STEP)
     events = np.arange(round(UNTIL / 0.5) + 1)
-    return _panels(0.5 * events, run.z[events], run.z_hat[events], 'z', 'discrete states',
-                   steps=True)
+    return _panels(
+        0.5 * events, run.z[events], run.z_hat[events], 'z', 'discrete states', steps=True
+    )
 
 
-def _panels(time: Array, real: Array, observed: Array, name: str, title: str,
-            steps: bool = False) -> Figure:
+def _panels(
+    time: Array, real: Array, observed: Array, name: str, title: str, steps: bool = False
+) -> Figure:
     """Real and observed, one panel for each column."""
     figure = Figure(figsize=(8.0, 1.8 * real.shape[1] + 0.6), layout='constrained')
     figure.suptitle(f'{title}: real and observed')
@@ -52,6 +64,8 @@ def _panels(time: Array, real: Array, observed: Array, name: str, title: str,
     return figure
 
 
-FIGURES = {'hybrid_discrete_figure_2': continuous_states,
-           'hybrid_discrete_figure_3': output_coordinates,
-           'hybrid_discrete_figure_4': discrete_states}
+FIGURES = {
+    'hybrid_discrete_figure_2': continuous_states,
+    'hybrid_discrete_figure_3': output_coordinates,
+    'hybrid_discrete_figure_4': discrete_states,
+}

@@ -8,9 +8,12 @@ from sim_pkg.reproduce.hybrid_discrete import differentiators, rows
 REPRODUCTION = Reproduction(
     name='hybrid_discrete',
     summary='Barbot, Djemai, Manamanni: State observer and observability conditions for a class '
-            'of hybrid continuous-discrete dynamic system (2007)',
+    'of hybrid continuous-discrete dynamic system (2007)',
     parts=(*rows.PARTS, *differentiators.PARTS),
     figures='sim_pkg.reproduce.hybrid_discrete.figures',
-    notes=('The paper prints no gains, start values or results as numbers: the references come '
-           'from an independent implementation.',
-           'What each row shows, misprints and findings: docs/papers/hybrid_discrete.md'))
+    notes=(
+        'The paper prints no gains, start values or results as numbers: the references come '
+        'from an independent implementation.',
+        'What each row shows, misprints and findings: docs/papers/hybrid_discrete.md',
+    ),
+)

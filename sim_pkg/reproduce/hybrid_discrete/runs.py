@@ -16,8 +16,8 @@ from estimator_pkg.observers.switched.gains import Gains
 from estimator_pkg.observers.switched.observer import build
 from sim_pkg.reproduce.adaptive.plant import Array, lcg
 
-EVENTS = 40          # periods of 0.5 s
-GRIPS_AT = 2.0       # [s]
+EVENTS = 40  # periods of 0.5 s
+GRIPS_AT = 2.0  # [s]
 
 
 class Run(NamedTuple):
@@ -42,7 +42,7 @@ class Run(NamedTuple):
         per_period = len(self.times) // (len(self.z) - 1)
         worst = [0.0] * 4
         for k in range(first, last + 1):
-            part = self.zeta_error[k * per_period:(k + 1) * per_period]
+            part = self.zeta_error[k * per_period : (k + 1) * per_period]
             for j, limit in enumerate((0.05, 1.0, 0.05, 1.0)):
                 astray = np.flatnonzero(part[:, j] > limit)
                 if len(astray):
@@ -56,8 +56,9 @@ class Run(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def plant(dt: float, start: tuple[float, ...] = (), events: int = EVENTS
-          ) -> tuple[SwitchedModel, Array, Array, Array]:
+def plant(
+    dt: float, start: tuple[float, ...] = (), events: int = EVENTS
+) -> tuple[SwitchedModel, Array, Array, Array]:
     """(model, times, states, Z) of the example, sampled every dt [s]; `start` is another Z(0)."""
     model = load('example')
     if start:
@@ -66,8 +67,13 @@ def plant(dt: float, start: tuple[float, ...] = (), events: int = EVENTS
 
 
 @lru_cache(maxsize=8)
-def example(dt: float, noise: float = 0.0, start: tuple[float, ...] = (), events: int = EVENTS,
-            **changes: Any) -> Run:
+def example(
+    dt: float,
+    noise: float = 0.0,
+    start: tuple[float, ...] = (),
+    events: int = EVENTS,
+    **changes: Any,
+) -> Run:
     """The observer on the example.
 
     Parameters
@@ -76,8 +82,9 @@ def example(dt: float, noise: float = 0.0, start: tuple[float, ...] = (), events
     start, events : as of `plant`.
     """
     model, times, states, z = plant(dt, start, events)
-    functions = build(Gains(model='example', settle=0.0,
-                            **{'discrete': 'inversion', **changes}), Circle(0.0))
+    functions = build(
+        Gains(model='example', settle=0.0, **{'discrete': 'inversion', **changes}), Circle(0.0)
+    )
     measured = states[:, [0, 2]]
     if noise:
         measured = measured + noise / math.sqrt(3.0) * lcg(777, measured.size).reshape(-1, 2)
@@ -92,16 +99,25 @@ def example(dt: float, noise: float = 0.0, start: tuple[float, ...] = (), events
         zeta, ending = functions.chains(state)
         true = model.zeta(states[i], z[i - 1])
         end = np.array(model.gamma(true, ())) + np.array(model.lam(true, ())) @ z[i - 1]
-        errors.append((zeta[1] - true[1], ending[0] - end[0], zeta[3] - true[3],
-                       ending[1] - end[1]))
+        errors.append(
+            (zeta[1] - true[1], ending[0] - end[0], zeta[3] - true[3], ending[1] - end[1])
+        )
         zetas.append(true)
         zeta_hats.append(zeta)
         state_errors.append(np.array(functions.states(state)) - states[i])
         if i % per_period == 0:
             state = functions.jump(state, ('', ()))
             z_hat.append(state.predicted)
-    return Run(times[1:], np.abs(errors), states[1:], np.array(state_errors), np.array(zetas),
-               np.array(zeta_hats), z[::per_period], np.array(z_hat))
+    return Run(
+        times[1:],
+        np.abs(errors),
+        states[1:],
+        np.array(state_errors),
+        np.array(zetas),
+        np.array(zeta_hats),
+        z[::per_period],
+        np.array(z_hat),
+    )
 
 
 class Grip(NamedTuple):

@@ -25,14 +25,14 @@ from sim_pkg.reproduce.mechanical.table import references
 Array = NDArray[np.float64]
 
 DT, COUNT, PLANT_STEPS = 1e-3, 20000, 4
-JOINT = {'inertia': 0.02, 'damping': 0.02}   # kg m^2, N m s/rad
-SINES = np.linspace(0.3, 5.0, 16)            # Hz
-TORQUE = 0.1765                              # N m, rms
-PHASES = 17                                  # seed of their draw
-WIDTH = 2e-3                                 # rad/s, of the Coulomb friction's change of sign
+JOINT = {'inertia': 0.02, 'damping': 0.02}  # kg m^2, N m s/rad
+SINES = np.linspace(0.3, 5.0, 16)  # Hz
+TORQUE = 0.1765  # N m, rms
+PHASES = 17  # seed of their draw
+WIDTH = 2e-3  # rad/s, of the Coulomb friction's change of sign
 FRICTIONS, COUNTS = (0.0, 0.05), (4096, 1024)
 OMEGAS = (0.1, *np.geomspace(30.0, 320.0, 16).tolist())  # 0.1: next to no correction
-LATE = 20                                    # samples
+LATE = 20  # samples
 
 
 class Case(NamedTuple):
@@ -68,13 +68,15 @@ def torque(seed: int = PHASES) -> Array:
 @lru_cache
 def truth(friction: float, seed: int = PHASES) -> tuple[Array, Array]:
     """(positions, velocities) of the joint."""
-    joint = single_joint.build(single_joint.Parameters(coulomb=friction, coulomb_speed=WIDTH,
-                                                       **JOINT))
+    joint = single_joint.build(
+        single_joint.Parameters(coulomb=friction, coulomb_speed=WIDTH, **JOINT)
+    )
     return move(joint, (0.0,), (0.0,), torque(seed)[:, None], DT, PLANT_STEPS)
 
 
-def best(case: Case, friction: float, counts: int, seed: int = PHASES,
-         known_friction: float = 0.0) -> float:
+def best(
+    case: Case, friction: float, counts: int, seed: int = PHASES, known_friction: float = 0.0
+) -> float:
     """The least rms velocity error over the bandwidths [rad/s].
 
     Parameters
@@ -84,18 +86,22 @@ def best(case: Case, friction: float, counts: int, seed: int = PHASES,
     q, v = truth(friction, seed)
     measured = quantise(q, 2.0 * math.pi / counts)
     inputs = np.zeros((COUNT, 1))
-    inputs[case.late:, 0] = case.torque * torque(seed)[:COUNT - case.late]
-    model: dict[str, Any] = {'inertia': JOINT['inertia'], 'coulomb': known_friction,
-                             'coulomb_speed': WIDTH}
+    inputs[case.late :, 0] = case.torque * torque(seed)[: COUNT - case.late]
+    model: dict[str, Any] = {
+        'inertia': JOINT['inertia'],
+        'coulomb': known_friction,
+        'coulomb_speed': WIDTH,
+    }
     if case.torque > 0.0:
         model['damping'] = JOINT['damping']  # without the torque nothing of the model is used
     found = []
     for omega in OMEGAS:
         poles = [3.0, 3.0, 1.0] if case.extended else [2.0, 1.0]  # all at -omega
-        functions = make('ehgo' if case.extended else 'hgo', 'single_joint', model, h=poles,
-                         epsilon=1.0 / omega)
+        functions = make(
+            'ehgo' if case.extended else 'hgo', 'single_joint', model, h=poles, epsilon=1.0 / omega
+        )
         error = observe(functions, measured, inputs, DT) - v
-        found.append(math.sqrt(float(np.mean(error ** 2))))
+        found.append(math.sqrt(float(np.mean(error**2))))
     return float(np.nanmin(found))
 
 

@@ -85,8 +85,9 @@ def values() -> Values:
         if f'B2.{name}' in wanted:
             yield f'B2.{name}', error[200]
         yield f'B3.{name}', settling(error)
-        found = np.mean([metrics((estimate(name, measured(seed)) - v)[DROPPED:])
-                         for seed in SEEDS], axis=0)
+        found = np.mean(
+            [metrics((estimate(name, measured(seed)) - v)[DROPPED:]) for seed in SEEDS], axis=0
+        )
         for metric, value in zip(OF_FIRST, found):
             yield f'B4.{name}.{metric}', value
 

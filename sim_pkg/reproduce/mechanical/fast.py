@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 COUPLING = 0.9
 DT, COUNT = 1e-4, 60001
-WINDOW = slice(40000, 60000)      # 4 to 6 s
-SPEEDS = (10.0, 40.0)             # rad/s, of the pendulum at the start
+WINDOW = slice(40000, 60000)  # 4 to 6 s
+SPEEDS = (10.0, 40.0)  # rad/s, of the pendulum at the start
 
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     'GESO 10,70': ('geso', {'L': [10.0], 'Gamma': [70.0]}),

@@ -16,10 +16,19 @@ from sim_pkg.reproduce.mechanical import loop as loop
 
 Array = NDArray[np.float64]
 
-COLOURS = {'GESO': '#2a9d4a', 'HGO': '#1f6fb4', 'SMO': '#d1342f', 'SMO-BL': '#d1342f',
-           'EHGO-BL': '#1f6fb4'}
-TRUTH: dict[str, Any] = {'color': '#222222', 'linewidth': 1.1, 'linestyle': (0, (5, 2)),
-                         'label': 'true'}
+COLOURS = {
+    'GESO': '#2a9d4a',
+    'HGO': '#1f6fb4',
+    'SMO': '#d1342f',
+    'SMO-BL': '#d1342f',
+    'EHGO-BL': '#1f6fb4',
+}
+TRUTH: dict[str, Any] = {
+    'color': '#222222',
+    'linewidth': 1.1,
+    'linestyle': (0, (5, 2)),
+    'label': 'true',
+}
 MEASURED = '#e0912f'
 SEED = 0
 
@@ -56,13 +65,15 @@ def cart_velocities() -> Figure:
     for name in ('HGO', 'SMO', 'GESO'):
         estimate = cart.estimate(name, readings)
         for joint in (0, 1):
-            axes[joint].plot(time, estimate[:, joint], color=COLOURS[name], linewidth=0.8,
-                             label=name)
+            axes[joint].plot(
+                time, estimate[:, joint], color=COLOURS[name], linewidth=0.8, label=name
+            )
     for joint in (0, 1):
         axes[joint].plot(time, v[:, joint], **TRUTH)
         axes[joint].set_ylabel(rf'$\dot q_{joint + 1}$')
-    figure.legend(*axes[0].get_legend_handles_labels(), frameon=False, ncols=4,
-                  loc='outside lower center')
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), frameon=False, ncols=4, loc='outside lower center'
+    )
     axes[-1].set_xlabel('time [s]')
     return figure
 
@@ -85,8 +96,9 @@ def lab_motion() -> Figure:
     figure, axes = _figure(3, 'Section 6.2: open-loop excitation (simulated plant)')
     q, _, current = lab.truth('nominal')
     time = lab.DT * np.arange(lab.COUNT)
-    for each, values, label in zip(axes, (current[:, 0], q[:, 0], q[:, 1]),
-                                   ('current [A]', '$q_1$ [rad]', '$q_2$ [m]')):
+    for each, values, label in zip(
+        axes, (current[:, 0], q[:, 0], q[:, 1]), ('current [A]', '$q_1$ [rad]', '$q_2$ [m]')
+    ):
         each.plot(time, values, color='#222222', linewidth=1.0)
         each.set_ylabel(label)
     axes[-1].set_xlabel('time [s]')
@@ -123,8 +135,18 @@ def tracking(name: str) -> Figure:
     return figure
 
 
-FIGURES = {f'mechanical_figure_{number}': make for number, make in {
-    2: cart_positions, 3: cart_velocities,
-    5: partial(leg_errors, 0), 6: partial(leg_errors, 1), 7: partial(leg_errors, 2),
-    9: lab_motion, 10: partial(lab_velocities, 0), 11: partial(lab_velocities, 1),
-    12: partial(tracking, 'GESO'), 13: partial(tracking, 'SMO-BL')}.items()}
+FIGURES = {
+    f'mechanical_figure_{number}': make
+    for number, make in {
+        2: cart_positions,
+        3: cart_velocities,
+        5: partial(leg_errors, 0),
+        6: partial(leg_errors, 1),
+        7: partial(leg_errors, 2),
+        9: lab_motion,
+        10: partial(lab_velocities, 0),
+        11: partial(lab_velocities, 1),
+        12: partial(tracking, 'GESO'),
+        13: partial(tracking, 'SMO-BL'),
+    }.items()
+}

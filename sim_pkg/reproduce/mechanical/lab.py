@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 
 RATE, COUNT, PARTS_PLANT = 224.0, 2464, 64
 DT = 1.0 / RATE
-CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87     # N/A, N, N
+CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
 QUANTA = {'HPM': (7.85e-4, 1.8e-5), 'LPM': (1.23e-2, 1e-3)}
-HELD = {'HPM': 1, 'LPM': 2}                        # samples for which a reading is held
-AMPLITUDE = 2.5                                    # A
+HELD = {'HPM': 1, 'LPM': 2}  # samples for which a reading is held
+AMPLITUDE = 2.5  # A
 OFFSETS = range(12)
 THREE = ('ME1e2', 'MSE1e4', 'ME2e2')
 
 FRICTION = {'friction_forward': FORWARD, 'friction_backward': BACKWARD}
-KNOWN = {'force_constant': CONSTANT, **FRICTION}   # of the observers: a hard sign
+KNOWN = {'force_constant': CONSTANT, **FRICTION}  # of the observers: a hard sign
 
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     'GESO': ('geso', {'L': [50.0, 80.0], 'Gamma': [400.0, 150.0]}),
@@ -41,7 +41,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 def current(time: Array, amplitude: float = AMPLITUDE) -> Array:
     """The excitation [A]: a chirp, a rest, a square wave."""
-    chirp = amplitude * np.sin(2.0 * math.pi * (2.0 * time + 0.7 * time ** 2))
+    chirp = amplitude * np.sin(2.0 * math.pi * (2.0 * time + 0.7 * time**2))
     square = np.where(np.floor(2.0 * 2.0 * (time - 6.0) + 1e-9) % 2 == 0, 0.8, -0.8)
     return np.where(time < 5.0, chirp, np.where(time < 6.0, 0.0, square))
 
@@ -52,14 +52,19 @@ def plant(kind: str) -> Mechanics:
     if kind == 'mismatch':
         # l_m m_p = 0.105 with m_p 3 % heavier; M_c + m_p = 1.15, split by MASS
         numbers.update(
-            pendulum_inertia=0.0484 * 0.97, pendulum_moment=0.105 * 1.03,
-            moving_mass=1.02 * (1.15 - MASS) + 1.03 * MASS, force_constant=CONSTANT * 0.97,
-            friction_forward=FORWARD * 1.1, friction_backward=BACKWARD * 0.9,
-            pendulum_damping=0.002, cart_damping=0.3)
+            pendulum_inertia=0.0484 * 0.97,
+            pendulum_moment=0.105 * 1.03,
+            moving_mass=1.02 * (1.15 - MASS) + 1.03 * MASS,
+            force_constant=CONSTANT * 0.97,
+            friction_forward=FORWARD * 1.1,
+            friction_backward=BACKWARD * 0.9,
+            pendulum_damping=0.002,
+            cart_damping=0.3,
+        )
     return cart_pendulum.build(cart_pendulum.Parameters(**numbers))
 
 
-MASS = 0.30   # m_p [kg], Table 3
+MASS = 0.30  # m_p [kg], Table 3
 
 
 @lru_cache
@@ -78,21 +83,37 @@ def measured(positions: Array, scenario: str, seed: int) -> Array:
     return readings[(np.arange(len(readings)) // held) * held]
 
 
-def estimate(case: tuple[str, dict[str, Any]], readings: Array, inputs: Array,
-             parameters: dict[str, Any] | None = None) -> Array:
+def estimate(
+    case: tuple[str, dict[str, Any]],
+    readings: Array,
+    inputs: Array,
+    parameters: dict[str, Any] | None = None,
+) -> Array:
     """Velocities from readings; the observers keep their state in single precision."""
     observer, gains = case
-    functions = make(observer, 'cart_pendulum', KNOWN if parameters is None else parameters,
-                     **gains)
+    functions = make(
+        observer, 'cart_pendulum', KNOWN if parameters is None else parameters, **gains
+    )
     return observe(functions, readings, inputs, DT, single=True)
 
 
-def three(case: tuple[str, dict[str, Any]], kind: str, scenario: str, seeds: Any,
-          amplitude: float = AMPLITUDE, parameters: dict[str, Any] | None = None) -> Array:
+def three(
+    case: tuple[str, dict[str, Any]],
+    kind: str,
+    scenario: str,
+    seeds: Any,
+    amplitude: float = AMPLITUDE,
+    parameters: dict[str, Any] | None = None,
+) -> Array:
     """(ME1, MSE1, ME2), the mean over encoder offsets."""
     q, v, inputs = truth(kind, amplitude)
-    return np.mean([metrics(estimate(case, measured(q, scenario, seed), inputs, parameters) - v)[:3]
-                    for seed in seeds], axis=0)
+    return np.mean(
+        [
+            metrics(estimate(case, measured(q, scenario, seed), inputs, parameters) - v)[:3]
+            for seed in seeds
+        ],
+        axis=0,
+    )
 
 
 def largest_accelerations(amplitude: float) -> Array:
@@ -125,8 +146,9 @@ def low_rate_values() -> Values:
     for seed in range(3):
         readings = measured(q, 'LPM', seed)[::2]
         for form in ('exact', 'paper'):
-            functions = make('geso', 'cart_pendulum', KNOWN, **CASES['GESO'][1], form=form,
-                             hold='previous')
+            functions = make(
+                'geso', 'cart_pendulum', KNOWN, **CASES['GESO'][1], form=form, hold='previous'
+            )
             with np.errstate(all='ignore'):
                 velocities = observe(functions, readings, held, 2.0 * DT)
                 if form == 'paper':
@@ -141,15 +163,23 @@ def low_rate_values() -> Values:
 def normalised_by_inertia() -> dict[str, Any]:
     """The nominal model divided by J_f: the same motion, K smaller by the factor J_f."""
     j = 0.0484
-    return {'pendulum_inertia': 1.0, 'pendulum_moment': 0.105 / j, 'moving_mass': 1.15 / j,
-            'gravity': 9.81 * 0.105 / j, 'force_constant': CONSTANT / j,
-            'friction_forward': FORWARD / j, 'friction_backward': BACKWARD / j}
+    return {
+        'pendulum_inertia': 1.0,
+        'pendulum_moment': 0.105 / j,
+        'moving_mass': 1.15 / j,
+        'gravity': 9.81 * 0.105 / j,
+        'force_constant': CONSTANT / j,
+        'friction_forward': FORWARD / j,
+        'friction_backward': BACKWARD / j,
+    }
 
 
 def study_values() -> Values:
     """Rows H3 and H4."""
-    variants = {'model divided by J_f': normalised_by_inertia(),
-                'friction not in u': {'force_constant': CONSTANT}}
+    variants = {
+        'model divided by J_f': normalised_by_inertia(),
+        'friction not in u': {'force_constant': CONSTANT},
+    }
     for scenario in ('HPM', 'LPM'):
         for name, parameters in variants.items():
             found = three(CASES['GESO'], 'mismatch', scenario, OFFSETS, parameters=parameters)
@@ -160,5 +190,7 @@ def study_values() -> Values:
             yield f'H4.{name}.{metric}', value
 
 
-PARTS = (Part('D', references('D'), values),
-         Part('H3', (*references('H3'), *references('H4')), study_values))
+PARTS = (
+    Part('D', references('D'), values),
+    Part('H3', (*references('H3'), *references('H4')), study_values),
+)

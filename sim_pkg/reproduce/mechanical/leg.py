@@ -21,8 +21,16 @@ START, GUESS = (2.2, 1.8, 0.4), (0.1, 0.2, 0.4)
 
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     'HGO': ('hgo', {'L': [1.2, 2.0, 2.0], 'K': [3.9, 2.5, 1.3]}),
-    'SMO': ('smo', {'variant': 'uniform', 'k1': [1.0, 0.52, 0.71], 'k2': [1.0, 1.2, 1.17],
-                    'mu1': 1.86, 'mu2': 0.303}),
+    'SMO': (
+        'smo',
+        {
+            'variant': 'uniform',
+            'k1': [1.0, 0.52, 0.71],
+            'k2': [1.0, 1.2, 1.17],
+            'mu1': 1.86,
+            'mu2': 0.303,
+        },
+    ),
     'GESO': ('geso', {'L': [0.61, 0.9, 1.9], 'Gamma': [1.74, 4.9, 0.71]}),
 }
 
@@ -55,8 +63,9 @@ def values() -> Values:
         yield f'C1.{joint + 1}', q[-1, joint]
         yield f'C2.{joint + 1}', 1e2 * math.sqrt(float(np.mean(v[DROPPED:, joint] ** 2)))
     for name in CASES:
-        found = np.median([metrics((estimate(name, measured(seed)) - v)[DROPPED:])
-                           for seed in SEEDS], axis=0)
+        found = np.median(
+            [metrics((estimate(name, measured(seed)) - v)[DROPPED:]) for seed in SEEDS], axis=0
+        )
         for metric, value in zip(METRICS, found):
             yield f'C3.{name}.{metric}', value
 
@@ -70,14 +79,24 @@ def study_values() -> Values:
     """Rows H1: the noise that scheduling on the measurement lets in."""
     v = run()[1]
     cases: dict[str, tuple[str, dict[str, Any]]] = {
-        'HGO': CASES['HGO'], 'GESO sched y': ('geso', retuned()),
-        'GESO sched qhat': ('geso', {**retuned(), 'schedule': 'estimate'})}
+        'HGO': CASES['HGO'],
+        'GESO sched y': ('geso', retuned()),
+        'GESO sched qhat': ('geso', {**retuned(), 'schedule': 'estimate'}),
+    }
     for variance in ('0.0001', '0.01'):
         for name, (observer, gains) in cases.items():
             functions = make(observer, 'robotic_leg', {'margin': 1e-9}, **gains)
-            found = np.median([metrics((observe(
-                functions, measured(seed, float(variance)), run()[2], DT) - v)[DROPPED:])
-                for seed in range(6)], axis=0)
+            found = np.median(
+                [
+                    metrics(
+                        (observe(functions, measured(seed, float(variance)), run()[2], DT) - v)[
+                            DROPPED:
+                        ]
+                    )
+                    for seed in range(6)
+                ],
+                axis=0,
+            )
             yield f'H1.{variance}.{name}.1', found[1]
             yield f'H1.{variance}.{name}.2', found[3]
 

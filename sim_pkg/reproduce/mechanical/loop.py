@@ -30,11 +30,13 @@ from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
-COUNT, DROPPED, RUNS = 8960, 2240, 4       # 40 s, of which 10 s are dropped
+COUNT, DROPPED, RUNS = 8960, 2240, 4  # 40 s, of which 10 s are dropped
 FALLEN = 0.5 * math.pi
-LIMIT = 60.0                               # N
+LIMIT = 60.0  # N
 ALL_CASES: dict[str, tuple[str, dict[str, Any]]] = {
-    **CASES, 'EHGO.025': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.025})}
+    **CASES,
+    'EHGO.025': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.025}),
+}
 
 
 class Balanced(NamedTuple):
@@ -60,19 +62,33 @@ def make_loop(functions: MechanicalFunctions) -> Any:
     disturbed = len(functions.core.begin()[2]) > 0
     forward, backward, constant, limit = FORWARD, BACKWARD, CONSTANT, LIMIT
 
-    def loop(core: tuple, coefficients: tuple, design: tuple, numbers: tuple, q: tuple, dt: float,
-             parts: int, held: int, quanta: tuple, offsets: tuple, out: Any) -> None:
+    def loop(
+        core: tuple,
+        coefficients: tuple,
+        design: tuple,
+        numbers: tuple,
+        q: tuple,
+        dt: float,
+        parts: int,
+        held: int,
+        quanta: tuple,
+        offsets: tuple,
+        out: Any,
+    ) -> None:
         v = (0.0, 0.0)
         before, force = (0.0, 0.0), 0.0
         y = before
         for k in range(len(out)):
             if k % held == 0:
-                y = (quanta[0] * math.floor((q[0] + offsets[0]) / quanta[0] + 0.5) - offsets[0],
-                     quanta[1] * math.floor((q[1] + offsets[1]) / quanta[1] + 0.5) - offsets[1])
+                y = (
+                    quanta[0] * math.floor((q[0] + offsets[0]) / quanta[0] + 0.5) - offsets[0],
+                    quanta[1] * math.floor((q[1] + offsets[1]) / quanta[1] + 0.5) - offsets[1],
+                )
             if k > 0:
                 moved = (y[0] - before[0], y[1] - before[1])
-                core, good = advance(core, coefficients, design, before, moved, y,
-                                     (force / constant,))
+                core, good = advance(
+                    core, coefficients, design, before, moved, y, (force / constant,)
+                )
                 d = core[2]
                 if disturbed:
                     d = rounded(d)
@@ -99,9 +115,18 @@ def balance(name: str, scenario: str, run: int, kind: str = 'nominal') -> Balanc
     out = np.full((COUNT, 2), np.nan)
     design = functions.core.design()
     compiled(make_loop(functions))(
-        functions.core.begin(), functions.core.prepare(design, DT), design, plant(kind).values,
-        (0.05 + 0.001 * run, 0.0), DT, PARTS_PLANT, HELD[scenario], quanta,
-        tuple(offsets.tolist()), out)
+        functions.core.begin(),
+        functions.core.prepare(design, DT),
+        design,
+        plant(kind).values,
+        (0.05 + 0.001 * run, 0.0),
+        DT,
+        PARTS_PLANT,
+        HELD[scenario],
+        quanta,
+        tuple(offsets.tolist()),
+        out,
+    )
     return Balanced(out, np.array([triangle(k * DT)[0] for k in range(COUNT)]))
 
 
@@ -116,10 +141,14 @@ def values() -> Values:
             yield f'E1.{name}.{scenario}', float(sum(run.fell for run in runs))
             if f'E2.{name}.{scenario}' in wanted:
                 angles = [run.positions[DROPPED:, 0] for run in runs]
-                yield (f'E2.{name}.{scenario}',
-                       1e2 * float(np.mean([np.mean(np.abs(angle)) for angle in angles])))
-                yield (f'E3.{name}.{scenario}',
-                       1e4 * float(np.mean([np.mean(angle ** 2) for angle in angles])))
+                yield (
+                    f'E2.{name}.{scenario}',
+                    1e2 * float(np.mean([np.mean(np.abs(angle)) for angle in angles])),
+                )
+                yield (
+                    f'E3.{name}.{scenario}',
+                    1e4 * float(np.mean([np.mean(angle**2) for angle in angles])),
+                )
 
 
 PARTS = (Part('E', references('E'), values),)

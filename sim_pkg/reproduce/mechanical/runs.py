@@ -33,8 +33,16 @@ def make_motion(mechanics: Mechanics) -> Callable[..., None]:
     plant = make_plant(mechanics)
     vector, out = row_of(max(1, mechanics.inputs)), put_row(mechanics.degrees)
 
-    def motion(values: tuple, q: tuple, v: tuple, inputs: Any, dt: float, parts: int,
-               positions: Any, velocities: Any) -> None:
+    def motion(
+        values: tuple,
+        q: tuple,
+        v: tuple,
+        inputs: Any,
+        dt: float,
+        parts: int,
+        positions: Any,
+        velocities: Any,
+    ) -> None:
         for k in range(len(positions)):
             out(positions, k, q)
             out(velocities, k, v)
@@ -54,12 +62,17 @@ def quantise(values: Array, quantum: Any) -> Array:
     return d * np.floor(values / d + 0.5)
 
 
-def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any
-         ) -> MechanicalFunctions:
+def make(
+    observer: str, model: str, parameters: dict[str, Any], **gains: Any
+) -> MechanicalFunctions:
     """An observer of a built-in model, on positions that do not wrap; forward Euler if not said."""
     record = observers.find(observer)
-    values = {'form': 'paper', 'model': model, **gains,
-              'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()]}
+    values = {
+        'form': 'paper',
+        'model': model,
+        **gains,
+        'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()],
+    }
     checked: Any = build(record.gains, values, owner=observer)
     count = {'single_joint': 1, 'cart_pendulum': 2, 'robotic_leg': 3}[model]
     build_any: Any = record.build  # observers of mechanisms take a circle for each position
@@ -85,8 +98,16 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
     disturbed = len(functions.core.begin()[2]) > 0
     rounded = make_rounded(n)
 
-    def run(core: tuple, coefficients: tuple, design: tuple, measured: Any, inputs: Any,
-            parts: int, velocities: Any, single: bool) -> tuple:
+    def run(
+        core: tuple,
+        coefficients: tuple,
+        design: tuple,
+        measured: Any,
+        inputs: Any,
+        parts: int,
+        velocities: Any,
+        single: bool,
+    ) -> tuple:
         put(velocities, 0, core[3])
         for k in range(1, len(measured)):
             before, now, u = row(measured, k - 1), row(measured, k), given(inputs, k - 1)
@@ -108,13 +129,23 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
 def make_rounded(n: int) -> Callable[[tuple], tuple]:
     """rounded(x): to single precision."""
     names: dict[str, Any] = {'single': np.float32}
-    exec('def rounded(x): return (' + ''.join(f'float(single(x[{i}])), ' for i in range(n)) + ')',
-         names)
+    exec(
+        'def rounded(x): return (' + ''.join(f'float(single(x[{i}])), ' for i in range(n)) + ')',
+        names,
+    )
     return names['rounded']
 
 
-def observe(functions: MechanicalFunctions, measured: Array, inputs: Array, dt: float, *,
-            start: Any = None, parts: int = 1, single: bool = False) -> Array:
+def observe(
+    functions: MechanicalFunctions,
+    measured: Array,
+    inputs: Array,
+    dt: float,
+    *,
+    start: Any = None,
+    parts: int = 1,
+    single: bool = False,
+) -> Array:
     """Estimated velocities, shape (N, n).
 
     Parameters
@@ -128,19 +159,35 @@ def observe(functions: MechanicalFunctions, measured: Array, inputs: Array, dt: 
         offset = tuple((np.asarray(start, float) - measured[0]).tolist())
         core = (offset, *core[1:])
     velocities = np.zeros_like(measured)
-    compiled(make_run(functions))(core, coefficients, design, np.ascontiguousarray(measured),
-                                  np.ascontiguousarray(inputs, float), parts, velocities, single)
+    compiled(make_run(functions))(
+        core,
+        coefficients,
+        design,
+        np.ascontiguousarray(measured),
+        np.ascontiguousarray(inputs, float),
+        parts,
+        velocities,
+        single,
+    )
     return velocities
 
 
-def move(mechanics: Mechanics, q: Any, v: Any, inputs: Array, dt: float, parts: int
-         ) -> tuple[Array, Array]:
+def move(
+    mechanics: Mechanics, q: Any, v: Any, inputs: Array, dt: float, parts: int
+) -> tuple[Array, Array]:
     """(positions, velocities), each of shape (N, n): row k at sample k, inputs held from it on."""
     shape = (len(inputs), mechanics.degrees)
     positions, velocities = np.zeros(shape), np.zeros(shape)
     compiled(make_motion(mechanics))(
-        mechanics.values, tuple(map(float, q)), tuple(map(float, v)),
-        np.ascontiguousarray(inputs, float), dt, parts, positions, velocities)
+        mechanics.values,
+        tuple(map(float, q)),
+        tuple(map(float, v)),
+        np.ascontiguousarray(inputs, float),
+        dt,
+        parts,
+        positions,
+        velocities,
+    )
     return positions, velocities
 
 
@@ -148,12 +195,13 @@ def metrics(errors: Array) -> list[float]:
     """ME x 1e2 and MSE x 1e4 of each column, in turn: (23)."""
     values = []
     for column in errors.T:
-        values += [float(np.mean(np.abs(column))) * 1e2, float(np.mean(column ** 2)) * 1e4]
+        values += [float(np.mean(np.abs(column))) * 1e2, float(np.mean(column**2)) * 1e4]
     return values
 
 
-METRICS = tuple(f'{name}{joint}{unit}' for joint in (1, 2, 3)
-                for name, unit in (('ME', 'e2'), ('MSE', 'e4')))
+METRICS = tuple(
+    f'{name}{joint}{unit}' for joint in (1, 2, 3) for name, unit in (('ME', 'e2'), ('MSE', 'e4'))
+)
 OF_FIRST = ('ME1e2', 'MSE1e4', 'ME2e2', 'MSE2e4')
 
 

@@ -21,12 +21,12 @@ from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
-SPAN = (-6.0, 7.0)       # log10 of the densities that are sought; it matters for H5.fixedR alone,
+SPAN = (-6.0, 7.0)  # log10 of the densities that are sought; it matters for H5.fixedR alone,
 #                          where the likelihood still grows at the end (0.44 rad/s without it)
-ENDS = 0.25              # s cut off at both ends
-SKIPPED = 5              # innovations that the start still shapes
+ENDS = 0.25  # s cut off at both ends
+SKIPPED = 5  # innovations that the start still shapes
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-JITTER = 1e-3            # s, of the stamps (row H5)
+JITTER = 1e-3  # s, of the stamps (row H5)
 
 
 class Smoothed(NamedTuple):
@@ -40,8 +40,9 @@ class Smoothed(NamedTuple):
     likelihood: float
 
 
-def forward(time, reading, noise, density, order, skipped, means, covariances, before, spread,
-            leading):
+def forward(
+    time, reading, noise, density, order, skipped, means, covariances, before, spread, leading
+):
     """The Kalman filter; fills the arrays for `backward`, returns the log-likelihood."""
     x = np.zeros(order)
     x[0] = reading[0]
@@ -81,13 +82,13 @@ def fill(f, q, h, density, order):
     """Transition and process noise over h."""
     if order == 2:
         f[0, 0], f[0, 1], f[1, 0], f[1, 1] = 1.0, h, 0.0, 1.0
-        q[0, 0], q[0, 1], q[1, 1] = h ** 3 / 3.0, h * h / 2.0, h
+        q[0, 0], q[0, 1], q[1, 1] = h**3 / 3.0, h * h / 2.0, h
         q[1, 0] = q[0, 1]
     else:
         f[0, 0], f[0, 1], f[0, 2] = 1.0, h, 0.5 * h * h
         f[1, 1], f[1, 2], f[2, 2] = 1.0, h, 1.0
-        q[0, 0], q[0, 1], q[0, 2] = h ** 5 / 20.0, h ** 4 / 8.0, h ** 3 / 6.0
-        q[1, 1], q[1, 2], q[2, 2] = h ** 3 / 3.0, h * h / 2.0, h
+        q[0, 0], q[0, 1], q[0, 2] = h**5 / 20.0, h**4 / 8.0, h**3 / 6.0
+        q[1, 1], q[1, 2], q[2, 2] = h**3 / 3.0, h * h / 2.0, h
         q[1, 0], q[2, 0], q[2, 1] = q[0, 1], q[0, 2], q[1, 2]
     for i in range(order):
         for j in range(order):
@@ -133,45 +134,63 @@ def smoothed(time: Array, reading: Array, noise: float, density: float, order: i
     count = len(time)
     means, before = np.zeros((count, order)), np.zeros((count, order))
     covariances, spread, leading = (np.zeros((count, order, order)) for _ in range(3))
-    likelihood = compiled(forward)(time, reading, noise, density, order, SKIPPED, means,
-                                   covariances, before, spread, leading)
+    likelihood = compiled(forward)(
+        time, reading, noise, density, order, SKIPPED, means, covariances, before, spread, leading
+    )
     x, p = means[-1].copy(), covariances[-1].copy()
     out = np.zeros((count, 3))
     out[-1] = x[0], x[1], p[1, 1]
     gains = np.zeros_like(covariances)
-    gains[:-1] = np.swapaxes(np.linalg.solve(
-        spread[1:], np.swapaxes(covariances[:-1] @ np.swapaxes(leading[1:], 1, 2), 1, 2)), 1, 2)
-    compiled(backward)(order, means, covariances, before, spread, np.ascontiguousarray(gains), x, p,
-                       out)
+    gains[:-1] = np.swapaxes(
+        np.linalg.solve(
+            spread[1:], np.swapaxes(covariances[:-1] @ np.swapaxes(leading[1:], 1, 2), 1, 2)
+        ),
+        1,
+        2,
+    )
+    compiled(backward)(
+        order, means, covariances, before, spread, np.ascontiguousarray(gains), x, p, out
+    )
     return Smoothed(out[:, 0], out[:, 1], np.sqrt(np.maximum(out[:, 2], 0.0)), float(likelihood))
 
 
 def likelihood(time: Array, reading: Array, noise: float, density: float, order: int) -> float:
     """The log-likelihood alone."""
     count = len(time)
-    return float(compiled(forward)(
-        time, reading, noise, density, order, SKIPPED, np.zeros((count, order)),
-        np.zeros((count, order, order)), np.zeros((count, order)),
-        np.zeros((count, order, order)), np.zeros((count, order, order))))
+    return float(
+        compiled(forward)(
+            time,
+            reading,
+            noise,
+            density,
+            order,
+            SKIPPED,
+            np.zeros((count, order)),
+            np.zeros((count, order, order)),
+            np.zeros((count, order)),
+            np.zeros((count, order, order)),
+            np.zeros((count, order, order)),
+        )
+    )
 
 
 def most_likely(time: Array, reading: Array, noise: float, order: int = 3) -> Smoothed:
     """The smoother whose density has the largest likelihood: golden section in its logarithm."""
     low, high = SPAN
     grid = np.linspace(low, high, 19)
-    best = int(np.argmax([likelihood(time, reading, noise, 10.0 ** g, order) for g in grid]))
+    best = int(np.argmax([likelihood(time, reading, noise, 10.0**g, order) for g in grid]))
     low, high = grid[max(0, best - 1)], grid[min(len(grid) - 1, best + 1)]
     a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    fa, fb = (likelihood(time, reading, noise, 10.0 ** g, order) for g in (a, b))
+    fa, fb = (likelihood(time, reading, noise, 10.0**g, order) for g in (a, b))
     while high - low > 1e-3:
         if fa > fb:
             high, b, fb = b, a, fa
             a = high - GOLDEN * (high - low)
-            fa = likelihood(time, reading, noise, 10.0 ** a, order)
+            fa = likelihood(time, reading, noise, 10.0**a, order)
         else:
             low, a, fa = a, b, fb
             b = low + GOLDEN * (high - low)
-            fb = likelihood(time, reading, noise, 10.0 ** b, order)
+            fb = likelihood(time, reading, noise, 10.0**b, order)
     return smoothed(time, reading, noise, 10.0 ** (0.5 * (low + high)), order)
 
 
@@ -180,7 +199,7 @@ def spline(time: Array, reading: Array, mean_square: float) -> Smoothed:
     low, high = SPAN
     for _ in range(24):
         middle = 0.5 * (low + high)
-        found = smoothed(time, reading, mean_square, 10.0 ** middle, 2)
+        found = smoothed(time, reading, mean_square, 10.0**middle, 2)
         if float(np.mean((reading - found.positions) ** 2)) > mean_square:
             low = middle
         else:
@@ -220,7 +239,7 @@ def jitter_values() -> Values:
     stamps = time + np.random.default_rng(0).uniform(-JITTER, JITTER, len(time))
     variance = QUANTA['HPM'][0] ** 2 / 12.0
     yield 'H5.fixedR', rms(most_likely(stamps, y, variance).velocities - true)
-    yield 'H5.R', rms(most_likely(stamps, y, 1.17e-3 ** 2).velocities - true)
+    yield 'H5.R', rms(most_likely(stamps, y, 1.17e-3**2).velocities - true)
 
 
 PARTS = (Part('F', references('F'), values), Part('H5', references('H5'), jitter_values))

@@ -43,53 +43,87 @@ def show(rows: Sequence[Row], console: Console | None = None) -> None:
     for row in rows:
         reference = row.reference
         paper = reference.paper
-        table.add_row(Text(reference.id), number(row.value), number(reference.value),
-                      reference.tolerance_text,
-                      '' if paper is None else paper if isinstance(paper, str) else number(paper),
-                      Text('yes', 'green') if row.ok else Text('NO', 'bold red'))
+        table.add_row(
+            Text(reference.id),
+            number(row.value),
+            number(reference.value),
+            reference.tolerance_text,
+            '' if paper is None else paper if isinstance(paper, str) else number(paper),
+            Text('yes', 'green') if row.ok else Text('NO', 'bold red'),
+        )
     console.print(table)
     failed = [row for row in rows if not row.ok]
-    console.print(f'{len(rows) - len(failed)} of {len(rows)} rows within their tolerance',
-                  highlight=False)
+    console.print(
+        f'{len(rows) - len(failed)} of {len(rows)} rows within their tolerance', highlight=False
+    )
     for row in failed:
-        console.print(f'failed: {row.reference.id} ({row.reference.what})', highlight=False,
-                      markup=False)
+        console.print(
+            f'failed: {row.reference.id} ({row.reference.what})', highlight=False, markup=False
+        )
 
 
 PRINTED_7 = {'GESO': 466.0, 'SMO-BL': 551.0, 'EHGO-BL': 472.0}  # us on an Arduino Nano
 OURS_7: dict[str, tuple[str, dict[str, Any]]] = {
-    'GESO': ('geso', {'L': [10.0], 'Gamma': [70.0]}), 'SMO-BL': ('smo', {'mu': [29.0, 10.0]}),
-    'EHGO-BL': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.0126})}
+    'GESO': ('geso', {'L': [10.0], 'Gamma': [70.0]}),
+    'SMO-BL': ('smo', {'mu': [29.0, 10.0]}),
+    'EHGO-BL': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.0126}),
+}
 STEPS, REPEATS = 400, 5
 
 
 def lines(rows: Sequence[Row]) -> list[str]:
     """The tables for which `rows` hold every entry."""
     found = {row.reference.id: row for row in rows}
-    first = [f'{name}{joint}{unit}' for joint in (1, 2) for name, unit in
-             (('ME', 'e2'), ('MSE', 'e4'))]
+    first = [
+        f'{name}{joint}{unit}' for joint in (1, 2) for name, unit in (('ME', 'e2'), ('MSE', 'e4'))
+    ]
     three = ['ME1e2', 'MSE1e4', 'ME2e2']
     plans: list[tuple[str, list[str], dict[str, list[str]]]] = [
-        ('Table 1: cart-pendulum, simulated (20 seeds)', first,
-         {name: [f'B4.{name}.{metric}' for metric in first] for name in ('HGO', 'SMO', 'GESO')}),
-        ('Table 2: robotic leg, simulated (median of 20 seeds)', list(METRICS),
-         {name: [f'C3.{name}.{metric}' for metric in METRICS] for name in ('HGO', 'SMO', 'GESO')})]
+        (
+            'Table 1: cart-pendulum, simulated (20 seeds)',
+            first,
+            {name: [f'B4.{name}.{metric}' for metric in first] for name in ('HGO', 'SMO', 'GESO')},
+        ),
+        (
+            'Table 2: robotic leg, simulated (median of 20 seeds)',
+            list(METRICS),
+            {
+                name: [f'C3.{name}.{metric}' for metric in METRICS]
+                for name in ('HGO', 'SMO', 'GESO')
+            },
+        ),
+    ]
     for kind in ('nominal', 'mismatch'):
         for scenario, words in (('HPM', 'high'), ('LPM', 'low')):
-            plans.append((
-                f'Table 5: open loop, {words}-precision measurements, {kind} plant', three,
-                {name: [f'D3.{kind}.{scenario}.{name}.{metric}' for metric in three]
-                 for name in ('GESO', 'SMO-BL', 'EHGO-BL', 'SMO-CV', 'EHGO-CV')}))
+            plans.append(
+                (
+                    f'Table 5: open loop, {words}-precision measurements, {kind} plant',
+                    three,
+                    {
+                        name: [f'D3.{kind}.{scenario}.{name}.{metric}' for metric in three]
+                        for name in ('GESO', 'SMO-BL', 'EHGO-BL', 'SMO-CV', 'EHGO-CV')
+                    },
+                )
+            )
     for scenario, words, names in (('HPM', 'high', ('GESO', 'SMO-BL')), ('LPM', 'low', ('GESO',))):
-        plans.append((f'Table 6: closed loop, {words}-precision measurements',
-                      ['mean|q1|e2', 'mean q1^2 e4'],
-                      {name: [f'E2.{name}.{scenario}', f'E3.{name}.{scenario}']
-                       for name in names}))
+        plans.append(
+            (
+                f'Table 6: closed loop, {words}-precision measurements',
+                ['mean|q1|e2', 'mean q1^2 e4'],
+                {name: [f'E2.{name}.{scenario}', f'E3.{name}.{scenario}'] for name in names},
+            )
+        )
     out: list[str] = []
     for title, columns, body in plans:
         if all(name in found for names in body.values() for name in names):
-            out += ['', *_table(title, columns, {
-                name: [_entry(found[each]) for each in names] for name, names in body.items()})]
+            out += [
+                '',
+                *_table(
+                    title,
+                    columns,
+                    {name: [_entry(found[each]) for each in names] for name, names in body.items()},
+                ),
+            ]
     if out:
         out += ['', *table_7()]
     return out + [''] if out else out
@@ -106,7 +140,8 @@ def _table(title: str, columns: list[str], body: dict[str, list[str]]) -> list[s
     widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
     return [f'{title}; ours (printed)'] + [
         '  ' + '  '.join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
-        for row in cells]
+        for row in cells
+    ]
 
 
 def costs() -> dict[str, float]:
@@ -130,6 +165,10 @@ def costs() -> dict[str, float]:
 def table_7() -> list[str]:
     """Cost of a step relative to GESO's."""
     ours = costs()
-    body = {'relative cost': [f'{ours[name] / ours["GESO"]:.2f} '
-                              f'({PRINTED_7[name] / PRINTED_7["GESO"]:.2f})' for name in ours]}
+    body = {
+        'relative cost': [
+            f'{ours[name] / ours["GESO"]:.2f} ({PRINTED_7[name] / PRINTED_7["GESO"]:.2f})'
+            for name in ours
+        ]
+    }
     return _table('Table 7: one forward Euler step, GESO = 1', list(ours), body)

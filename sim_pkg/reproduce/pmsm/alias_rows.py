@@ -17,19 +17,24 @@ from sim_pkg.reproduce.pmsm.reference import FLUX, GAMMA, POLE_PAIRS, Signals, s
 from sim_pkg.reproduce.pmsm.references import ALIASING, rows
 
 RATE = 20000.0
-DURATION = 0.6      # s
+DURATION = 0.6  # s
 SEEDS = 10
-NOISE = 0.1         # A
-STEP, REACH = 120.0 / 4096.0, 60.0   # A, of the 12-bit ADC
+NOISE = 0.1  # A
+STEP, REACH = 120.0 / 4096.0, 60.0  # A, of the 12-bit ADC
 RPM = math.pi / 30.0
 
 FORMS: dict[str, dict[str, Any]] = {
     'paper': {**PAPER, 'initial_flux': 0.0},
-    'gated': {**ROBUST, 'second_period': 1.0, 'initial_flux': 0.0, 'flux_min': 0.5e-3,
-              'flux_max': 8e-3},
+    'gated': {
+        **ROBUST,
+        'second_period': 1.0,
+        'initial_flux': 0.0,
+        'flux_min': 0.5e-3,
+        'flux_max': 8e-3,
+    },
     'dithered': {**ROBUST, 'initial_flux': 0.0, 'flux_min': 0.5e-3, 'flux_max': 8e-3},
 }
-BAD_SPEEDS = (1714.2857, 3428.5714, 5142.8571, 6857.1429)   # rpm: 1, 2, 3, 4 turns per tick
+BAD_SPEEDS = (1714.2857, 3428.5714, 5142.8571, 6857.1429)  # rpm: 1, 2, 3, 4 turns per tick
 
 
 def references() -> tuple[Reference, ...]:
@@ -38,18 +43,32 @@ def references() -> tuple[Reference, ...]:
     for rpm, form, lost, median, fires in rows(ALIASING):
         name = f'T6 {float(rpm):.0f} rpm {form}'
         robust = form != 'paper'
-        found.append(Reference(f'{name} lost', f'of {SEEDS} runs, xi_hat from 0', float(lost), 2.0,
-                               AT_MOST if robust else ABSOLUTE))
+        found.append(
+            Reference(
+                f'{name} lost',
+                f'of {SEEDS} runs, xi_hat from 0',
+                float(lost),
+                2.0,
+                AT_MOST if robust else ABSOLUTE,
+            )
+        )
         if median != 'never':
-            found.append(Reference(f'{name} t_th5', 'median settling [ms]', float(median),
-                                   10.0))
-        found.append(Reference(f'{name} fires', 'false replacements in a converged run',
-                               float(fires), 0.0 if robust else 25.0,
-                               AT_MOST if robust else PERCENT))
+            found.append(Reference(f'{name} t_th5', 'median settling [ms]', float(median), 10.0))
+        found.append(
+            Reference(
+                f'{name} fires',
+                'false replacements in a converged run',
+                float(fires),
+                0.0 if robust else 25.0,
+                AT_MOST if robust else PERCENT,
+            )
+        )
     for speed in BAD_SPEEDS:
         name = f'T6 default {speed:.0f} rpm'
-        found += [Reference(f'{name} lost', f'of {SEEDS} runs, default gains', 0.0, kind=AT_MOST),
-                  Reference(f'{name} fires', 'false replacements, all runs', 0.0, kind=AT_MOST)]
+        found += [
+            Reference(f'{name} lost', f'of {SEEDS} runs, default gains', 0.0, kind=AT_MOST),
+            Reference(f'{name} fires', 'false replacements, all runs', 0.0, kind=AT_MOST),
+        ]
     return tuple(found)
 
 
@@ -70,8 +89,9 @@ def count_fires(x: NDArray[np.float64]) -> int:
     return int((np.abs(np.diff(x)) > 2.0 * math.sqrt(GAMMA)).sum())
 
 
-def outcome(gains: dict[str, Any], rpm: float, seeds: int, *, cold: bool = True
-            ) -> tuple[list[float], list[int]]:
+def outcome(
+    gains: dict[str, Any], rpm: float, seeds: int, *, cold: bool = True
+) -> tuple[list[float], list[int]]:
     """Per seed: settling from the unknown start [ms, nan: never], fires from the settled one.
 
     Parameters
@@ -90,8 +110,9 @@ def outcome(gains: dict[str, Any], rpm: float, seeds: int, *, cold: bool = True
         log = run_log(functions, samples, 1.0 / RATE, start, fast=True)
         error = np.angle(np.exp(1j * (log.angle - truth.theta[1:])))
         times.append(settling(truth.time[1:], error, math.radians(5.0)))
-        settled = start_state(functions, samples[0], 1.0 + 0.0j, 1.0 / FLUX, -1j * omega * FLUX,
-                              seen=omega)
+        settled = start_state(
+            functions, samples[0], 1.0 + 0.0j, 1.0 / FLUX, -1j * omega * FLUX, seen=omega
+        )
         fires.append(count_fires(run_log(functions, samples, 1.0 / RATE, settled, fast=True).x))
     return times, fires
 

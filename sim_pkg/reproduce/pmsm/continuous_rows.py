@@ -36,9 +36,9 @@ from sim_pkg.reproduce.pmsm.reference import (
 from sim_pkg.reproduce.pmsm.references import REFERENCE_RUNS, rows
 from sim_pkg.reproduce.pmsm.schemes import exponential_step
 
-NEVER = -1.0      # in place of a settling time
+NEVER = -1.0  # in place of a settling time
 STARTS_DRAWN = 120
-SLACK = 1.0       # ms
+SLACK = 1.0  # ms
 
 # time [s]: angle [rad], electrical speed [rad/s], current [A], voltage [V]
 CHECKPOINTS = {
@@ -58,8 +58,13 @@ UNITS = (
     Reference('T1 jump h+ im', 'back-EMF estimate after it [V]', -3.213938, 1e-6),
     Reference('T1 jump i+ re', 'current estimate after it, from 1 - 2j [A]', -1.795967, 1e-6),
     Reference('T1 jump i+ im', 'current estimate after it [A]', -1.332104, 1e-6),
-    Reference('T1 least squares', 'xi* from exact data at 1000 rad/s [1/Wb]', 526.3157894736844,
-              1e-6, PERCENT),
+    Reference(
+        'T1 least squares',
+        'xi* from exact data at 1000 rad/s [1/Wb]',
+        526.3157894736844,
+        1e-6,
+        PERCENT,
+    ),
     Reference('T1 X held xi', 'one step of scheme X, voltage held [1/Wb]', 399.944838697, 1e-8),
     Reference('T1 X held h re', 'back-EMF [V]', -0.481547823, 1e-8),
     Reference('T1 X held h im', 'back-EMF [V]', 0.416041635, 1e-8),
@@ -74,17 +79,25 @@ UNITS = (
 def checkpoint_references() -> tuple[Reference, ...]:
     """T0."""
     # the printed digits are 1e-6; zero stands for rounding residue
-    return tuple(Reference(f'T0 {time:g} s {name}', 'exact signal of P1', value, 2e-6)
-                 for time, values in CHECKPOINTS.items()
-                 for name, value in zip(QUANTITIES, values))
+    return tuple(
+        Reference(f'T0 {time:g} s {name}', 'exact signal of P1', value, 2e-6)
+        for time, values in CHECKPOINTS.items()
+        for name, value in zip(QUANTITIES, values)
+    )
 
 
 def checkpoint_values() -> Values:
     """The values of T0."""
     for time in CHECKPOINTS:
         at = signals(np.array([time]))
-        found = (at.theta[0], at.omega[0], at.current[0].real, at.current[0].imag,
-                 at.voltage[0].real, at.voltage[0].imag)
+        found = (
+            at.theta[0],
+            at.omega[0],
+            at.current[0].real,
+            at.current[0].imag,
+            at.voltage[0].real,
+            at.voltage[0].imag,
+        )
         for name, value in zip(QUANTITIES, found):
             yield f'T0 {time:g} s {name}', value
 
@@ -100,13 +113,15 @@ def unit_values() -> Values:
     scheme = prepare_scheme(RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / 20000.0)
     z = cmath.exp(1j * math.radians(20.0))
     before, now, voltage = 1.0 + 2.0j, 1.5 + 1.8j, 3.0 - 1.0j
-    i, h, spare, x = exponential_step(z.conjugate() * before, 0j, z, 400.0, before, now, voltage,
-                                      scheme, K_ETA, GAMMA, True, 2)
+    i, h, spare, x = exponential_step(
+        z.conjugate() * before, 0j, z, 400.0, before, now, voltage, scheme, K_ETA, GAMMA, True, 2
+    )
     yield 'T1 X held xi', x
     yield 'T1 X held h re', h.real
     yield 'T1 X held h im', h.imag
-    i, h, z, x, spare = advance(z.conjugate() * before, 0j, z, 400.0, before, now, voltage, scheme,
-                                K_ETA, GAMMA, 0.0)
+    i, h, z, x, spare = advance(
+        z.conjugate() * before, 0j, z, 400.0, before, now, voltage, scheme, K_ETA, GAMMA, 0.0
+    )
     yield 'T1 X xi', x
     yield 'T1 X h re', h.real
     yield 'T1 X h im', h.imag
@@ -141,14 +156,17 @@ def run_references() -> tuple[Reference, ...]:
         late = start == 'G' and observer in ('cont', 'hyb')  # it wraps to the end: counts vary
         if not late:
             found.append(Reference(f'{name} resets', 'of the frame', float(numbers[5]), kind=EXACT))
-            found.append(Reference(f'{name} fires', 'replacements of xi_hat', float(numbers[6]),
-                                   kind=EXACT))
+            found.append(
+                Reference(f'{name} fires', 'replacements of xi_hat', float(numbers[6]), kind=EXACT)
+            )
         for at, text in zip((5, 10, 20, 50), numbers[7:]):
             found.append(Reference(f'{name} xi {at} ms', 'xi_hat [1/Wb]', float(text), 0.01))
-    found += [Reference('T2 rest rms angle', 'last 0.3 s, A id_post [deg]', 0.0535, 1e-4),
-              Reference('T2 rest max angle', 'last 0.3 s, A id_post [deg]', 0.172, 1e-3),
-              Reference('T2 rest max speed', 'last 0.3 s, A id_post [%]', 0.061, 1e-3),
-              Reference('T2 rest rms h', 'last 0.3 s, A id_post [mV]', 3.96, 0.01)]
+    found += [
+        Reference('T2 rest rms angle', 'last 0.3 s, A id_post [deg]', 0.0535, 1e-4),
+        Reference('T2 rest max angle', 'last 0.3 s, A id_post [deg]', 0.172, 1e-3),
+        Reference('T2 rest max speed', 'last 0.3 s, A id_post [%]', 0.061, 1e-3),
+        Reference('T2 rest rms h', 'last 0.3 s, A id_post [mV]', 3.96, 0.01),
+    ]
     return tuple(found)
 
 
@@ -187,13 +205,24 @@ def run_values() -> Values:
 
 
 ORDER = (
-    Reference('order id > hyb', f'of {STARTS_DRAWN} random starts, those where the identifier '
-              'settles later than the hybrid observer', 0.0, kind=AT_MOST,
-              paper='significantly faster'),
-    Reference('order hyb > cont', 'and the hybrid one later than the continuous one', 0.0,
-              kind=AT_MOST, paper='consistently faster'),
-    Reference('order median cont', 'of t_th5 [ms]; other draws differ by up to 25 %', 153.0, 15.0,
-              PERCENT),
+    Reference(
+        'order id > hyb',
+        f'of {STARTS_DRAWN} random starts, those where the identifier '
+        'settles later than the hybrid observer',
+        0.0,
+        kind=AT_MOST,
+        paper='significantly faster',
+    ),
+    Reference(
+        'order hyb > cont',
+        'and the hybrid one later than the continuous one',
+        0.0,
+        kind=AT_MOST,
+        paper='consistently faster',
+    ),
+    Reference(
+        'order median cont', 'of t_th5 [ms]; other draws differ by up to 25 %', 153.0, 15.0, PERCENT
+    ),
     Reference('order median hyb', 'of t_th5 [ms]', 98.5, 15.0, PERCENT),
     Reference('order median id_post', 'of t_th5 [ms]', 30.1, 15.0, PERCENT),
     Reference('order median id_early', 'of t_th5 [ms]', 26.2, 15.0, PERCENT),
@@ -232,7 +261,9 @@ def later(first: np.ndarray, second: np.ndarray) -> float:
     return float(((first > second + SLACK) & ~(np.isinf(first) & np.isinf(second))).sum())
 
 
-PARTS = (Part('T0', checkpoint_references(), checkpoint_values),
-         Part('T1', UNITS, unit_values),
-         Part('T2', run_references(), run_values),
-         Part('order', ORDER, order_values))
+PARTS = (
+    Part('T0', checkpoint_references(), checkpoint_values),
+    Part('T1', UNITS, unit_values),
+    Part('T2', run_references(), run_values),
+    Part('order', ORDER, order_values),
+)

@@ -22,11 +22,19 @@ RATE = 20000.0
 SCENARIOS = {
     'start-up': Profile([(0.3, 3000, 3000), (0.1, 3000, 6000), (0.2, 6000, 6000)]),
     'backward': Profile([(0.3, -3000, -3000), (0.1, -3000, -6000), (0.2, -6000, -6000)]),
-    'reversal': Profile([(0.2, 3000, 3000), (0.1, 3000, -3000), (0.2, -3000, -3000),
-                         (0.1, -3000, 3000), (0.1, 3000, 3000)]),
+    'reversal': Profile(
+        [
+            (0.2, 3000, 3000),
+            (0.1, 3000, -3000),
+            (0.2, -3000, -3000),
+            (0.1, -3000, 3000),
+            (0.1, 3000, 3000),
+        ]
+    ),
     'from rest': Profile([(0.1, 0, 0), (0.3, 0, 3000), (0.2, 3000, 3000)]),
-    'to rest': Profile([(0.1, 3000, 3000), (0.3, 3000, 0), (0.1, 0, 0), (0.2, 0, 3000),
-                        (0.1, 3000, 3000)]),
+    'to rest': Profile(
+        [(0.1, 3000, 3000), (0.3, 3000, 0), (0.1, 0, 0), (0.2, 0, 3000), (0.1, 3000, 3000)]
+    ),
 }
 PLANTS: dict[str, dict[str, Any]] = {
     'noise 0.1 A': {'current_noise': 0.1},
@@ -43,17 +51,25 @@ def status_references() -> tuple[Reference, ...]:
     for scenario in SCENARIOS:
         for plant in PLANTS:
             name = f'status {scenario}, {plant}'
-            found += [Reference(f'{name}: wrong', 'tracking with more than 10 deg error [ms]', 3.0,
-                                kind=AT_MOST),
-                      Reference(f'{name}: withheld', 'right and above 200 rpm, not tracking [ms]',
-                                80.0, kind=AT_MOST)]
+            found += [
+                Reference(
+                    f'{name}: wrong', 'tracking with more than 10 deg error [ms]', 3.0, kind=AT_MOST
+                ),
+                Reference(
+                    f'{name}: withheld',
+                    'right and above 200 rpm, not tracking [ms]',
+                    80.0,
+                    kind=AT_MOST,
+                ),
+            ]
     return tuple(found)
 
 
 def judged(profile: Profile, plant: dict[str, Any], seed: int = 1, **gains: Any) -> Verdict:
     """The status of the default observer, but for `gains`, over a profile."""
     record = Drive(PmsmParameters(**plant), seed, profile=profile).run(
-        round(profile.duration * RATE))
+        round(profile.duration * RATE)
+    )
     functions = functions_of(**{**ROBUST, **gains})
     first = functions.init(tuple(record.samples[0].tolist()), functions.design())
     log = run_log(functions, record.samples, 1.0 / RATE, first, fast=True)
@@ -93,8 +109,12 @@ class Loop(NamedTuple):
 LOOPS: dict[str, tuple[bool, float, Profile, float]] = {
     'spinning 1000 rpm': (False, 1000.0, Profile([(1.0, 1000, 1000)]), 0.5),
     'spinning 4000 rpm': (False, 4000.0, Profile([(1.0, 4000, 4000)]), 0.5),
-    'forced to 1500 rpm': (True, 0.0, Profile([(0.3, 700, 700), (0.2, 700, 1500),
-                                               (0.5, 1500, 1500)]), 0.7),
+    'forced to 1500 rpm': (
+        True,
+        0.0,
+        Profile([(0.3, 700, 700), (0.2, 700, 1500), (0.5, 1500, 1500)]),
+        0.7,
+    ),
 }
 
 
@@ -105,8 +125,14 @@ def closed_loop(name: str) -> Loop:
     rated = PmsmParameters().rated_torque
     parameters = PmsmParameters(current_noise=0.1, load_step=0.5 * rated, load_step_time=step_time)
     functions = functions_of(**ROBUST)
-    drive = Drive(parameters, 3, feedback=make_feedback(functions), profile=profile,
-                  held=begin(functions, parameters, forced=forced), start_speed=start * RPM)
+    drive = Drive(
+        parameters,
+        3,
+        feedback=make_feedback(functions),
+        profile=profile,
+        held=begin(functions, parameters, forced=forced),
+        start_speed=start * RPM,
+    )
     per_row = round(1e-3 * RATE)
     rows = []
     for _ in range(round(profile.duration * 1e3)):
@@ -114,8 +140,16 @@ def closed_loop(name: str) -> Loop:
         mode, angle, omega = drive.held[3], drive.held[4], drive.held[5]
         wrong = math.degrees(math.remainder(angle - truth[1], 2.0 * math.pi))
         speed = omega / parameters.pole_pairs
-        rows.append((wrong, 100.0 * (speed / truth[0] - 1.0) if truth[0] else 0.0, truth[0] / RPM,
-                     truth[4] / RPM, truth[3], float(mode == RUNNING)))
+        rows.append(
+            (
+                wrong,
+                100.0 * (speed / truth[0] - 1.0) if truth[0] else 0.0,
+                truth[0] / RPM,
+                truth[4] / RPM,
+                truth[3],
+                float(mode == RUNNING),
+            )
+        )
     table = np.array(rows).T
     return Loop(table[0], table[1], table[2], table[3], table[4], table[5] > 0.5)
 
@@ -124,16 +158,22 @@ def loop_references() -> tuple[Reference, ...]:
     """Closed loop."""
     found = []
     for name in LOOPS:
-        found += [Reference(f'loop {name}: angle', 'largest error once the observer leads [deg]',
-                            10.0, kind=AT_MOST),
-                  Reference(f'loop {name}: speed', 'largest error of the speed [%]', 5.0,
-                            kind=AT_MOST),
-                  Reference(f'loop {name}: least', 'lowest true speed by then [rpm]', 500.0,
-                            kind=AT_LEAST),
-                  Reference(f'loop {name}: lead', 'the observer leads after [ms]', 300.0,
-                            kind=AT_MOST),
-                  Reference(f'loop {name}: end', 'speed off the wanted one in the end [%]', 1.0,
-                            kind=AT_MOST)]
+        found += [
+            Reference(
+                f'loop {name}: angle',
+                'largest error once the observer leads [deg]',
+                10.0,
+                kind=AT_MOST,
+            ),
+            Reference(f'loop {name}: speed', 'largest error of the speed [%]', 5.0, kind=AT_MOST),
+            Reference(
+                f'loop {name}: least', 'lowest true speed by then [rpm]', 500.0, kind=AT_LEAST
+            ),
+            Reference(f'loop {name}: lead', 'the observer leads after [ms]', 300.0, kind=AT_MOST),
+            Reference(
+                f'loop {name}: end', 'speed off the wanted one in the end [%]', 1.0, kind=AT_MOST
+            ),
+        ]
     return tuple(found)
 
 
@@ -149,5 +189,7 @@ def loop_values() -> Values:
         yield f'loop {name}: end', float(100.0 * abs(loop.speed[-1] / loop.wanted[-1] - 1.0))
 
 
-PARTS = (Part('status', status_references(), status_values),
-         Part('loop', loop_references(), loop_values))
+PARTS = (
+    Part('status', status_references(), status_values),
+    Part('loop', loop_references(), loop_values),
+)

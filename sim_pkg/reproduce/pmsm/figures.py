@@ -23,9 +23,12 @@ from sim_pkg.reproduce.pmsm.reference import (
 )
 
 BLUE, RED, GREY, SOFT = '#1f6fb4', '#d1342f', '#cfcfcf', '#555555'
-CHI, K_ETA, GAMMA = 1.0, 1.5, 1.0          # of Figure 1, as printed
-ROWS = ((CONTINUOUS, 'observer (5)'), (HYBRID, 'observer (16)'),
-        (ID_POST, 'observer (16), (25), (26)'))
+CHI, K_ETA, GAMMA = 1.0, 1.5, 1.0  # of Figure 1, as printed
+ROWS = (
+    (CONTINUOUS, 'observer (5)'),
+    (HYBRID, 'observer (16)'),
+    (ID_POST, 'observer (16), (25), (26)'),
+)
 LETTERS = ('adgj', 'behk', 'cfil')
 RPM = 30.0 / math.pi
 
@@ -34,6 +37,7 @@ Array = NDArray[np.float64]
 
 def reduced(angle: Array, xi: Array, step: float, steps: int) -> tuple[Array, Array]:
     """Trajectories of (6) from (angle, xi error), by RK4; shape (steps + 1, n), angle unwrapped."""
+
     def slope(state: Array) -> Array:
         sine = np.sin(state[0])
         return np.array([CHI * state[1] - K_ETA * CHI * sine, -GAMMA * CHI * sine])
@@ -54,7 +58,7 @@ def reduced(angle: Array, xi: Array, step: float, steps: int) -> tuple[Array, Ar
 def unstable_manifold() -> list[tuple[Array, Array]]:
     """Both branches of the curve from which (6) runs into the saddle (pi, 0), backwards in time."""
     # linearised at the saddle: d(angle) = chi xi + k chi angle, d(xi) = gamma chi angle
-    slow = 0.5 * (K_ETA - math.sqrt(K_ETA ** 2 + 4.0 * GAMMA))
+    slow = 0.5 * (K_ETA - math.sqrt(K_ETA**2 + 4.0 * GAMMA))
     direction = np.array([slow, GAMMA]) / math.hypot(slow, GAMMA)
     branches = []
     for sign in (1.0, -1.0):
@@ -78,10 +82,21 @@ def phase_portrait() -> Figure:
     figure = Figure(figsize=(11.0, 4.8), layout='constrained')
     plane = figure.add_subplot(1, 2, 1)
     cylinder = figure.add_subplot(1, 2, 2, projection='3d')
-    starts = [(-math.pi, 3.6), (math.pi, -3.6), (-2.8, 2.0), (2.8, -2.0), (-1.5, 1.5), (1.5, -1.5),
-              (-2.5, -0.3), (2.5, 0.3), (-1.0, -1.0), (1.0, 1.0)]
-    angles, xis = reduced(np.array([a for a, _ in starts]), np.array([x for _, x in starts]), 5e-3,
-                          6000)
+    starts = [
+        (-math.pi, 3.6),
+        (math.pi, -3.6),
+        (-2.8, 2.0),
+        (2.8, -2.0),
+        (-1.5, 1.5),
+        (1.5, -1.5),
+        (-2.5, -0.3),
+        (2.5, 0.3),
+        (-1.0, -1.0),
+        (1.0, 1.0),
+    ]
+    angles, xis = reduced(
+        np.array([a for a, _ in starts]), np.array([x for _, x in starts]), 5e-3, 6000
+    )
     curves = [(angles[:, k], xis[:, k], BLUE, 0.8) for k in range(len(starts))]
     curves += [(angle, xi, RED, 1.8) for angle, xi in unstable_manifold()]
     for angle, xi, colour, width in curves:
@@ -89,9 +104,13 @@ def phase_portrait() -> Figure:
         cylinder.plot(np.cos(angle), np.sin(angle), xi, color=colour, linewidth=width)
     plane.plot(0.0, 0.0, 'o', color=BLUE, label=r'$\bar x_s$')
     plane.plot([-math.pi, math.pi], [0.0, 0.0], 'o', color=RED, label=r'$\bar x_u$')
-    plane.set(xlim=(-math.pi, math.pi), ylim=(-4.2, 4.2), xlabel=r'$\tilde\vartheta$ [rad]',
-              ylabel=r'$\tilde\xi$ [1/Wb]',
-              title=r'Phase diagram of (6): $\chi=1$, $k_\eta=1.5$, $\gamma=1$')
+    plane.set(
+        xlim=(-math.pi, math.pi),
+        ylim=(-4.2, 4.2),
+        xlabel=r'$\tilde\vartheta$ [rad]',
+        ylabel=r'$\tilde\xi$ [1/Wb]',
+        title=r'Phase diagram of (6): $\chi=1$, $k_\eta=1.5$, $\gamma=1$',
+    )
     plane.grid(color=GREY, linewidth=0.5)
     plane.legend(loc='upper right', frameon=False)
     cylinder.set(xlabel=r'$\eta_1$', ylabel=r'$\eta_2$', zlabel=r'$\tilde\xi$', zlim=(-4.2, 4.2))
@@ -151,10 +170,12 @@ def loops() -> Figure:
         estimate = np.where(loop.running, loop.speed * (1.0 + 0.01 * loop.speed_error), np.nan)
         top.plot(time, estimate, color=RED, linewidth=1.0, label='estimate, once it leads')
         top.set_title(f'{name}, load step at {LOOPS[name][3]:g} s', fontsize=10)
-        middle.plot(time, np.where(loop.running, loop.angle_error, np.nan), color=BLUE,
-                    linewidth=0.9)
-        bottom.plot(time, np.where(loop.running, loop.speed_error, np.nan), color=BLUE,
-                    linewidth=0.9)
+        middle.plot(
+            time, np.where(loop.running, loop.angle_error, np.nan), color=BLUE, linewidth=0.9
+        )
+        bottom.plot(
+            time, np.where(loop.running, loop.speed_error, np.nan), color=BLUE, linewidth=0.9
+        )
         bottom.set_xlabel('time [s]')
         for axes in (top, middle, bottom):
             tidy(axes)

@@ -35,11 +35,23 @@ from sim_pkg.reproduce.pmsm.schemes import Samples
 
 COMPILE_FROM = 100_000  # samples from which compiling pays off
 
-PAPER: dict[str, Any] = {'form': 'paper', 'resistance': RESISTANCE, 'inductance': INDUCTANCE,
-                         'flux': FLUX, 'pole_pairs': POLE_PAIRS, 'k_p': K_P, 'k_i': K_I,
-                         'k_eta': K_ETA, 'gamma': GAMMA}
-ROBUST: dict[str, Any] = {'resistance': RESISTANCE, 'inductance': INDUCTANCE, 'flux': FLUX,
-                          'pole_pairs': POLE_PAIRS}
+PAPER: dict[str, Any] = {
+    'form': 'paper',
+    'resistance': RESISTANCE,
+    'inductance': INDUCTANCE,
+    'flux': FLUX,
+    'pole_pairs': POLE_PAIRS,
+    'k_p': K_P,
+    'k_i': K_I,
+    'k_eta': K_ETA,
+    'gamma': GAMMA,
+}
+ROBUST: dict[str, Any] = {
+    'resistance': RESISTANCE,
+    'inductance': INDUCTANCE,
+    'flux': FLUX,
+    'pole_pairs': POLE_PAIRS,
+}
 
 
 def functions_of(**gains: Any) -> DriveFunctions:
@@ -51,10 +63,18 @@ def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
     """A loop that logs h, z, xi_hat, the speed output, status and reasons after each sample."""
     step, output, reasons_of = functions.step, functions.output, functions.reasons
 
-    def log(state: Any, coefficients: tuple, design: tuple, samples: NDArray[np.float64],
-            out_h: NDArray[np.complex128], out_z: NDArray[np.complex128],
-            out_x: NDArray[np.float64], speed: NDArray[np.float64], status: NDArray[np.int8],
-            reasons: NDArray[np.int16]) -> tuple:
+    def log(
+        state: Any,
+        coefficients: tuple,
+        design: tuple,
+        samples: NDArray[np.float64],
+        out_h: NDArray[np.complex128],
+        out_z: NDArray[np.complex128],
+        out_x: NDArray[np.float64],
+        speed: NDArray[np.float64],
+        status: NDArray[np.int8],
+        reasons: NDArray[np.int16],
+    ) -> tuple:
         for k in range(len(samples)):
             row = samples[k]
             sample = (row[0], row[1], row[2], row[3])
@@ -84,8 +104,14 @@ class Log(NamedTuple):
         return np.angle(self.z * np.where(self.x < 0.0, -1.0, 1.0))
 
 
-def start_state(functions: DriveFunctions, first: NDArray[np.float64], z: complex, x: float,
-                h: complex = 0j, seen: float = 0.0) -> Any:
+def start_state(
+    functions: DriveFunctions,
+    first: NDArray[np.float64],
+    z: complex,
+    x: float,
+    h: complex = 0j,
+    seen: float = 0.0,
+) -> Any:
     """The observer's state at a chosen start.
 
     Parameters
@@ -101,20 +127,33 @@ def start_state(functions: DriveFunctions, first: NDArray[np.float64], z: comple
         chi = abs(seen) * FLUX
         watch = (chi, complex(0.0, -chi), seen, 0.0, watch[4], 0.0, 1.0, 0)
     core = (z.conjugate() * current, h, z, float(x), current, y)
-    return (core, *state[1:WATCH], watch, *state[WATCH + 1:])
+    return (core, *state[1:WATCH], watch, *state[WATCH + 1 :])
 
 
-def run_log(functions: DriveFunctions, samples: NDArray[np.float64], dt: float, state: Any, *,
-            fast: bool | None = None) -> Log:
+def run_log(
+    functions: DriveFunctions,
+    samples: NDArray[np.float64],
+    dt: float,
+    state: Any,
+    *,
+    fast: bool | None = None,
+) -> Log:
     """The observer over `samples`, shape (n + 1, 4), from the state at the first of them."""
     count = len(samples) - 1
     design = functions.design()
-    log = Log(np.empty(count, complex), np.empty(count, complex), np.empty(count), np.empty(count),
-              np.empty(count, np.int8), np.empty(count, np.int16))
+    log = Log(
+        np.empty(count, complex),
+        np.empty(count, complex),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count, np.int8),
+        np.empty(count, np.int16),
+    )
     loop = make_log(functions)
     if (available() and count >= COMPILE_FROM) if fast is None else fast:
-        compiled(loop)(state, functions.prepare(design, dt), design,
-                       np.ascontiguousarray(samples[1:]), *log)
+        compiled(loop)(
+            state, functions.prepare(design, dt), design, np.ascontiguousarray(samples[1:]), *log
+        )
     else:
         loop(state, functions.prepare(design, dt), design, samples[1:].tolist(), *log)
     return log
@@ -122,19 +161,27 @@ def run_log(functions: DriveFunctions, samples: NDArray[np.float64], dt: float, 
 
 def table_of(samples: Samples) -> NDArray[np.float64]:
     """Exact currents and mean voltages as rows, shape (n + 1, 4)."""
-    return np.column_stack((samples.truth.current.real, samples.truth.current.imag,
-                            samples.mean.real, samples.mean.imag))
+    return np.column_stack(
+        (
+            samples.truth.current.real,
+            samples.truth.current.imag,
+            samples.mean.real,
+            samples.mean.imag,
+        )
+    )
 
 
-def observer_run(functions: DriveFunctions, samples: Samples, rate: float, eta0_deg: float,
-                 xi0: float) -> tuple[Run, Errors]:
+def observer_run(
+    functions: DriveFunctions, samples: Samples, rate: float, eta0_deg: float, xi0: float
+) -> tuple[Run, Errors]:
     """The observer on exact samples, as a run that can be judged like the reference runs."""
     truth = samples.truth
     rows = table_of(samples)
     z = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
     log = run_log(functions, rows, 1.0 / rate, start_state(functions, rows[0], z, xi0))
-    later = Signals(truth.time[1:], truth.theta[1:], truth.omega[1:], truth.current[1:],
-                    truth.voltage[1:])
+    later = Signals(
+        truth.time[1:], truth.theta[1:], truth.omega[1:], truth.current[1:], truth.voltage[1:]
+    )
     run = Run(later, log.h, log.z, log.x, 0, 0)
     return run, errors(run)
 
@@ -160,8 +207,9 @@ def judge(log: Log, theta: NDArray[np.float64], speed: NDArray[np.float64], dt: 
     good = error <= math.radians(10.0)
     fast = np.abs(speed) > 200.0 * math.pi / 30.0
     worst = math.degrees(float(error[tracking].max())) if tracking.any() else 0.0
-    return Verdict(1e3 * dt * float((tracking & ~good).sum()),
-                   1e3 * dt * float((~tracking & good & fast).sum()),
-                   1e3 * dt * float(tracking.sum()), worst)
-
-
+    return Verdict(
+        1e3 * dt * float((tracking & ~good).sum()),
+        1e3 * dt * float((~tracking & good & fast).sum()),
+        1e3 * dt * float(tracking.sum()),
+        worst,
+    )

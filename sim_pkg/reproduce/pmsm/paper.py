@@ -8,9 +8,12 @@ from sim_pkg.reproduce.pmsm import alias_rows, continuous_rows, drive_rows, samp
 REPRODUCTION = Reproduction(
     name='pmsm',
     summary='Bosso, Azzollini, Tilli: A semi-global hybrid sensorless observer for permanent '
-            'magnets synchronous machines with unknown mechanical model (2020)',
+    'magnets synchronous machines with unknown mechanical model (2020)',
     parts=(*continuous_rows.PARTS, *sampled_rows.PARTS, *alias_rows.PARTS, *drive_rows.PARTS),
     figures='sim_pkg.reproduce.pmsm.figures',
-    notes=('The paper prints curves and no results as numbers: the references come from an '
-           'independent implementation; rows "status" and "loop" are held to our own bounds.',
-           'What each row shows, misprints and limits: docs/papers/pmsm.md'))
+    notes=(
+        'The paper prints curves and no results as numbers: the references come from an '
+        'independent implementation; rows "status" and "loop" are held to our own bounds.',
+        'What each row shows, misprints and limits: docs/papers/pmsm.md',
+    ),
+)

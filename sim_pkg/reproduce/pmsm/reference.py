@@ -19,20 +19,26 @@ from sim_pkg.pmsm.profiles import P1, Profile
 
 # Table 1
 RESISTANCE, INDUCTANCE, FLUX, POLE_PAIRS = 0.06, 33.75e-6, 1.9e-3, 7
-INERTIA, LOAD = 2.5e-5, 2.5e-7          # kg m^2; N m s^2 (quadratic, ours: the paper names none)
+INERTIA, LOAD = 2.5e-5, 2.5e-7  # kg m^2; N m s^2 (quadratic, ours: the paper names none)
 K_P, K_I, K_ETA, GAMMA, CLOCK, PERIODS = 2.18e4, 9.34e3, 95.7, 4582.0, 200.0, 2
 
 CONTINUOUS, HYBRID, ID_PRE, ID_POST, ID_EARLY = range(5)
 OBSERVERS = ('cont', 'hyb', 'id_pre', 'id_post', 'id_early')
 
 # name: (direction, eta0 [deg], xi0 [1/Wb])
-STARTS = {'A': (1, 0.0, 0.0), 'B': (1, 179.0, 526.3158), 'C': (1, 90.0, -526.3158),
-          'D': (-1, 179.0, 526.3158), 'E': (1, 90.0, 1500.0), 'F': (1, 90.0, 300.0),
-          'G': (1, -90.0, 2500.0)}
+STARTS = {
+    'A': (1, 0.0, 0.0),
+    'B': (1, 179.0, 526.3158),
+    'C': (1, 90.0, -526.3158),
+    'D': (-1, 179.0, 526.3158),
+    'E': (1, 90.0, 1500.0),
+    'F': (1, 90.0, 300.0),
+    'G': (1, -90.0, 2500.0),
+}
 
-STEP = 2e-6          # s, of the Runge-Kutta solution
-LOG_EVERY = 25       # steps
-DURATION = 0.70      # s
+STEP = 2e-6  # s, of the Runge-Kutta solution
+LOG_EVERY = 25  # steps
+DURATION = 0.70  # s
 
 
 class Signals(NamedTuple):
@@ -45,8 +51,12 @@ class Signals(NamedTuple):
     voltage: NDArray[np.complex128]
 
 
-def signals(times: NDArray[np.float64], direction: int = 1, profile: Profile | None = None,
-            extra_iq: float | None = None) -> Signals:
+def signals(
+    times: NDArray[np.float64],
+    direction: int = 1,
+    profile: Profile | None = None,
+    extra_iq: float | None = None,
+) -> Signals:
     """The exact steady solution of (1) along a profile, with i_d = 0.
 
     Parameters
@@ -64,20 +74,27 @@ def signals(times: NDArray[np.float64], direction: int = 1, profile: Profile | N
         torque_constant = 1.5 * POLE_PAIRS * FLUX
         rise = direction * motion.acceleration
         iq = (INERTIA * rise + LOAD * speed * np.abs(speed)) / torque_constant
-        diq = (INERTIA * direction * motion.jerk + 2.0 * LOAD * np.abs(speed) * rise
-               ) / torque_constant
+        diq = (
+            INERTIA * direction * motion.jerk + 2.0 * LOAD * np.abs(speed) * rise
+        ) / torque_constant
     else:
         iq, diq = np.full(len(theta), extra_iq), np.zeros(len(theta))
     frame = np.exp(1j * theta)
-    voltage = frame * (1j * (RESISTANCE * iq + INDUCTANCE * diq + omega * FLUX)
-                       - INDUCTANCE * omega * iq)
+    voltage = frame * (
+        1j * (RESISTANCE * iq + INDUCTANCE * diq + omega * FLUX) - INDUCTANCE * omega * iq
+    )
     return Signals(np.asarray(times), theta, omega, frame * 1j * iq, voltage)
 
 
 def thinned(exact: Signals, every: int) -> Signals:
     """Every so-manieth row."""
-    return Signals(exact.time[::every], exact.theta[::every], exact.omega[::every],
-                   exact.current[::every], exact.voltage[::every])
+    return Signals(
+        exact.time[::every],
+        exact.theta[::every],
+        exact.omega[::every],
+        exact.current[::every],
+        exact.voltage[::every],
+    )
 
 
 def start_frame(theta0: float, omega0: float, eta0_deg: float) -> complex:
@@ -113,8 +130,28 @@ def tick(i, h, z, x, registers, integral, count, kind, threshold):
     return i, h, z, x, registers, jumped, fired
 
 
-def runge_kutta(current, voltage, dt, period, kind, registers, i, h, z, x, resistance, inductance,
-                k_p, k_i, k_eta, gamma, log_every, out_h, out_z, out_x):
+def runge_kutta(
+    current,
+    voltage,
+    dt,
+    period,
+    kind,
+    registers,
+    i,
+    h,
+    z,
+    x,
+    resistance,
+    inductance,
+    k_p,
+    k_i,
+    k_eta,
+    gamma,
+    log_every,
+    out_h,
+    out_z,
+    out_x,
+):
     """RK4 with inputs exact at the stages; ticks at whole multiples of `period` steps.
 
     Parameters
@@ -134,21 +171,25 @@ def runge_kutta(current, voltage, dt, period, kind, registers, i, h, z, x, resis
     for k in range(steps):
         c0, c1, c2 = current[2 * k], current[2 * k + 1], current[2 * k + 2]
         u0, u1, u2 = voltage[2 * k], voltage[2 * k + 1], voltage[2 * k + 2]
-        a_i, a_h, a_z, a_x = flow(i, h, z, x, c0, u0, resistance, inductance, k_p, k_i, k_eta,
-                                  gamma)
+        a_i, a_h, a_z, a_x = flow(
+            i, h, z, x, c0, u0, resistance, inductance, k_p, k_i, k_eta, gamma
+        )
         a_n = emf(h, z)
         half = 0.5 * dt
         p, q, r, s = i + half * a_i, h + half * a_h, z + half * a_z, x + half * a_x
-        b_i, b_h, b_z, b_x = flow(p, q, r, s, c1, u1, resistance, inductance, k_p, k_i, k_eta,
-                                  gamma)
+        b_i, b_h, b_z, b_x = flow(
+            p, q, r, s, c1, u1, resistance, inductance, k_p, k_i, k_eta, gamma
+        )
         b_n = emf(q, r)
         p, q, r, s = i + half * b_i, h + half * b_h, z + half * b_z, x + half * b_x
-        c_i, c_h, c_z, c_x = flow(p, q, r, s, c1, u1, resistance, inductance, k_p, k_i, k_eta,
-                                  gamma)
+        c_i, c_h, c_z, c_x = flow(
+            p, q, r, s, c1, u1, resistance, inductance, k_p, k_i, k_eta, gamma
+        )
         c_n = emf(q, r)
         p, q, r, s = i + dt * c_i, h + dt * c_h, z + dt * c_z, x + dt * c_x
-        d_i, d_h, d_z, d_x = flow(p, q, r, s, c2, u2, resistance, inductance, k_p, k_i, k_eta,
-                                  gamma)
+        d_i, d_h, d_z, d_x = flow(
+            p, q, r, s, c2, u2, resistance, inductance, k_p, k_i, k_eta, gamma
+        )
         d_n = emf(q, r)
         sixth = dt / 6.0
         i = i + sixth * (a_i + 2.0 * b_i + 2.0 * c_i + d_i)
@@ -159,8 +200,9 @@ def runge_kutta(current, voltage, dt, period, kind, registers, i, h, z, x, resis
         z = z * (1.0 / abs(z))
         if (k + 1) % period == 0:
             count += 1
-            i, h, z, x, registers, jumped, fired = tick(i, h, z, x, registers, integral, count,
-                                                        kind, threshold)
+            i, h, z, x, registers, jumped, fired = tick(
+                i, h, z, x, registers, integral, count, kind, threshold
+            )
             integral = complex(0.0, 0.0)
             jumps += jumped
             fires += fired
@@ -181,16 +223,42 @@ class Run(NamedTuple):
     fires: int
 
 
-def reference_run(exact: Signals, kind: int, eta0_deg: float, xi0: float, *, step: float = STEP,
-                  log_every: int = LOG_EVERY, clock: float = CLOCK) -> Run:
+def reference_run(
+    exact: Signals,
+    kind: int,
+    eta0_deg: float,
+    xi0: float,
+    *,
+    step: float = STEP,
+    log_every: int = LOG_EVERY,
+    clock: float = CLOCK,
+) -> Run:
     """One observer on exact signals given on a grid of half steps."""
     rows = (len(exact.time) - 1) // 2 // log_every + 1
     h, z, x = np.zeros(rows, complex), np.zeros(rows, complex), np.zeros(rows)
     z0 = start_frame(exact.theta[0], exact.omega[0], eta0_deg)
     jumps, fires = compiled(runge_kutta)(
-        exact.current, exact.voltage, step, round(1.0 / (clock * step)), kind,
-        empty_registers(PERIODS), z0.conjugate() * exact.current[0], 0j, z0, float(xi0), RESISTANCE,
-        INDUCTANCE, K_P, K_I, K_ETA, GAMMA, log_every, h, z, x)
+        exact.current,
+        exact.voltage,
+        step,
+        round(1.0 / (clock * step)),
+        kind,
+        empty_registers(PERIODS),
+        z0.conjugate() * exact.current[0],
+        0j,
+        z0,
+        float(xi0),
+        RESISTANCE,
+        INDUCTANCE,
+        K_P,
+        K_I,
+        K_ETA,
+        GAMMA,
+        log_every,
+        h,
+        z,
+        x,
+    )
     return Run(thinned(exact, 2 * log_every), h, z, x, jumps, fires)
 
 
@@ -221,12 +289,18 @@ def errors(run: Run) -> Errors:
     angle = np.angle(run.z * flip * np.exp(-1j * truth.theta))
     eta = run.z.conjugate() * sign * np.exp(1j * truth.theta)
     wrong = -1j * chi * eta - run.h
-    return Errors((estimate - truth.omega) / np.abs(truth.omega), angle,
-                  (run.x - xi) / np.abs(xi), wrong, np.abs(wrong) / chi)
+    return Errors(
+        (estimate - truth.omega) / np.abs(truth.omega),
+        angle,
+        (run.x - xi) / np.abs(xi),
+        wrong,
+        np.abs(wrong) / chi,
+    )
 
 
-def settling(times: NDArray[np.float64], error: NDArray[np.float64], bound: float,
-             least: float = 0.020) -> float:
+def settling(
+    times: NDArray[np.float64], error: NDArray[np.float64], bound: float, least: float = 0.020
+) -> float:
     """First log time [ms] after which |error| <= bound to the end (for `least` s); nan: never."""
     with np.errstate(invalid='ignore'):
         outside = np.flatnonzero(~(np.abs(error) <= bound))
@@ -239,8 +313,10 @@ def settling(times: NDArray[np.float64], error: NDArray[np.float64], bound: floa
 def settle_times(run: Run) -> dict[str, float]:
     """The five settling times of the tables [ms]; nan: never."""
     found, times = errors(run), run.truth.time
-    return {'t_w': settling(times, found.speed, 0.02),
-            't_th5': settling(times, found.angle, math.radians(5.0)),
-            't_th1': settling(times, found.angle, math.radians(1.0)),
-            't_xi': settling(times, found.xi, 0.02),
-            't_h': settling(times, found.emf_relative, 0.02)}
+    return {
+        't_w': settling(times, found.speed, 0.02),
+        't_th5': settling(times, found.angle, math.radians(5.0)),
+        't_th1': settling(times, found.angle, math.radians(1.0)),
+        't_xi': settling(times, found.xi, 0.02),
+        't_h': settling(times, found.emf_relative, 0.02),
+    }

@@ -64,16 +64,26 @@ def scheme_references() -> tuple[Reference, ...]:
         for observer, (t_w, t_th, th, w) in (('hyb', numbers[:4]), ('id_post', numbers[4:])):
             name = f'T3 {rate} {scheme} {observer}'
             slow = rate == '2000' and scheme.endswith('1_pass')
-            found.append(time_reference(f'{name} t_w', 'settling [ms]', t_w,
-                                        ONE_SWING if slow else 0.1))
+            found.append(
+                time_reference(f'{name} t_w', 'settling [ms]', t_w, ONE_SWING if slow else 0.1)
+            )
             found.append(time_reference(f'{name} t_th5', 'settling [ms]', t_th, 0.1))
             if th != 'nan':
-                found.append(Reference(f'{name} max angle', 'last 0.3 s [deg]', float(th),
-                                       0.03 + 0.001 * float(th)))
-                found.append(Reference(f'{name} max speed', 'last 0.3 s [%]', float(w),
-                                       0.02 + 0.001 * float(w)))
-    found += [Reference(f'T3 1000 {name.replace(" ", "_")} {observer} holds', HOLDS, 0.0,
-                        kind=EXACT) for name in NAMES for observer in ('hyb', 'id_post')]
+                found.append(
+                    Reference(
+                        f'{name} max angle', 'last 0.3 s [deg]', float(th), 0.03 + 0.001 * float(th)
+                    )
+                )
+                found.append(
+                    Reference(
+                        f'{name} max speed', 'last 0.3 s [%]', float(w), 0.02 + 0.001 * float(w)
+                    )
+                )
+    found += [
+        Reference(f'T3 1000 {name.replace(" ", "_")} {observer} holds', HOLDS, 0.0, kind=EXACT)
+        for name in NAMES
+        for observer in ('hyb', 'id_post')
+    ]
     return tuple(found)
 
 
@@ -103,8 +113,10 @@ def scheme_values() -> Values:
             run = sampled_run(exact_samples(1000), 1000.0, way, KINDS[observer], 0.0, 0.0)
             angle, speed = late_errors(run)
             settled = not math.isnan(settle_times(run)['t_th5'])
-            yield (f'T3 1000 {scheme.replace(" ", "_")} {observer} holds',
-                   float(settled and angle < 2.0 and speed < 2.0))
+            yield (
+                f'T3 1000 {scheme.replace(" ", "_")} {observer} holds',
+                float(settled and angle < 2.0 and speed < 2.0),
+            )
 
 
 def start_references() -> tuple[Reference, ...]:
@@ -114,10 +126,15 @@ def start_references() -> tuple[Reference, ...]:
         for place, rate in enumerate(RATES):
             if (rate, start, observer) == BOUNDED:
                 continue
-            for what, text in zip(('t_w', 't_th5'), numbers[2 * place:2 * place + 2]):
-                found.append(time_reference(
-                    f'T4 {rate} {start} {observer} {what}',
-                    'settling, observer pmsm, form paper [ms]', text, AVERAGING[rate]))
+            for what, text in zip(('t_w', 't_th5'), numbers[2 * place : 2 * place + 2]):
+                found.append(
+                    time_reference(
+                        f'T4 {rate} {start} {observer} {what}',
+                        'settling, observer pmsm, form paper [ms]',
+                        text,
+                        AVERAGING[rate],
+                    )
+                )
     return tuple(found)
 
 
@@ -133,8 +150,9 @@ def start_values() -> Values:
         for rate in RATES:
             if (rate, start, observer) == BOUNDED:
                 continue
-            run, wrong = observer_run(paper_observer(observer), exact_samples(rate, direction),
-                                      float(rate), eta0, xi0)
+            run, wrong = observer_run(
+                paper_observer(observer), exact_samples(rate, direction), float(rate), eta0, xi0
+            )
             times = settle_times(run)
             for what in ('t_w', 't_th5'):
                 yield f'T4 {rate} {start} {observer} {what}', shown(times[what])
@@ -151,11 +169,14 @@ def bias_references() -> tuple[Reference, ...]:
     found = []
     for row in rows(BIAS):
         name = bias_name(row)
-        found += [Reference(f'{name} angle', 'theta_hat - theta [deg]', float(row[4]), 0.02),
-                  Reference(f'{name} theory', 'the same beside the closed form [deg]',
-                            float(row[5]), 0.01),
-                  Reference(f'{name} xi', 'of xi_hat [%]', float(row[6]), 0.05),
-                  Reference(f'{name} speed', 'of the speed [%]', 0.0, 0.01)]
+        found += [
+            Reference(f'{name} angle', 'theta_hat - theta [deg]', float(row[4]), 0.02),
+            Reference(
+                f'{name} theory', 'the same beside the closed form [deg]', float(row[5]), 0.01
+            ),
+            Reference(f'{name} xi', 'of xi_hat [%]', float(row[6]), 0.05),
+            Reference(f'{name} speed', 'of the speed [%]', 0.0, 0.01),
+        ]
     return tuple(found)
 
 
@@ -170,12 +191,17 @@ def bias_values() -> Values:
         omega = rpm * RPM * POLE_PAIRS
         half = 0.5 * omega / rate  # the mean of a turning voltage
         mean = truth.voltage * np.exp(-1j * half) * math.sin(half) / half
-        gains = {**PAPER, 'variant': 'hybrid', 'resistance': RESISTANCE * (1.0 + of_r),
-                 'inductance': INDUCTANCE * (1.0 + of_l)}
+        gains = {
+            **PAPER,
+            'variant': 'hybrid',
+            'resistance': RESISTANCE * (1.0 + of_r),
+            'inductance': INDUCTANCE * (1.0 + of_l),
+        }
         functions = functions_of(**gains)
         table = np.column_stack((truth.current.real, truth.current.imag, mean.real, mean.imag))
-        log = run_log(functions, table, 1.0 / rate,
-                      start_state(functions, table[0], 1.0 + 0.0j, 1.0 / FLUX))
+        log = run_log(
+            functions, table, 1.0 / rate, start_state(functions, table[0], 1.0 + 0.0j, 1.0 / FLUX)
+        )
         late = slice(-2000, None)
         turned = np.angle(log.z * np.exp(-1j * truth.theta[1:]))
         name = bias_name(row)
@@ -194,11 +220,13 @@ def loop_references() -> tuple[Reference, ...]:
         name = f'T7 {voltage} {observer}'
         # another controller than the reference's: a late crossing may move by one swing
         late = 1.0 if observer != 'hyb' else ONE_SWING
-        found += [Reference(f'{name} t_w', 'settling [ms]', float(t_w), 1.0),
-                  Reference(f'{name} t_th5', 'settling [ms]', float(t_th), late),
-                  Reference(f'{name} t_xi', 'settling [ms]', float(t_xi), 1.0),
-                  Reference(f'{name} max angle', 'last 0.3 s [deg]', float(angle), 0.05),
-                  Reference(f'{name} max speed', 'last 0.3 s [%]', float(speed), 0.03)]
+        found += [
+            Reference(f'{name} t_w', 'settling [ms]', float(t_w), 1.0),
+            Reference(f'{name} t_th5', 'settling [ms]', float(t_th), late),
+            Reference(f'{name} t_xi', 'settling [ms]', float(t_xi), 1.0),
+            Reference(f'{name} max angle', 'last 0.3 s [deg]', float(angle), 0.05),
+            Reference(f'{name} max speed', 'last 0.3 s [%]', float(speed), 0.03),
+        ]
     return tuple(found)
 
 
@@ -216,8 +244,9 @@ def loop_values() -> Values:
     """The values of T7."""
     samples = controlled_samples()
     for voltage, observer, *_ in rows(CLOSED_LOOP):
-        run = sampled_run(samples, 20000.0, X_HELD if voltage == 'zoh' else X_TURNED,
-                          KINDS[observer], 0.0, 0.0)
+        run = sampled_run(
+            samples, 20000.0, X_HELD if voltage == 'zoh' else X_TURNED, KINDS[observer], 0.0, 0.0
+        )
         times, name = settle_times(run), f'T7 {voltage} {observer}'
         for what in ('t_w', 't_th5', 't_xi'):
             yield f'{name} {what}', shown(times[what])
@@ -226,7 +255,9 @@ def loop_values() -> Values:
         yield f'{name} max speed', speed
 
 
-PARTS = (Part('T3', scheme_references(), scheme_values),
-         Part('T4', start_references(), start_values),
-         Part('T5', bias_references(), bias_values),
-         Part('T7', loop_references(), loop_values))
+PARTS = (
+    Part('T3', scheme_references(), scheme_values),
+    Part('T4', start_references(), start_values),
+    Part('T5', bias_references(), bias_values),
+    Part('T7', loop_references(), loop_values),
+)

@@ -33,9 +33,16 @@ from sim_pkg.reproduce.pmsm.reference import (
 )
 
 (EULER_INSTANT, EULER_MEAN, RK4_MEAN, RK4_LINEAR, X_HELD, X_TURNED, X_ONE_PASS) = range(7)
-NAMES = ('Euler inst-held', 'Euler avg-u', 'RK4 held avg-u', 'RK4 i,u lerp inst', 'X zoh-ab',
-         'X rot-avg', 'X rot-avg 1 pass')
-DIVERGED = 1e6   # V or 1/Wb
+NAMES = (
+    'Euler inst-held',
+    'Euler avg-u',
+    'RK4 held avg-u',
+    'RK4 i,u lerp inst',
+    'X zoh-ab',
+    'X rot-avg',
+    'X rot-avg 1 pass',
+)
+DIVERGED = 1e6  # V or 1/Wb
 FINE = 200000.0  # Hz, of the sums that give mean voltages
 
 
@@ -87,18 +94,48 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, k_eta, gamma, hel
             u = back * middle * voltage * (1.0 / max(0.2, sinc))
         change = end - start
         back_turn = complex(0.0, -speed)
-        new_i = (e11 * i + e12 * h + iu * u + ia * start + idd * change
-                 + back_turn * (iw * start + idw * change) + held_i)
-        new_h = (e21 * i + e22 * h + hu * u + ha * start + hdd * change
-                 + back_turn * (hw * start + hdw * change) + held_h)
+        new_i = (
+            e11 * i
+            + e12 * h
+            + iu * u
+            + ia * start
+            + idd * change
+            + back_turn * (iw * start + idw * change)
+            + held_i
+        )
+        new_h = (
+            e21 * i
+            + e22 * h
+            + hu * u
+            + ha * start
+            + hdd * change
+            + back_turn * (hw * start + hdw * change)
+            + held_h
+        )
         new_x = x + 0.5 * gamma * dt * (h.real + new_h.real)
         speed = 0.5 * (first + abs(new_h) * new_x + k_eta * new_h.real)
     new_z = z * turn
     return new_i, new_h, new_z * (1.0 / abs(new_z)), new_x
 
 
-def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, i, h, z, x,
-            out_h, out_z, out_x):
+def sampled(
+    way,
+    current,
+    instant,
+    mean,
+    dt,
+    period,
+    kind,
+    registers,
+    scheme,
+    i,
+    h,
+    z,
+    x,
+    out_h,
+    out_z,
+    out_x,
+):
     """A run at one sample rate; (reflections, replacements of x). Rows after divergence are nan.
 
     Parameters
@@ -116,8 +153,20 @@ def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, i,
     for k in range(1, len(current)):
         if way >= X_HELD:
             passes = 1 if way == X_ONE_PASS else 2
-            i, h, z, x = exponential_step(i, h, z, x, current[k - 1], current[k], mean[k], scheme,
-                                          K_ETA, GAMMA, way == X_HELD, passes)
+            i, h, z, x = exponential_step(
+                i,
+                h,
+                z,
+                x,
+                current[k - 1],
+                current[k],
+                mean[k],
+                scheme,
+                K_ETA,
+                GAMMA,
+                way == X_HELD,
+                passes,
+            )
         else:
             c0 = c1 = c2 = current[k - 1]
             u0 = u1 = u2 = mean[k]
@@ -126,27 +175,69 @@ def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, i,
             elif way == RK4_LINEAR:
                 c2, u0, u2 = current[k], instant[k - 1], instant[k]
                 c1, u1 = 0.5 * (c0 + c2), 0.5 * (u0 + u2)
-            a_i, a_h, a_z, a_x = flow(i, h, z, x, c0, u0, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA,
-                                      GAMMA)
+            a_i, a_h, a_z, a_x = flow(
+                i, h, z, x, c0, u0, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA
+            )
             if way == EULER_INSTANT or way == EULER_MEAN:
                 i, h, z, x = i + dt * a_i, h + dt * a_h, z + dt * a_z, x + dt * a_x
             else:
                 s = 0.5 * dt
-                b_i, b_h, b_z, b_x = flow(i + s * a_i, h + s * a_h, z + s * a_z, x + s * a_x, c1,
-                                          u1, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
-                c_i, c_h, c_z, c_x = flow(i + s * b_i, h + s * b_h, z + s * b_z, x + s * b_x, c1,
-                                          u1, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
-                d_i, d_h, d_z, d_x = flow(i + dt * c_i, h + dt * c_h, z + dt * c_z, x + dt * c_x,
-                                          c2, u2, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
+                b_i, b_h, b_z, b_x = flow(
+                    i + s * a_i,
+                    h + s * a_h,
+                    z + s * a_z,
+                    x + s * a_x,
+                    c1,
+                    u1,
+                    RESISTANCE,
+                    INDUCTANCE,
+                    K_P,
+                    K_I,
+                    K_ETA,
+                    GAMMA,
+                )
+                c_i, c_h, c_z, c_x = flow(
+                    i + s * b_i,
+                    h + s * b_h,
+                    z + s * b_z,
+                    x + s * b_x,
+                    c1,
+                    u1,
+                    RESISTANCE,
+                    INDUCTANCE,
+                    K_P,
+                    K_I,
+                    K_ETA,
+                    GAMMA,
+                )
+                d_i, d_h, d_z, d_x = flow(
+                    i + dt * c_i,
+                    h + dt * c_h,
+                    z + dt * c_z,
+                    x + dt * c_x,
+                    c2,
+                    u2,
+                    RESISTANCE,
+                    INDUCTANCE,
+                    K_P,
+                    K_I,
+                    K_ETA,
+                    GAMMA,
+                )
                 s = dt / 6.0
                 i = i + s * (a_i + 2.0 * b_i + 2.0 * c_i + d_i)
                 h = h + s * (a_h + 2.0 * b_h + 2.0 * c_h + d_h)
                 z = z + s * (a_z + 2.0 * b_z + 2.0 * c_z + d_z)
                 x = x + s * (a_x + 2.0 * b_x + 2.0 * c_x + d_x)
-            if not (-DIVERGED < h.real < DIVERGED and -DIVERGED < h.imag < DIVERGED
-                    and -DIVERGED < x < DIVERGED and -10.0 < z.real < 10.0
-                    and -10.0 < z.imag < 10.0 and -DIVERGED < i.real < DIVERGED
-                    and -DIVERGED < i.imag < DIVERGED):
+            if not (
+                -DIVERGED < h.real < DIVERGED
+                and -DIVERGED < h.imag < DIVERGED
+                and -DIVERGED < x < DIVERGED
+                and -10.0 < z.real < 10.0
+                and -10.0 < z.imag < 10.0
+                and -DIVERGED < i.real < DIVERGED
+                and -DIVERGED < i.imag < DIVERGED
+            ):
                 return jumps, fires
             z = z * (1.0 / abs(z))
         new_y = emf(h, z)
@@ -155,8 +246,9 @@ def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, i,
         y = new_y
         if k % period == 0:
             count += 1
-            i, h, z, x, registers, jumped, fired = tick(i, h, z, x, registers, integral, count,
-                                                        kind, threshold)
+            i, h, z, x, registers, jumped, fired = tick(
+                i, h, z, x, registers, integral, count, kind, threshold
+            )
             integral = complex(0.0, 0.0)
             jumps += jumped
             fires += fired
@@ -181,8 +273,9 @@ def drive_samples(rate: float, direction: int = 1, duration: float = 0.70) -> Sa
     return Samples(truth, np.concatenate((truth.voltage[:1], means)))
 
 
-def sampled_run(samples: Samples, rate: float, way: int, kind: int, eta0_deg: float, xi0: float
-                ) -> Run:
+def sampled_run(
+    samples: Samples, rate: float, way: int, kind: int, eta0_deg: float, xi0: float
+) -> Run:
     """One observer, sampled in one way."""
     truth = samples.truth
     count = len(truth.time)
@@ -191,7 +284,21 @@ def sampled_run(samples: Samples, rate: float, way: int, kind: int, eta0_deg: fl
     z0 = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
     scheme = prepare_scheme(RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / rate)
     jumps, fires = compiled(sampled)(
-        way, truth.current, truth.voltage, samples.mean, 1.0 / rate, round(rate / CLOCK), kind,
-        empty_registers(PERIODS), scheme, z0.conjugate() * truth.current[0], 0j, z0, float(xi0),
-        h, z, x)
+        way,
+        truth.current,
+        truth.voltage,
+        samples.mean,
+        1.0 / rate,
+        round(rate / CLOCK),
+        kind,
+        empty_registers(PERIODS),
+        scheme,
+        z0.conjugate() * truth.current[0],
+        0j,
+        z0,
+        float(xi0),
+        h,
+        z,
+        x,
+    )
     return Run(truth, h, z, x, jumps, fires)

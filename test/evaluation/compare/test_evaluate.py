@@ -19,8 +19,10 @@ MEASUREMENT, TRUTH, ESTIMATE = '/joint_states', '/ground_truth/joint_states', '/
 
 def write_bag(path, topics):
     """`topics`: name -> list of (stamp [ns], names, positions, velocities)."""
-    rows = sorted(((row[0], name, row) for name, rows in topics.items()
-                   for row in rows), key=lambda item: item[0])
+    rows = sorted(
+        ((row[0], name, row) for name, rows in topics.items() for row in rows),
+        key=lambda item: item[0],
+    )
     encoders = {name: Encoder() for name in topics}
     with BagWriter(path) as bag:
         for name in topics:
@@ -48,22 +50,30 @@ def measured(stamps, joint='a', late=0.0):
 
 
 def true(stamps, joint='a', late=0.0, bias=0.0, position=True):
-    return [(s, (joint,), (motion(s)[0],) if position else (),
-             (motion(s, late)[1] + bias,)) for s in stamps]
+    return [
+        (s, (joint,), (motion(s)[0],) if position else (), (motion(s, late)[1] + bias,))
+        for s in stamps
+    ]
 
 
 def estimated(stamps, joint='a', late=0.0, bias=0.0):
-    return [(s, (joint,), (wrapped(motion(s, late)[0]),), (motion(s, late)[1] + bias,))
-            for s in stamps]
+    return [
+        (s, (joint,), (wrapped(motion(s, late)[0]),), (motion(s, late)[1] + bias,)) for s in stamps
+    ]
 
 
 @pytest.fixture(scope='module')
 def good(tmp_path_factory):
     """Measurement, truth, and estimates 6 ms late and 0.1 rad/s high."""
     stamps = stamps_of()
-    return write_bag(tmp_path_factory.mktemp('evaluate') / 'good', {
-        MEASUREMENT: measured(stamps), TRUTH: true(stamps),
-        ESTIMATE: estimated(stamps[10:], late=0.006, bias=0.1)})
+    return write_bag(
+        tmp_path_factory.mktemp('evaluate') / 'good',
+        {
+            MEASUREMENT: measured(stamps),
+            TRUTH: true(stamps),
+            ESTIMATE: estimated(stamps[10:], late=0.006, bias=0.1),
+        },
+    )
 
 
 def evaluate(tmp_path, *words):
@@ -83,22 +93,28 @@ def fails(capsys, *words, code=1):
 
 # ---------------------------------------------------------------- the numbers
 
+
 def test_json_is_as_the_design_has_it(good, tmp_path):
     found = evaluate(tmp_path, good)
     joint = found['bags'][good]['estimates'][ESTIMATE]['joints']['a']
     assert {'rms', 'mean_abs', 'max_abs', 'bias', 'delay_s'} <= set(joint['velocity'])
     assert {'rms', 'mean_abs', 'max_abs', 'bias', 'delay_s'} <= set(joint['position'])
     assert joint['samples'] == {'received': 2000, 'used': 2000, 'dropped': {}}
-    assert joint['matched'] == {'estimates': 1990, 'compared': 1990, 'interpolated': 0,
-                                'unmatched': 0}
+    assert joint['matched'] == {
+        'estimates': 1990,
+        'compared': 1990,
+        'interpolated': 0,
+        'unmatched': 0,
+    }
 
 
 def test_errors_and_delay_are_those_put_in(good, tmp_path):
     joint = evaluate(tmp_path, good)['bags'][good]['estimates'][ESTIMATE]['joints']['a']
     late = 12.0 * 2.0 * math.sin(TURN * 0.003)  # amplitude of a sine minus itself 6 ms later
     assert joint['velocity']['bias'] == pytest.approx(0.1, abs=0.01)
-    assert joint['velocity']['rms'] == pytest.approx(math.hypot(late / math.sqrt(2.0), 0.1),
-                                                     rel=0.02)
+    assert joint['velocity']['rms'] == pytest.approx(
+        math.hypot(late / math.sqrt(2.0), 0.1), rel=0.02
+    )
     assert joint['velocity']['max_abs'] == pytest.approx(late + 0.1, rel=1e-3)
     assert joint['velocity']['delay_s'] == pytest.approx(0.006, abs=1e-4)
     assert joint['velocity']['noise'] is None  # the truth is never constant, and JSON has no nan
@@ -113,13 +129,21 @@ def test_skip_counts_from_the_first_measurement(good, tmp_path):
 
 def test_truth_at_other_stamps_is_interpolated_and_said_so(tmp_path, capsys):
     stamps = stamps_of()
-    bag = write_bag(tmp_path / 'bag', {
-        TRUTH: true([s + 700_000 for s in stamps if not 1.0 < (s - START) * 1e-9 < 2.0]),
-        ESTIMATE: estimated(stamps)})
+    bag = write_bag(
+        tmp_path / 'bag',
+        {
+            TRUTH: true([s + 700_000 for s in stamps if not 1.0 < (s - START) * 1e-9 < 2.0]),
+            ESTIMATE: estimated(stamps),
+        },
+    )
     joint = evaluate(tmp_path, bag)['bags'][bag]['estimates'][ESTIMATE]['joints']['a']
     # the first estimate comes before the truth; those in its hole have none either
-    assert joint['matched'] == {'estimates': 2000, 'compared': 1499, 'interpolated': 1499,
-                                'unmatched': 501}
+    assert joint['matched'] == {
+        'estimates': 2000,
+        'compared': 1499,
+        'interpolated': 1499,
+        'unmatched': 501,
+    }
     assert joint['velocity']['max_abs'] < 3e-4
     assert '1499 met an interpolated truth, 501 none' in capsys.readouterr().out
 
@@ -127,21 +151,22 @@ def test_truth_at_other_stamps_is_interpolated_and_said_so(tmp_path, capsys):
 def test_samples_are_counted_by_kind(tmp_path):
     stamps = stamps_of()
     rows = measured(stamps)
-    rows[50] = (rows[49][0], *rows[50][1:])                    # a duplicate
+    rows[50] = (rows[49][0], *rows[50][1:])  # a duplicate
     rows[60] = (rows[60][0], ('a',), (math.nan,), ())
-    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: rows, TRUTH: true(stamps),
-                                       ESTIMATE: estimated(stamps)})
+    bag = write_bag(
+        tmp_path / 'bag', {MEASUREMENT: rows, TRUTH: true(stamps), ESTIMATE: estimated(stamps)}
+    )
     samples = evaluate(tmp_path, bag)['bags'][bag]['estimates'][ESTIMATE]['joints']['a']['samples']
-    assert samples == {'received': 2000, 'used': 1998,
-                       'dropped': {'duplicate': 1, 'non_finite': 1}}
+    assert samples == {'received': 2000, 'used': 1998, 'dropped': {'duplicate': 1, 'non_finite': 1}}
 
 
 def test_observers_are_compared_from_the_measurement(good, tmp_path):
     found = evaluate(tmp_path, good, '--observer', 'finite_difference', '--observer', 'pll')
     estimates = found['bags'][good]['estimates']
     assert list(estimates) == ['finite_difference', 'pll']
-    assert all(0.003 < estimates[name]['joints']['a']['velocity']['delay_s'] < 0.02
-               for name in estimates)
+    assert all(
+        0.003 < estimates[name]['joints']['a']['velocity']['delay_s'] < 0.02 for name in estimates
+    )
 
 
 def test_all_observers_stand_in_one_table(good, tmp_path, capsys):
@@ -158,9 +183,13 @@ def test_recorded_estimates_and_observers_stand_together(good, tmp_path):
 
 def test_several_bags_and_joints(good, tmp_path):
     stamps = stamps_of(2.0)
-    other = write_bag(tmp_path / 'other', {
-        TRUTH: true(stamps, 'a') + true(stamps, 'b'),
-        ESTIMATE: estimated(stamps, 'b', bias=-0.2) + estimated(stamps, 'stray')})
+    other = write_bag(
+        tmp_path / 'other',
+        {
+            TRUTH: true(stamps, 'a') + true(stamps, 'b'),
+            ESTIMATE: estimated(stamps, 'b', bias=-0.2) + estimated(stamps, 'stray'),
+        },
+    )
     found = evaluate(tmp_path, good, other)['bags']
     assert list(found) == [good, other]
     joints = found[other]['estimates'][ESTIMATE]['joints']
@@ -171,26 +200,37 @@ def test_several_bags_and_joints(good, tmp_path):
 
 def test_a_prismatic_joint_is_not_wrapped(tmp_path):
     stamps = stamps_of(1.0)
-    bag = write_bag(tmp_path / 'bag', {
-        TRUTH: true(stamps), ESTIMATE: [(s, ('a',), (motion(s)[0] + TURN,), (motion(s)[1],))
-                                        for s in stamps]})
+    bag = write_bag(
+        tmp_path / 'bag',
+        {
+            TRUTH: true(stamps),
+            ESTIMATE: [(s, ('a',), (motion(s)[0] + TURN,), (motion(s)[1],)) for s in stamps],
+        },
+    )
+
     def error(*words):
         found = evaluate(tmp_path, bag, *words)['bags'][bag]['estimates'][ESTIMATE]
         return found['joints']['a']['position']['max_abs']
+
     assert error() < 1e-9
     assert error('--wrap-period', '0') == pytest.approx(TURN)
 
 
 # ---------------------------------------------------------------- the reference
 
+
 @pytest.fixture(scope='module')
 def late_reference(tmp_path_factory):
     """A truth that lags the position by 2 ms and reads 0.05 rad/s low."""
     stamps = stamps_of(8.0)
-    return write_bag(tmp_path_factory.mktemp('evaluate') / 'late', {
-        MEASUREMENT: measured(stamps),
-        TRUTH: true(stamps, late=0.002, bias=-0.05, position=False),
-        ESTIMATE: estimated(stamps)})
+    return write_bag(
+        tmp_path_factory.mktemp('evaluate') / 'late',
+        {
+            MEASUREMENT: measured(stamps),
+            TRUTH: true(stamps, late=0.002, bias=-0.05, position=False),
+            ESTIMATE: estimated(stamps),
+        },
+    )
 
 
 def test_the_reference_is_held_against_the_position(late_reference, tmp_path, capsys):
@@ -215,9 +255,15 @@ def test_the_row_says_where_the_reference_cannot_tell(tmp_path, capsys):
     random = np.random.default_rng(1)
     stamps = stamps_of(4.0)
     noisy = [(s, ('a',), (), (motion(s)[1] + 0.1 * random.standard_normal(),)) for s in stamps]
-    bag = write_bag(tmp_path / 'bag', {
-        MEASUREMENT: measured(stamps), TRUTH: noisy, '/good/estimate': estimated(stamps),
-        '/bad/estimate': estimated(stamps, bias=0.3)})
+    bag = write_bag(
+        tmp_path / 'bag',
+        {
+            MEASUREMENT: measured(stamps),
+            TRUTH: noisy,
+            '/good/estimate': estimated(stamps),
+            '/bad/estimate': estimated(stamps, bias=0.3),
+        },
+    )
     found = evaluate(tmp_path, bag)['bags'][bag]
     assert found['reference']['a']['noise'] == pytest.approx(0.1, rel=0.2)
     assert found['estimates']['/good/estimate']['joints']['a']['reference_cannot_tell'] is True
@@ -231,6 +277,7 @@ def test_the_row_says_where_the_reference_cannot_tell(tmp_path, capsys):
 
 # ---------------------------------------------------------------- without a truth
 
+
 def coarse(stamps, count):
     """Readings in steps of `count` [rad]."""
     return [(s, ('a',), (wrapped(math.floor(motion(s)[0] / count) * count),), ()) for s in stamps]
@@ -238,8 +285,10 @@ def coarse(stamps, count):
 
 def test_without_truth_the_smoother_is_the_reference(tmp_path, capsys):
     stamps = stamps_of()
-    bag = write_bag(tmp_path / 'bag', {
-        MEASUREMENT: coarse(stamps, TURN / 4096), ESTIMATE: estimated(stamps, bias=0.3)})
+    bag = write_bag(
+        tmp_path / 'bag',
+        {MEASUREMENT: coarse(stamps, TURN / 4096), ESTIMATE: estimated(stamps, bias=0.3)},
+    )
     found = evaluate(tmp_path, bag)['bags'][bag]
     velocity = found['estimates'][ESTIMATE]['joints']['a']['velocity']
     assert velocity['bias'] == pytest.approx(0.3, abs=0.005)
@@ -259,8 +308,10 @@ def test_the_smoother_beside_a_truth(good, tmp_path):
 
 def test_a_bag_too_coarse_to_judge_is_not_ranked(tmp_path, capsys):
     stamps = stamps_of(4.0, 100.0)
-    bag = write_bag(tmp_path / 'bag', {
-        MEASUREMENT: coarse(stamps, TURN / 64), ESTIMATE: estimated(stamps, bias=0.02)})
+    bag = write_bag(
+        tmp_path / 'bag',
+        {MEASUREMENT: coarse(stamps, TURN / 64), ESTIMATE: estimated(stamps, bias=0.02)},
+    )
     found = evaluate(tmp_path, bag)['bags'][bag]
     assert 'no ranking of a' in found['refused']['a']
     assert found['estimates'][ESTIMATE]['joints']['a']['reference_cannot_tell'] is True
@@ -290,8 +341,9 @@ def test_samples_without_a_stamp(tmp_path, capsys):
 def test_one_reference_is_for_one_clock(good, tmp_path, capsys):
     file = tmp_path / 'pll.yaml'
     file.write_text('/**:\n  ros__parameters: {observer: pll, stamp_source: publisher}\n')
-    line = fails(capsys, good, '--observer', 'pll', '--observer', 'kalman', '--params', str(file),
-                 code=2)
+    line = fails(
+        capsys, good, '--observer', 'pll', '--observer', 'kalman', '--params', str(file), code=2
+    )
     assert "'stamp_source' must be the same" in line
 
 
@@ -303,12 +355,20 @@ def test_a_number_of_any_type_is_judged(tmp_path):
         for stamp in stamps:
             count = math.floor(wrapped(motion(stamp)[0]) / TURN * 4096)
             bag.write('/encoder', stamp, struct.pack('<4si', bytes([0, 1, 0, 0]), count))
-    found = evaluate(tmp_path, path, '--angle', '/encoder:data', '--observer', 'hybrid_angle',
-                     '--set', 'counts_per_revolution=4096')['bags'][path]
+    found = evaluate(
+        tmp_path,
+        path,
+        '--angle',
+        '/encoder:data',
+        '--observer',
+        'hybrid_angle',
+        '--set',
+        'counts_per_revolution=4096',
+    )['bags'][path]
     assert found['truth'] == 'the off-line smoother'
     speeds = np.array([motion(stamp)[1] for stamp in stamps])
     error = found['estimates']['hybrid_angle']['joints']['joint']['velocity']['rms']
-    assert 0.0 < error < 0.05 * np.sqrt(np.mean(speeds ** 2))
+    assert 0.0 < error < 0.05 * np.sqrt(np.mean(speeds**2))
 
 
 def test_a_stray_stamp_is_told_and_costs_nothing_else(good, tmp_path):
@@ -320,8 +380,9 @@ def test_a_stray_stamp_is_told_and_costs_nothing_else(good, tmp_path):
         bag.add_topic(MEASUREMENT, TYPE)
         for stamp, (stamped, names, positions, _) in zip(stamps, rows):
             bag.write(MEASUREMENT, stamp, Encoder().encode(stamped, '', names, positions, ()))
-    found = evaluate(tmp_path, path, '--observer', 'pll', '--html',
-                     str(tmp_path / 'page.html'))['bags'][path]
+    found = evaluate(tmp_path, path, '--observer', 'pll', '--html', str(tmp_path / 'page.html'))[
+        'bags'
+    ][path]
     assert any('1 single stamp far ahead' in each for each in found['findings'])
     assert not any('gap' in each for each in found['findings'])
     row = found['estimates']['pll']['joints']['a']
@@ -336,10 +397,13 @@ def test_too_few_readings_for_a_reference(tmp_path, capsys):
 
 # ---------------------------------------------------------------- errors, one line each
 
+
 def test_no_truth_says_what_could_be_one(tmp_path, capsys):
     stamps = stamps_of(0.1)
-    bag = write_bag(tmp_path / 'bag', {'/other': measured(stamps), '/another': measured(stamps),
-                                       ESTIMATE: estimated(stamps)})
+    bag = write_bag(
+        tmp_path / 'bag',
+        {'/other': measured(stamps), '/another': measured(stamps), ESTIMATE: estimated(stamps)},
+    )
     line = fails(capsys, bag)
     assert 'no truth' in line and '--truth (here: /another, /other)' in line
     assert '--measurement' in line and '--angle' in line
@@ -370,15 +434,18 @@ def test_observers_need_a_measurement(tmp_path, capsys):
 
 def test_no_joint_in_common(tmp_path, capsys):
     stamps = stamps_of(0.1)
-    bag = write_bag(tmp_path / 'bag', {TRUTH: true(stamps, 'elbow'),
-                                       ESTIMATE: estimated(stamps, 'knee')})
+    bag = write_bag(
+        tmp_path / 'bag', {TRUTH: true(stamps, 'elbow'), ESTIMATE: estimated(stamps, 'knee')}
+    )
     line = fails(capsys, bag)
     assert 'knee' in line and 'elbow' in line
 
 
 def test_no_overlap_in_time(tmp_path, capsys):
-    bag = write_bag(tmp_path / 'bag', {
-        TRUTH: true(stamps_of(1.0)), ESTIMATE: estimated(stamps_of(1.0, start=START + 10**10))})
+    bag = write_bag(
+        tmp_path / 'bag',
+        {TRUTH: true(stamps_of(1.0)), ESTIMATE: estimated(stamps_of(1.0, start=START + 10**10))},
+    )
     line = fails(capsys, bag)
     assert 'do not overlap in time' in line
     assert '1700000010.002 to 1700000011.000 s' in line
@@ -388,9 +455,15 @@ def test_nothing_left_after_skipping(good, capsys):
     assert 'nothing is left after the first 100 s' in fails(capsys, good, '--skip', '100')
 
 
-@pytest.mark.parametrize(('words', 'text'), [
-    (('--skip', '-1'), '--skip'), (('--skip', 'nan'), '--skip'), (('--wrap-period', '-1'), 'wrap'),
-    (('--observer', 'finite_diference'), "did you mean 'finite_difference'")])
+@pytest.mark.parametrize(
+    ('words', 'text'),
+    [
+        (('--skip', '-1'), '--skip'),
+        (('--skip', 'nan'), '--skip'),
+        (('--wrap-period', '-1'), 'wrap'),
+        (('--observer', 'finite_diference'), "did you mean 'finite_difference'"),
+    ],
+)
 def test_wrong_use(good, capsys, words, text):
     assert text in fails(capsys, good, *words, code=2)
 
@@ -400,6 +473,7 @@ def test_no_bag(tmp_path, capsys):
 
 
 # ---------------------------------------------------------------- the plot
+
 
 def test_plot(good, tmp_path):
     picture = tmp_path / 'errors.png'

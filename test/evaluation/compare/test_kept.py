@@ -29,8 +29,12 @@ def all_in_files(monkeypatch):
 
 
 def test_what_is_kept_comes_back_as_often_as_asked(all_in_files):
-    for values in (np.linspace(0.0, 1.0, 1001), np.array([math.nan, -0.0]),
-                   np.arange(5, dtype='i1'), np.arange(10.0)[::2]):
+    for values in (
+        np.linspace(0.0, 1.0, 1001),
+        np.array([math.nan, -0.0]),
+        np.arange(5, dtype='i1'),
+        np.arange(10.0)[::2],
+    ):
         held = Kept(values)
         for copy in (held.get(), held.get(), pickle.loads(pickle.dumps(held)).get()):
             assert copy.dtype == values.dtype and copy.tobytes() == values.tobytes()
@@ -50,12 +54,30 @@ def test_a_report_does_not_depend_on_where_arrays_wait(tmp_path, all_in_files, m
     pytest.importorskip('bokeh', reason='not run: Bokeh is not installed')
     assert main(['simulate', 'encoder', '--duration', '2', '--out', str(tmp_path / 'bag')]) == 0
     found = []
-    for long in (1, 10 ** 9):
+    for long in (1, 10**9):
         monkeypatch.setattr(kept, 'LONG', long)
         page, result = tmp_path / f'{long}.html', tmp_path / f'{long}.json'
-        assert main(['evaluate', str(tmp_path / 'bag'), '--observer', 'pll', '--observer', 'kalman',
-                     '--skip', '0.2', '--html', str(page), '--json', str(result),
-                     '--data', str(tmp_path / 'numbers.npz')]) == 0
+        assert (
+            main(
+                [
+                    'evaluate',
+                    str(tmp_path / 'bag'),
+                    '--observer',
+                    'pll',
+                    '--observer',
+                    'kalman',
+                    '--skip',
+                    '0.2',
+                    '--html',
+                    str(page),
+                    '--json',
+                    str(result),
+                    '--data',
+                    str(tmp_path / 'numbers.npz'),
+                ]
+            )
+            == 0
+        )
         with np.load(tmp_path / 'numbers.npz') as full:
             found.append((json.loads(result.read_text()), {name: full[name] for name in full}))
     assert found[0][0] == found[1][0]

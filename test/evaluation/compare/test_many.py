@@ -25,8 +25,11 @@ def write_bag(path, seconds, rate=500.0):
             stamp, angle = round(k / rate * 1e9), -0.8 * math.cos(turned)
             read = math.floor(angle * 652.0) / 652.0
             bag.write('/joint_states', stamp, states.encode(stamp, '', ('a',), [read]))
-            bag.write('/ground_truth/joint_states', stamp, true.encode(
-                stamp, '', ('a',), [angle], [0.8 * 2.0 * math.pi * math.sin(turned)]))
+            bag.write(
+                '/ground_truth/joint_states',
+                stamp,
+                true.encode(stamp, '', ('a',), [angle], [0.8 * 2.0 * math.pi * math.sin(turned)]),
+            )
 
 
 @pytest.fixture
@@ -44,8 +47,23 @@ def mixed(tmp_path):
 @pytest.mark.parametrize('jobs', ['1', '2'])
 def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys, jobs):
     result, page = tmp_path / 'result.json', tmp_path / 'page.html'
-    assert main(['evaluate', str(mixed), '--observer', 'pll', '--jobs', jobs,
-                 '--html', str(page), '--json', str(result)]) == 0
+    assert (
+        main(
+            [
+                'evaluate',
+                str(mixed),
+                '--observer',
+                'pll',
+                '--jobs',
+                jobs,
+                '--html',
+                str(page),
+                '--json',
+                str(result),
+            ]
+        )
+        == 0
+    )
     warned = capsys.readouterr().err.splitlines()
     bad = [str(mixed / 'short'), str(mixed / 'torn')]
     assert [line.split()[1] for line in warned if 'is left out' in line] == bad
@@ -54,8 +72,25 @@ def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys,
     assert list(found['left_out']) == bad
     assert 'no valid estimate' in found['left_out'][str(mixed / 'short')]
     assert all(html.escape(why) in page.read_text() for why in found['left_out'].values())
-    assert main(['tune', str(mixed), '--observer', 'pll', '--trials', '8', '--jobs', jobs,
-                 '--out', str(tmp_path / 'gains.yaml'), '--json', str(result)]) == 0
+    assert (
+        main(
+            [
+                'tune',
+                str(mixed),
+                '--observer',
+                'pll',
+                '--trials',
+                '8',
+                '--jobs',
+                jobs,
+                '--out',
+                str(tmp_path / 'gains.yaml'),
+                '--json',
+                str(result),
+            ]
+        )
+        == 0
+    )
     found = json.loads(result.read_text())
     assert found['tuned'][0]['bags'] == [str(mixed / 'good')]
     assert 'too few samples' in found['left_out'][str(mixed / 'short')]

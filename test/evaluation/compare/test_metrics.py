@@ -28,11 +28,15 @@ def sine(time, frequency=2.0, amplitude=5.0):
 
 # ---------------------------------------------------------------- errors
 
+
 def test_summary_of_known_errors():
     numbers = metrics.summary(np.array([3.0, -1.0, np.nan, -4.0]))
-    assert numbers == {'rms': pytest.approx(np.sqrt(26.0 / 3.0)),
-                       'mean_abs': pytest.approx(8.0 / 3.0), 'max_abs': 4.0,
-                       'bias': pytest.approx(-2.0 / 3.0)}
+    assert numbers == {
+        'rms': pytest.approx(np.sqrt(26.0 / 3.0)),
+        'mean_abs': pytest.approx(8.0 / 3.0),
+        'max_abs': 4.0,
+        'bias': pytest.approx(-2.0 / 3.0),
+    }
 
 
 def test_summary_of_nothing_is_nan():
@@ -76,9 +80,11 @@ def test_position_delay_of_a_joint_at_rest_is_not_told():
 
 # ---------------------------------------------------------------- delay
 
+
 @pytest.mark.parametrize('rate', [100.0, 1000.0])
-@pytest.mark.parametrize(('frequency', 'late'),
-                         [(2.0, 0.0), (2.0, 0.00312), (5.0, 0.0637), (0.5, 0.02), (2.0, -0.0041)])
+@pytest.mark.parametrize(
+    ('frequency', 'late'), [(2.0, 0.0), (2.0, 0.00312), (5.0, 0.0637), (0.5, 0.02), (2.0, -0.0041)]
+)
 def test_delay_of_a_shifted_sine(rate, frequency, late):
     time = jittered(rate=rate)
     found = delay(time, sine(time - late, frequency), sine(time, frequency))
@@ -98,8 +104,10 @@ def test_delay_of_a_first_order_low_pass():
 def test_delay_is_not_drawn_to_where_interpolation_smooths_the_noise():
     time = np.arange(0.0, 5.0, 1e-3)
     random = np.random.default_rng(3)
-    found = [delay(time, sine(time) + 0.5 * random.standard_normal(len(time)), sine(time))
-             for _ in range(12)]
+    found = [
+        delay(time, sine(time) + 0.5 * random.standard_normal(len(time)), sine(time))
+        for _ in range(12)
+    ]
     # one such estimate has a standard deviation of 0.5 / (sqrt(5000) rms slope) = 0.16 ms
     assert abs(np.mean(found)) < 3.5 * 0.16e-3 / np.sqrt(12)
 
@@ -107,9 +115,14 @@ def test_delay_is_not_drawn_to_where_interpolation_smooths_the_noise():
 def test_delay_is_as_sharp_as_the_noise_lets_it_be():
     time = np.arange(0.0, 5.0, 1e-3)
     random = np.random.default_rng(13)
-    found = [delay(time, sine(time - 0.003, 0.5) + 0.05 * random.standard_normal(len(time)),
-                   sine(time, 0.5) + 0.1 * random.standard_normal(len(time)))
-             for _ in range(20)]
+    found = [
+        delay(
+            time,
+            sine(time - 0.003, 0.5) + 0.05 * random.standard_normal(len(time)),
+            sine(time, 0.5) + 0.1 * random.standard_normal(len(time)),
+        )
+        for _ in range(20)
+    ]
     # the least that is possible: 0.112 / (sqrt(5000) rms slope of 11.1 rad/s^2) = 0.143 ms
     assert np.std(found) < 1.5 * 0.143e-3
     assert np.mean(found) == pytest.approx(0.003, abs=3.0 * 0.143e-3 / np.sqrt(20))
@@ -118,8 +131,10 @@ def test_delay_is_as_sharp_as_the_noise_lets_it_be():
 def test_delay_of_an_estimate_that_has_nothing_to_do_with_the_truth_is_not_told():
     random = np.random.default_rng(12)
     time = np.arange(0.0, 2.0, 1e-3)
-    assert all(np.isnan(delay(time, 30.0 * random.standard_normal(len(time)), sine(time)))
-               for _ in range(10))
+    assert all(
+        np.isnan(delay(time, 30.0 * random.standard_normal(len(time)), sine(time)))
+        for _ in range(10)
+    )
 
 
 def test_delay_of_many_periods_is_the_one_nearest_to_zero():
@@ -143,6 +158,7 @@ def test_delay_at_constant_speed_is_not_told(truth_noise, noise):
 
 
 # ---------------------------------------------------------------- noise at constant speed
+
 
 def test_noise_counts_only_where_the_truth_is_constant():
     random = np.random.default_rng(5)
@@ -177,6 +193,7 @@ def test_noise_beside_a_noisy_truth():
 
 
 # ---------------------------------------------------------------- matching
+
 
 def test_cubic_is_exact_at_samples_and_for_parabolas():
     time = jittered(0.1)
@@ -224,6 +241,7 @@ def test_repeated_and_late_stamps_are_matched_once():
 
 # ---------------------------------------------------------------- the reference
 
+
 @pytest.mark.parametrize('speed', [0.0, 400.0])
 @pytest.mark.parametrize('late', [0.0, 0.0015])
 def test_reference_lag_bias_and_noise(speed, late):
@@ -250,8 +268,9 @@ def test_reference_noise_does_not_draw_its_lag_to_zero():
     found = []
     for seed in range(10):
         noise = 0.1 * np.random.default_rng(seed).standard_normal(len(time))
-        found.append(reference.fit(time, 0.5 * np.cos(5.0 * (time - 0.002)) + noise, position,
-                                   TURN))
+        found.append(
+            reference.fit(time, 0.5 * np.cos(5.0 * (time - 0.002)) + noise, position, TURN)
+        )
     spread = np.mean([one.lag_stddev for one in found])
     assert np.mean([one.lag_s for one in found]) == pytest.approx(0.002, abs=spread)
     assert np.std([one.lag_s for one in found]) < 2.0 * spread
@@ -287,8 +306,8 @@ def rich(count=100, rate=100.0, seed=3):
     size = 4e4 * random.standard_normal(len(bend))
     after = np.maximum(time[:, None] - bend, 0.0)
     wave = TURN * 7.0
-    velocity = 300.0 + 90.0 * np.sin(wave * time) + (after ** 2 * size).sum(1)
-    position = (300.0 * time - 90.0 / wave * np.cos(wave * time) + (after ** 3 * size).sum(1) / 3.0)
+    velocity = 300.0 + 90.0 * np.sin(wave * time) + (after**2 * size).sum(1)
+    position = 300.0 * time - 90.0 / wave * np.cos(wave * time) + (after**3 * size).sum(1) / 3.0
     return time, position, velocity
 
 
@@ -335,5 +354,10 @@ def test_a_reference_cannot_tell_below_its_noise():
 
 def test_numbers_of_tables():
     assert [error(value, 4) for value in (0.25, 0.00072, -3e-9, 0.0, math.nan)] == [
-        '0.2500', '0.00072', '-3e-09', '0.0000', '-']
+        '0.2500',
+        '0.00072',
+        '-3e-09',
+        '0.0000',
+        '-',
+    ]
     assert fixed(-1e-6, 2) == '0.00' and fixed(-0.006, 2) == '-0.01'

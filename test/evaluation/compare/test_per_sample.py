@@ -10,8 +10,17 @@ from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.cli import main
 from estimator_pkg.messages import drive_samples
 
-MOTOR = [word for pair in ('resistance=0.06', 'inductance=33.75e-6', 'flux=1.9e-3', 'pole_pairs=7',
-                           'compile=false') for word in ('--set', pair)]
+MOTOR = [
+    word
+    for pair in (
+        'resistance=0.06',
+        'inductance=33.75e-6',
+        'flux=1.9e-3',
+        'pole_pairs=7',
+        'compile=false',
+    )
+    for word in ('--set', pair)
+]
 SAMPLES = '/ground_truth/samples'
 
 
@@ -19,10 +28,37 @@ SAMPLES = '/ground_truth/samples'
 def drive(tmp_path_factory):
     """0.15 s at 20 kHz: fifteen batches; and the same with its estimates."""
     folder = tmp_path_factory.mktemp('per_sample')
-    assert main(['simulate', 'pmsm', '--duration', '0.15', '--seed', '1', '--set',
-                 'current_noise=0.05', '--out', str(folder / 'bag')]) == 0
-    assert main(['replay', str(folder / 'bag'), *MOTOR, '--observer', 'pmsm',
-                 '--out', str(folder / 'out')]) == 0
+    assert (
+        main(
+            [
+                'simulate',
+                'pmsm',
+                '--duration',
+                '0.15',
+                '--seed',
+                '1',
+                '--set',
+                'current_noise=0.05',
+                '--out',
+                str(folder / 'bag'),
+            ]
+        )
+        == 0
+    )
+    assert (
+        main(
+            [
+                'replay',
+                str(folder / 'bag'),
+                *MOTOR,
+                '--observer',
+                'pmsm',
+                '--out',
+                str(folder / 'out'),
+            ]
+        )
+        == 0
+    )
     return folder
 
 
@@ -31,14 +67,16 @@ def compared(tmp_path, bag, *words):
     out = tmp_path / 'out.json'
     assert main(['evaluate', str(bag), *words, '--json', str(out)]) == 0
     found = json.loads(out.read_text())['bags'][str(bag)]
-    estimates, = found['estimates'].values()
+    (estimates,) = found['estimates'].values()
     return found['truth'], estimates['joints']
 
 
 def table(bag, topic):
     batches = [drive_samples.decode(bytes(message.raw)) for message in bag.messages([topic])]
-    return (np.concatenate([each.stamps_ns for each in batches]),
-            np.concatenate([each.values for each in batches]))
+    return (
+        np.concatenate([each.stamps_ns for each in batches]),
+        np.concatenate([each.values for each in batches]),
+    )
 
 
 def test_every_sample_is_compared(drive, tmp_path):
@@ -52,9 +90,13 @@ def test_every_sample_is_compared(drive, tmp_path):
     for truth, joints in (recorded, run):
         assert truth.endswith(f'and {SAMPLES}')
         one = joints['motor_electrical']
-        assert one['matched'] == {'estimates': len(error), 'compared': len(error),
-                                  'interpolated': 0, 'unmatched': 0}
-        assert one['velocity']['rms'] == pytest.approx(np.sqrt(np.mean(error ** 2)))
+        assert one['matched'] == {
+            'estimates': len(error),
+            'compared': len(error),
+            'interpolated': 0,
+            'unmatched': 0,
+        }
+        assert one['velocity']['rms'] == pytest.approx(np.sqrt(np.mean(error**2)))
         assert joints['motor']['matched']['compared'] <= 15
         assert 0.5 < one['coverage_95'] <= 1.0  # of the last of every batch
     assert len(error) > 2500
@@ -62,8 +104,9 @@ def test_every_sample_is_compared(drive, tmp_path):
 
 def test_another_truth_is_taken_as_it_is(drive, tmp_path):
     for bag, words in (('out', []), ('bag', ['--observer', 'pmsm', *MOTOR])):
-        truth, joints = compared(tmp_path, drive / bag, '--truth', '/ground_truth/joint_states',
-                                 *words)
+        truth, joints = compared(
+            tmp_path, drive / bag, '--truth', '/ground_truth/joint_states', *words
+        )
         assert truth == '/ground_truth/joint_states'
         assert joints['motor_electrical']['matched']['compared'] <= 15
 
@@ -71,9 +114,25 @@ def test_another_truth_is_taken_as_it_is(drive, tmp_path):
 def test_a_short_drive_can_be_tuned(drive, tmp_path):
     pytest.importorskip('optuna', reason='not run: Optuna is not installed')
     out = tmp_path / 'out.json'
-    assert main(['tune', str(drive / 'bag'), '--observer', 'pmsm', *MOTOR, '--trials', '4',
-                 '--out', str(tmp_path / 'gains.yaml'), '--json', str(out)]) == 0
-    each, = json.loads(out.read_text())['tuned']
+    assert (
+        main(
+            [
+                'tune',
+                str(drive / 'bag'),
+                '--observer',
+                'pmsm',
+                *MOTOR,
+                '--trials',
+                '4',
+                '--out',
+                str(tmp_path / 'gains.yaml'),
+                '--json',
+                str(out),
+            ]
+        )
+        == 0
+    )
+    (each,) = json.loads(out.read_text())['tuned']
     assert list(each['best']['by_joint']) == ['motor_electrical']
     assert each['held_out'] and each['best']['by_joint']['motor_electrical']['published'] > 0.9
 
@@ -81,6 +140,7 @@ def test_a_short_drive_can_be_tuned(drive, tmp_path):
 def test_a_bag_that_holds_something_else_there_is_one_line(drive, tmp_path, capsys):
     from estimator_pkg.bags.writer import BagWriter
     from estimator_pkg.messages import multi_array
+
     with open_bag(drive / 'bag') as bag, BagWriter(tmp_path / 'bag') as made:
         for topic in bag.topics.values():
             made.add_topic(topic.name, topic.type)

@@ -40,12 +40,19 @@ def crane_blocks(seed, duration=4.0):
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, 3)
 
     def drive(time, y, v):
-        return (float(np.sum(30.0 * np.sin(2.0 * math.pi * np.array([0.4, 0.9, 1.7]) * time
-                                           + phases))),)
+        return (
+            float(np.sum(30.0 * np.sin(2.0 * math.pi * np.array([0.4, 0.9, 1.7]) * time + phases))),
+        )
 
-    return stream(load(CRANE), build(MechanismParameters, {
-        'rate': 200.0, 'quantum': [2.0 * math.pi / 4096.0, 1e-4]}), (0.2, 0.0), (0.0, 0.0), drive,
-        duration, seed)
+    return stream(
+        load(CRANE),
+        build(MechanismParameters, {'rate': 200.0, 'quantum': [2.0 * math.pi / 4096.0, 1e-4]}),
+        (0.2, 0.0),
+        (0.0, 0.0),
+        drive,
+        duration,
+        seed,
+    )
 
 
 def recorded(blocks, periods, actuated):
@@ -56,52 +63,74 @@ def recorded(blocks, periods, actuated):
             if message.topic == 'joint_states':
                 raw = message.encode(0)
                 layout = decoder.layout(raw)
-                rows.append((layout.stamp_ns(raw) * 1e-9, layout.numbers(raw, 0),
-                             layout.numbers(raw, 2)))
+                rows.append(
+                    (layout.stamp_ns(raw) * 1e-9, layout.numbers(raw, 0), layout.numbers(raw, 2))
+                )
     positions = np.array([row[1] for row in rows])
     for column, period in enumerate(periods):
         if period:
             positions[:, column] = np.unwrap(positions[:, column])
-    return Recording(np.array([row[0] for row in rows]), positions,
-                     np.array([row[2] for row in rows])[:, list(actuated)])
+    return Recording(
+        np.array([row[0] for row in rows]),
+        positions,
+        np.array([row[2] for row in rows])[:, list(actuated)],
+    )
 
 
 def of_joint(seed):
     blocks = pendulum.generate(pendulum.Parameters(), 10.0, seed)
-    found = fit(recorded(blocks, (1,), (0,)), unknowns('single_joint', {}, {
-        'inertia': 0.08, 'gravity': 1.0}))
+    found = fit(
+        recorded(blocks, (1,), (0,)),
+        unknowns('single_joint', {}, {'inertia': 0.08, 'gravity': 1.0}),
+    )
     return found, [0.05, 0.02, 0.05, 1.5, 0.0, 0.0, 0.0]
 
 
 def of_cart(seed):
     p = cart_pendulum.Parameters(model_parameters=('pendulum_damping=0.004', 'cart_damping=0.5'))
-    found = fit(recorded(cart_pendulum.generate(p, 11.0, seed), (1, 0), (1,)), unknowns(
-        'cart_pendulum', {'force_constant': 9.27, 'friction_speed': 0.002},
-        {'pendulum_inertia': 0.06, 'moving_mass': 1.0}))
+    found = fit(
+        recorded(cart_pendulum.generate(p, 11.0, seed), (1, 0), (1,)),
+        unknowns(
+            'cart_pendulum',
+            {'force_constant': 9.27, 'friction_speed': 0.002},
+            {'pendulum_inertia': 0.06, 'moving_mass': 1.0},
+        ),
+    )
     return found, [0.0484, 0.105, 1.15, 3.98, 2.87, 0.004, 0.5, 0.0]
 
 
 def of_leg(seed):
-    p = robotic_leg.Parameters(force=5.0, torque=5.0, omega=6.0,
-                               noise=(1e-3, 1e-3, 1e-3), quantum=(0.0,))
-    found = fit(recorded(robotic_leg.generate(p, 6.0, seed), (0, 1, 1), (0, 2)), unknowns(
-        'robotic_leg', {}, {'foot_mass': 3.0}))
+    p = robotic_leg.Parameters(
+        force=5.0, torque=5.0, omega=6.0, noise=(1e-3, 1e-3, 1e-3), quantum=(0.0,)
+    )
+    found = fit(
+        recorded(robotic_leg.generate(p, 6.0, seed), (0, 1, 1), (0, 2)),
+        unknowns('robotic_leg', {}, {'foot_mass': 3.0}),
+    )
     return found, [4.5, 1.7, 0.0]
 
 
 def of_crane(seed):
-    found = fit(recorded(crane_blocks(seed), (1, 0), (1,)), unknowns(
-        CRANE, {}, {'load': 1.5, 'trolley': 6.0, 'cable': 1.3}))
+    found = fit(
+        recorded(crane_blocks(seed), (1, 0), (1,)),
+        unknowns(CRANE, {}, {'load': 1.5, 'trolley': 6.0, 'cable': 1.3}),
+    )
     return found, [2.0, 5.0, 1.5, 0.0]
 
 
 @pytest.mark.skipif(not available(), reason='slow without numba')
-@pytest.mark.parametrize('of, seeds', [
-    (of_joint, 4), (of_cart, 3), (of_leg, 5),
-    pytest.param(of_joint, 30, marks=pytest.mark.slow),
-    pytest.param(of_cart, 20, marks=pytest.mark.slow),
-    pytest.param(of_leg, 40, marks=pytest.mark.slow),
-    pytest.param(of_crane, 10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    'of, seeds',
+    [
+        (of_joint, 4),
+        (of_cart, 3),
+        (of_leg, 5),
+        pytest.param(of_joint, 30, marks=pytest.mark.slow),
+        pytest.param(of_cart, 20, marks=pytest.mark.slow),
+        pytest.param(of_leg, 40, marks=pytest.mark.slow),
+        pytest.param(of_crane, 10, marks=pytest.mark.slow),
+    ],
+)
 def test_true_numbers_lie_within_the_stated_deviations(of, seeds, crane):
     """Two-sided: the errors in stated deviations are of rms 1, neither much more nor much less."""
     errors = []
@@ -119,8 +148,11 @@ def test_true_numbers_lie_within_the_stated_deviations(of, seeds, crane):
 def test_a_delay_of_the_inputs_is_found():
     """Efforts that are reported 7 ms after they acted."""
     known = recorded(pendulum.generate(pendulum.Parameters(), 8.0, 2), (1,), (0,))
-    late = Recording(known.time, known.positions, np.interp(
-        known.time + 0.007, known.time, known.inputs[:, 0])[:, None])
+    late = Recording(
+        known.time,
+        known.positions,
+        np.interp(known.time + 0.007, known.time, known.inputs[:, 0])[:, None],
+    )
     found = fit(late, unknowns('single_joint', {}, {'inertia': 0.06, 'gravity': 1.3}))
     assert found.names[-1] == 'input_delay'
     # half a sample more: the interpolation above is no longer held from sample to sample
@@ -130,18 +162,34 @@ def test_a_delay_of_the_inputs_is_found():
 
 # The command
 
+
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp('identify') / 'bag'
-    assert cli.main(['simulate', 'pendulum', '--duration', '8', '--seed', '4', '--out',
-                     str(path)]) == 0
+    assert (
+        cli.main(['simulate', 'pendulum', '--duration', '8', '--seed', '4', '--out', str(path)])
+        == 0
+    )
     return path
 
 
 def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
     out, told = tmp_path / 'joint.yaml', tmp_path / 'found.json'
-    assert cli.main(['identify', str(recording), '--model', 'single_joint', '--out', str(out),
-                     '--json', str(told)]) == 0
+    assert (
+        cli.main(
+            [
+                'identify',
+                str(recording),
+                '--model',
+                'single_joint',
+                '--out',
+                str(out),
+                '--json',
+                str(told),
+            ]
+        )
+        == 0
+    )
     assert '  coulomb = 0.0' in capsys.readouterr().out
     found = json.loads(told.read_text())
     assert found['values']['inertia'] == pytest.approx(0.05, rel=2e-3)
@@ -152,8 +200,23 @@ def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
 
 def test_torque_constant_and_gear_are_taken_as_given(recording, tmp_path):
     told = tmp_path / 'found.json'
-    assert cli.main(['identify', str(recording), '--json', str(told), '--set',
-                     'torque_constant=0.5', '--set', 'gear_ratio=4', '--set', 'bias=0']) == 0
+    assert (
+        cli.main(
+            [
+                'identify',
+                str(recording),
+                '--json',
+                str(told),
+                '--set',
+                'torque_constant=0.5',
+                '--set',
+                'gear_ratio=4',
+                '--set',
+                'bias=0',
+            ]
+        )
+        == 0
+    )
     found = json.loads(told.read_text())
     assert found['values']['inertia'] == pytest.approx(0.1, rel=0.01)
     assert 'bias' not in found['values']
@@ -167,11 +230,30 @@ def test_a_users_model_is_identified_from_a_bag_and_replayed(crane, tmp_path):
         for block in crane_blocks(3):
             for message in block:
                 if message.topic == 'joint_states':
-                    writer.write('/joint_states', message.due_ns + 10 ** 9,
-                                 message.encode(10 ** 9))
-    assert cli.main(['identify', str(bag), '--model', crane, '--joint', 'cable', '--joint',
-                     'trolley', '--start', 'load=1.5', '--set', 'cable=1.5', '--out', str(out),
-                     '--json', str(told)]) == 0
+                    writer.write('/joint_states', message.due_ns + 10**9, message.encode(10**9))
+    assert (
+        cli.main(
+            [
+                'identify',
+                str(bag),
+                '--model',
+                crane,
+                '--joint',
+                'cable',
+                '--joint',
+                'trolley',
+                '--start',
+                'load=1.5',
+                '--set',
+                'cable=1.5',
+                '--out',
+                str(out),
+                '--json',
+                str(told),
+            ]
+        )
+        == 0
+    )
     found = json.loads(told.read_text())
     assert list(found['values']) == ['load', 'trolley', 'input_delay']
     for name, true in (('load', 2.0), ('trolley', 5.0), ('input_delay', 0.0)):
@@ -192,16 +274,20 @@ def test_recorded_joint_is_found_near_what_its_makers_say(tmp_path):
     assert abs(found['values']['gravity'] - 3.2) < 3.0 * found['stddev']['gravity'] < 6.0
 
 
-@pytest.mark.parametrize('words, message', [
-    (['--model', 'cart_pendulum'], 'name with --joint, once for each, those that are pendulum'),
-    (['--model', 'cart_pendulum', '--joint', 'joint'], 'give --joint 2 times, not 1'),
-    (['--joint', 'jiont'], "did you mean 'joint'?"),
-    (['--set', 'inertai=1'], "did you mean 'inertia'?"),
-    (['--start', 'period=1'], "'period' of model 'single_joint' is not identified"),
-    (['--set', 'bias=0', '--start', 'bias=1'], 'both given and to be started from'),
-    (['--model', 'own_models:CartPendulum'], "give it an attribute 'parameters'"),
-    (['--model', 'own_models:Nothing'], "has no 'Nothing'"),
-    (['--set', 'torque_constant=x'], 'must be a number')])
+@pytest.mark.parametrize(
+    'words, message',
+    [
+        (['--model', 'cart_pendulum'], 'name with --joint, once for each, those that are pendulum'),
+        (['--model', 'cart_pendulum', '--joint', 'joint'], 'give --joint 2 times, not 1'),
+        (['--joint', 'jiont'], "did you mean 'joint'?"),
+        (['--set', 'inertai=1'], "did you mean 'inertia'?"),
+        (['--start', 'period=1'], "'period' of model 'single_joint' is not identified"),
+        (['--set', 'bias=0', '--start', 'bias=1'], 'both given and to be started from'),
+        (['--model', 'own_models:CartPendulum'], "give it an attribute 'parameters'"),
+        (['--model', 'own_models:Nothing'], "has no 'Nothing'"),
+        (['--set', 'torque_constant=x'], 'must be a number'),
+    ],
+)
 def test_wrong_use_is_told_in_one_line(recording, words, message, capsys):
     capsys.readouterr()
     assert cli.main(['identify', str(recording), *words]) in (1, 2)
@@ -209,10 +295,14 @@ def test_wrong_use_is_told_in_one_line(recording, words, message, capsys):
     assert message in error and error.count('\n') == 1
 
 
-@pytest.mark.parametrize('bag, message', [
-    ('simulated/sine_12bit', 'has no efforts'),
-    ('dfki_double_pendulum/sys_id_500hz', 'has the joints shoulder, elbow'),
-    ('dfki_simple_pendulum/gravity_compensation_1000hz', 'do not belong together')])
+@pytest.mark.parametrize(
+    'bag, message',
+    [
+        ('simulated/sine_12bit', 'has no efforts'),
+        ('dfki_double_pendulum/sys_id_500hz', 'has the joints shoulder, elbow'),
+        ('dfki_simple_pendulum/gravity_compensation_1000hz', 'do not belong together'),
+    ],
+)
 def test_recordings_that_cannot_tell_are_refused_in_one_line(bag, message, capsys):
     assert cli.main(['identify', str(RECORDINGS / bag)]) in (1, 2)
     error = capsys.readouterr().err
@@ -221,8 +311,12 @@ def test_recordings_that_cannot_tell_are_refused_in_one_line(bag, message, capsy
 
 def test_a_joint_at_rest_tells_nothing(tmp_path, capsys):
     bag = tmp_path / 'bag'
-    assert cli.main(['simulate', 'pendulum', '--duration', '8', '--set', 'torque=0', '--out',
-                     str(bag)]) == 0
+    assert (
+        cli.main(
+            ['simulate', 'pendulum', '--duration', '8', '--set', 'torque=0', '--out', str(bag)]
+        )
+        == 0
+    )
     capsys.readouterr()
     assert cli.main(['identify', str(bag)]) == 1
     assert 'needs to move more' in capsys.readouterr().err

@@ -33,8 +33,12 @@ def cart_pendulum(par, start, force, count, dt, substeps, friction):
             u -= (3.98 if x[3] >= 0.0 else 2.87) * math.tanh(x[3] / 2e-3)
         a, b = gravity * s, u + coupling * s * x[2] * x[2]
         det = inertia * mass - coupling * coupling * c * c
-        return (x[2], x[3], (mass * a - coupling * c * b) / det,
-                (inertia * b - coupling * c * a) / det)
+        return (
+            x[2],
+            x[3],
+            (mass * a - coupling * c * b) / det,
+            (inertia * b - coupling * c * a) / det,
+        )
 
     def moved(x, h, d):
         return x[0] + h * d[0], x[1] + h * d[1], x[2] + h * d[2], x[3] + h * d[3]
@@ -61,15 +65,29 @@ def current(t):
 @lru_cache
 def driven():
     """Spec 3.2, section 6.2."""
-    return cart_pendulum((0.0484, 0.105, 1.15, 1.030050), (math.pi, 0.0, 0.0, 0.0),
-                         lambda t: 9.27 * current(t), 2464, 1.0 / 224.0, 64, True)
+    return cart_pendulum(
+        (0.0484, 0.105, 1.15, 1.030050),
+        (math.pi, 0.0, 0.0, 0.0),
+        lambda t: 9.27 * current(t),
+        2464,
+        1.0 / 224.0,
+        64,
+        True,
+    )
 
 
 @lru_cache
 def free():
     """Spec 3.2, section 5.1."""
-    return cart_pendulum((1.0, 0.1, 1.0, 1.0), (math.pi / 2 - 0.2, -0.1, 0.4, 0.35),
-                         lambda t: 0.0, 15000, 1e-3, 4, False)
+    return cart_pendulum(
+        (1.0, 0.1, 1.0, 1.0),
+        (math.pi / 2 - 0.2, -0.1, 0.4, 0.35),
+        lambda t: 0.0,
+        15000,
+        1e-3,
+        4,
+        False,
+    )
 
 
 def encoder(axis, quanta, every):
@@ -87,12 +105,15 @@ def inner(step):
 
 # spec 3.6: central difference, white jerk by maximum likelihood, its predicted deviation (rows F1,
 # F3, F4, where the variance of the readings is held at that of the quantisation)
-@pytest.mark.parametrize('axis, quanta, every, central, error, predicted', [
-    (0, HPM, 1, 0.0365451, 0.0144115, 0.0178361),
-    (1, HPM, 1, 0.00288079, 0.0017717, 0.00166507),
-    (0, LPM, 2, 0.277079, 0.0772808, 0.099885),
-    (1, LPM, 2, 0.0240732, 0.0138253, 0.0180203),
-])
+@pytest.mark.parametrize(
+    'axis, quanta, every, central, error, predicted',
+    [
+        (0, HPM, 1, 0.0365451, 0.0144115, 0.0178361),
+        (1, HPM, 1, 0.00288079, 0.0017717, 0.00166507),
+        (0, LPM, 2, 0.277079, 0.0772808, 0.099885),
+        (1, LPM, 2, 0.0240732, 0.0138253, 0.0180203),
+    ],
+)
 def test_the_specs_table(axis, quanta, every, central, error, predicted):
     stamps, readings, truth, step = encoder(axis, quanta, every)
     cut = inner(step)
@@ -139,7 +160,7 @@ def test_jittered_stamps_are_found_to_be_noise():
 def dense(stamps, readings, noise):
     """The smoothed states by one large least-squares problem, and their deviations."""
     h = np.diff(stamps) * 1e-9
-    n, r = len(readings), noise.reading ** 2
+    n, r = len(readings), noise.reading**2
     information, vector = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
     prior = np.diag([1.0 / (100.0 * r), 1e-6, 1e-6])
     information[:3, :3] += prior
@@ -148,9 +169,13 @@ def dense(stamps, readings, noise):
         information[3 * k, 3 * k] += 1.0 / r
         vector[3 * k] += readings[k] / r
     for k, t in enumerate(h):
-        q = noise.jerk * np.array([[t ** 5 / 20, t ** 4 / 8, t ** 3 / 6],
-                                   [t ** 4 / 8, t ** 3 / 3, t ** 2 / 2],
-                                   [t ** 3 / 6, t ** 2 / 2, t]])
+        q = noise.jerk * np.array(
+            [
+                [t**5 / 20, t**4 / 8, t**3 / 6],
+                [t**4 / 8, t**3 / 3, t**2 / 2],
+                [t**3 / 6, t**2 / 2, t],
+            ]
+        )
         both = np.hstack([np.array([[-1, -t, -t * t / 2], [0, -1, -t], [0, 0, -1]]), np.eye(3)])
         part = slice(3 * k, 3 * k + 6)
         information[part, part] += both.T @ np.linalg.inv(q) @ both
@@ -199,12 +224,12 @@ def test_outliers_and_bad_samples_are_left_out():
     readings = np.sin(4.0 * time)
     readings = np.round(readings / 1e-3) * 1e-3
     readings[[300, 700, 1500]] += (3.0, -2.0, 0.5)
-    readings[[900, 901, 902]] = np.nan, np.inf, 4.9e259      # a bit that tipped over
+    readings[[900, 901, 902]] = np.nan, np.inf, 4.9e259  # a bit that tipped over
     stamps = ns(time)
-    stamps[1000] = stamps[999]                       # repeated
-    stamps[[1200, 1201]] = stamps[[1201, 1200]]      # late
+    stamps[1000] = stamps[999]  # repeated
+    stamps[[1200, 1201]] = stamps[[1201, 1200]]  # late
     found = smooth(stamps, readings, 0.0)
-    truth = 4.0 * np.cos(4.0 * ((found.stamps - 10 ** 9) * 1e-9))
+    truth = 4.0 * np.cos(4.0 * ((found.stamps - 10**9) * 1e-9))
     assert found.outliers == 3
     assert np.all(np.diff(found.stamps) > 0)
     assert np.max(np.abs(found.velocity - truth)[20:-20]) < 0.08
@@ -231,6 +256,7 @@ def test_too_little_gives_nothing():
 
 def test_plain_and_compiled_agree():
     from estimator_pkg.driver.compiled import available, compiled
+
     if not available():
         pytest.skip('Numba is not installed')
     random = np.random.default_rng(3)
@@ -257,13 +283,13 @@ def test_the_quantum_is_seen(counts):
     assert quantum(np.zeros(100)) == 0.0
 
 
-@pytest.mark.parametrize('speed', [1.7, 13.77, 50.0, 200.1])    # [rad/s] at 1 kHz
+@pytest.mark.parametrize('speed', [1.7, 13.77, 50.0, 200.1])  # [rad/s] at 1 kHz
 @pytest.mark.parametrize('kind', [np.float64, np.float32])
 def test_the_count_of_a_motion_at_constant_speed(speed, kind):
     step = 2.0 * math.pi / 4096
     angle = 3.0 + speed * np.arange(2000) * 1e-3
     counted = (np.floor(angle / step) * step).astype(kind).astype(float)
-    assert quantum(counted) == pytest.approx(step, rel=0.01)    # and not what a sample moves
+    assert quantum(counted) == pytest.approx(step, rel=0.01)  # and not what a sample moves
     assert quantum(angle) == 0.0
     assert quantum(angle + np.random.default_rng(1).normal(0.0, 1e-4, len(angle))) == 0.0
 

@@ -22,8 +22,8 @@ from estimator_pkg.evaluation.reference.smoother.smoother import smooth
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 TURN = 2.0 * math.pi
 QUANTUM, STEP, COUNT = TURN / 4096.0, 1e-3, 10_000
-MEMORY = 0.5        # of the speed [s]
-SPEEDS = (0.02, 0.1, 0.5, 2.0, 10.0, 60.0)     # rms [quanta per sample]
+MEMORY = 0.5  # of the speed [s]
+SPEEDS = (0.02, 0.1, 0.5, 2.0, 10.0, 60.0)  # rms [quanta per sample]
 ENDS = 200
 
 
@@ -31,13 +31,18 @@ def wandering(seed, speed):
     """(position, velocity): v'' = -2 v'/T - v/T^2 + white jerk, of the rms `speed` [rad/s]."""
     random = np.random.default_rng(seed)
     fine = STEP / 4
-    jerk = 2.0 * speed * math.sqrt(1.0 / MEMORY ** 3) / math.sqrt(fine) * random.standard_normal(
-        4 * COUNT)
+    jerk = (
+        2.0
+        * speed
+        * math.sqrt(1.0 / MEMORY**3)
+        / math.sqrt(fine)
+        * random.standard_normal(4 * COUNT)
+    )
     v, a = speed * random.standard_normal(), speed / MEMORY * random.standard_normal()
     velocity = np.empty(4 * COUNT)
     for k in range(4 * COUNT):
         velocity[k] = v
-        a += fine * (-2.0 / MEMORY * a - v / MEMORY ** 2 + jerk[k])
+        a += fine * (-2.0 / MEMORY * a - v / MEMORY**2 + jerk[k])
         v += fine * a
     steps = 0.5 * fine * (velocity[1:] + velocity[:-1])
     position = np.concatenate([[0.0], np.cumsum(steps)])
@@ -52,12 +57,12 @@ def held(speed, noise, seeds):
         random = np.random.default_rng(seed + 1000)
         blurred = position + noise * QUANTUM * random.standard_normal(COUNT)
         readings = np.round((blurred + random.uniform(0.0, QUANTUM)) / QUANTUM) * QUANTUM
-        stamps = np.arange(COUNT) * round(STEP * 1e9) + 10 ** 9
+        stamps = np.arange(COUNT) * round(STEP * 1e9) + 10**9
         found = smooth(stamps, readings, 0.0)
         inner = found.firm & (np.arange(COUNT) >= ENDS) & (np.arange(COUNT) < COUNT - ENDS)
         error, spread = (found.velocity - velocity)[inner], found.velocity_stddev[inner]
-        squares.append(np.mean(error ** 2))
-        told.append(found.uncertainty ** 2)
+        squares.append(np.mean(error**2))
+        told.append(found.uncertainty**2)
         within.append(np.mean(np.abs(error) <= 1.96 * spread))
     return math.sqrt(np.mean(squares)), math.sqrt(np.mean(told)), float(np.mean(within))
 
@@ -73,10 +78,14 @@ def test_it_covers_what_it_promises_and_no_more(speed, noise):
 def test_at_creep_it_beats_readings_taken_as_numbers():
     position, velocity = wandering(3, 0.02 * QUANTUM / STEP)
     readings = np.round(position / QUANTUM) * QUANTUM
-    stamps = np.arange(COUNT) * round(STEP * 1e9) + 10 ** 9
-    errors = [np.sqrt(np.mean((found.velocity - velocity)[ENDS:-ENDS] ** 2)) for found in
-              (smooth(stamps, readings, 0.0),
-               smooth(stamps, readings, 0.0, reading=QUANTUM / math.sqrt(12.0)))]
+    stamps = np.arange(COUNT) * round(STEP * 1e9) + 10**9
+    errors = [
+        np.sqrt(np.mean((found.velocity - velocity)[ENDS:-ENDS] ** 2))
+        for found in (
+            smooth(stamps, readings, 0.0),
+            smooth(stamps, readings, 0.0, reading=QUANTUM / math.sqrt(12.0)),
+        )
+    ]
     assert errors[0] < 0.5 * errors[1]
 
 
@@ -88,9 +97,10 @@ def test_a_count_that_is_repeated_is_not_counted_again():
         position, velocity = wandering(seed, speed)
         random = np.random.default_rng(seed + 1000)
         readings = np.round((position + random.uniform(0.0, QUANTUM)) / QUANTUM) * QUANTUM
-        noise = Noise(QUANTUM / math.sqrt(12.0), 4.0 * speed ** 2 / MEMORY ** 3, QUANTUM, True,
-                      0.01 * QUANTUM)
-        found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10 ** 9, readings, 0.0, noise=noise)
+        noise = Noise(
+            QUANTUM / math.sqrt(12.0), 4.0 * speed**2 / MEMORY**3, QUANTUM, True, 0.01 * QUANTUM
+        )
+        found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10**9, readings, 0.0, noise=noise)
         error = (found.velocity - velocity)[ENDS:-ENDS]
         within.append(np.mean(np.abs(error) <= 1.96 * found.velocity_stddev[ENDS:-ENDS]))
     assert np.mean(within) > 0.9
@@ -102,8 +112,9 @@ def test_a_count_that_stays_may_hide_a_creep():
     speed = np.where(time < 3.0, np.sin(TURN * time / 3.0) * (time < 3.0), 0.0)
     hidden = 0.4 * QUANTUM * np.sin(TURN * np.maximum(time - 3.0, 0.0) / 3.5)
     position = np.cumsum(speed) * STEP + hidden
-    found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10 ** 9,
-                   np.round(position / QUANTUM) * QUANTUM, 0.0)
+    found = smooth(
+        np.arange(COUNT) * round(STEP * 1e9) + 10**9, np.round(position / QUANTUM) * QUANTUM, 0.0
+    )
     later = (time > 4.0) & (time < 9.0)
     error = np.gradient(position, STEP) - found.velocity
     assert np.mean(np.abs(error) <= 1.96 * found.velocity_stddev, where=later) > 0.9
@@ -113,17 +124,19 @@ def test_a_count_that_stays_may_hide_a_creep():
 @pytest.mark.parametrize('turns', [0.0, 4.0])
 def test_a_reading_that_hardly_changes_says_nothing(turns):
     readings = np.floor(np.linspace(0.0, turns, COUNT) * 8.0) * TURN / 8.0
-    found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10 ** 9, readings, TURN)
+    found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10**9, readings, TURN)
     assert found.uncertainty == math.inf
     assert found.changes == int(8.0 * turns)
 
 
-RECORDED = [('dfki_simple_pendulum/gravity_compensation_1000hz', 'pendulum'),
-            ('dfki_simple_pendulum/energy_shaping_200hz', 'pendulum'),
-            ('dfki_simple_pendulum/sac_200hz_multiturn', 'pendulum'),
-            ('dfki_simple_pendulum/system_identification_300hz', 'pendulum'),
-            ('dfki_double_pendulum/trajectory_665hz', 'shoulder'),
-            ('dfki_double_pendulum/trajectory_665hz', 'elbow')]
+RECORDED = [
+    ('dfki_simple_pendulum/gravity_compensation_1000hz', 'pendulum'),
+    ('dfki_simple_pendulum/energy_shaping_200hz', 'pendulum'),
+    ('dfki_simple_pendulum/sac_200hz_multiturn', 'pendulum'),
+    ('dfki_simple_pendulum/system_identification_300hz', 'pendulum'),
+    ('dfki_double_pendulum/trajectory_665hz', 'shoulder'),
+    ('dfki_double_pendulum/trajectory_665hz', 'elbow'),
+]
 
 
 def against_the_drive(name, joint):
@@ -139,7 +152,7 @@ def against_the_drive(name, joint):
     firm = time[found.firm]
     inside = (at >= firm[0]) & (at <= firm[-1])
     error = np.interp(at[inside], time, found.velocity) - drive.velocity[inside]
-    own = np.mean(error ** 2) - true.references[joint].noise ** 2
+    own = np.mean(error**2) - true.references[joint].noise ** 2
     return math.sqrt(max(own, 0.0)), found.uncertainty
 
 
@@ -152,18 +165,26 @@ def test_on_recordings(name, joint):
 
 # ---------------------------------------------------------------- the parts
 
-@pytest.mark.parametrize('mean, variance, noise', [
-    (0.0, 1.0, 0.1), (0.7, 0.01, 0.0), (-3.0, 0.5, 0.2), (40.0, 1.0, 0.05), (0.2, 1e-4, 0.01)])
+
+@pytest.mark.parametrize(
+    'mean, variance, noise',
+    [(0.0, 1.0, 0.1), (0.7, 0.01, 0.0), (-3.0, 0.5, 0.2), (40.0, 1.0, 0.05), (0.2, 1e-4, 0.01)],
+)
 def test_a_site_gives_the_moments_of_a_gaussian_in_a_cell(mean, variance, noise):
     half = 0.5
     low, high = mean - 60.0 * math.sqrt(variance), mean + 60.0 * math.sqrt(variance)
     at = np.linspace(min(low, -1.0), max(high, 1.0), 400_001)
     from scipy.special import log_ndtr
     from scipy.stats import norm
+
     if noise:
         logs = norm.logpdf(at, mean, math.sqrt(variance)) + np.where(
-            np.abs(at) < 20.0, np.log(np.maximum(norm.cdf((half - at) / noise) - norm.cdf(
-                (-half - at) / noise), 1e-300)), log_ndtr((half - np.abs(at)) / noise))
+            np.abs(at) < 20.0,
+            np.log(
+                np.maximum(norm.cdf((half - at) / noise) - norm.cdf((-half - at) / noise), 1e-300)
+            ),
+            log_ndtr((half - np.abs(at)) / noise),
+        )
     else:
         logs = np.where(np.abs(at) <= half, norm.logpdf(at, mean, math.sqrt(variance)), -np.inf)
     top = np.max(logs)
@@ -191,8 +212,9 @@ def test_the_probability_of_cells_is_that_of_drawing_them():
     x[:, 0] = random.uniform(-0.5, 0.5, draws)
     x[:, 1] = random.uniform(-4.0, 4.0, draws)
     x[:, 2] = random.uniform(-6.0, 6.0, draws)
-    root = np.linalg.cholesky(np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2],
-                                        [1 / 6, 1 / 2, 1.0]]))
+    root = np.linalg.cholesky(
+        np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
+    )
     seen = [np.zeros(draws, int)]
     for _ in range(3):
         x = x @ np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.5, 1.0, 1.0]])
@@ -206,13 +228,18 @@ def test_the_probability_of_cells_is_that_of_drawing_them():
 
 def table():
     """The table of the documentation."""
-    lines = ['| speed [counts per sample] | noise [counts] | rms error / speed | told / error | '
-             'within 95 % |', '|---|---|---|---|---|']
+    lines = [
+        '| speed [counts per sample] | noise [counts] | rms error / speed | told / error | '
+        'within 95 % |',
+        '|---|---|---|---|---|',
+    ]
     for speed in SPEEDS:
         for noise in (0.0, 0.3):
             rms, told, within = held(speed, noise, range(5))
-            lines.append(f'| {speed:g} | {noise:g} | {rms / speed / QUANTUM * STEP:.2%} | '
-                         f'{told / rms:.2f} | {within:.1%} |')
+            lines.append(
+                f'| {speed:g} | {noise:g} | {rms / speed / QUANTUM * STEP:.2%} | '
+                f'{told / rms:.2f} | {within:.1%} |'
+            )
     lines += ['', '| recording | joint | error [rad/s] | told [rad/s] |', '|---|---|---|---|']
     for name, joint in RECORDED:
         error, told = against_the_drive(name, joint)

@@ -30,9 +30,28 @@ TURN = 2.0 * math.pi
 def page(tmp_path_factory):
     path = tmp_path_factory.mktemp('report') / 'page.html'
     result = path.with_name('result.json')
-    assert main(['evaluate', str(PENDULUM), str(FAULTS), '--observer', 'hybrid_angle',
-                 '--observer', 'finite_difference', '--skip', '0.5', '--html', str(path),
-                 '--data', str(path.with_name('numbers.npz')), '--json', str(result)]) == 0
+    assert (
+        main(
+            [
+                'evaluate',
+                str(PENDULUM),
+                str(FAULTS),
+                '--observer',
+                'hybrid_angle',
+                '--observer',
+                'finite_difference',
+                '--skip',
+                '0.5',
+                '--html',
+                str(path),
+                '--data',
+                str(path.with_name('numbers.npz')),
+                '--json',
+                str(result),
+            ]
+        )
+        == 0
+    )
     return path, json.loads(result.read_text())
 
 
@@ -53,7 +72,7 @@ def test_many_bags_begin_with_one_table(page, tmp_path):
         assert f'<a href="#bag_{place}">{Path(bag).name}</a>' in first
         for estimate in found['estimates'].values():
             for joint in estimate['joints'].values():
-                assert f"{joint['velocity']['rms']:.4f}" in first
+                assert f'{joint["velocity"]["rms"]:.4f}' in first
     assert first.count('<b>') >= 1
     one = tmp_path / 'one.html'
     assert main(['evaluate', str(FAULTS), '--observer', 'pll', '--html', str(one)]) == 0
@@ -62,8 +81,12 @@ def test_many_bags_begin_with_one_table(page, tmp_path):
 
 @pytest.mark.parametrize(('errors', 'best'), [([0.3, 0.2], 'b'), ([0.3, 0.05], None)])
 def test_what_the_reference_cannot_rank_has_no_best(errors, best):
-    rows = [SimpleNamespace(source=source, joint='j', velocity={'rms': rms},
-                            reference_cannot_tell=rms < 0.1) for source, rms in zip('ab', errors)]
+    rows = [
+        SimpleNamespace(
+            source=source, joint='j', velocity={'rms': rms}, reference_cannot_tell=rms < 0.1
+        )
+        for source, rms in zip('ab', errors)
+    ]
     found = Overview()
     for bag in ('one', 'two'):
         found.add(SimpleNamespace(bag=bag, rows=rows, refused={}))
@@ -78,7 +101,7 @@ def test_every_compared_sample_is_in_the_data(page):
     base = f'{str(FAULTS).strip("/")}/wheel/hybrid_angle'
     assert len(data[f'{base}/velocity']) == found['matched']['compared']
     error = data[f'{base}/velocity'] - data[f'{base}/reference']
-    assert np.sqrt(np.mean(error ** 2)) == pytest.approx(found['velocity']['rms'])
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(found['velocity']['rms'])
 
 
 def test_the_page_says_what_to_do(page):
@@ -94,8 +117,9 @@ def test_in_a_browser_without_network(page):
     driver = browser.start()
     try:
         from selenium.webdriver.common.action_chains import ActionChains
+
         driver.get(page[0].as_uri())
-        drawn = ('return Bokeh.documents.length > 0 && Bokeh.documents.every(d => d.is_idle)')
+        drawn = 'return Bokeh.documents.length > 0 && Bokeh.documents.every(d => d.is_idle)'
         until = time.monotonic() + 30.0
         while not driver.execute_script(drawn) and time.monotonic() < until:
             time.sleep(0.1)
@@ -103,17 +127,30 @@ def test_in_a_browser_without_network(page):
         errors = [line for line in driver.get_log('browser') if line['level'] == 'SEVERE']
         assert errors == []
         asked = [json.loads(line['message'])['message'] for line in driver.get_log('performance')]
-        urls = {event['params']['request']['url'] for event in asked
-                if event['method'] == 'Network.requestWillBeSent'}
+        urls = {
+            event['params']['request']['url']
+            for event in asked
+            if event['method'] == 'Network.requestWillBeSent'
+        }
         assert not [url for url in urls if not url.startswith(('file:', 'data:', 'blob:'))]
 
         plots = '[...Bokeh.index].filter(view => view.model.title && view.model.x_range)'
         views = driver.execute_script(f'return {plots}.map(view => view.model.title.text);')
-        for title in ('velocity against', 'error and 95 % band', 'status', 'around the worst',
-                      'error against speed', 'spectrum', 'error / deviation', 'sample times',
-                      'measured position'):
+        for title in (
+            'velocity against',
+            'error and 95 % band',
+            'status',
+            'around the worst',
+            'error against speed',
+            'spectrum',
+            'error / deviation',
+            'sample times',
+            'measured position',
+        ):
             assert sum(title in each for each in views) == 2, (title, views)
-        painted = driver.execute_script(f'const plots = {plots};' + '''
+        painted = driver.execute_script(
+            f'const plots = {plots};'
+            + """
             const roots = plots.map(view => view.shadow_el || view.el);
             function canvases(node) {
                 let found = [...node.querySelectorAll('canvas')];
@@ -130,28 +167,30 @@ def test_in_a_browser_without_network(page):
                 for (let i = 0; i < pixels.length; i += 4)
                     colours.add(pixels[i] << 16 | pixels[i + 1] << 8 | pixels[i + 2]);
                 return colours.size > 8;
-            }));''')
+            }));"""
+        )
         assert len(painted) == 18 and all(painted)
 
-        ranges = f'''return {plots}.map(view => view.model)
-            .map(plot => [plot.title.text, plot.x_range.start, plot.x_range.end]);'''
+        ranges = f"""return {plots}.map(view => view.model)
+            .map(plot => [plot.title.text, plot.x_range.start, plot.x_range.end]);"""
         before = driver.execute_script(ranges)
         # the drag begins in the second plot of the first bag: velocity
         plot = driver.execute_script(f'return {plots}[1].el;')
         driver.execute_script('arguments[0].scrollIntoView({block: "center"});', plot)
-        ActionChains(driver).move_to_element_with_offset(plot, -200, -40).click_and_hold(
-            ).move_by_offset(200, 60).release().perform()
+        ActionChains(driver).move_to_element_with_offset(
+            plot, -200, -40
+        ).click_and_hold().move_by_offset(200, 60).release().perform()
         until = time.monotonic() + 10.0
         while driver.execute_script(ranges)[:4] == before[:4] and time.monotonic() < until:
             time.sleep(0.1)
         after = driver.execute_script(ranges)
         linked = {tuple(each[1:]) for each in after[:4]}
         assert len(linked) == 1, after[:4]
-        (low, high), = linked
+        ((low, high),) = linked
         assert high - low < 0.5 * (before[1][2] - before[1][1])
-        line = f'''const x = {plots}[1].model.renderers
+        line = f"""const x = {plots}[1].model.renderers
             .find(each => each.name == "hybrid_angle").data_source.data.x;
-            return [x[0], x[x.length - 1], x.length];'''
+            return [x[0], x[x.length - 1], x.length];"""
         until = time.monotonic() + 10.0
         while driver.execute_script(line)[1] > high + 0.1 and time.monotonic() < until:
             time.sleep(0.1)
@@ -159,13 +198,13 @@ def test_in_a_browser_without_network(page):
         assert low - 0.1 < first < low + 0.1 and high - 0.1 < last < high + 0.1
         assert 800 < count <= 3 * 1600
         assert after[9:] == before[9:]  # the other bag stays as it was
-        assert after[4] == before[4]    # so does the look at the worst moment
-        driver.execute_script(f'''const legend = {plots}[1].model.above
+        assert after[4] == before[4]  # so does the look at the worst moment
+        driver.execute_script(f"""const legend = {plots}[1].model.above
                 .find(each => each.items !== undefined);
             legend.items.find(each => each.label.value == "hybrid_angle")
-                .renderers[0].visible = false;''')
-        shown = f'''return {plots}.slice(0, 9).map(plot => plot.model.renderers
-            .filter(each => each.name == "hybrid_angle").map(each => each.visible));'''
+                .renderers[0].visible = false;""")
+        shown = f"""return {plots}.slice(0, 9).map(plot => plot.model.renderers
+            .filter(each => each.name == "hybrid_angle").map(each => each.visible));"""
         until = time.monotonic() + 10.0
         while any(map(any, driver.execute_script(shown))) and time.monotonic() < until:
             time.sleep(0.1)
@@ -177,6 +216,7 @@ def test_in_a_browser_without_network(page):
 
 # ---------------------------------------------------------------- no truth
 
+
 def report(tmp_path, *words):
     """(text of the page, what is said of each bag)."""
     page, result = tmp_path / 'page.html', tmp_path / 'result.json'
@@ -186,8 +226,16 @@ def report(tmp_path, *words):
 
 def test_observers_are_not_ranked_by_a_reference_that_is_no_better(tmp_path, capsys):
     """The pendulum chatters by less than a count: the smoother may be wrong by as much."""
-    page, found = report(tmp_path, str(PENDULUM), '--reference', 'smoother', '--observer',
-                         'hybrid_angle', '--observer', 'pll')
+    page, found = report(
+        tmp_path,
+        str(PENDULUM),
+        '--reference',
+        'smoother',
+        '--observer',
+        'hybrid_angle',
+        '--observer',
+        'pll',
+    )
     refused = found[str(PENDULUM)]['refused']['pendulum']
     assert refused.startswith('no ranking of pendulum') and 'a fast motion' in refused
     assert html.escape(refused) in page
@@ -201,8 +249,7 @@ def coarse(path, joint, counts):
         bag.add_topic('/joint_states', TYPE)
         for k in range(1, 800):
             angle = math.floor(math.sin(0.01 * k) * counts) * TURN / counts
-            bag.write('/joint_states', k * 10 ** 7,
-                      states.encode(k * 10 ** 7, '', (joint,), [angle]))
+            bag.write('/joint_states', k * 10**7, states.encode(k * 10**7, '', (joint,), [angle]))
     return str(path)
 
 
@@ -216,8 +263,9 @@ def test_bags_with_other_joints_and_one_too_coarse_to_judge(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('option', ['--html', '--plot'])
-@pytest.mark.parametrize(('name', 'said'), [('no/p.svg', 'there is no folder'),
-                                            ('p.svg', 'is a folder')])
+@pytest.mark.parametrize(
+    ('name', 'said'), [('no/p.svg', 'there is no folder'), ('p.svg', 'is a folder')]
+)
 def test_no_folder_is_one_line(option, name, said, tmp_path, capsys):
     (tmp_path / 'p.svg').mkdir()
     words = ['evaluate', str(FAULTS), '--observer', 'pll', option, str(tmp_path / name)]
@@ -232,31 +280,50 @@ def test_what_fails_leaves_nothing_behind(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(('place', 'left'), [('page.Path.write_text', ['p.npz']),
-                                             ('full_data.zipfile.ZipFile.close', [])])
+@pytest.mark.parametrize(
+    ('place', 'left'),
+    [('page.Path.write_text', ['p.npz']), ('full_data.zipfile.ZipFile.close', [])],
+)
 def test_a_full_disk_leaves_no_halves(place, left, tmp_path, capsys, monkeypatch):
     def full(*_, **__):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(f'estimator_pkg.evaluation.report.{place}', full)
-    assert main(['evaluate', str(FAULTS), '--observer', 'pll', '--html',
-                 str(tmp_path / 'p.html'), '--data', str(tmp_path / 'p.npz')]) == 1
+    assert (
+        main(
+            [
+                'evaluate',
+                str(FAULTS),
+                '--observer',
+                'pll',
+                '--html',
+                str(tmp_path / 'p.html'),
+                '--data',
+                str(tmp_path / 'p.npz'),
+            ]
+        )
+        == 1
+    )
     assert capsys.readouterr().err.endswith('output: No space left on device\n')
     assert [path.name for path in tmp_path.iterdir()] == left
 
 
 def test_without_bokeh_there_is_a_hint(tmp_path, capsys, monkeypatch):
     import sys
+
     monkeypatch.setitem(sys.modules, 'bokeh', None)
-    assert main(['evaluate', str(FAULTS), '--observer', 'pll', '--html',
-                 str(tmp_path / 'p.html')]) == 1
+    assert (
+        main(['evaluate', str(FAULTS), '--observer', 'pll', '--html', str(tmp_path / 'p.html')])
+        == 1
+    )
     assert "the library 'bokeh' is not installed: " in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------- what the readings show
 
+
 def series(time, angle, wrap=True):
-    stamps = np.rint(np.asarray(time) * 1e9).astype(np.int64) + 10 ** 9
+    stamps = np.rint(np.asarray(time) * 1e9).astype(np.int64) + 10**9
     position = (np.asarray(angle) + math.pi) % TURN - math.pi if wrap else np.asarray(angle)
     nothing = np.full(len(stamps), np.nan)
     return Series(stamps, position, nothing, nothing)
@@ -267,7 +334,7 @@ def counted(angle, counts=4096):
 
 
 def look(time, angle):
-    return findings.look(series(time, angle), 10 ** 9, TURN)
+    return findings.look(series(time, angle), 10**9, TURN)
 
 
 def test_an_encoder_that_repeats_itself():
@@ -301,6 +368,7 @@ def test_gaps_and_rates():
 
 # ---------------------------------------------------------------- what is drawn
 
+
 def test_thinning_keeps_the_extremes():
     values = np.zeros(100_000)
     values[31_415], values[77_777] = 5.0, -3.0
@@ -317,8 +385,8 @@ def test_lines_end_at_holes():
     values = np.arange(900.0)
     for points in (50, 900):
         at, drawn = broken(time, values, extremes(values, points))
-        hole, = np.flatnonzero(np.isnan(drawn))
-        assert np.nanmax(drawn[:hole]) < 500.0 <= np.nanmin(drawn[hole + 1:])
+        (hole,) = np.flatnonzero(np.isnan(drawn))
+        assert np.nanmax(drawn[:hole]) < 500.0 <= np.nanmin(drawn[hole + 1 :])
         assert len(at) == len(drawn) and np.all(np.diff(at) >= 0.0)
     whole = broken(time[:500], values[:500], np.arange(500))
     assert np.array_equal(whole[1], values[:500])
@@ -337,6 +405,7 @@ def test_every_status_that_came_has_its_name_beside_the_plot():
     from bokeh.models import Range1d
 
     from estimator_pkg.evaluation.report import figures
+
     time, status = np.arange(6.0), np.array([0, 1, 1, 2, 1, 1], np.int8)
     rows = [SimpleNamespace(source=name, status=status, status_time=time) for name in ('a', 'b')]
     shown = figures._status(rows, 100, Range1d(0.0, 6.0))
@@ -348,8 +417,9 @@ def test_the_spectrum_holds_the_power():
     error = 0.3 * math.sqrt(2.0) * np.sin(TURN * 40.0 * time)
     frequency, root = spectrum.density(time, error)
     assert frequency[np.argmax(root)] == pytest.approx(40.0, abs=0.5)
-    assert math.sqrt(np.sum(root ** 2) * (frequency[1] - frequency[0])) == pytest.approx(0.3,
-                                                                                       rel=0.02)
+    assert math.sqrt(np.sum(root**2) * (frequency[1] - frequency[0])) == pytest.approx(
+        0.3, rel=0.02
+    )
 
 
 def test_errors_by_speed_and_by_deviation():

@@ -62,8 +62,11 @@ def write_bag(path, joints, truth=True, counts=4096, seconds=6.0, rate=500.0):
             bag.write('/joint_states', stamp, states.encode(stamp, '', tuple(joints), read))
             if truth:
                 speeds = [5.0 * math.sin(TURN * f * t) for f in joints.values()]
-                bag.write('/ground_truth/joint_states', stamp,
-                          true.encode(stamp, '', tuple(joints), angles, speeds))
+                bag.write(
+                    '/ground_truth/joint_states',
+                    stamp,
+                    true.encode(stamp, '', tuple(joints), angles, speeds),
+                )
     return str(path)
 
 
@@ -84,10 +87,15 @@ def fails(capsys, *words, code=1):
 # ---------------------------------------------------------------- the search
 
 LANDSCAPES = {
-    'a round bowl': lambda v: 1.0 + math.log(v['a'] / 20.0) ** 2 + 0.3 * math.log(v['b'] * 2) ** 2
-    + 0.4 * math.log(v['a'] / 20.0) * math.log(v['b'] * 2),
-    'an edge': lambda v: 0.05 * v['a'] ** 0.5 + 3.0 / v['a']
-    + abs(math.log10(v['b'] * v['a'] / 7.0)),
+    'a round bowl': lambda v: (
+        1.0
+        + math.log(v['a'] / 20.0) ** 2
+        + 0.3 * math.log(v['b'] * 2) ** 2
+        + 0.4 * math.log(v['a'] / 20.0) * math.log(v['b'] * 2)
+    ),
+    'an edge': lambda v: (
+        0.05 * v['a'] ** 0.5 + 3.0 / v['a'] + abs(math.log10(v['b'] * v['a'] / 7.0))
+    ),
     'noise against lag': lambda v: 0.02 * v['a'] + 4.0 / v['a'] + 0.1 * v['b'] + 0.02 / v['b'],
 }
 
@@ -96,10 +104,18 @@ LANDSCAPES = {
 @pytest.mark.parametrize('seed', range(5))
 def test_forty_trials_are_as_good_as_a_grid_of_four_hundred(name, seed):
     landscape = LANDSCAPES[name]
-    grid = min(landscape({'a': a, 'b': b}) for a in np.geomspace(0.5, 500.0, 20)
-               for b in np.geomspace(1e-3, 1e3, 20))
-    found = search(PLANE, {'a': 45.0, 'b': 10.0},
-                   lambda batch: [(landscape(each), None) for each in batch], 40, seed)
+    grid = min(
+        landscape({'a': a, 'b': b})
+        for a in np.geomspace(0.5, 500.0, 20)
+        for b in np.geomspace(1e-3, 1e3, 20)
+    )
+    found = search(
+        PLANE,
+        {'a': 45.0, 'b': 10.0},
+        lambda batch: [(landscape(each), None) for each in batch],
+        40,
+        seed,
+    )
     assert found.asked == 40
     assert found.best.cost <= 1.05 * grid
 
@@ -116,16 +132,34 @@ def test_on_a_recording_for_five_seeds():
 
 def grid_against_search(seeds):
     entry = Entry('hybrid_angle', 'hybrid_angle', (('order', 2),))
-    record, = records(str(PENDULUMS / 'system_identification_300hz'), entry,
-                      Options(observers=(entry,), correct_reference=True), 0.0)
+    (record,) = records(
+        str(PENDULUMS / 'system_identification_300hz'),
+        entry,
+        Options(observers=(entry,), correct_reference=True),
+        0.0,
+    )
     plane = [Dimension('bandwidth_hz', 2.0, 200.0), Dimension('k1', 3.0, 30.0)]
 
     def judge(batch):
-        return [(sum(costs(measure(record.seen, 'hybrid_angle', each, False), record.seen,
-                           PREFERENCES['balanced']).values()), None) for each in batch]
+        return [
+            (
+                sum(
+                    costs(
+                        measure(record.seen, 'hybrid_angle', each, False),
+                        record.seen,
+                        PREFERENCES['balanced'],
+                    ).values()
+                ),
+                None,
+            )
+            for each in batch
+        ]
 
-    grid = min(judge([{each.name: each.value(i / 19) for each, i in zip(plane, (a, b))}])[0][0]
-               for a in range(20) for b in range(20))
+    grid = min(
+        judge([{each.name: each.value(i / 19) for each, i in zip(plane, (a, b))}])[0][0]
+        for a in range(20)
+        for b in range(20)
+    )
     for seed in seeds:
         found = search(plane, {'bandwidth_hz': 45.0, 'k1': 6.0}, judge, 40, seed)
         assert found.asked <= 40
@@ -133,9 +167,15 @@ def grid_against_search(seeds):
 
 
 def test_gains_that_cannot_work_are_passed_over():
-    found = search(PLANE, {'a': 400.0, 'b': 1.0}, lambda batch: [
-        (math.inf if each['a'] > 100.0 else 1.0 + abs(math.log(each['a'] / 90.0)), None)
-        for each in batch], 40)
+    found = search(
+        PLANE,
+        {'a': 400.0, 'b': 1.0},
+        lambda batch: [
+            (math.inf if each['a'] > 100.0 else 1.0 + abs(math.log(each['a'] / 90.0)), None)
+            for each in batch
+        ],
+        40,
+    )
     assert found.best.values['a'] <= 100.0
     assert found.best.cost < 1.1
 
@@ -156,48 +196,74 @@ def test_interrupted_it_keeps_the_best():
 
 def test_a_stored_study_goes_on(tmp_path):
     storage = f'sqlite:///{tmp_path / "study.db"}'
-    first = search(PLANE, {'a': 45.0, 'b': 1.0},
-                   lambda batch: [(each['a'], None) for each in batch], 8, storage=storage)
-    second = search(PLANE, {'a': 45.0, 'b': 1.0},
-                    lambda batch: [(each['a'] + 1e3, None) for each in batch], 8, storage=storage)
+    first = search(
+        PLANE,
+        {'a': 45.0, 'b': 1.0},
+        lambda batch: [(each['a'], None) for each in batch],
+        8,
+        storage=storage,
+    )
+    second = search(
+        PLANE,
+        {'a': 45.0, 'b': 1.0},
+        lambda batch: [(each['a'] + 1e3, None) for each in batch],
+        8,
+        storage=storage,
+    )
     assert second.best.cost == pytest.approx(first.best.cost)
     assert len(second.trials) == 16 and second.asked == 8
 
 
 def test_the_front():
     assert picture.front([(3.0, 1.0), (1.0, 3.0), (2.0, 2.0), (2.5, 2.5), (-0.5, 9.0)]) == [
-        4, 1, 2, 0]
+        4,
+        1,
+        2,
+        0,
+    ]
 
 
 # ---------------------------------------------------------------- the command
 
-@pytest.mark.parametrize('observer', [
-    'hybrid_angle', 'kalman', pytest.param('pll', marks=pytest.mark.slow)])
+
+@pytest.mark.parametrize(
+    'observer', ['hybrid_angle', 'kalman', pytest.param('pll', marks=pytest.mark.slow)]
+)
 def test_tuned_gains_beat_the_defaults_on_what_was_held_out(observer, tmp_path):
     """And the defaults are within a factor of 1.5 of them: four recordings, the last 30 % each."""
     found, _ = tuned(tmp_path, str(PENDULUMS), '--observer', observer, '--prefer', 'balanced')
-    each, = found['tuned']
+    (each,) = found['tuned']
     assert each['held_out'] and len(each['bags']) == 4
     assert each['best']['cost'] < each['default']['cost']
     assert each['default']['cost'] < 1.5 * each['best']['cost']
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('names', [('sys_id_500hz', 'trajectory_665hz'),
-                                   ('trajectory_665hz', 'sys_id_500hz')])
+@pytest.mark.parametrize(
+    'names', [('sys_id_500hz', 'trajectory_665hz'), ('trajectory_665hz', 'sys_id_500hz')]
+)
 def test_tuned_gains_beat_the_defaults_on_a_recording_that_was_held_out(names, tmp_path):
     """Of two recordings of like motion, each judges the gains found on the other."""
     seen, judge = (str(BAGS / 'dfki_double_pendulum' / name) for name in names)
     found, _ = tuned(tmp_path, seen, '--judge', judge, '--observer', 'hybrid_angle')
-    each, = found['tuned']
+    (each,) = found['tuned']
     assert each['judged_on'] == [judge] and each['bags'] == [seen]
     assert each['best']['cost'] < each['default']['cost'] < 1.5 * each['best']['cost']
 
 
 def test_the_yaml_is_what_the_node_takes(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 0.5, 'b': 3.0})
-    found, out = tuned(tmp_path, bag, '--observer', 'hybrid_angle', '--per-joint', '--trials', '16',
-                       '--set', 'order=2')
+    found, out = tuned(
+        tmp_path,
+        bag,
+        '--observer',
+        'hybrid_angle',
+        '--per-joint',
+        '--trials',
+        '16',
+        '--set',
+        'order=2',
+    )
     text = out.read_text()
     assert '# Joint a, from' in text and bag in text and 'rad/s rms' in text
     common, overrides = params_file.split(params_file.load(out))
@@ -206,7 +272,7 @@ def test_the_yaml_is_what_the_node_takes(tmp_path):
     gains, _ = Configuration(hybrid_angle.OBSERVER, common, overrides).for_joint('b')
     assert gains.bandwidth_hz == pytest.approx(found['tuned'][1]['gains']['bandwidth_hz'], rel=1e-5)
     # the quick joint needs more bandwidth than the slow one
-    assert (overrides['b']['bandwidth_hz'] > 1.3 * overrides['a']['bandwidth_hz'])
+    assert overrides['b']['bandwidth_hz'] > 1.3 * overrides['a']['bandwidth_hz']
 
 
 def test_what_is_preferred_is_what_one_gets(tmp_path):
@@ -235,24 +301,37 @@ def test_without_truth_the_smoother_judges(tmp_path):
     with_truth = write_bag(tmp_path / 'with', {'a': 1.0})
     other, _ = tuned(tmp_path, with_truth, '--observer', 'pll', '--trials', '16')
     assert found['tuned'][0]['gains']['bandwidth_hz'] == pytest.approx(
-        other['tuned'][0]['gains']['bandwidth_hz'], rel=0.25)
+        other['tuned'][0]['gains']['bandwidth_hz'], rel=0.25
+    )
 
 
 def test_the_picture_shows_the_front_and_the_choice(tmp_path, monkeypatch):
     from matplotlib.axes import Axes
+
     drawn = {}
 
     def spied(real):
         def spy(axis, x, y, *words, **more):
             drawn[more['label']] = list(zip(x, y))
             return real(axis, x, y, *words, **more)
+
         return spy
 
     for name in ('scatter', 'plot'):
         monkeypatch.setattr(Axes, name, spied(getattr(Axes, name)))
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=3.0)
-    found, _ = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '12', '--held-out', '0',
-                     '--plot', str(tmp_path / 'front.png'))
+    found, _ = tuned(
+        tmp_path,
+        bag,
+        '--observer',
+        'pll',
+        '--trials',
+        '12',
+        '--held-out',
+        '0',
+        '--plot',
+        str(tmp_path / 'front.png'),
+    )
     assert (tmp_path / 'front.png').read_bytes().startswith(b'\x89PNG')
     best = found['tuned'][0]['best']
     assert drawn['chosen'][0] == pytest.approx((best['delay_s'] * 1e3, best['noise']))
@@ -272,19 +351,37 @@ def test_a_delay_that_the_motion_does_not_tell_costs_the_whole_error():
 def test_ctrl_c_keeps_the_best(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=6.0)
     out = tmp_path / 'gains.yaml'
-    script = ('import sys, os, signal\n'
-              'from estimator_pkg.evaluation.tuning import seek\n'
-              'real, count = seek.measure, [0]\n'
-              'def measure(*words):\n'
-              '    count[0] += 1\n'
-              '    if count[0] == 20: os.kill(os.getpid(), signal.SIGINT)\n'
-              '    return real(*words)\n'
-              'seek.measure = measure\n'
-              'from estimator_pkg.cli import main\n'
-              'sys.exit(main(sys.argv[1:]))\n')
-    done = subprocess.run([sys.executable, '-c', script, 'tune', bag, '--observer', 'pll', '--out',
-                           str(out), '--trials', '400'], capture_output=True, text=True,
-                          timeout=60, check=False)
+    script = (
+        'import sys, os, signal\n'
+        'from estimator_pkg.evaluation.tuning import seek\n'
+        'real, count = seek.measure, [0]\n'
+        'def measure(*words):\n'
+        '    count[0] += 1\n'
+        '    if count[0] == 20: os.kill(os.getpid(), signal.SIGINT)\n'
+        '    return real(*words)\n'
+        'seek.measure = measure\n'
+        'from estimator_pkg.cli import main\n'
+        'sys.exit(main(sys.argv[1:]))\n'
+    )
+    done = subprocess.run(
+        [
+            sys.executable,
+            '-c',
+            script,
+            'tune',
+            bag,
+            '--observer',
+            'pll',
+            '--out',
+            str(out),
+            '--trials',
+            '400',
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert 'interrupted' in done.stdout
     assert 'bandwidth_hz' in params_file.load(out)
@@ -298,29 +395,55 @@ def test_evaluate_takes_a_folder_and_workers(tmp_path):
     texts = []
     for jobs in ('1', '2'):
         result = tmp_path / f'{jobs}.json'
-        assert main(['evaluate', str(tmp_path / 'bags'), '--observer', 'pll', '--jobs', jobs,
-                     '--json', str(result)]) == 0
+        assert (
+            main(
+                [
+                    'evaluate',
+                    str(tmp_path / 'bags'),
+                    '--observer',
+                    'pll',
+                    '--jobs',
+                    jobs,
+                    '--json',
+                    str(result),
+                ]
+            )
+            == 0
+        )
         texts.append(result.read_text())
     assert texts[0] == texts[1] and len(json.loads(texts[0])['bags']) == 2
 
 
 # ---------------------------------------------------------------- Dask
 
+
 def test_a_dask_scheduler(tmp_path):
     distributed = pytest.importorskip('distributed', reason='not run: Dask is not installed')
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=2.0)
     _, out = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '8')
     alone = out.read_text()
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False,
-                                  dashboard_address=None) as cluster:
-        _, out = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '8', '--scheduler',
-                       cluster.scheduler_address)
-        assert main(['evaluate', bag, '--observer', 'pll', '--scheduler',
-                     cluster.scheduler_address]) == 0
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+    ) as cluster:
+        _, out = tuned(
+            tmp_path,
+            bag,
+            '--observer',
+            'pll',
+            '--trials',
+            '8',
+            '--scheduler',
+            cluster.scheduler_address,
+        )
+        assert (
+            main(['evaluate', bag, '--observer', 'pll', '--scheduler', cluster.scheduler_address])
+            == 0
+        )
     assert out.read_text() == alone
 
 
 # ---------------------------------------------------------------- errors, one line each
+
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
@@ -330,18 +453,37 @@ def bag(tmp_path_factory):
 def test_an_unreachable_scheduler(bag, tmp_path, capsys, monkeypatch):
     pytest.importorskip('distributed', reason='not run: Dask is not installed')
     monkeypatch.setattr('estimator_pkg.evaluation.workers.PATIENCE', '0.5s')
-    line = fails(capsys, bag, '--observer', 'pll', '--out', str(tmp_path / 'g.yaml'),
-                 '--scheduler', 'tcp://127.0.0.1:9')
+    line = fails(
+        capsys,
+        bag,
+        '--observer',
+        'pll',
+        '--out',
+        str(tmp_path / 'g.yaml'),
+        '--scheduler',
+        'tcp://127.0.0.1:9',
+    )
     assert 'no Dask scheduler answers' in line
     assert not (tmp_path / 'g.yaml').exists()
 
 
 def test_a_broken_storage(bag, tmp_path, capsys):
     (tmp_path / 'study.db').write_text('this is no database, whatever it is called' * 100)
-    for storage in (f'sqlite:///{tmp_path}/study.db', f'sqlite:///{tmp_path}/no/study.db',
-                    'nonsense'):
-        line = fails(capsys, bag, '--observer', 'pll', '--out', str(tmp_path / 'g.yaml'),
-                     '--storage', storage)
+    for storage in (
+        f'sqlite:///{tmp_path}/study.db',
+        f'sqlite:///{tmp_path}/no/study.db',
+        'nonsense',
+    ):
+        line = fails(
+            capsys,
+            bag,
+            '--observer',
+            'pll',
+            '--out',
+            str(tmp_path / 'g.yaml'),
+            '--storage',
+            storage,
+        )
         assert 'cannot be used' in line and storage in line
 
 
@@ -357,15 +499,18 @@ def test_too_coarse_to_judge(tmp_path, capsys):
     assert 'too coarse to judge' in line
 
 
-@pytest.mark.parametrize(('words', 'text'), [
-    (('--observer', 'pl'), "did you mean 'pll'"),
-    (('--observer', 'pll', '--search', 'bandwith_hz=1:2'), "did you mean 'bandwidth_hz'"),
-    (('--observer', 'pll', '--search', 'bandwidth_hz=2:1'), 'GAIN=LOW:HIGH'),
-    (('--observer', 'pll', '--set', 'bandwidth_hz=20'), 'nothing to seek'),
-    (('--observer', 'pll', '--weights', '1,2'), 'three numbers'),
-    (('--observer', 'pll', '--held-out', '1'), '--held-out'),
-    (('--observer', 'pll', '--jobs', '0'), '--jobs'),
-])
+@pytest.mark.parametrize(
+    ('words', 'text'),
+    [
+        (('--observer', 'pl'), "did you mean 'pll'"),
+        (('--observer', 'pll', '--search', 'bandwith_hz=1:2'), "did you mean 'bandwidth_hz'"),
+        (('--observer', 'pll', '--search', 'bandwidth_hz=2:1'), 'GAIN=LOW:HIGH'),
+        (('--observer', 'pll', '--set', 'bandwidth_hz=20'), 'nothing to seek'),
+        (('--observer', 'pll', '--weights', '1,2'), 'three numbers'),
+        (('--observer', 'pll', '--held-out', '1'), '--held-out'),
+        (('--observer', 'pll', '--jobs', '0'), '--jobs'),
+    ],
+)
 def test_wrong_use(bag, tmp_path, capsys, words, text):
     assert text in fails(capsys, bag, *words, '--out', str(tmp_path / 'g.yaml'), code=2)
 
@@ -382,8 +527,20 @@ def test_other_errors(bag, tmp_path, capsys):
 
 
 def test_raw_counts(tmp_path, capsys):
-    words = ['tune', str(COUNTS), '--observer', 'pll', '--angle', '/angle:data', '--trials', '8',
-             '--set', 'counts_per_revolution=4096', '--out', str(tmp_path / 'g.yaml')]
+    words = [
+        'tune',
+        str(COUNTS),
+        '--observer',
+        'pll',
+        '--angle',
+        '/angle:data',
+        '--trials',
+        '8',
+        '--set',
+        'counts_per_revolution=4096',
+        '--out',
+        str(tmp_path / 'g.yaml'),
+    ]
     assert main(words) == 1
     assert '--set angle_joint=wheel' in capsys.readouterr().err
     assert main([*words, '--set', 'angle_joint=wheel']) == 0
@@ -394,27 +551,45 @@ def test_raw_counts(tmp_path, capsys):
     assert '  wheel: received 2000, used 2000' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(('words', 'topics'), [
-    ([], ('/joint_states',)), (['--angle', '/encoder:data'], ('/encoder',)),
-    (['--measurement', '/arm/joint_states'], ('/arm/joint_states',))])
+@pytest.mark.parametrize(
+    ('words', 'topics'),
+    [
+        ([], ('/joint_states',)),
+        (['--angle', '/encoder:data'], ('/encoder',)),
+        (['--measurement', '/arm/joint_states'], ('/arm/joint_states',)),
+    ],
+)
 def test_what_is_recorded_of_the_live_graph(words, topics, monkeypatch):
     parser = argparse.ArgumentParser()
     command.arguments(parser)
     parsed = parser.parse_args(['--live', '2', '--observer', 'pll', '--out', 'g.yaml', *words])
     monkeypatch.setattr(command.live, 'recorded', lambda *arguments: arguments)
     assert command._recorded(parsed, command.wishes(parsed)) == (
-        topics, '/ground_truth/joint_states', 2.0)
+        topics,
+        '/ground_truth/joint_states',
+        2.0,
+    )
 
 
 def test_folders_stand_for_their_bags(tmp_path):
     assert len(expanded([str(PENDULUMS)])) == 4
     one = str(PENDULUMS / 'sac_200hz_multiturn')
     assert expanded([one, one]) == [(one, '')]
-    for file in ('single.mcap', 'crashed/c_0.mcap', 'crashed/c_1.mcap', '.busy.7.part/b_0.mcap',
-                 'several/first.mcap', 'several/second.db3.zstd'):
+    for file in (
+        'single.mcap',
+        'crashed/c_0.mcap',
+        'crashed/c_1.mcap',
+        '.busy.7.part/b_0.mcap',
+        'several/first.mcap',
+        'several/second.db3.zstd',
+    ):
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).touch()
     assert [each.path.removeprefix(f'{tmp_path}/') for each in expanded([str(tmp_path)])] == [
-        'single.mcap', 'crashed', 'several/first.mcap', 'several/second.db3.zstd']
+        'single.mcap',
+        'crashed',
+        'several/first.mcap',
+        'several/second.db3.zstd',
+    ]
     assert expanded([str(tmp_path / 'crashed')]) == [(str(tmp_path / 'crashed'), '')]
     assert expanded([str(PENDULUMS), one])[2:] == [(one, ''), expanded([str(PENDULUMS)])[3]]

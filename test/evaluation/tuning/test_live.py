@@ -13,8 +13,10 @@ pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 def parameter(process_name, name):
     """A parameter of a running node, asked for over DDS."""
     from estimator_pkg.bags.live import live
+
     with live('asker') as here:
         from rclpy.parameter_client import AsyncParameterClient
+
         client = AsyncParameterClient(here.node, process_name)
         dds.until(client.services_are_ready, lambda: here.spin(0.05))
         future = client.get_parameters([name])
@@ -24,13 +26,39 @@ def parameter(process_name, name):
 
 def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
     out, result = tmp_path / 'gains.yaml', tmp_path / 'result.json'
-    words = ['tune', '--live', '4', '--observer', 'pll', '--out', str(out), '--trials', '8',
-             '--json', str(result), '--truth', '/ground_truth/joint_states']
-    with dds.NodeProcess('sim_pkg.nodes.executables encoder_sim', '--ros-args',
-                         '-p', 'profile:=sine',
-                         '-p', 'rate:=500.0'), \
-            dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', '--ros-args',
-                            '-p', 'observer:=pll', '-p', 'bandwidth_hz:=7.0'):
+    words = [
+        'tune',
+        '--live',
+        '4',
+        '--observer',
+        'pll',
+        '--out',
+        str(out),
+        '--trials',
+        '8',
+        '--json',
+        str(result),
+        '--truth',
+        '/ground_truth/joint_states',
+    ]
+    with (
+        dds.NodeProcess(
+            'sim_pkg.nodes.executables encoder_sim',
+            '--ros-args',
+            '-p',
+            'profile:=sine',
+            '-p',
+            'rate:=500.0',
+        ),
+        dds.NodeProcess(
+            'estimator_pkg.nodes.executables joint_observer',
+            '--ros-args',
+            '-p',
+            'observer:=pll',
+            '-p',
+            'bandwidth_hz:=7.0',
+        ),
+    ):
         with dds.NodeProcess('estimator_pkg.cli', *words) as tuning:
             tuning.prints('gains: ')
             tuning.prints('gains: ')
@@ -39,6 +67,7 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
             tuning.prints('set on joint_observer: bandwidth_hz: 7 -> ')  # not from the default
         wanted = params_file.load(out)['bandwidth_hz']
         assert wanted == pytest.approx(
-            json.loads(result.read_text())['tuned'][0]['gains']['bandwidth_hz'], rel=1e-5)
+            json.loads(result.read_text())['tuned'][0]['gains']['bandwidth_hz'], rel=1e-5
+        )
         assert parameter('/joint_observer', 'bandwidth_hz') == pytest.approx(wanted)
         assert wanted != pytest.approx(7.0)

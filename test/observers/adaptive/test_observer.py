@@ -17,25 +17,77 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.parameters import build
 
-PAPER = {'law': 'gradient', 'observer_poles': (-10.0, -12.0), 'model_poles': (-1.5, -2.5),
-             'gamma': (1000.0,), 'settle': 0.0, 'gate': 'none', 'knock': 0.0}  # example 4.2
+PAPER = {
+    'law': 'gradient',
+    'observer_poles': (-10.0, -12.0),
+    'model_poles': (-1.5, -2.5),
+    'gamma': (1000.0,),
+    'settle': 0.0,
+    'gate': 'none',
+    'knock': 0.0,
+}  # example 4.2
 VECTORS = {  # form -> sample -> y, xhat1, theta
     'paper': {
-        10: (-1.660405042e-03, -7.476752657e-04, 4.192042135e-07, 6.502364219e-09,
-             1.773745411e-03, 7.659266036e-05),
-        100: (-1.614892472e-01, -1.480187270e-01, 8.664334073e-03, 2.681942417e-03,
-              2.667477049e-02, 8.512654752e-02),
-        1000: (-4.020463086e-01, -4.223719507e-01, 7.440460227e-01, 1.121438530e+00,
-               2.913453951e-02, 1.455883561e+00)},
+        10: (
+            -1.660405042e-03,
+            -7.476752657e-04,
+            4.192042135e-07,
+            6.502364219e-09,
+            1.773745411e-03,
+            7.659266036e-05,
+        ),
+        100: (
+            -1.614892472e-01,
+            -1.480187270e-01,
+            8.664334073e-03,
+            2.681942417e-03,
+            2.667477049e-02,
+            8.512654752e-02,
+        ),
+        1000: (
+            -4.020463086e-01,
+            -4.223719507e-01,
+            7.440460227e-01,
+            1.121438530e00,
+            2.913453951e-02,
+            1.455883561e00,
+        ),
+    },
     'sampled': {
-        1: (-1.661314300e-05, -1.453996361e-06, 1.170573115e-11, 3.973951941e-14,
-            2.256196726e-06, 1.170615061e-08),
-        10: (-1.660405042e-03, -8.116999961e-04, 7.063179891e-07, 1.706866453e-08,
-             1.985576431e-03, 1.074832488e-04),
-        100: (-1.614892472e-01, -1.480696644e-01, 8.827414742e-03, 2.806082917e-03,
-              2.766898737e-02, 8.594991367e-02),
-        1000: (-4.020463086e-01, -4.223660923e-01, 7.435180419e-01, 1.122319598e+00,
-               3.012797754e-02, 1.452443843e+00)}}
+        1: (
+            -1.661314300e-05,
+            -1.453996361e-06,
+            1.170573115e-11,
+            3.973951941e-14,
+            2.256196726e-06,
+            1.170615061e-08,
+        ),
+        10: (
+            -1.660405042e-03,
+            -8.116999961e-04,
+            7.063179891e-07,
+            1.706866453e-08,
+            1.985576431e-03,
+            1.074832488e-04,
+        ),
+        100: (
+            -1.614892472e-01,
+            -1.480696644e-01,
+            8.827414742e-03,
+            2.806082917e-03,
+            2.766898737e-02,
+            8.594991367e-02,
+        ),
+        1000: (
+            -4.020463086e-01,
+            -4.223660923e-01,
+            7.435180419e-01,
+            1.122319598e00,
+            3.012797754e-02,
+            1.452443843e00,
+        ),
+    },
+}
 
 
 @pytest.mark.parametrize('form', VECTORS)
@@ -58,20 +110,36 @@ def test_the_paper_form_keeps_the_matrix_regressor():
     matrix = np.array([[-22.0, 1.0], [-120.0, 0.0]])
     made = companion(2)
     f, g0, g1 = made.series(a, 12.0, 0.01)
-    e = expm(np.block([[matrix * 0.01, np.eye(2) * 0.01, np.zeros((2, 2))],
-                       [np.zeros((2, 4)), np.eye(2)], [np.zeros((2, 6))]]))
+    e = expm(
+        np.block(
+            [
+                [matrix * 0.01, np.eye(2) * 0.01, np.zeros((2, 2))],
+                [np.zeros((2, 4)), np.eye(2)],
+                [np.zeros((2, 6))],
+            ]
+        )
+    )
     transition, held, rising = e[:2, :2], e[:2, 2:4], e[:2, 4:]
     whole, row = np.zeros((2, 2)), (0.0, 0.0)
     random = np.random.default_rng(1)
     for y, change in random.normal(size=(200, 2)):
         whole = transition @ whole + held * y + rising * change
-        row = tuple(np.add(made.left(row, made.rows(f, a)), y * np.array(g0)
-                           + change * np.array(g1)))
+        row = tuple(
+            np.add(made.left(row, made.rows(f, a)), y * np.array(g0) + change * np.array(g1))
+        )
     assert np.allclose(made.rows(row, a), whole, rtol=1e-11, atol=1e-13)
 
 
-@pytest.mark.parametrize('gains', [{}, {'known': ('b1=0',)}, {'load': True},
-                                   {'bounds': ('b/J>=0',)}, {'observer_poles': (-40.0, -40.0)}])
+@pytest.mark.parametrize(
+    'gains',
+    [
+        {},
+        {'known': ('b1=0',)},
+        {'load': True},
+        {'bounds': ('b/J>=0',)},
+        {'observer_poles': (-40.0, -40.0)},
+    ],
+)
 def test_parameters_and_velocity_on_jittered_stamps_and_a_wrapped_angle(gains):
     u = excited(20000)
     dt = 1e-3 * np.random.default_rng(2).uniform(0.5, 1.5, len(u))
@@ -108,8 +176,12 @@ def test_orders_one_and_three():
             x = e[:-1, :-1] @ x + e[:-1, -1] * value
             angles.append(x[0])
             speeds.append((a @ x + b * value)[0])
-        made = joint(0.0, order=order, model_poles=tuple(-1.0 - i for i in range(order)),
-                     known=tuple(f'b{i}=0' for i in range(1, order)))
+        made = joint(
+            0.0,
+            order=order,
+            model_poles=tuple(-1.0 - i for i in range(order)),
+            known=tuple(f'b{i}=0' for i in range(1, order)),
+        )
         out, _ = feed(made, np.array(angles), u)
         theta = made.report().theta
         learnt = np.array(made._design[2]) + theta[:order]
@@ -124,9 +196,16 @@ def test_full_velocity_is_right_where_the_parameters_are_not():
     angles, velocity = servo(0.5, 0.5, 10.0, u, 2e-3)
     rms = {}
     for formula in ('full', 'paper'):
-        made = joint(0.0, law='gradient', observer_poles=(-4.0, -5.0), model_poles=(-1.0, -2.0),
-                     gamma=(10.0, 10.0, 1000.0, 1000.0), settle=0.0, gate='none',
-                     velocity=formula)
+        made = joint(
+            0.0,
+            law='gradient',
+            observer_poles=(-4.0, -5.0),
+            model_poles=(-1.0, -2.0),
+            gamma=(10.0, 10.0, 1000.0, 1000.0),
+            settle=0.0,
+            gate='none',
+            velocity=formula,
+        )
         out, _ = feed(made, angles, u, 2e-3, fast=True)
         rms[formula] = np.sqrt(np.mean((out.velocity - velocity)[-10000:] ** 2))
     assert rms['paper'] > 5.0
@@ -138,14 +217,20 @@ def rest_with_load(made, seconds, sigma=1e-3, seed=777):
     count = round(seconds * 1000)
     noise = np.random.default_rng(seed).uniform(-1.0, 1.0, count + 1) * math.sqrt(3.0) * sigma
     last_ns = made.stamp_ns
-    return feed(made, -0.2 / 0.3 + noise, np.zeros(count), start_ns=last_ns + 10 ** 6,
-                fast=count > 10 ** 5)
+    return feed(
+        made, -0.2 / 0.3 + noise, np.zeros(count), start_ns=last_ns + 10**6, fast=count > 10**5
+    )
 
 
 def trained(**gains):
     """At the true parameters of example 4.2, settled, with the observer's default law."""
-    return joint(0.0, observer_poles=(-10.0, -12.0), model_poles=(-1.5, -2.5),
-                 theta=(3.99, 3.45, 0.0, 0.2), **gains)
+    return joint(
+        0.0,
+        observer_poles=(-10.0, -12.0),
+        model_poles=(-1.5, -2.5),
+        theta=(3.99, 3.45, 0.0, 0.2),
+        **gains,
+    )
 
 
 @pytest.mark.parametrize('gains', [{}, {'law': 'gradient', 'gate': 'gamma'}])
@@ -184,7 +269,7 @@ def test_freezing_holds_theta_and_unfreezing_is_bumpless():
     for begin, end, adapt in parts:
         made.set_gains(build(Gains, {'adapt': adapt}))
         for k in range(begin, end):
-            made.update(10 ** 18 + k * 10 ** 6, float(angles[k]), float(u[k - 1]) if k else 0.0)
+            made.update(10**18 + k * 10**6, float(angles[k]), float(u[k - 1]) if k else 0.0)
             if k == 10000:
                 held = made._track[6][2]
             if k > 10050:
@@ -192,8 +277,7 @@ def test_freezing_holds_theta_and_unfreezing_is_bumpless():
         if not adapt:
             assert made._track[6][2] == held
             assert made._track[6][8][0] == FROZEN
-            assert made.report().reason == (
-                "held by the user ('adapt' is false)")
+            assert made.report().reason == ("held by the user ('adapt' is false)")
     assert made._track[6][8][0] == ADAPTING
     assert named(made)['b/J'].value == pytest.approx(2.0, rel=5e-4)
 
@@ -212,16 +296,16 @@ def test_starts_frozen_with_saved_parameters():
     assert all(item.stddev == 0.0 for item in named(made).values())
 
 
-@pytest.mark.parametrize('ahead', [10 ** 10, -10 ** 10])
+@pytest.mark.parametrize('ahead', [10**10, -(10**10)])
 def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
     u = excited(20000)
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
     made = joint(0.0)
     feed(made, angles[:15001], u[:15000])
     before, mean_dt = made._track[6][2], made.mean_dt
-    at = 10 ** 18 + 15000 * 10 ** 6 + ahead
+    at = 10**18 + 15000 * 10**6 + ahead
     for k in range(15001, 18000):
-        made.update(at + (k - 15000) * 10 ** 6, float(angles[k]), float(u[k - 1]))
+        made.update(at + (k - 15000) * 10**6, float(angles[k]), float(u[k - 1]))
         if k == 15001:
             assert abs(made.estimate()[1]) < 0.01 and made.estimate()[3] == INITIALISING
         if k < 15100:
@@ -237,14 +321,14 @@ def test_a_gap_keeps_parameters_and_speed():
     made = joint(0.0)
     feed(made, angles[:15001], u[:15000])
     before = made._track[6][2]
-    at = 10 ** 18 + 15000 * 10 ** 6
+    at = 10**18 + 15000 * 10**6
     assert made.estimate()[3] == TRACKING
-    gap = 4 * 10 ** 8
+    gap = 4 * 10**8
     made.update(at + gap, float(angles[15001]), float(u[15000]))
     assert made.estimate()[1] == pytest.approx(velocity[15000], abs=0.05 * np.std(velocity))
     assert made.estimate()[3] == COASTING and made._track[6][8][0] == INIT
     for k in range(15002, 17000):
-        made.update(at + gap + (k - 15001) * 10 ** 6, float(angles[k]), float(u[k - 1]))
+        made.update(at + gap + (k - 15001) * 10**6, float(angles[k]), float(u[k - 1]))
         if k < 15100:
             assert made._track[6][2] == before  # not adapted while the filters settle
     assert made.estimate()[1] == pytest.approx(velocity[16999], abs=1e-3 * np.std(velocity))
@@ -263,13 +347,22 @@ def test_known_and_bounded_parameters():
 
 
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
-@pytest.mark.parametrize('gains', [{}, {'form': 'paper', 'law': 'gradient', 'load': True},
-                                   pytest.param({'order': 3, 'bounds': ('l1>=-1',),
-                                                 'known': ('b1=0',)}, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    'gains',
+    [
+        {},
+        {'form': 'paper', 'law': 'gradient', 'load': True},
+        pytest.param(
+            {'order': 3, 'bounds': ('l1>=-1',), 'known': ('b1=0',)}, marks=pytest.mark.slow
+        ),
+    ],
+)
 def test_plain_equals_compiled_per_step(gains):
     functions = OBSERVER.build(build(Gains, gains), Circle())
-    twins = {name: compiled(getattr(functions, name))
-             for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')}
+    twins = {
+        name: compiled(getattr(functions, name))
+        for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')
+    }
     design = functions.design()
     u = excited(400, hold=20)
     angles, _ = servo(2.0, 5.0, 30.0, u, 1e-3)
@@ -282,8 +375,11 @@ def test_plain_equals_compiled_per_step(gains):
                 same(a, b)
         else:
             assert type(plain) in (int, float) and isinstance(twin, type(plain))
-            assert plain == twin or (math.isnan(plain) and math.isnan(twin)) or (
-                abs(plain - twin) <= 1e-12 * max(abs(plain), abs(twin)))
+            assert (
+                plain == twin
+                or (math.isnan(plain) and math.isnan(twin))
+                or (abs(plain - twin) <= 1e-12 * max(abs(plain), abs(twin)))
+            )
 
     same(state, twins['init'](0.3, design))
     for k, (angle, given) in enumerate(zip(angles[1:].tolist(), u.tolist())):
@@ -293,32 +389,41 @@ def test_plain_equals_compiled_per_step(gains):
         after = functions.step(state, coefficients, design, angle, given)
         same(after, twins['step'](state, coefficients, design, angle, given))
         state = after
-        same(functions.output(state, coefficients, design, angle, given),
-             twins['output'](state, coefficients, design, angle, given))
-        same(functions.stddev(state, coefficients, design),
-             twins['stddev'](state, coefficients, design))
-        same(functions.resume(state, coefficients, design, angle),
-             twins['resume'](state, coefficients, design, angle))
+        same(
+            functions.output(state, coefficients, design, angle, given),
+            twins['output'](state, coefficients, design, angle, given),
+        )
+        same(
+            functions.stddev(state, coefficients, design),
+            twins['stddev'](state, coefficients, design),
+        )
+        same(
+            functions.resume(state, coefficients, design, angle),
+            twins['resume'](state, coefficients, design, angle),
+        )
 
 
-@pytest.mark.parametrize('gains, words', [
-    ({'gamma': (1.0, 2.0, 3.0)}, 'needs 1, 4 or 16 numbers'),
-    ({'gamma': (-1.0,)}, 'not positive definite'),
-    ({'gamma': (1.0, 2.0, 3.0, 0.0)}, 'not positive definite'),
-    ({'gamma': (*range(1, 17),)}, 'not symmetric'),
-    ({'observer_poles': (-1.0,)}, 'needs 2 poles'),
-    ({'observer_poles': (-1.0, 2.0)}, 'outside'),
-    ({'model_poles': (-1.0, 0.0)}, 'outside'),
-    ({'theta': (1.0, 2.0)}, 'needs 4 numbers (l1, l2, b1, b2)'),
-    ({'theta': (1.0, math.nan, 0.0, 0.0)}, 'finite'),
-    ({'known': ('b3=0',)}, "no parameter is called 'b3'"),
-    ({'known': ('b1>0',)}, 'not of the form b1=0'),
-    ({'known': ('l1=0', 'l2=0', 'b1=0', 'b2=1')}, 'nothing is left'),
-    ({'bounds': ('b2=1',)}, 'not of the form b/J>=0'),
-    ({'bounds': ('b2>=2', 'b2<=1')}, 'leaves no value for b2'),
-    ({'form': 'paper'}, 'gradient law only'),
-    ({'order': 7}, 'outside'),
-])
+@pytest.mark.parametrize(
+    'gains, words',
+    [
+        ({'gamma': (1.0, 2.0, 3.0)}, 'needs 1, 4 or 16 numbers'),
+        ({'gamma': (-1.0,)}, 'not positive definite'),
+        ({'gamma': (1.0, 2.0, 3.0, 0.0)}, 'not positive definite'),
+        ({'gamma': (*range(1, 17),)}, 'not symmetric'),
+        ({'observer_poles': (-1.0,)}, 'needs 2 poles'),
+        ({'observer_poles': (-1.0, 2.0)}, 'outside'),
+        ({'model_poles': (-1.0, 0.0)}, 'outside'),
+        ({'theta': (1.0, 2.0)}, 'needs 4 numbers (l1, l2, b1, b2)'),
+        ({'theta': (1.0, math.nan, 0.0, 0.0)}, 'finite'),
+        ({'known': ('b3=0',)}, "no parameter is called 'b3'"),
+        ({'known': ('b1>0',)}, 'not of the form b1=0'),
+        ({'known': ('l1=0', 'l2=0', 'b1=0', 'b2=1')}, 'nothing is left'),
+        ({'bounds': ('b2=1',)}, 'not of the form b/J>=0'),
+        ({'bounds': ('b2>=2', 'b2<=1')}, 'leaves no value for b2'),
+        ({'form': 'paper'}, 'gradient law only'),
+        ({'order': 7}, 'outside'),
+    ],
+)
 def test_bad_gains_are_refused_in_one_line(gains, words):
     with pytest.raises(UsageError) as caught:
         joint(**gains)
@@ -354,7 +459,7 @@ def test_gate_opens_with_excitation():
     assert made._track[6][8][0] == GATED
     u = excited(20000, size=20.0)
     angles, _ = servo(0.01, 0.3, 0.2, u, 1e-3, start=(-0.2 / 0.3, 0.0))
-    feed(made, angles, u, start_ns=made.stamp_ns + 10 ** 6)
+    feed(made, angles, u, start_ns=made.stamp_ns + 10**6)
     assert made._track[6][8][0] == ADAPTING
 
 
@@ -367,13 +472,13 @@ def test_least_squares_that_forgets_does_not_run_away_while_nothing_moves():
     angle, _ = servo(2.0, 3.0, 5.0, excited(4000), 1e-3)
     feed(made, angle, excited(4000))
     rest = np.full(8000, angle[-1])  # 1000 memories
-    feed(made, rest, np.zeros(len(rest) - 1), dt=5e-3, start_ns=10 ** 18 + 10 ** 10)
+    feed(made, rest, np.zeros(len(rest) - 1), dt=5e-3, start_ns=10**18 + 10**10)
     theta, p = made._track[6][2], made._track[6][4]
     assert all(map(math.isfinite, theta))
     start = structure(made.gains).variance
     assert all(0.0 < row[i] <= 1.2 * most for i, (row, most) in enumerate(zip(p, start)))
     angle, velocity = servo(2.0, 3.0, 5.0, excited(8000, seed=2), 1e-3, start=(angle[-1], 0.0))
-    out, _ = feed(made, angle, excited(8000, seed=2), start_ns=10 ** 18 + 3 * 10 ** 12)
+    out, _ = feed(made, angle, excited(8000, seed=2), start_ns=10**18 + 3 * 10**12)
     assert np.max(np.abs(out.velocity[-2000:] - velocity[-2000:])) < 0.01
 
 
@@ -390,6 +495,6 @@ def test_an_observer_whose_numbers_ran_away_starts_again():
     track = list(made._track)
     track[6] = (*track[6][:2], (math.nan,) * 4, *track[6][3:])
     made._track = tuple(track)
-    out, _ = feed(made, angle[3000:], excited(6000)[3000:], start_ns=10 ** 18 + 3 * 10 ** 9)
+    out, _ = feed(made, angle[3000:], excited(6000)[3000:], start_ns=10**18 + 3 * 10**9)
     assert out.status[1] == INITIALISING and out.status[-1] == TRACKING
     assert np.max(np.abs(out.velocity[-500:] - velocity[-500:])) < 0.05

@@ -50,13 +50,17 @@ def scores(seeds, **case):
     rows = []
     for seed in seeds:
         found = named(learnt(seed, **case)[0])
-        rows.append([(found[name].value - true) / found[name].stddev
-                     for name, true in TRUE.items()])
+        rows.append(
+            [(found[name].value - true) / found[name].stddev for name, true in TRUE.items()]
+        )
     return np.array(rows)
 
 
-@pytest.mark.parametrize('case', [{'disturbance': 0.3}, {'counts': 256}, {'noise': 2e-2}],
-                         ids=['torque', '8 bit', 'noise'])
+@pytest.mark.parametrize(
+    'case',
+    [{'disturbance': 0.3}, {'counts': 256}, {'noise': 2e-2}],
+    ids=['torque', '8 bit', 'noise'],
+)
 def test_standard_deviations_cover_the_errors_and_are_not_far_above(case):
     """A disturbance of 50 ms is correlated over 25 samples: independent errors would say a fifth
     of what is found (next test).
@@ -73,8 +77,11 @@ def test_the_formula_for_independent_errors_would_be_too_small():
     assert np.all(np.array(found) > 3.0 * independent)
 
 
-@pytest.mark.parametrize('case', [{'noise': 1e-3}, {'disturbance': 1.0}, {'counts': 256}],
-                         ids=['noise', 'torque', '8 bit'])
+@pytest.mark.parametrize(
+    'case',
+    [{'noise': 1e-3}, {'disturbance': 1.0}, {'counts': 256}],
+    ids=['noise', 'torque', '8 bit'],
+)
 def test_standard_deviation_of_the_velocity(case):
     """What the model lacks counts: a disturbing torque makes a slow innovation, not a noisy one."""
     errors, sigmas = [], []
@@ -164,7 +171,8 @@ def test_gravity_is_a_known_regressor_over_the_whole_circle():
     linear = joint(known=('b1=0',))
     feed(linear, wrapped, u)
     assert not linear.report().trusted and not any(
-        item.trusted for item in linear.report().parameters if item.stddev > 0.0)
+        item.trusted for item in linear.report().parameters if item.stddev > 0.0
+    )
 
 
 def test_a_knock_is_not_learnt_from():
@@ -198,7 +206,7 @@ def test_deviations_do_not_depend_on_how_the_samples_come():
     angles, _ = servo(2.0, 5.0, 30.0, u + coloured(count, 3, 0.3, 0.05), DT)
     other = joint(0.0, known=('b1=0',))
     for k, angle in enumerate(angles.tolist()):
-        other.update(10 ** 18 + k * 2_000_000, angle, float(u[k - 1]) if k else 0.0)
+        other.update(10**18 + k * 2_000_000, angle, float(u[k - 1]) if k else 0.0)
     for name in TRUE:
         assert named(one)[name].value == named(other)[name].value
         # blocks end where a piece of a batch does
@@ -222,7 +230,8 @@ def test_blocks_merge_and_forget():
     said = judge(whole, np.linalg.solve(matrix, vector), zero, zero, 0.01, 9.0)
     # independent errors: the jackknife is the textbook's formula
     assert np.sqrt(np.diag(said.covariance)) == pytest.approx(
-        0.1 * np.sqrt(np.diag(np.linalg.inv(matrix))), rel=0.5)
+        0.1 * np.sqrt(np.diag(np.linalg.inv(matrix))), rel=0.5
+    )
     assert said.noise_only and np.all(said.hidden == 0.0)
     assert judge(Evidence(100.0), zero, zero, zero, 0.01, 9.0) is None
     whole.look(0.0, (matrix, vector, sums))
@@ -235,19 +244,23 @@ def test_saved_parameters_keep_their_deviation_and_doubt(tmp_path):
     for load, trusted in ((0.0, True), (50.0, False)):
         u = excited(12000, hold=100)
         angles, _ = servo(2.0, 5.0, 30.0, u, DT, load=load)
-        bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER, {'known': ('b1=0',),
-                                                             'wrap_period': 0.0}))
+        bank = AdaptiveBank(
+            AdaptiveConfiguration(OBSERVER, {'known': ('b1=0',), 'wrap_period': 0.0})
+        )
         for k, angle in enumerate(angles.tolist()):
-            bank.take(10 ** 18 + k * 2_000_000, ('a',), (angle,), (float(u[k - 1]) if k else 0.0,))
+            bank.take(10**18 + k * 2_000_000, ('a',), (angle,), (float(u[k - 1]) if k else 0.0,))
         assert bank.reports()['a'].trusted == trusted
         learnt_ = {item.name: item.stddev for item in bank.reports()['a'].parameters}
         save(path, bank)
-        frozen = AdaptiveBank(AdaptiveConfiguration(
-            OBSERVER, {'known': ('b1=0',), 'wrap_period': 0.0, 'adapt': False},
-            saved=load_file(path)))
+        frozen = AdaptiveBank(
+            AdaptiveConfiguration(
+                OBSERVER,
+                {'known': ('b1=0',), 'wrap_period': 0.0, 'adapt': False},
+                saved=load_file(path),
+            )
+        )
         for k, angle in enumerate(angles[:3000].tolist()):
-            frozen.take(10 ** 18 + k * 2_000_000, ('a',), (angle,),
-                        (float(u[k - 1]) if k else 0.0,))
+            frozen.take(10**18 + k * 2_000_000, ('a',), (angle,), (float(u[k - 1]) if k else 0.0,))
         said = frozen.reports()['a']
         assert said.phase == 'FROZEN' and said.trusted == trusted
         for item in said.parameters:

@@ -12,14 +12,19 @@ from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
 DT = 0.01
 ANGLES = 2.0 * math.pi * np.arange(72) / 72
 QUANTUM = 2.0 * math.pi / 4096
-WITHIN = 2.0    # s until the speed must be right
-SAYS = 0.2      # s until a right speed is called tracking, and at most that long a wrong one
+WITHIN = 2.0  # s until the speed must be right
+SAYS = 0.2  # s until a right speed is called tracking, and at most that long a wrong one
 
 # form -> speeds [rad/s] that it does not find from every start angle at 100 Hz. A sample every
 # half turn or less is ambiguous: nothing can start above pi/T = 314 rad/s.
-DEFAULTS = {'default': {}, 'sin': {'injection': 'sin'}, 'tan': {'injection': 'tan'},
-            'sat': {'injection': 'sat'}, 'order 2': {'order': 2, 'bandwidth_hz': 10.0}}
-EXCEPTIONS = dict.fromkeys(DEFAULTS, ())   # none, 310 rad/s included
+DEFAULTS = {
+    'default': {},
+    'sin': {'injection': 'sin'},
+    'tan': {'injection': 'tan'},
+    'sat': {'injection': 'sat'},
+    'order 2': {'order': 2, 'bandwidth_hz': 10.0},
+}
+EXCEPTIONS = dict.fromkeys(DEFAULTS, ())  # none, 310 rad/s included
 SPEEDS = (10.0, 20.0, 50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 310.0)
 
 
@@ -32,7 +37,7 @@ def run(angle, dt=DT, quantum=QUANTUM, **gains):
     if quantum:
         angle = np.floor(angle / quantum) * quantum
     joint = Joint(OBSERVER, OBSERVER.gains(quantum=quantum, **gains), JointSettings())
-    stamps = 10 ** 18 + np.rint(np.arange(len(angle)) * dt * 1e9).astype(np.int64)
+    stamps = 10**18 + np.rint(np.arange(len(angle)) * dt * 1e9).astype(np.int64)
     return joint.run(stamps, wrapped(angle), fast=False)
 
 
@@ -57,8 +62,12 @@ def test_locks_from_every_angle_and_says_so(form, speed):
         right_from = int(np.max(np.nonzero(wrong)[0], initial=-1)) + 1
         tracking = out.status == TRACKING
         says = right_from + int(np.argmax(tracking[right_from:]))
-        if (right_from * DT > WITHIN or not tracking[right_from:].any()
-                or (says - right_from) * DT > SAYS or longest(wrong & tracking) * DT > SAYS):
+        if (
+            right_from * DT > WITHIN
+            or not tracking[right_from:].any()
+            or (says - right_from) * DT > SAYS
+            or longest(wrong & tracking) * DT > SAYS
+        ):
             failed.append(round(math.degrees(start)))
     assert bool(failed) == (speed in EXCEPTIONS[form]), failed
 
@@ -79,7 +88,7 @@ def test_the_speed_is_right_from_the_second_sample():
 
 def test_a_start_under_acceleration_is_right_from_the_third_sample():
     t = 1e-3 * np.arange(200)
-    out = run(1.0 + 20.0 * t + 0.5 * 300.0 * t ** 2, dt=1e-3, quantum=0.0)
+    out = run(1.0 + 20.0 * t + 0.5 * 300.0 * t**2, dt=1e-3, quantum=0.0)
     assert out.velocity[2:] == pytest.approx((20.0 + 300.0 * t)[2:], rel=1e-6)
     assert out.acceleration[2:] == pytest.approx(300.0, rel=1e-3)
 
@@ -140,7 +149,7 @@ def test_no_burst_of_nonsense_ends_on_an_alias(gains):
         speed = random.choice([0.0, 150.0, -40.0, 250.0])
         angle = speed * DT * np.arange(200)
         length = random.integers(2, 25)
-        angle[100:100 + length] += random.uniform(-math.pi, math.pi, length)
+        angle[100 : 100 + length] += random.uniform(-math.pi, math.pi, length)
         out = run(angle, **gains)
         wrong = np.abs(out.velocity - speed) > max(1.0, 0.1 * abs(speed))
         assert not wrong[160:].any()
@@ -150,10 +159,10 @@ def test_no_burst_of_nonsense_ends_on_an_alias(gains):
 
 def test_a_position_that_slips_for_good_is_followed():
     angle = 20.0 * DT * np.arange(300)
-    angle[100:] += 2.0   # the sensor turned on its shaft
+    angle[100:] += 2.0  # the sensor turned on its shaft
     out = run(angle)
     assert np.all(out.status[100:103] == COASTING)
-    assert np.all(np.abs(out.velocity - 20.0)[2:] < 0.5)   # held meanwhile
+    assert np.all(np.abs(out.velocity - 20.0)[2:] < 0.5)  # held meanwhile
     assert np.all(out.status[110:] == TRACKING)
 
 

@@ -19,16 +19,20 @@ from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.parameters import build
 
 DT = 1e-3
-BANDWIDTHS = (5.0, 20.0, 60.0)                             # Hz
-FRACTIONS = (0.002, 0.01, 0.03, 0.07, 0.15, 0.25, 0.4)     # of the Nyquist frequency
-AMPLITUDE = 1e-3                                           # rad: linear at small signal
-GAIN, PHASE = 0.01, math.radians(0.5)                      # asked: 5 % and 3 degrees
-NOT_LINEAR = {'edge_adaptive', 'super_twisting'}           # have no frequency response
+BANDWIDTHS = (5.0, 20.0, 60.0)  # Hz
+FRACTIONS = (0.002, 0.01, 0.03, 0.07, 0.15, 0.25, 0.4)  # of the Nyquist frequency
+AMPLITUDE = 1e-3  # rad: linear at small signal
+GAIN, PHASE = 0.01, math.radians(0.5)  # asked: 5 % and 3 degrees
+NOT_LINEAR = {'edge_adaptive', 'super_twisting'}  # have no frequency response
 
 
 def transition(order, dt):
-    return np.array([[dt ** (j - i) / math.factorial(j - i) if j >= i else 0.0
-                      for j in range(order)] for i in range(order)])
+    return np.array(
+        [
+            [dt ** (j - i) / math.factorial(j - i) if j >= i else 0.0 for j in range(order)]
+            for i in range(order)
+        ]
+    )
 
 
 def from_gain(gain, dt):
@@ -45,8 +49,9 @@ def placed(poles, dt):
     f = transition(order, dt)
     c = np.eye(order)[0]
     seen = np.array([c @ np.linalg.matrix_power(f, i) for i in range(order)])
-    wanted = sum(a * np.linalg.matrix_power(f, order - i)
-                 for i, a in enumerate(np.real(np.poly(poles))))
+    wanted = sum(
+        a * np.linalg.matrix_power(f, order - i) for i, a in enumerate(np.real(np.poly(poles)))
+    )
     return np.linalg.solve(f, wanted @ np.linalg.solve(seen, np.eye(order)[-1]))
 
 
@@ -68,8 +73,10 @@ def kalman_gain(order, density, variance, dt):
 
 def design_frequency(numerator, denominator, bandwidth_hz):
     """Factor on s that puts the -3 dB frequency of numerator/denominator at `bandwidth_hz`."""
+
     def excess(w):
         return abs(np.polyval(numerator, 1j * w) / np.polyval(denominator, 1j * w)) - math.sqrt(0.5)
+
     return 2.0 * math.pi * bandwidth_hz / brentq(excess, 1e-3, 1e3)
 
 
@@ -87,27 +94,31 @@ def matched(numerator, denominator):
     def of(bandwidth_hz, dt):
         poles = scaled(denominator, design_frequency(numerator, denominator, bandwidth_hz))
         return from_gain(placed(np.exp(poles * dt), dt), dt)
+
     return of
 
 
 def paper(bandwidth_hz, dt):
     rate = design_frequency([5.0], [1.0, 6.0, 5.0], bandwidth_hz)  # 1/epsilon
-    return from_gain([6.0 * rate * dt, 5.0 * rate ** 2 * dt], dt)
+    return from_gain([6.0 * rate * dt, 5.0 * rate**2 * dt], dt)
 
 
 def kalman_of_bandwidth(order):
-    numerator, denominator = (([1.0], [1.0, math.sqrt(2.0), 1.0]) if order == 2
-                              else ([2.0, 1.0], [1.0, 2.0, 2.0, 1.0]))
+    numerator, denominator = (
+        ([1.0], [1.0, math.sqrt(2.0), 1.0]) if order == 2 else ([2.0, 1.0], [1.0, 2.0, 2.0, 1.0])
+    )
 
     def of(bandwidth_hz, dt):
         radius = design_frequency(numerator, denominator, bandwidth_hz)
         return from_gain(kalman_gain(order, radius ** (2 * order) * dt, 1.0, dt), dt)
+
     return of
 
 
 def kalman_of_density(order, density, noise, quantum):
     def of(bandwidth_hz, dt):
-        return from_gain(kalman_gain(order, density, noise ** 2 + quantum ** 2 / 12.0, dt), dt)
+        return from_gain(kalman_gain(order, density, noise**2 + quantum**2 / 12.0, dt), dt)
+
     return of
 
 
@@ -116,23 +127,33 @@ TRIPLE = ([3.0, 1.0], [1.0, 3.0, 3.0, 1.0])
 # observer -> (gains, closed form (bandwidth_hz, dt) -> (z -> V/Y), does it follow bandwidth_hz?)
 CASES = {
     'finite_difference': [({}, finite_difference)],
-    'pll': [({}, matched([1.0], [1.0, 2.0, 1.0])),
-            ({'damping': 0.5}, matched([1.0], [1.0, 1.0, 1.0])),
-            ({'damping': 3.0}, matched([1.0], [1.0, 6.0, 1.0]))],
-    'kalman': [({}, kalman_of_bandwidth(3)), (CV, kalman_of_bandwidth(2)),
-               ({'bandwidth_hz': None, 'noise': 2e-4, 'quantum': 1e-3},
-                kalman_of_density(3, 1e3, 2e-4, 1e-3)),
-               ({**CV, 'bandwidth_hz': None, 'noise': 2e-4, 'acceleration_psd': 0.5},
-                kalman_of_density(2, 0.5, 2e-4, 0.0))],
-    'hybrid_angle': [({}, matched(*TRIPLE)),
-                     ({'order': 2}, matched([5.0], [1.0, 6.0, 5.0])),
-                     ({'order': 2, 'k1': 1.0, 'k2': 1.0}, matched([1.0], [1.0, 1.0, 1.0])),
-                     ({'k1': 4.0, 'k2': 6.0, 'k3': 4.0},
-                      matched([6.0, 4.0], [1.0, 4.0, 6.0, 4.0])),
-                     ({'form': 'paper'}, paper),
-                     ({'injection': 'sin'}, matched(*TRIPLE)),
-                     ({'injection': 'tan', 'order': 2}, matched([5.0], [1.0, 6.0, 5.0])),
-                     ({'injection': 'sat'}, matched(*TRIPLE))],
+    'pll': [
+        ({}, matched([1.0], [1.0, 2.0, 1.0])),
+        ({'damping': 0.5}, matched([1.0], [1.0, 1.0, 1.0])),
+        ({'damping': 3.0}, matched([1.0], [1.0, 6.0, 1.0])),
+    ],
+    'kalman': [
+        ({}, kalman_of_bandwidth(3)),
+        (CV, kalman_of_bandwidth(2)),
+        (
+            {'bandwidth_hz': None, 'noise': 2e-4, 'quantum': 1e-3},
+            kalman_of_density(3, 1e3, 2e-4, 1e-3),
+        ),
+        (
+            {**CV, 'bandwidth_hz': None, 'noise': 2e-4, 'acceleration_psd': 0.5},
+            kalman_of_density(2, 0.5, 2e-4, 0.0),
+        ),
+    ],
+    'hybrid_angle': [
+        ({}, matched(*TRIPLE)),
+        ({'order': 2}, matched([5.0], [1.0, 6.0, 5.0])),
+        ({'order': 2, 'k1': 1.0, 'k2': 1.0}, matched([1.0], [1.0, 1.0, 1.0])),
+        ({'k1': 4.0, 'k2': 6.0, 'k3': 4.0}, matched([6.0, 4.0], [1.0, 4.0, 6.0, 4.0])),
+        ({'form': 'paper'}, paper),
+        ({'injection': 'sin'}, matched(*TRIPLE)),
+        ({'injection': 'tan', 'order': 2}, matched([5.0], [1.0, 6.0, 5.0])),
+        ({'injection': 'sat'}, matched(*TRIPLE)),
+    ],
 }
 
 
@@ -144,8 +165,12 @@ def bandwidths(gains):
     return BANDWIDTHS
 
 
-ROWS = [(name, gains, form, bandwidth) for name, cases in CASES.items()
-        for gains, form in cases for bandwidth in bandwidths(gains)]
+ROWS = [
+    (name, gains, form, bandwidth)
+    for name, cases in CASES.items()
+    for gains, form in cases
+    for bandwidth in bandwidths(gains)
+]
 
 
 def joint_of(name, gains, bandwidth):
@@ -164,8 +189,9 @@ def measured(joint, frequency_hz, settle, dt):
     count = math.ceil(settle / dt) + used
     t = np.arange(count) * dt
     joint.reset()
-    out = joint.run(10 ** 9 + np.rint(t * 1e9).astype(np.int64), AMPLITUDE * np.sin(w * t),
-                    fast=False)
+    out = joint.run(
+        10**9 + np.rint(t * 1e9).astype(np.int64), AMPLITUDE * np.sin(w * t), fast=False
+    )
     t, velocity = t[-used:], out.velocity[-used:]
     basis = np.column_stack((np.exp(1j * w * t).real, np.exp(1j * w * t).imag, np.ones(used)))
     (cosine, sine, _), *_ = np.linalg.lstsq(basis, velocity, rcond=None)
@@ -201,9 +227,15 @@ def test_group_delay_is_the_slope_of_the_phase(name, gains, form, bandwidth):
 
 
 @pytest.mark.parametrize('bandwidth', BANDWIDTHS)
-@pytest.mark.parametrize('name, gains, form', [
-    (name, gains, form) for name, cases in CASES.items() for gains, form in cases
-    if gains.get('bandwidth_hz', 0) is not None])
+@pytest.mark.parametrize(
+    'name, gains, form',
+    [
+        (name, gains, form)
+        for name, cases in CASES.items()
+        for gains, form in cases
+        if gains.get('bandwidth_hz', 0) is not None
+    ],
+)
 def test_bandwidth_is_3_db_down(name, gains, form, bandwidth):
     """At a sample rate so high that sampling itself plays no part."""
     dt = 2e-3 / bandwidth

@@ -57,11 +57,13 @@ def test_equals_a_textbook_filter_with_jittered_stamps(order):
     t = (at - at[0]) * 1e-9
     measured = 3.0 * np.sin(5.0 * t) + 9.0 * t + np.random.default_rng(1).normal(0.0, 1e-3, len(t))
     density = {2: 5.0, 3: 2e3}[order]
-    joint = make('kalman', {**MODELS[order], DENSITY[order]: density, 'noise': 1e-3,
-                            'low_speed_bound': False})
+    joint = make(
+        'kalman',
+        {**MODELS[order], DENSITY[order]: density, 'noise': 1e-3, 'low_speed_bound': False},
+    )
     out = joint.run(at, wrapped(measured), fast=False)
     expected = textbook(at, measured, order, density, 1e-6)
-    np.testing.assert_allclose(out.velocity[30:], expected[30:], atol=2e-3)   # the priors differ
+    np.testing.assert_allclose(out.velocity[30:], expected[30:], atol=2e-3)  # the priors differ
     np.testing.assert_allclose(out.velocity[200:], expected[200:], atol=1e-6)
 
 
@@ -79,7 +81,7 @@ def test_speed_is_right_from_the_second_sample_on(order, speed):
     for start in np.arange(72) * math.radians(5.0):
         joint = make('kalman', MODELS[order])
         for i in range(40):
-            joint.update(10 ** 9 + i * 10 ** 7, wrapped(start + speed * i * 1e-2).item())
+            joint.update(10**9 + i * 10**7, wrapped(start + speed * i * 1e-2).item())
             if i > 0:
                 assert joint.estimate()[1] == pytest.approx(speed, abs=1e-6)
         assert joint.estimate()[3] == TRACKING
@@ -90,11 +92,12 @@ def test_after_a_gap_the_kept_speed_tells_the_turn(order):
     """4 rad per sample: two samples alone would say -2.28."""
     joint = make('kalman', MODELS[order])
     for i in range(600):  # run up from rest
-        joint.update(10 ** 9 + i * 10 ** 7, wrapped(0.5 * min(i, 400) ** 2 * 1e-2
-                                                    + 4.0 * max(i - 400, 0)).item())
+        joint.update(
+            10**9 + i * 10**7, wrapped(0.5 * min(i, 400) ** 2 * 1e-2 + 4.0 * max(i - 400, 0)).item()
+        )
     assert joint.estimate()[1] == pytest.approx(400.0, rel=1e-3)
     for i in range(640, 700):
-        joint.update(10 ** 9 + i * 10 ** 7, wrapped(800.0 + 4.0 * (i - 400)).item())
+        joint.update(10**9 + i * 10**7, wrapped(800.0 + 4.0 * (i - 400)).item())
         assert joint.estimate()[1] == pytest.approx(400.0, rel=1e-3)
 
 
@@ -105,13 +108,17 @@ def many(step):
             p, left = step(p, dt, 1.0, added)
             gain = 1.0 - left
         return p, gain
+
     return compiled(loop)
 
 
 @orders
 def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
-    step, of_noise, start = ((step_2, covariance.of_noise_2, covariance.start_2) if order == 2
-                             else (step_3, covariance.of_noise_3, covariance.start_3))
+    step, of_noise, start = (
+        (step_2, covariance.of_noise_2, covariance.start_2)
+        if order == 2
+        else (step_3, covariance.of_noise_3, covariance.start_3)
+    )
     loop, dt = many(step), 1e-4
     # per noise variance: slow, usual for an hour, nearly no filtering
     for density, count in ((1e3, 300_000), (1e9, 36_000_000), (1e15, 300_000)):
@@ -128,16 +135,22 @@ def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.floats(-3.0, 25.0), st.lists(st.floats(-6.0, 1.0), min_size=30, max_size=120),
-       st.sampled_from([2, 3]))
+@given(
+    st.floats(-3.0, 25.0),
+    st.lists(st.floats(-6.0, 1.0), min_size=30, max_size=120),
+    st.sampled_from([2, 3]),
+)
 def test_covariance_stays_positive_whatever_the_sample_times(exponent, times, order):
     """Sample times from 1 us to 10 s in one run, process noise from none to all."""
-    step, of_noise, start = ((step_2, covariance.of_noise_2, covariance.start_2) if order == 2
-                             else (step_3, covariance.of_noise_3, covariance.start_3))
+    step, of_noise, start = (
+        (step_2, covariance.of_noise_2, covariance.start_2)
+        if order == 2
+        else (step_3, covariance.of_noise_3, covariance.start_3)
+    )
     p = start(10.0 ** times[0])
     for time in times[1:]:
-        dt = 10.0 ** time
-        p, left = step(p, dt, 1.0, of_noise(10.0 ** exponent, dt))
+        dt = 10.0**time
+        p, left = step(p, dt, 1.0, of_noise(10.0**exponent, dt))
         assert all(math.isfinite(value) for value in p)
         assert 0.0 < left <= 1.0 and p[0] <= 1.0
         full = np.zeros((order, order))
@@ -153,8 +166,9 @@ def test_a_burst_before_the_stream_does_no_harm():
         joint = make('kalman', MODELS[order])
         random = np.random.default_rng(1)
         for i, time in enumerate([0.0, 1e-6, *(np.arange(1, 1500) * 1e-3)]):
-            joint.update(10 ** 9 + round(time * 1e9),
-                         wrapped(3.0 * time + random.normal(0.0, 1e-3)).item())
+            joint.update(
+                10**9 + round(time * 1e9), wrapped(3.0 * time + random.normal(0.0, 1e-3)).item()
+            )
             if i > 300:
                 assert joint.estimate()[1] == pytest.approx(3.0, abs=0.5)
                 assert joint.estimate()[3] == TRACKING
@@ -162,7 +176,7 @@ def test_a_burst_before_the_stream_does_no_harm():
 
 @given(st.floats(-2.0, 8.0))
 def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
-    density, dt = 10.0 ** exponent, 0.02
+    density, dt = 10.0**exponent, 0.02
     p = covariance.start_2(dt)
     added = covariance.of_noise_2(density, dt)
     for _ in range(2_000):
@@ -221,12 +235,14 @@ def test_noise_not_given_costs_little(order):
     t = np.arange(8000) * DT
     truth = 4.0 * np.cos(2.0 * math.pi * t) * 2.0 * math.pi
     for noise in (1e-4, 3e-3):
-        measured = wrapped(4.0 * np.sin(2.0 * math.pi * t)
-                           + np.random.default_rng(5).normal(0.0, noise, len(t)))
+        measured = wrapped(
+            4.0 * np.sin(2.0 * math.pi * t) + np.random.default_rng(5).normal(0.0, noise, len(t))
+        )
         rms = []
         for given_noise in ({'noise': noise}, {}):
-            out = make('kalman', {**MODELS[order], **given_noise}).run(stamps(8000), measured,
-                                                                      fast=False)
+            out = make('kalman', {**MODELS[order], **given_noise}).run(
+                stamps(8000), measured, fast=False
+            )
             rms.append(np.sqrt(np.mean((out.velocity - truth)[1000:] ** 2)))
         assert rms[1] < 1.1 * rms[0]
 
@@ -234,6 +250,8 @@ def test_noise_not_given_costs_little(order):
 def test_bandwidth_goes_before_the_density():
     gains = {'bandwidth_hz': 20.0, 'noise': 1e-3}
     measured = wrapped(np.random.default_rng(6).normal(0.0, 1e-3, 500))
-    outs = [make('kalman', {**gains, 'jerk_psd': psd}).run(stamps(500), measured, fast=False)
-            for psd in (1.0, 1e6)]
+    outs = [
+        make('kalman', {**gains, 'jerk_psd': psd}).run(stamps(500), measured, fast=False)
+        for psd in (1.0, 1e6)
+    ]
     np.testing.assert_array_equal(outs[0].velocity, outs[1].velocity)

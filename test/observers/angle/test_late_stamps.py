@@ -9,13 +9,26 @@ from observer_cases import angle_observers, make, stamps
 QUANTUM, RATE, WAY, FREQUENCY = 3.8e-4, 667.0, 4.0, 2.0 * math.pi * 0.8
 EVERY = 500
 FORMS = {
-    'hybrid_angle': [{'order': 2}, {'form': 'paper', 'bandwidth_hz': 20.0},
-                     {'injection': 'sin'}, {'injection': 'tan', 'order': 2}, {'injection': 'sat'}],
-    'kalman': [{'model': 'constant_velocity'}, {'bandwidth_hz': 45.0},
-               {'model': 'constant_velocity', 'bandwidth_hz': 45.0}],
+    'hybrid_angle': [
+        {'order': 2},
+        {'form': 'paper', 'bandwidth_hz': 20.0},
+        {'injection': 'sin'},
+        {'injection': 'tan', 'order': 2},
+        {'injection': 'sat'},
+    ],
+    'kalman': [
+        {'model': 'constant_velocity'},
+        {'bandwidth_hz': 45.0},
+        {'model': 'constant_velocity', 'bandwidth_hz': 45.0},
+    ],
     'pll': [{'damping': 0.7}],
-    'super_twisting': [{'order': 1}, {'order': 3}, {'order': 1, 'form': 'implicit'},
-                       {'form': 'taylor'}, {'form': 'explicit'}],
+    'super_twisting': [
+        {'order': 1},
+        {'order': 3},
+        {'order': 1, 'form': 'implicit'},
+        {'form': 'taylor'},
+        {'form': 'explicit'},
+    ],
 }
 CASES = [(name, gains) for name in angle_observers() for gains in ({}, *FORMS.get(name, ()))]
 
@@ -73,7 +86,7 @@ def test_a_late_stamp_is_no_motion(case, known):
     worst = max(max(pair) for pair in found.values())
     assert worst <= 10.0, found
     if case[1].get('form') != 'paper':  # which starts its position anew after the long sample time
-        assert worst <= usual + 1.0, found     # the speed changes by 0.4 in 4 ms
+        assert worst <= usual + 1.0, found  # the speed changes by 0.4 in 4 ms
 
 
 @pytest.mark.parametrize('case', [case for case in CASES if not case[1]], ids=label)
@@ -87,8 +100,9 @@ def test_true_sample_times_are_believed(case):
     at = np.delete(np.arange(2000), slice(1000, 1004)) / 1000.0
     angle = 8.0 * np.minimum(at, 1.0001)
     reading = np.floor(angle / QUANTUM) * QUANTUM
-    out = make(*case, wrap_period=0.0).run(stamps(1)[0] + np.rint(at * 1e9).astype(np.int64),
-                                           reading, fast=False)
+    out = make(*case, wrap_period=0.0).run(
+        stamps(1)[0] + np.rint(at * 1e9).astype(np.int64), reading, fast=False
+    )
     assert np.max(np.abs(out.velocity[1400:])) < 0.01
     rest = np.abs(out.position - reading)[1001:]
     assert np.max(rest) < 8.0 * 0.02

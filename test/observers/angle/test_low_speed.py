@@ -23,8 +23,10 @@ def with_gains(variant, known=False, **more):
 def slow(variant):
     """The variant at a low bandwidth, where it lags so far behind that the bound has work to do."""
     name, gains = variant
-    return name, {**gains, **({'bound': 50.0} if name == 'super_twisting' else
-                              {'bandwidth_hz': 4.0})}
+    return name, {
+        **gains,
+        **({'bound': 50.0} if name == 'super_twisting' else {'bandwidth_hz': 4.0}),
+    }
 
 
 def read(angle):
@@ -43,9 +45,9 @@ def since_change(measured):
 def test_bound_is_the_last_change_over_the_time_since():
     assert low_speed_bound(2e-3, 0.1, 1e-3, 0.0) == pytest.approx(0.02)
     assert low_speed_bound(2e-3, 0.1, 5e-3, 0.0) == pytest.approx(0.05)  # at least a quantum
-    assert low_speed_bound(2e-3, 0.0, 5e-3, 0.0) == math.inf             # it just changed
-    assert low_speed_bound(2e-3, 1.0, 0.0, 0.0) == math.inf              # no quantum is known
-    assert low_speed_bound(2e-3, 0.1, 1e-3, 1.01e-6) == math.inf         # noise beyond a quantum
+    assert low_speed_bound(2e-3, 0.0, 5e-3, 0.0) == math.inf  # it just changed
+    assert low_speed_bound(2e-3, 1.0, 0.0, 0.0) == math.inf  # no quantum is known
+    assert low_speed_bound(2e-3, 0.1, 1e-3, 1.01e-6) == math.inf  # noise beyond a quantum
     assert low_speed_bound(2e-3, 0.1, 1e-3, 1e-8) == pytest.approx(0.024)  # held back by 4 sigma
     assert low_speed_bound(2e-3, 0.1, 1e-3, 0.99e-6) < math.inf
 
@@ -61,8 +63,10 @@ def test_creep_is_held_to_a_quantum_over_the_time_since_the_edge(variant, known)
     speed = stop_and_go()
     measured = read(1.0 + np.cumsum(speed) * DT)
     at = stamps(len(speed))
-    out, free = (with_gains(slow(variant), known, **more).run(at, measured, fast=False)
-                 for more in ({}, {'low_speed_bound': False}))
+    out, free = (
+        with_gains(slow(variant), known, **more).run(at, measured, fast=False)
+        for more in ({}, {'low_speed_bound': False})
+    )
     since = since_change(measured)
     # where the noise is not known, it may be taken for more than a quantum for eight readings
     still = since > 8
@@ -124,8 +128,9 @@ def test_noise_that_holds_a_reading_back_does_not_slow_a_shaft(variant, given):
     measured = read(1.3 * QUANTUM / DT * t + random.normal(0.0, noise, len(t)))
     more = {'noise': noise} if given else {}
     held = with_gains(variant, True, **more).run(stamps(len(t)), measured, fast=False)
-    free = with_gains(variant, True, low_speed_bound=False, **more).run(stamps(len(t)), measured,
-                                                                      fast=False)
+    free = with_gains(variant, True, low_speed_bound=False, **more).run(
+        stamps(len(t)), measured, fast=False
+    )
     assert np.sum(measured[1001:] == measured[1000:-1]) > 50
     assert np.abs(held.velocity - free.velocity)[1000:].max() <= 0.1 * QUANTUM / DT
 

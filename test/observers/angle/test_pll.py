@@ -21,8 +21,9 @@ from estimator_pkg.observers.maths.tracking import (
 poles = st.floats(0.01, 0.995)
 
 
-@pytest.mark.parametrize('damping, factor', [
-    (1.0, math.sqrt(math.sqrt(2.0) - 1.0)), (math.sqrt(0.5), 1.0)])
+@pytest.mark.parametrize(
+    'damping, factor', [(1.0, math.sqrt(math.sqrt(2.0) - 1.0)), (math.sqrt(0.5), 1.0)]
+)
 def test_natural_frequency_of_the_dampings_with_a_closed_form(damping, factor):
     assert natural_frequency(10.0, damping) == pytest.approx(20.0 * math.pi / factor, rel=1e-12)
 
@@ -30,7 +31,7 @@ def test_natural_frequency_of_the_dampings_with_a_closed_form(damping, factor):
 @given(st.floats(0.2, 10.0))
 def test_natural_frequency_puts_3_db_at_the_bandwidth(damping):
     w0, w = natural_frequency(1.0, damping), 2.0 * math.pi
-    response = w0 ** 2 / complex(w0 ** 2 - w ** 2, 2.0 * damping * w0 * w)
+    response = w0**2 / complex(w0**2 - w**2, 2.0 * damping * w0 * w)
     assert abs(response) == pytest.approx(math.sqrt(0.5), rel=1e-9)
 
 
@@ -38,8 +39,9 @@ def test_natural_frequency_puts_3_db_at_the_bandwidth(damping):
 def test_matched_poles_are_the_continuous_ones(decay, part, dt):
     spread = part * decay * decay * 0.99 if part > 0.0 else part
     alpha, beta = matched(decay, spread, dt)
-    expected = np.exp(np.array([-decay + np.sqrt(complex(spread)),
-                                -decay - np.sqrt(complex(spread))]) * dt)
+    expected = np.exp(
+        np.array([-decay + np.sqrt(complex(spread)), -decay - np.sqrt(complex(spread))]) * dt
+    )
     assert alpha == pytest.approx(1.0 - np.prod(expected).real, rel=1e-9, abs=1e-12)
     assert beta == pytest.approx(np.prod(1.0 - expected).real, rel=1e-6, abs=1e-12)
 
@@ -60,7 +62,7 @@ def exact(gain, dt):
     gain, f = gain * scale, transition(order, 1.0)
     keep = np.eye(order) - np.outer(gain, np.eye(order)[0])
     p = solve_discrete_lyapunov(keep @ f, np.outer(gain, gain))
-    return p[0, 0], p[1, 1] / dt ** 2, (f @ p @ f.T)[0, 0] + 1.0
+    return p[0, 0], p[1, 1] / dt**2, (f @ p @ f.T)[0, 0] + 1.0
 
 
 @given(poles, poles, st.floats(1e-4, 1.0))

@@ -89,7 +89,7 @@ def test_sigma_after_a_gap_covers_a_joint_that_came_to_rest_in_it(variant, gap, 
             at = 1_700_000_000_000_000_000 + np.rint(time * 1e9).astype(np.int64)
             out = joint.run(at, wrapped(np.rint(angle / QUANTUM) * QUANTUM), fast=False)
             told = (out.status[before:] >= TRACKING) & np.isfinite(out.velocity[before:])
-            if gains.get('form') != 'paper':   # which is not stable at 100 Hz
+            if gains.get('form') != 'paper':  # which is not stable at 100 Hz
                 assert told.any()
             error = np.abs(out.velocity[before:])[told]
             assert np.all(error < 3.0 * out.velocity_stddev[before:][told]), (rate, speed)
@@ -110,8 +110,9 @@ def test_residue_of_floats_before_a_start_is_no_quantum(variant):
     assert np.all(np.abs(out.velocity - velocity)[part] < 5.0 * out.velocity_stddev[part])
 
 
-@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'pll', 'finite_difference',
-                                  'super_twisting'])
+@pytest.mark.parametrize(
+    'name', ['hybrid_angle', 'kalman', 'pll', 'finite_difference', 'super_twisting']
+)
 def test_plain_and_compiled_agree_through_a_start(name):
     pytest.importorskip('numba')
     at, read, *_ = stream(Case('steps 40 rad/s^2', noise=0.5))

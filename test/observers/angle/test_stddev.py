@@ -66,9 +66,15 @@ def test_interval_covers_at_constant_speed(variant, given):
     assert 0.93 <= np.mean([part for part, _ in parts]) <= 0.97
 
 
-@pytest.mark.parametrize('variant', [variant for variant in tunable_variants()
-                                     if variant[0] in ('finite_difference', 'hybrid_angle', 'pll')],
-                         ids=label)
+@pytest.mark.parametrize(
+    'variant',
+    [
+        variant
+        for variant in tunable_variants()
+        if variant[0] in ('finite_difference', 'hybrid_angle', 'pll')
+    ],
+    ids=label,
+)
 def test_noise_that_is_estimated_is_steady_and_follows_a_change(variant):
     """White noise, twice as large from sample 8000 on: the standard deviation scatters by 2 to 3 %
     before, and has followed within 800 samples.
@@ -84,9 +90,14 @@ def test_noise_that_is_estimated_is_steady_and_follows_a_change(variant):
     assert 1.75 < sigma[8800] / np.mean(before) < 2.2
 
 
-@pytest.mark.parametrize('name, gains, form, bandwidth', [
-    (name, gains, form, bandwidths(gains)[-1]) for name, cases in CASES.items()
-    for gains, form in cases])
+@pytest.mark.parametrize(
+    'name, gains, form, bandwidth',
+    [
+        (name, gains, form, bandwidths(gains)[-1])
+        for name, cases in CASES.items()
+        for gains, form in cases
+    ],
+)
 def test_velocity_stddev_is_the_power_of_the_response_to_white_noise(name, gains, form, bandwidth):
     """Parseval: the variance is the mean of |V/Y|^2 over the unit circle."""
     closed = form(bandwidth, DT)
@@ -95,7 +106,7 @@ def test_velocity_stddev_is_the_power_of_the_response_to_white_noise(name, gains
     noise = gains.get('noise', NOISE)
     joint = joint_of(name, {**gains, 'noise': noise}, bandwidth)
     joint.run(stamps(2000, DT), np.zeros(2000), fast=False)
-    joint.update(joint.stamp_ns + 10 ** 6, 1e-9)  # a change, so that no low-speed bound stands
+    joint.update(joint.stamp_ns + 10**6, 1e-9)  # a change, so that no low-speed bound stands
     white = math.hypot(noise, gains.get('quantum', 0.0) / math.sqrt(12.0))
     assert joint.stddev()[1] == pytest.approx(expected * white, rel=1e-3)
 
@@ -183,8 +194,12 @@ observer, over the profiles of the simulator, four rates, three resolutions and 
 """
 
 
-MOTIONS = {'constant 3 rad/s': constant, 'sine 1 rad, 1 Hz': slow_sine,
-           'sine 0.2 rad, 5 Hz': fast_sine, 'trapezoid 10 rad/s, 100 rad/s^2': trapezoid}
+MOTIONS = {
+    'constant 3 rad/s': constant,
+    'sine 1 rad, 1 Hz': slow_sine,
+    'sine 0.2 rad, 5 Hz': fast_sine,
+    'trapezoid 10 rad/s, 100 rad/s^2': trapezoid,
+}
 HEAD = f"""# What the 95 % interval covers in motion
 
 The standard deviation beside an estimate is that of the measurement noise after the observer. It
@@ -218,10 +233,14 @@ def described(variant):
 
 @pytest.mark.parametrize('variant', variants(), ids=label)
 def test_table_of_coverage_is_current(variant):
-    lines = [line for line in TABLE.read_text().splitlines()
-             if line.startswith(f'| {described(variant)} |')]
-    assert len(lines) == 1, ('write the table anew: '
-                             'python test/observers/angle/test_stddev.py > docs/coverage.md')
+    lines = [
+        line
+        for line in TABLE.read_text().splitlines()
+        if line.startswith(f'| {described(variant)} |')
+    ]
+    assert len(lines) == 1, (
+        'write the table anew: python test/observers/angle/test_stddev.py > docs/coverage.md'
+    )
     written = [float(number) / 100.0 for number in re.findall(r'([\d.]+) %', lines[0])]
     assert written == pytest.approx(measured_row(variant), abs=0.02)
 

@@ -23,9 +23,11 @@ BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # of the test signal's acceleration, jer
 def signal(t):
     """The test signal: position, velocity, acceleration."""
     w, u = math.pi, 2.6 * math.pi
-    return (0.8 * np.sin(w * t) + 0.2 * np.sin(u * t),
-            0.8 * w * np.cos(w * t) + 0.2 * u * np.cos(u * t),
-            -0.8 * w * w * np.sin(w * t) - 0.2 * u * u * np.sin(u * t))
+    return (
+        0.8 * np.sin(w * t) + 0.2 * np.sin(u * t),
+        0.8 * w * np.cos(w * t) + 0.2 * u * np.cos(u * t),
+        -0.8 * w * w * np.sin(w * t) - 0.2 * u * u * np.sin(u * t),
+    )
 
 
 def predictions(form, order, dt, measured, bound=None):
@@ -57,13 +59,13 @@ def predictions(form, order, dt, measured, bound=None):
 
 
 VECTORS = [  # form, order, values of z1 after samples 1, 2, 3, 10, 100, 1000
-    ('explicit', 1, (0, .0275, .055, .2475, 2.7225, -2.9975)),
-    ('implicit', 1, (.0275, .055, .0825, .275, 2.75, -3.011738)),
-    ('matching', 1, (0, .0259446, .0523025, .2396536, 2.6806321, -2.9929272)),
-    ('taylor', 2, (0, .0096155, .0217601, .1434586, 3.2687512, -3.0185383)),
-    ('matching', 2, (0, .0094631, .0214496, .1419374, 3.244337, -3.0182613)),
-    ('taylor', 3, (0, .0084714, .0203895, .1604622, 4.4032246, -3.0191024)),
-    ('matching', 3, (0, .0083294, .0200768, .1585548, 4.3688868, -3.0215016)),
+    ('explicit', 1, (0, 0.0275, 0.055, 0.2475, 2.7225, -2.9975)),
+    ('implicit', 1, (0.0275, 0.055, 0.0825, 0.275, 2.75, -3.011738)),
+    ('matching', 1, (0, 0.0259446, 0.0523025, 0.2396536, 2.6806321, -2.9929272)),
+    ('taylor', 2, (0, 0.0096155, 0.0217601, 0.1434586, 3.2687512, -3.0185383)),
+    ('matching', 2, (0, 0.0094631, 0.0214496, 0.1419374, 3.244337, -3.0182613)),
+    ('taylor', 3, (0, 0.0084714, 0.0203895, 0.1604622, 4.4032246, -3.0191024)),
+    ('matching', 3, (0, 0.0083294, 0.0200768, 0.1585548, 4.3688868, -3.0215016)),
 ]
 
 
@@ -81,7 +83,8 @@ def test_what_is_injected_opposes_the_error_alike_on_both_sides(error):
     """gain sqrt|e| and alpha, with the sign of e; the implicit step never leaves more than e."""
     for sign in (1.0, -1.0):
         assert injections(sign * error, 3.0, 5.0) == pytest.approx(
-            (sign * 3.0 * math.sqrt(error), sign * 5.0 * (error > 0.0)))
+            (sign * 3.0 * math.sqrt(error), sign * 5.0 * (error > 0.0))
+        )
         left, second = implicit_step(sign * error, 0.01, 3.0, 5.0)
         assert 0.0 <= sign * left <= error and 0.0 <= sign * second <= 5.0
         if error > 0.01:  # e = left + h (gain sqrt(left) + h alpha)
@@ -90,13 +93,13 @@ def test_what_is_injected_opposes_the_error_alike_on_both_sides(error):
 
 
 TABLE = {  # (form, order): largest velocity error on 5..20 s at h = 0.1, 1, 5, 10, 20 ms
-    ('explicit', 1): (.00823, .0805, .331, .605, 1.54),
-    ('implicit', 1): (.00106, .0106, .0531, .106, .212),
-    ('matching', 1): (.00955, .0940, .417, .743, 1.26),
-    ('taylor', 2): (9.8e-6, 9.3e-4, .0256, .0967, .398),
-    ('matching', 2): (6.2e-5, 5.2e-3, .0779, .218, .561),
-    ('taylor', 3): (1.6e-8, 1.5e-5, 1.7e-3, .0148, .134),
-    ('matching', 3): (3.7e-6, 1.2e-3, .0351, .134, .641),
+    ('explicit', 1): (0.00823, 0.0805, 0.331, 0.605, 1.54),
+    ('implicit', 1): (0.00106, 0.0106, 0.0531, 0.106, 0.212),
+    ('matching', 1): (0.00955, 0.0940, 0.417, 0.743, 1.26),
+    ('taylor', 2): (9.8e-6, 9.3e-4, 0.0256, 0.0967, 0.398),
+    ('matching', 2): (6.2e-5, 5.2e-3, 0.0779, 0.218, 0.561),
+    ('taylor', 3): (1.6e-8, 1.5e-5, 1.7e-3, 0.0148, 0.134),
+    ('matching', 3): (3.7e-6, 1.2e-3, 0.0351, 0.134, 0.641),
 }
 TOLERANCE = {'implicit': 0.01, 'matching': 0.05, 'taylor': 0.25, 'explicit': 0.25}
 
@@ -111,18 +114,32 @@ def test_table_of_errors(form, order):
         assert error == pytest.approx(expected, rel=TOLERANCE[form]), (dt, error)
 
 
-@pytest.mark.parametrize('form, order, at_rest', [
-    ('explicit', 1, .0275), ('implicit', 1, 0.0), ('matching', 1, 0.0), ('matching', 2, 0.0),
-    ('matching', 3, 0.0)])
+@pytest.mark.parametrize(
+    'form, order, at_rest',
+    [
+        ('explicit', 1, 0.0275),
+        ('implicit', 1, 0.0),
+        ('matching', 1, 0.0),
+        ('matching', 2, 0.0),
+        ('matching', 3, 0.0),
+    ],
+)
 def test_at_rest_only_the_explicit_form_chatters(form, order, at_rest):
     measured = np.concatenate([signal(np.arange(0, 2000) * 1e-3)[0], np.full(8000, 0.3)])
     v, _ = predictions(form, order, 1e-3, measured)
     assert np.max(np.abs(v[-2000:])) == pytest.approx(at_rest, abs=1e-9 if not at_rest else 1e-3)
 
 
-@pytest.mark.parametrize('counts, order, velocity_rms, acceleration_rms', [
-    (4096, 1, .096, None), (4096, 2, .045, 2.6), (4096, 3, .045, 2.0),
-    (65536, 2, .0078, 1.0), (65536, 3, .0062, .51)])
+@pytest.mark.parametrize(
+    'counts, order, velocity_rms, acceleration_rms',
+    [
+        (4096, 1, 0.096, None),
+        (4096, 2, 0.045, 2.6),
+        (4096, 3, 0.045, 2.0),
+        (65536, 2, 0.0078, 1.0),
+        (65536, 3, 0.0062, 0.51),
+    ],
+)
 def test_quantised_signal(counts, order, velocity_rms, acceleration_rms):
     t = np.arange(0, 20001) * 1e-3
     position, velocity, acceleration = signal(t)
@@ -132,19 +149,32 @@ def test_quantised_signal(counts, order, velocity_rms, acceleration_rms):
     assert np.sqrt(np.mean((v - velocity)[kept] ** 2)) == pytest.approx(velocity_rms, rel=0.25)
     if acceleration_rms:
         assert np.sqrt(np.mean((a - acceleration)[kept] ** 2)) == pytest.approx(
-            acceleration_rms, rel=0.25)
+            acceleration_rms, rel=0.25
+        )
 
 
-@pytest.mark.parametrize('bound, exact, quantised', [
-    (2.5, 4.9, 4.9), (10, 2.06, 2.18), (15, .64, .79), (21, .0106, .217), (25, .0106, .236),
-    (50, .0106, .298), (100, .0106, .370), (400, .0106, .750)])
+@pytest.mark.parametrize(
+    'bound, exact, quantised',
+    [
+        (2.5, 4.9, 4.9),
+        (10, 2.06, 2.18),
+        (15, 0.64, 0.79),
+        (21, 0.0106, 0.217),
+        (25, 0.0106, 0.236),
+        (50, 0.0106, 0.298),
+        (100, 0.0106, 0.370),
+        (400, 0.0106, 0.750),
+    ],
+)
 def test_bound_set_wrong(bound, exact, quantised):
     t = np.arange(0, 20001) * 1e-3
     position, velocity, _ = signal(t)
     quantum = 2.0 * math.pi / 4096
     kept = t >= 5.0
-    for measured, expected in ((position, exact),
-                               (np.round(position / quantum) * quantum, quantised)):
+    for measured, expected in (
+        (position, exact),
+        (np.round(position / quantum) * quantum, quantised),
+    ):
         v, _ = predictions('implicit', 1, 1e-3, measured, bound=float(bound))
         assert np.max(np.abs(v - velocity)[kept]) == pytest.approx(expected, rel=0.25)
 
@@ -157,8 +187,11 @@ def test_cold_start_on_a_wrapped_angle_locks(form, order):
             OBSERVER.build(Gains(order=order, form=form), Circle())
         return
     bound = {1: 500.0, 2: 5000.0, 3: 1e5}[order]
-    joint = Joint(OBSERVER, Gains(order=order, form=form, bound=bound,
-                                  quantum=2 * math.pi / 4096), JointSettings())
+    joint = Joint(
+        OBSERVER,
+        Gains(order=order, form=form, bound=bound, quantum=2 * math.pi / 4096),
+        JointSettings(),
+    )
     quantum = 2.0 * math.pi / 4096
     for k in range(2000):
         angle = math.floor((1.0 + 200.0 * 1e-3 * k) / quantum) * quantum
@@ -173,8 +206,7 @@ def test_noise_gain_is_that_of_the_equivalent_linear_filter():
     """White noise on a still shaft: the predicted deviation is right within a factor of 1.5."""
     random = np.random.default_rng(3)
     for order in (1, 2, 3):
-        joint = Joint(OBSERVER, Gains(order=order, noise=1e-3, bound=BOUND[order]),
-                      JointSettings())
+        joint = Joint(OBSERVER, Gains(order=order, noise=1e-3, bound=BOUND[order]), JointSettings())
         found = []
         for k in range(20000):
             joint.update(10**18 + k * 10**6, 1e-3 * random.standard_normal())
@@ -198,12 +230,15 @@ def test_an_explicit_form_is_refused_where_it_chatters_over_much_of_a_turn(form)
 @pytest.mark.parametrize('bound', [3.0, 300.0, 1e5])
 def test_the_deviation_of_the_implicit_form_is_its_scatter(bound):
     """From nearly linear to sliding at every sample, where it is the backward difference."""
-    joint = joint_of('super_twisting', {'form': 'implicit', 'order': 1, 'bound': bound,
-                                        'noise': 2e-3, 'low_speed_bound': False})
+    joint = joint_of(
+        'super_twisting',
+        {'form': 'implicit', 'order': 1, 'bound': bound, 'noise': 2e-3, 'low_speed_bound': False},
+    )
     random, errors, told = np.random.default_rng(4), [], []
     for i in range(12_000):
-        joint.update(10 ** 9 + i * 10 ** 6, math.remainder(
-            5e-3 * i + random.normal(0.0, 2e-3), 2.0 * math.pi))
+        joint.update(
+            10**9 + i * 10**6, math.remainder(5e-3 * i + random.normal(0.0, 2e-3), 2.0 * math.pi)
+        )
         if i > 6000:
             errors.append(joint.estimate()[1] - 5.0)
             told.append(joint.stddev()[1])
@@ -217,8 +252,9 @@ def test_interval_covers_after_a_large_transient(outlier):
     time = np.arange(count) * 1e-3
     read = np.sin(math.pi * time) + np.random.default_rng(1).normal(0.0, quantum, count)
     read[1000::500] += outlier
-    out = joint_of('super_twisting').run(stamps(count), wrapped(np.rint(read / quantum) * quantum),
-                                         fast=False)
+    out = joint_of('super_twisting').run(
+        stamps(count), wrapped(np.rint(read / quantum) * quantum), fast=False
+    )
     number = np.arange(count)
     later = (number > 1000) & ((number - 1000) % 500 > 150)
     error = np.abs(out.velocity - math.pi * np.cos(math.pi * time))[later]

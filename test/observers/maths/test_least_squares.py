@@ -24,8 +24,9 @@ def test_it_is_the_weighted_fit():
         theta, p, _ = update(theta, p, tuple(row), target - float(np.dot(row, theta)), forget, MOST)
     weights = forget ** np.arange(59, -1, -1.0)
     information = rows.T @ (weights[:, None] * rows)
-    np.testing.assert_allclose(theta, np.linalg.solve(information, rows.T @ (weights * targets)),
-                               rtol=1e-5)
+    np.testing.assert_allclose(
+        theta, np.linalg.solve(information, rows.T @ (weights * targets)), rtol=1e-5
+    )
     np.testing.assert_allclose(p, np.linalg.inv(information), rtol=1e-4)
 
 
@@ -49,7 +50,7 @@ def test_what_is_told_is_forgotten_though_another_parameter_is_not():
     for k in range(2000):
         target = 5.0 if k < 1900 else -5.0
         theta, p, _ = update(theta, p, (1.0, 0.0), target - theta[0], 0.9, MOST)
-    assert theta[0] == pytest.approx(-5.0, abs=10.0 * 0.9 ** 100 + 1e-6)
+    assert theta[0] == pytest.approx(-5.0, abs=10.0 * 0.9**100 + 1e-6)
 
 
 def test_a_sample_time_far_beyond_the_memory_leaves_a_rest():
@@ -63,18 +64,21 @@ def test_switched_refuses_a_memory_shorter_than_that_of_its_filter():
         Joint(OBSERVER, build(Gains, {'memory': 1e-5}), JointSettings())
 
 
-@pytest.mark.parametrize('gains', [{}, {'model': 'example'}, {'velocity': 'cascade'},
-                                   {'model': 'example', 'form': 'explicit'}])
+@pytest.mark.parametrize(
+    'gains',
+    [{}, {'model': 'example'}, {'velocity': 'cascade'}, {'model': 'example', 'form': 'explicit'}],
+)
 def test_switched_starts_again_when_its_numbers_ran_away(gains):
     """Whatever made an estimate nan, no later sample could mend it."""
     joint = Joint(OBSERVER, build(Gains, gains), JointSettings())
     outputs = len(joint.functions.blank)
     for i in range(1500):
-        joint.update(10 ** 9 + i * 10 ** 6, (0.1,) * outputs, joint.functions.no_input)
+        joint.update(10**9 + i * 10**6, (0.1,) * outputs, joint.functions.no_input)
         if i == 50:
             broken = joint._track[6]._replace(
                 observed=tuple((math.nan,) * len(x) for x in joint._track[6].observed),
-                zt=tuple((1e300,) * len(x) for x in joint._track[6].zt))
+                zt=tuple((1e300,) * len(x) for x in joint._track[6].zt),
+            )
             joint._track = (*joint._track[:6], broken, *joint._track[7:])
     position, velocity, _, status = joint.estimate()
     assert position == pytest.approx(0.1, abs=0.01) and abs(velocity) < 5.0

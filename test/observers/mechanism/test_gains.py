@@ -15,31 +15,36 @@ from estimator_pkg.observers.mechanism import gains as mechanical_gains
 
 # Gains
 
+
 def test_gamma_follows_from_k_at_the_operating_point():
     functions = made('geso', model='robotic_leg', L=[1.2, 2.0, 2.0], K=[3.9, 2.5, 1.3])
     K = np.array(functions.describe(1e-3)['K'])
     np.testing.assert_allclose(K, np.diag([3.9, 2.5, 1.3]), atol=1e-12)
     other = functions.describe(1e-3)
     assert other['slowest_pole_over_range'] > 0.0
-    assert other['noise_figure'][0] == pytest.approx(3.9 ** 2 / 2.4)
+    assert other['noise_figure'][0] == pytest.approx(3.9**2 / 2.4)
     assert other['dt_K_below_L']
 
 
-@pytest.mark.parametrize('name, values, words', [
-    ('geso', {'L': [10.0], 'Gamma': [-3.0]}, "'Gamma' is not positive definite"),
-    ('geso', {'L': [-10.0], 'Gamma': [3.0]}, 'not Hurwitz'),
-    ('geso', {'L': [10.0]}, "needs 'Gamma' or 'K'"),
-    ('geso', {'L': [10.0, 2.0, 3.0], 'Gamma': [1.0]}, 'takes 1, 2 or 4'),
-    ('geso', {'L': [10.0], 'Gamma': [1.0, 2.0, 0.0, 1.0]}, 'not symmetric'),
-    ('geso', {'L': [10.0], 'Gamma': [1.0], 'K': [1.0]}, 'not both'),
-    ('geso', {'operating_point': [1.0]}, 'operating_point'),
-    ('hgo', {'L': [10.0], 'K': [-70.0]}, 'does not decay'),
-    ('hgo', {'h': [1.0, 2.0, 3.0]}, "'hgo' takes 2"),
-    ('ehgo', {'h': [1.0, 1.0, 4.0]}, 'do not make the error decay'),
-    ('ehgo', {'damping': 0.7}, "unknown parameter 'damping'"),
-    ('ehgo', {'disturbance_hz': 1.0}, "unknown parameter 'disturbance_hz'"),
-    ('smo', {'bandwidth_hz': 20.0}, "unknown parameter 'bandwidth_hz'"),
-    ('smo', {'L': [1.0]}, "unknown parameter 'L'")])
+@pytest.mark.parametrize(
+    'name, values, words',
+    [
+        ('geso', {'L': [10.0], 'Gamma': [-3.0]}, "'Gamma' is not positive definite"),
+        ('geso', {'L': [-10.0], 'Gamma': [3.0]}, 'not Hurwitz'),
+        ('geso', {'L': [10.0]}, "needs 'Gamma' or 'K'"),
+        ('geso', {'L': [10.0, 2.0, 3.0], 'Gamma': [1.0]}, 'takes 1, 2 or 4'),
+        ('geso', {'L': [10.0], 'Gamma': [1.0, 2.0, 0.0, 1.0]}, 'not symmetric'),
+        ('geso', {'L': [10.0], 'Gamma': [1.0], 'K': [1.0]}, 'not both'),
+        ('geso', {'operating_point': [1.0]}, 'operating_point'),
+        ('hgo', {'L': [10.0], 'K': [-70.0]}, 'does not decay'),
+        ('hgo', {'h': [1.0, 2.0, 3.0]}, "'hgo' takes 2"),
+        ('ehgo', {'h': [1.0, 1.0, 4.0]}, 'do not make the error decay'),
+        ('ehgo', {'damping': 0.7}, "unknown parameter 'damping'"),
+        ('ehgo', {'disturbance_hz': 1.0}, "unknown parameter 'disturbance_hz'"),
+        ('smo', {'bandwidth_hz': 20.0}, "unknown parameter 'bandwidth_hz'"),
+        ('smo', {'L': [1.0]}, "unknown parameter 'L'"),
+    ],
+)
 def test_wrong_gains_are_refused_in_one_line(name, values, words):
     with pytest.raises(UsageError) as error:
         made(name, model='cart_pendulum', **values)
@@ -60,7 +65,8 @@ def test_remark_5_needs_its_weight():
 
     def worst(weight):
         return -mechanical_gains.slowest_pole(
-            np.block([[-L, calm], [-calm.T @ weight, np.zeros((2, 2))]]))
+            np.block([[-L, calm], [-calm.T @ weight, np.zeros((2, 2))]])
+        )
 
     assert worst(np.eye(2)) > 0.2 and worst(P0) < -0.1
     np.testing.assert_array_equal(mechanical_gains.lyapunov_weight(np.diag([3.0, 4.0])), np.eye(2))
@@ -72,6 +78,7 @@ def test_guaranteed_rate_holds_and_the_printed_one_does_not():
     L, gamma = np.eye(2) * 10.0, np.eye(2) * 70.0
     speed, step = 3.0, 1e-6
     angles = np.linspace(-math.pi, math.pi, 61)
+
     def calm(angle):
         return check.factors(mechanics, np.array([angle, 0.0]))[0]
 
@@ -87,8 +94,9 @@ def test_guaranteed_rate_holds_and_the_printed_one_does_not():
             a = np.block([[-L, m], [-gamma @ m.T, np.zeros((2, 2))]])
             for sign in (1.0, -1.0):
                 p = np.block([[found.c1 * np.eye(2), -m], [-m.T, found.c1 * np.linalg.inv(gamma)]])
-                p_rate = np.block([[np.zeros((2, 2)), -sign * rate],
-                                   [-sign * rate.T, np.zeros((2, 2))]])
+                p_rate = np.block(
+                    [[np.zeros((2, 2)), -sign * rate], [-sign * rate.T, np.zeros((2, 2))]]
+                )
                 w = 0.5 * (p @ a + a.T @ p + p_rate)
                 value = max(value, np.linalg.eigvalsh(w + found.c4 * np.eye(4))[-1])
         return value
@@ -102,13 +110,18 @@ def test_an_unknown_constant_force_is_found():
     """With a disturbance state, a constant force that the model does not know leaves no error."""
     dt, count = 1e-3, 4000
     inputs = [(0.2,)] * count
-    positions, truth = motion('single_joint', ('inertia=0.1', 'damping=0.5'), (0.0,), (0.0,), dt,
-                              count, inputs)
+    positions, truth = motion(
+        'single_joint', ('inertia=0.1', 'damping=0.5'), (0.0,), (0.0,), dt, count, inputs
+    )
     error = {}
     for hertz in (0.0, 2.0):
-        functions = made('geso', model='single_joint', model_parameters=['inertia=0.1',
-                                                                         'damping=0.5'],
-                         bandwidth_hz=5.0, disturbance_hz=hertz)
+        functions = made(
+            'geso',
+            model='single_joint',
+            model_parameters=['inertia=0.1', 'damping=0.5'],
+            bandwidth_hz=5.0,
+            disturbance_hz=hertz,
+        )
         velocities, _, _ = driven(functions, dt, count, positions, [(0.0,)] * count)
         error[hertz] = abs(velocities[-1, 0] - truth[-1, 0])
     assert error[0.0] > 0.03

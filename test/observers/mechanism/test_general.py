@@ -37,16 +37,19 @@ def run(observer, dt=1e-3, count=4000):
         for _ in range(20):
             rate = np.concatenate([lorenz_like(x[:2]) @ x[2:] + drift(x[:2], u), push(x[:2], u)])
             middle = x + 0.5 * dt / 20 * rate
-            x = x + dt / 20 * np.concatenate([
-                lorenz_like(middle[:2]) @ middle[2:] + drift(middle[:2], u), push(middle[:2], u)])
+            x = x + dt / 20 * np.concatenate(
+                [lorenz_like(middle[:2]) @ middle[2:] + drift(middle[:2], u), push(middle[:2], u)]
+            )
         state = observer.step(state, before, x[:2].copy(), u, dt)
         errors.append(abs(state.unmeasured[0] - x[2]))
     return np.array(errors)
 
 
-@pytest.mark.parametrize('L, gamma', [
-    (np.diag([8.0, 8.0]), 20.0), (np.array([[-0.5, 6.0], [-6.0, 4.0]]), 100.0)],
-    ids=('positive', 'Hurwitz alone'))
+@pytest.mark.parametrize(
+    'L, gamma',
+    [(np.diag([8.0, 8.0]), 20.0), (np.array([[-0.5, 6.0], [-6.0, 4.0]]), 100.0)],
+    ids=('positive', 'Hurwitz alone'),
+)
 def test_error_goes_to_zero_exponentially(L, gamma):
     observer = GeneralObserver(lorenz_like, push, L, np.array([[gamma]]), drift)
     assert observer.observable_everywhere(np.random.default_rng(0).normal(size=(50, 2)))
@@ -62,11 +65,15 @@ def test_without_the_drift_it_is_wrong():
     assert run(observer)[-1] > 1e-2
 
 
-@pytest.mark.parametrize('L, gamma, words', [
-    (np.diag([1.0, -1.0]), np.eye(1), 'not Hurwitz'),
-    (np.eye(2), -np.eye(1), 'not positive definite'),
-    (np.ones(2), np.eye(1), 'square matrix'),
-    (np.eye(2), np.eye(2), 'B has the shape (2, 1), not (2, 2)')])
+@pytest.mark.parametrize(
+    'L, gamma, words',
+    [
+        (np.diag([1.0, -1.0]), np.eye(1), 'not Hurwitz'),
+        (np.eye(2), -np.eye(1), 'not positive definite'),
+        (np.ones(2), np.eye(1), 'square matrix'),
+        (np.eye(2), np.eye(2), 'B has the shape (2, 1), not (2, 2)'),
+    ],
+)
 def test_wrong_gains_are_refused_in_one_line(L, gamma, words):
     with pytest.raises(UsageError) as error:
         observer = GeneralObserver(lorenz_like, push, L, gamma)

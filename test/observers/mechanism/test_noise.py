@@ -14,8 +14,10 @@ from estimator_pkg.observers.mechanism.noise import exponential
 
 # Sliding modes
 
-@pytest.mark.parametrize('step, inject', [(smo.implicit_twisting, smo.twisting),
-                                          (smo.implicit_uniform, smo.uniform)])
+
+@pytest.mark.parametrize(
+    'step, inject', [(smo.implicit_twisting, smo.twisting), (smo.implicit_uniform, smo.uniform)]
+)
 @pytest.mark.parametrize('free', (-2.0, -1e-3, 1e-9, 0.3))
 def test_implicit_step_solves_its_equation(step, inject, free):
     h, first, second, m1, m2 = 1e-2, 1.5, 2.2, 1.86, 0.303
@@ -35,13 +37,13 @@ def test_smo_is_exact_below_its_bound_and_fails_beyond():
     for acceleration, good in ((5.0, True), (20.0, False)):
         functions = made('smo', model='single_joint', mu=[10.0])
         readings = [(x,) for x in (0.5 * acceleration * np.minimum(time, 2.0) ** 2).tolist()]
-        velocities, _, _ = driven(functions, dt, 2000, readings,
-                                  [(0.0,)] * count)
+        velocities, _, _ = driven(functions, dt, 2000, readings, [(0.0,)] * count)
         error = abs(velocities[-1, 0] - acceleration * time[1999])
         assert (error < 0.02 * acceleration) == good
 
 
 # Standard deviations
+
 
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('form', ('exact', 'paper'))
@@ -58,10 +60,17 @@ def test_stddev_is_the_scatter_of_the_estimate(name, form):
     np.testing.assert_allclose(told, spread, rtol=0.12)
 
 
-@pytest.mark.parametrize('values', [
-    {'mu': [30.0]}, {'mu': [3000.0]}, {'mu': [3.0], 'hold': 'previous'},
-    {'variant': 'uniform', 'k1': [5.0], 'k2': [20.0]}, {'mu': [300.0], 'form': 'paper'}],
-    ids=('strong', 'one step', 'held', 'uniform', 'euler'))
+@pytest.mark.parametrize(
+    'values',
+    [
+        {'mu': [30.0]},
+        {'mu': [3000.0]},
+        {'mu': [3.0], 'hold': 'previous'},
+        {'variant': 'uniform', 'k1': [5.0], 'k2': [20.0]},
+        {'mu': [300.0], 'form': 'paper'},
+    ],
+    ids=('strong', 'one step', 'held', 'uniform', 'euler'),
+)
 @pytest.mark.skipif(not available(), reason='slow without numba')
 def test_stddev_of_sliding_modes_holds_from_weak_to_strong(values):
     """Chattering and noise: from a filter of the noise to a sliding mode met in every sample."""
@@ -86,7 +95,7 @@ def test_noise_law():
     design, dt = functions.design(), 1e-4
     state = functions.init((0.0,), design)
     told = functions.stddev(state, functions.prepare(design, dt), design)[1][0]
-    assert told == pytest.approx(1e-3 * math.sqrt(dt * 100.0 ** 2 / 40.0), rel=0.01)
+    assert told == pytest.approx(1e-3 * math.sqrt(dt * 100.0**2 / 40.0), rel=0.01)
 
 
 def test_exponential():
@@ -95,12 +104,16 @@ def test_exponential():
     np.testing.assert_allclose(exponential(matrix), expm(matrix), rtol=1e-9)
 
 
-@pytest.mark.parametrize('name, model, dt, values', [
-    ('geso', 'cart_pendulum', 0.0132, {'model_parameters': ['cart_damping=1e6']}),
-    ('geso', 'robotic_leg', 0.016, {'bandwidth_hz': 19.5}),
-    ('hgo', 'single_joint', 0.0212, {'bandwidth_hz': 0.0189, 'disturbance_hz': 9605.0}),
-    ('ehgo', 'two_links', 0.033, {'h': [1.6e8, 1e9, 1e9], 'epsilon': 5.2e-9}),
-    ('smo', 'single_joint', 0.02, {'mu': [1e9], 'form': 'paper'})])
+@pytest.mark.parametrize(
+    'name, model, dt, values',
+    [
+        ('geso', 'cart_pendulum', 0.0132, {'model_parameters': ['cart_damping=1e6']}),
+        ('geso', 'robotic_leg', 0.016, {'bandwidth_hz': 19.5}),
+        ('hgo', 'single_joint', 0.0212, {'bandwidth_hz': 0.0189, 'disturbance_hz': 9605.0}),
+        ('ehgo', 'two_links', 0.033, {'h': [1.6e8, 1e9, 1e9], 'epsilon': 5.2e-9}),
+        ('smo', 'single_joint', 0.02, {'mu': [1e9], 'form': 'paper'}),
+    ],
+)
 def test_deviations_are_numbers_or_say_that_nothing_holds(name, model, dt, values):
     """Variances of nearly nothing, and numbers beyond every float on the way to them."""
     functions = made(name, model=model, **values)
@@ -108,8 +121,9 @@ def test_deviations_are_numbers_or_say_that_nothing_holds(name, model, dt, value
     coefficients, state = functions.prepare(design, dt), functions.init(functions.blank, design)
     given = (0.0,) * max(1, functions.mechanics.inputs)
     for _ in range(60):
-        reading = tuple((np.array(functions.blank) + random.normal(0.0, 1e-3, len(functions.blank)))
-                        .tolist())
+        reading = tuple(
+            (np.array(functions.blank) + random.normal(0.0, 1e-3, len(functions.blank))).tolist()
+        )
         state = functions.step(state, coefficients, design, reading, given)
         for deviations in functions.stddev(state, coefficients, design):
             assert all(each >= 0.0 for each in deviations)  # not nan

@@ -23,9 +23,12 @@ from estimator_pkg.parameters import build
 
 # The exact step
 
+
 @pytest.mark.parametrize('n', (1, 2, 3, 5))
-@pytest.mark.parametrize('diagonal, damped, disturbed', [
-    (True, False, False), (False, True, False), (True, True, True), (False, False, True)])
+@pytest.mark.parametrize(
+    'diagonal, damped, disturbed',
+    [(True, False, False), (False, True, False), (True, True, True), (False, False, True)],
+)
 @pytest.mark.parametrize('dt', (1e-3, 0.1, 3.0))
 def test_flow_is_the_matrix_exponential(n, diagonal, damped, disturbed, dt):
     expm = pytest.importorskip('scipy.linalg').expm
@@ -38,8 +41,9 @@ def test_flow_is_the_matrix_exponential(n, diagonal, damped, disturbed, dt):
     damping, gain_d = 0.1 * weights * damped, 2.0 * weights * disturbed
     e, p, d, f, r = (random.normal(size=n) for _ in range(5))
     nought = np.zeros((n, n))
-    matrix = np.block([[-L, calm, nought], [-b, -damping, psi.T * disturbed],
-                       [-gain_d, nought, nought]])
+    matrix = np.block(
+        [[-L, calm, nought], [-b, -damping, psi.T * disturbed], [-gain_d, nought, nought]]
+    )
     whole = np.zeros((3 * n + 1, 3 * n + 1))
     whole[:-1, :-1], whole[:-1, -1] = matrix, np.concatenate([-r, f, np.zeros(n)])
     wanted = (expm(whole * dt) @ np.concatenate([e, p, d * disturbed, [1.0]]))[:-1]
@@ -48,9 +52,20 @@ def test_flow_is_the_matrix_exponential(n, diagonal, damped, disturbed, dt):
         return tuple(map(tuple, values.tolist()))
 
     flow = make_flow(n, diagonal=diagonal, damped=damped, disturbed=disturbed)
-    found = flow(tuple(e), tuple(p), tuple(d) if disturbed else (), rows(calm), rows(psi), rows(b),
-                 tuple(np.diag(L)) if diagonal else rows(L), rows(damping), rows(gain_d),
-                 tuple(f), tuple(r), dt)
+    found = flow(
+        tuple(e),
+        tuple(p),
+        tuple(d) if disturbed else (),
+        rows(calm),
+        rows(psi),
+        rows(b),
+        tuple(np.diag(L)) if diagonal else rows(L),
+        rows(damping),
+        rows(gain_d),
+        tuple(f),
+        tuple(r),
+        dt,
+    )
     assert found[3]
     x = np.concatenate([found[0], found[1], found[2] if disturbed else np.zeros(n)])
     np.testing.assert_allclose(x, wanted, rtol=0.0, atol=1e-11 * np.max(np.abs(wanted)))
@@ -96,8 +111,9 @@ def test_exact_step_needs_no_small_dt():
     assert made('geso', **gains).limits(1.0) is None
     limit = float(words.split('less than ')[1].split(' ')[0])
     assert euler.limits(0.999 * limit) is None and euler.limits(1.001 * limit) is not None
-    positions, truth = motion('cart_pendulum', (), (math.pi - 0.4, 0.0), (0.0, 0.2), 1.0 / 112.0,
-                              400)
+    positions, truth = motion(
+        'cart_pendulum', (), (math.pi - 0.4, 0.0), (0.0, 0.2), 1.0 / 112.0, 400
+    )
     velocities, _, _ = driven(made('geso', **gains), 1.0 / 112.0, 400, positions)
     assert np.max(np.abs(velocities[200:] - truth[201:])) < 0.03
 
@@ -108,30 +124,41 @@ def test_error_of_geso_is_linear_at_any_speed():
     positions, truth = motion('cart_pendulum', FAST, (1.37, -0.1), (40.0, 0.35), dt, count)
     found = {}
     for name, gains in (('geso', {'Gamma': [70.0]}), ('hgo', {'K': [70.0]})):
-        functions = made(name, model='cart_pendulum', model_parameters=list(FAST), L=[10.0],
-                         **gains)
+        functions = made(
+            name, model='cart_pendulum', model_parameters=list(FAST), L=[10.0], **gains
+        )
         velocities, _, _ = driven(functions, dt, count, positions)
         error = (velocities - truth[1:])[15000:]
-        found[name] = math.sqrt(np.mean(np.sum(error ** 2, axis=1)))
+        found[name] = math.sqrt(np.mean(np.sum(error**2, axis=1)))
     assert found['hgo'] > 10.0 * found['geso']
     assert found['geso'] < 0.05
 
 
 # Frequency response, about a frozen configuration
 
+
 @pytest.mark.parametrize('name', ('geso', 'hgo', 'ehgo'))
-@pytest.mark.parametrize('form, hold', [('exact', 'linear'), ('exact', 'previous'),
-                                        ('paper', 'previous')])
+@pytest.mark.parametrize(
+    'form, hold', [('exact', 'linear'), ('exact', 'previous'), ('paper', 'previous')]
+)
 @pytest.mark.parametrize('hertz', (0.5, 3.0, 10.0, 40.0))
 def test_frequency_response_is_the_closed_form(name, form, hold, hertz):
     """From the pendulum's angle to its velocity, gain within 5 % and phase within 3 degrees."""
     dt = 1e-3
-    functions = made(name, model='cart_pendulum', form=form, hold=hold, bandwidth_hz=8.0,
-                     model_parameters=['gravity=0'], operating_point=[0.6, 0.0])
+    functions = made(
+        name,
+        model='cart_pendulum',
+        form=form,
+        hold=hold,
+        bandwidth_hz=8.0,
+        model_parameters=['gravity=0'],
+        operating_point=[0.6, 0.0],
+    )
     at = np.array([0.6, 0.0])
     matrix, shown = functions.core.linear(at, np.zeros(2))
-    step, arrival = discrete(matrix, 2, dt, euler=form == 'paper',
-                             linear_hold=form == 'exact' and hold == 'linear')
+    step, arrival = discrete(
+        matrix, 2, dt, euler=form == 'paper', linear_hold=form == 'exact' and hold == 'linear'
+    )
     z = np.exp(2j * math.pi * hertz * dt)
     response = np.linalg.solve(np.eye(len(step)) - step / z, arrival[:, 0] * (1.0 - 1.0 / z))
     wanted = (shown @ response[2:4])[0]
@@ -164,16 +191,18 @@ def test_bandwidth_is_the_minus_3_db_frequency(name):
 
 # Through the driver, and with a user's model
 
+
 def test_a_users_numpy_model_gives_the_same_as_the_built_in_one():
     record = observers.find('geso')
     numbers = ['pendulum_inertia=1', 'pendulum_moment=0.5', 'moving_mass=1', 'gravity=1']
     found = []
-    for values in ({'model': 'own_models:CartPendulum'},
-                   {'model': 'cart_pendulum', 'model_parameters': numbers}):
-        joint = Joint(record, build(record.gains, {'bandwidth_hz': 5.0, **values}),
-                      JointSettings())
+    for values in (
+        {'model': 'own_models:CartPendulum'},
+        {'model': 'cart_pendulum', 'model_parameters': numbers},
+    ):
+        joint = Joint(record, build(record.gains, {'bandwidth_hz': 5.0, **values}), JointSettings())
         for k in range(200):
-            joint.update(10 ** 12 + k * 10 ** 6, (0.3 + 1e-3 * k, 0.2), (0.4,))
+            joint.update(10**12 + k * 10**6, (0.3 + 1e-3 * k, 0.2), (0.4,))
         found.append(joint.estimate()[1])
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
 
@@ -181,8 +210,8 @@ def test_a_users_numpy_model_gives_the_same_as_the_built_in_one():
 def test_the_driver_drops_numbers_that_are_no_readings():
     record = observers.find('hgo')
     joint = Joint(record, record.gains(model='cart_pendulum'), JointSettings())
-    assert joint.update(10 ** 9, (0.0, 0.0), (0.0,))
-    assert not joint.update(2 * 10 ** 9, (math.nan, 0.0), (0.0,))
+    assert joint.update(10**9, (0.0, 0.0), (0.0,))
+    assert not joint.update(2 * 10**9, (math.nan, 0.0), (0.0,))
     assert joint.dropped() == {'non_finite': 1}
 
 
@@ -192,8 +221,9 @@ def test_exact_step_is_of_second_order_in_fast_motion():
     for dt in (2e-3, 1e-3):
         count = round(6.0 / dt)  # the start is forgotten after 5 s
         positions, truth = motion('cart_pendulum', FAST, (1.37, -0.1), (12.0, 0.35), dt, count)
-        functions = made('geso', model='cart_pendulum', model_parameters=list(FAST), L=[10.0],
-                         Gamma=[70.0])
+        functions = made(
+            'geso', model='cart_pendulum', model_parameters=list(FAST), L=[10.0], Gamma=[70.0]
+        )
         velocities, _, _ = driven(functions, dt, count, positions)
         late = round(5.0 / dt)
         found.append(math.sqrt(np.mean((velocities - truth[1:])[late:] ** 2)))
@@ -217,16 +247,23 @@ def test_friction_that_stops_a_joint_within_a_sample_makes_none_unstable(name, d
     functions = made(name, model='single_joint', model_parameters=list(assignments))
     velocities, _, _ = driven(functions, dt, count, readings, torque)
     error = velocities[:, 0] - np.array(speeds[1:])
-    assert np.max(np.abs(error[count // 2:])) < 0.02 * np.max(np.abs(speeds)) + 0.03
+    assert np.max(np.abs(error[count // 2 :])) < 0.02 * np.max(np.abs(speeds)) + 0.03
 
 
 def test_a_damped_joint_is_as_exact_without_psi_as_with_it():
     """hgo is geso where nothing turns: the same numbers, damping and all."""
     assignments = ['inertia=0.02', 'damping=0.3', 'gravity=0.7']
     readings = [(math.sin(0.03 * k),) for k in range(300)]
-    both = [driven(made(name, model='single_joint', model_parameters=assignments,
-                        disturbance_hz=1.0), 0.01, 300, readings, [(0.1,)] * 300)[0]
-            for name in ('geso', 'hgo')]
+    both = [
+        driven(
+            made(name, model='single_joint', model_parameters=assignments, disturbance_hz=1.0),
+            0.01,
+            300,
+            readings,
+            [(0.1,)] * 300,
+        )[0]
+        for name in ('geso', 'hgo')
+    ]
     np.testing.assert_allclose(both[0], both[1], rtol=1e-9, atol=1e-9)
 
 
@@ -234,8 +271,9 @@ def test_a_damped_joint_is_as_exact_without_psi_as_with_it():
 def test_gains_far_beyond_the_rate_are_refused_with_the_limit(name):
     functions = made(name, bandwidth_hz=1e5)
     assert functions.limits(1e-4) is None
-    assert re.search(r'far too fast .* less than 0.00\d+ s; lower bandwidth_hz',
-                     functions.limits(0.01))
+    assert re.search(
+        r'far too fast .* less than 0.00\d+ s; lower bandwidth_hz', functions.limits(0.01)
+    )
     assert made(name, bandwidth_hz=1e3).limits(0.01) is None
 
 
@@ -251,8 +289,9 @@ def test_a_mass_that_vanishes_gives_no_numbers_instead_of_an_exception():
 STUCK = ('inertia=0.01', 'coulomb=0.5')  # 50 rad/s^2: half a rad/s within a sample of 10 ms
 
 
-@pytest.mark.parametrize('name, most', (('geso', 0.01), ('hgo', 0.01), ('ehgo', 0.01),
-                                        ('smo', 0.08)))
+@pytest.mark.parametrize(
+    'name, most', (('geso', 0.01), ('hgo', 0.01), ('ehgo', 0.01), ('smo', 0.08))
+)
 def test_a_joint_that_dry_friction_holds_is_estimated_at_rest(name, most):
     """Held explicitly over a sample, friction throws it to and fro by 0.3 rad/s."""
     random = np.random.default_rng(0)
@@ -282,9 +321,15 @@ def test_dry_friction_at_200_hz_through_both_directions(name):
     assert np.max(np.abs(speeds)) > 20.0 and np.max(error) < 0.06
 
 
-@pytest.mark.parametrize('name, model, numbers', (
-    ('geso', 'single_joint', ['coulomb=0.5', 'damping=0.1']), ('hgo', 'single_joint', STUCK),
-    ('smo', 'two_links', ()), ('geso', 'cart_pendulum', ['friction_forward=4.0'])))
+@pytest.mark.parametrize(
+    'name, model, numbers',
+    (
+        ('geso', 'single_joint', ['coulomb=0.5', 'damping=0.1']),
+        ('hgo', 'single_joint', STUCK),
+        ('smo', 'two_links', ()),
+        ('geso', 'cart_pendulum', ['friction_forward=4.0']),
+    ),
+)
 @pytest.mark.skipif(not available(), reason='needs numba')
 def test_plain_and_compiled_agree_where_friction_stops_a_joint(name, model, numbers):
     functions = made(name, model=model, model_parameters=list(numbers))
@@ -293,22 +338,27 @@ def test_plain_and_compiled_agree_where_friction_stops_a_joint(name, model, numb
     state, step = functions.init(functions.blank, design), compiled(functions.step)
     given = (0.1,) * max(1, functions.mechanics.inputs)
     for _ in range(60):
-        reading = tuple((np.array(functions.blank)
-                         + random.normal(0.0, 1e-4, len(functions.blank))).tolist())
+        reading = tuple(
+            (np.array(functions.blank) + random.normal(0.0, 1e-4, len(functions.blank))).tolist()
+        )
         other = step(state, coefficients, design, reading, given)
         state = functions.step(state, coefficients, design, reading, given)
         for a, b in zip(state[0], other[0]):
             np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-300)
 
 
-@pytest.mark.parametrize('force, free, late, v, wanted', (
-    (-1.0, 0.0, -1.0, 0.01, (0.0, 100.0)),     # stops it: as a viscous force of the same size
-    (1.0, 0.0, 1.0, -0.01, (0.0, 100.0)),
-    (-0.2, 0.8, -0.2, 0.01, (0.8, 100.0)),     # holds it against what drives it
-    (1.0, 2.0, 1.0, 0.01, (1.0, 0.0)),         # does not
-    (-1.0, 0.0, -1.0, 1.0, (-1.0, 0.0)),
-    (1.0, 0.0, 1.0, 0.01, (1.0, 0.0)),         # drives it
-    (0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
-    (-0.7, 0.3, -0.7, 1e-12, (0.3, 300.0))))   # a plain sign: it rests whatever the size
+@pytest.mark.parametrize(
+    'force, free, late, v, wanted',
+    (
+        (-1.0, 0.0, -1.0, 0.01, (0.0, 100.0)),  # stops it: as a viscous force of the same size
+        (1.0, 0.0, 1.0, -0.01, (0.0, 100.0)),
+        (-0.2, 0.8, -0.2, 0.01, (0.8, 100.0)),  # holds it against what drives it
+        (1.0, 2.0, 1.0, 0.01, (1.0, 0.0)),  # does not
+        (-1.0, 0.0, -1.0, 1.0, (-1.0, 0.0)),
+        (1.0, 0.0, 1.0, 0.01, (1.0, 0.0)),  # drives it
+        (0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
+        (-0.7, 0.3, -0.7, 1e-12, (0.3, 300.0)),
+    ),
+)  # a plain sign: it rests whatever the size
 def test_friction_that_stops_a_joint_counts_as_viscous(force, free, late, v, wanted):
     assert stopping(force, free, late, v, 1.0, 0.1) == pytest.approx(wanted)

@@ -17,16 +17,22 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 
 BAGS = Path(__file__).parents[3] / 'bags'
-SKIPPED = 2 * 10 ** 9  # ns at the begin
+SKIPPED = 2 * 10**9  # ns at the begin
 
-SIMPLE = ('dfki_simple_pendulum/sac_200hz_multiturn', [
-    'joints=[pendulum]', "model_parameters=['inertia=0.17','gravity=3.6','coulomb=0.1']"])
+SIMPLE = (
+    'dfki_simple_pendulum/sac_200hz_multiturn',
+    ['joints=[pendulum]', "model_parameters=['inertia=0.17','gravity=3.6','coulomb=0.1']"],
+)
 # what `identify` finds on dfki_double_pendulum/sys_id_500hz
-DOUBLE = ('dfki_double_pendulum/trajectory_665hz', [
-    'model=two_links',
-    "model_parameters=['shoulder_inertia=0.142','elbow_inertia=0.0345','coupling=0.0369',"
-    "'shoulder_gravity=3.89','elbow_gravity=1.2','shoulder_damping=0.041','elbow_damping=0.001',"
-    "'shoulder_coulomb=0.18','elbow_coulomb=0.118','coulomb_speed=0.05']"])
+DOUBLE = (
+    'dfki_double_pendulum/trajectory_665hz',
+    [
+        'model=two_links',
+        "model_parameters=['shoulder_inertia=0.142','elbow_inertia=0.0345','coupling=0.0369',"
+        "'shoulder_gravity=3.89','elbow_gravity=1.2','shoulder_damping=0.041','elbow_damping=0.001',"
+        "'shoulder_coulomb=0.18','elbow_coulomb=0.118','coulomb_speed=0.05']",
+    ],
+)
 CASES = [  # recording and model, observer, its parameters, largest rms error of each joint [rad/s]
     (SIMPLE, 'geso', ['bandwidth_hz=20', 'disturbance_hz=2'], (0.216,)),
     (SIMPLE, 'hgo', ['bandwidth_hz=20'], (0.214,)),
@@ -34,16 +40,32 @@ CASES = [  # recording and model, observer, its parameters, largest rms error of
     (SIMPLE, 'smo', ['mu=[60]'], (0.229,)),
     (DOUBLE, 'hgo', ['bandwidth_hz=70', 'disturbance_hz=4'], (0.11, 0.108)),
     (DOUBLE, 'ehgo', ['bandwidth_hz=40'], (0.152, 0.134)),
-    (DOUBLE, 'smo', ['mu=[100, 100]'], (0.136, 0.118))]
+    (DOUBLE, 'smo', ['mu=[100, 100]'], (0.136, 0.118)),
+]
 
 
-@pytest.mark.parametrize('recording, observer, values, bounds', CASES, ids=[
-    f'{case[0][0].partition("/")[2]}-{case[1]}' for case in CASES])
+@pytest.mark.parametrize(
+    'recording, observer, values, bounds',
+    CASES,
+    ids=[f'{case[0][0].partition("/")[2]}-{case[1]}' for case in CASES],
+)
 def test_errors_stay_within_two_sided_bounds(recording, observer, values, bounds, tmp_path):
     path, common = recording
     words = [word for value in (*common, *values) for word in ('--set', value)]
-    assert cli.main(['replay', str(BAGS / path), '--observer', observer, *words, '--out',
-                     str(tmp_path / 'out')]) == 0
+    assert (
+        cli.main(
+            [
+                'replay',
+                str(BAGS / path),
+                '--observer',
+                observer,
+                *words,
+                '--out',
+                str(tmp_path / 'out'),
+            ]
+        )
+        == 0
+    )
     with open_bag(tmp_path / 'out') as bag:
         found = joint_series(bag, '/mechanical_observer/estimate')
         truth = joint_series(bag, '/ground_truth/joint_states')

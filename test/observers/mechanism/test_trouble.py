@@ -12,6 +12,7 @@ from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVA
 
 # Trouble
 
+
 def leg(**values):
     """An observer of the leg."""
     return made('geso', model='robotic_leg', bandwidth_hz=5.0, **values)
@@ -20,7 +21,7 @@ def leg(**values):
 def test_leaving_the_domain_coasts_and_is_never_infinite():
     dt = 1e-3
     functions = leg()
-    angle = 2.6 + 1.0 * dt * np.arange(1000)   # passes pi at 0.54 s
+    angle = 2.6 + 1.0 * dt * np.arange(1000)  # passes pi at 0.54 s
     readings = [(2.0, float(a), 0.4) for a in angle]
     velocities, statuses, state = driven(functions, dt, 1000, readings, [(0.0, 0.0)] * 1000)
     assert np.all(np.isfinite(velocities))
@@ -33,8 +34,9 @@ def test_leaving_the_domain_coasts_and_is_never_infinite():
 
 def test_standing_at_the_singularity_is_not_observable():
     functions = leg()
-    _, statuses, state = driven(functions, 1e-3, 600, [(2.0, math.pi, 0.4)] * 600,
-                                [(0.0, 0.0)] * 600)
+    _, statuses, state = driven(
+        functions, 1e-3, 600, [(2.0, math.pi, 0.4)] * 600, [(0.0, 0.0)] * 600
+    )
     assert statuses[-1] == NOT_OBSERVABLE
     assert 'outside the domain' in functions.why(state, functions.design())
 

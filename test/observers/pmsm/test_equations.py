@@ -62,8 +62,9 @@ def test_a_converged_observer_stands_still_in_its_frame():
     z = unit(40.0)
     current = z * 1j * i_q
     voltage = z * (1j * (R * i_q + omega * FLUX) - L * omega * i_q)
-    d_i, d_h, d_z, d_x = flow(1j * i_q, -1j * omega * FLUX, z, 1.0 / FLUX, current, voltage, R, L,
-                              K_P, K_I, K_ETA, GAMMA)
+    d_i, d_h, d_z, d_x = flow(
+        1j * i_q, -1j * omega * FLUX, z, 1.0 / FLUX, current, voltage, R, L, K_P, K_I, K_ETA, GAMMA
+    )
     assert abs(d_i) < 1e-6 and abs(d_h) < 1e-9 and abs(d_x) < 1e-9
     assert abs(d_z - 1j * omega * z) < 1e-9
 
@@ -100,21 +101,61 @@ def one_step_errors():
         return 4.5j * cmath.exp(1j * (omega * t + 0.1))
 
     def slope(t, s):
-        found = flow(complex(s[0], s[1]), complex(s[2], s[3]), complex(s[4], s[5]), s[6],
-                     current(t), voltage(t), R, L, K_P, K_I, K_ETA, GAMMA)
-        return [found[0].real, found[0].imag, found[1].real, found[1].imag, found[2].real,
-                found[2].imag, found[3]]
+        found = flow(
+            complex(s[0], s[1]),
+            complex(s[2], s[3]),
+            complex(s[4], s[5]),
+            s[6],
+            current(t),
+            voltage(t),
+            R,
+            L,
+            K_P,
+            K_I,
+            K_ETA,
+            GAMMA,
+        )
+        return [
+            found[0].real,
+            found[0].imag,
+            found[1].real,
+            found[1].imag,
+            found[2].real,
+            found[2].imag,
+            found[3],
+        ]
 
     def of(dt):
-        exact = solve_ivp(slope, (0.0, dt), [i.real, i.imag, h.real, h.imag, z.real, z.imag, x],
-                          rtol=1e-12, atol=1e-13).y[:, -1]
+        exact = solve_ivp(
+            slope,
+            (0.0, dt),
+            [i.real, i.imag, h.real, h.imag, z.real, z.imag, x],
+            rtol=1e-12,
+            atol=1e-13,
+        ).y[:, -1]
         half = 0.5 * omega * dt
         mean = voltage(0.5 * dt) * math.sin(half) / half
-        ours = advance(i, h, z, x, current(0.0), current(dt), mean,
-                       prepare_scheme(R, L, K_P, K_I, dt), K_ETA, GAMMA, 0.0)
-        return np.array([abs(ours[0] - complex(exact[0], exact[1])),
-                         abs(ours[1] - complex(exact[2], exact[3])),
-                         abs(ours[2] - complex(exact[4], exact[5])), abs(ours[3] - exact[6])])
+        ours = advance(
+            i,
+            h,
+            z,
+            x,
+            current(0.0),
+            current(dt),
+            mean,
+            prepare_scheme(R, L, K_P, K_I, dt),
+            K_ETA,
+            GAMMA,
+            0.0,
+        )
+        return np.array(
+            [
+                abs(ours[0] - complex(exact[0], exact[1])),
+                abs(ours[1] - complex(exact[2], exact[3])),
+                abs(ours[2] - complex(exact[4], exact[5])),
+                abs(ours[3] - exact[6]),
+            ]
+        )
 
     return of
 
@@ -162,15 +203,25 @@ def test_least_squares_finds_the_flux_and_the_sign(omega):
     assert solve(registers)[0] == pytest.approx(math.copysign(1.0 / FLUX, omega), rel=1e-9)
 
 
-GATES = {'least_chord': 0.3, 'largest_rest': 0.25, 'lowest': 200.0, 'highest': 1500.0,
-         'least_emf': 0.2}
+GATES = {
+    'least_chord': 0.3,
+    'largest_rest': 0.25,
+    'lowest': 200.0,
+    'highest': 1500.0,
+    'least_emf': 0.2,
+}
 
 
 @pytest.mark.parametrize('gate', [None, *GATES])
 def test_each_gate_refuses_what_it_is_for(gate):
     """Sound data passes all gates; then one of them is drawn tight."""
-    tight = {'least_chord': 1.3, 'largest_rest': 1e-4, 'lowest': 600.0, 'highest': 500.0,
-             'least_emf': 2.0}
+    tight = {
+        'least_chord': 1.3,
+        'largest_rest': 1e-4,
+        'lowest': 600.0,
+        'highest': 500.0,
+        'least_emf': 2.0,
+    }
     found, _ = ticks(1000.0, 5e-3, noise=0.05)
     gates = dict(GATES)
     if gate:
@@ -192,8 +243,13 @@ def test_noise_gains_solve_the_lyapunov_equation(omega):
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
     # state (i, h, n): the noise of the sample before is remembered
     turn = 1j * omega
-    a = np.array([[e11, e12, ia - idd - turn * (iw - idw)],
-                  [e21, e22, ha - hdd - turn * (hw - hdw)], [0.0, 0.0, 0.0]])
+    a = np.array(
+        [
+            [e11, e12, ia - idd - turn * (iw - idw)],
+            [e21, e22, ha - hdd - turn * (hw - hdw)],
+            [0.0, 0.0, 0.0],
+        ]
+    )
     b = np.array([[idd - turn * idw], [hdd - turn * hdw], [1.0]])
     p = solve_discrete_lyapunov(a, b @ b.conj().T).real
     of_h, of_innovation, of_integral = prepare_noise(L, K_P, K_I, scheme, omega)
@@ -215,7 +271,12 @@ def test_clarke_is_amplitude_invariant_and_drops_the_common_part():
     angle = 0.7
     a, b, c = (3.0 * math.cos(angle - k * 2.0 * math.pi / 3.0) + 5.0 for k in range(3))
     alpha, beta = clarke(a, b, c)
-    assert (alpha, beta) == (pytest.approx(3.0 * math.cos(angle)),
-                             pytest.approx(3.0 * math.sin(angle)))
-    assert phases(alpha, beta) == (pytest.approx(a - 5.0), pytest.approx(b - 5.0),
-                                   pytest.approx(c - 5.0))
+    assert (alpha, beta) == (
+        pytest.approx(3.0 * math.cos(angle)),
+        pytest.approx(3.0 * math.sin(angle)),
+    )
+    assert phases(alpha, beta) == (
+        pytest.approx(a - 5.0),
+        pytest.approx(b - 5.0),
+        pytest.approx(c - 5.0),
+    )

@@ -50,6 +50,7 @@ from sim_pkg.reproduce.pmsm.reference import signals
 
 # ---- tuning ----------------------------------------------------------------------------------
 
+
 def test_default_gains_are_those_of_the_paper():
     found = tuning(build_parameters(Gains, MOTOR))
     assert found.k_p == pytest.approx(2.18e4, rel=5e-3)
@@ -59,8 +60,9 @@ def test_default_gains_are_those_of_the_paper():
 
 
 def test_the_papers_symbols_win_over_what_follows():
-    found = tuning(build_parameters(Gains, {**MOTOR, 'k_p': 1e4, 'k_i': 5e3, 'k_eta': 50.0,
-                                            'gamma': 1000.0}))
+    found = tuning(
+        build_parameters(Gains, {**MOTOR, 'k_p': 1e4, 'k_i': 5e3, 'k_eta': 50.0, 'gamma': 1000.0})
+    )
     assert (found.k_p, found.k_i, found.k_eta, found.gamma) == (1e4, 5e3, 50.0, 1000.0)
 
 
@@ -87,9 +89,14 @@ def test_incomplete_motor_data_is_refused_by_name(missing):
         build(dataclasses.replace(Gains(**MOTOR), **{missing: -1}), Circle(0.0))
 
 
-@pytest.mark.parametrize('gains, said', [
-    ({'epsilon': 0.05}, 'epsilon'), ({'clock_rate': 4000.0}, 'clock_rate'),
-    ({'flux_min': 1.0, 'flux_max': 0.5}, 'flux_min')])
+@pytest.mark.parametrize(
+    'gains, said',
+    [
+        ({'epsilon': 0.05}, 'epsilon'),
+        ({'clock_rate': 4000.0}, 'clock_rate'),
+        ({'flux_min': 1.0, 'flux_max': 0.5}, 'flux_min'),
+    ],
+)
 def test_gains_that_cannot_work_are_refused(gains, said):
     with pytest.raises(UsageError, match=said):
         made(**gains)
@@ -99,14 +106,16 @@ def test_a_rate_below_two_samples_per_turn_is_refused_with_the_limit():
     limits = made(speed_max=6000.0 * RPM).limits
     assert limits(1.0 / 2000.0) is None
     assert '1400 Hz is needed' in limits(1.0 / 1000.0)
-    joint = Joint(OBSERVER, build_parameters(Gains, {**MOTOR, 'speed_max': 6000.0 * RPM}),
-                  JointSettings())
+    joint = Joint(
+        OBSERVER, build_parameters(Gains, {**MOTOR, 'speed_max': 6000.0 * RPM}), JointSettings()
+    )
     for k in range(100):
-        joint.update(10 ** 9 + k * 10 ** 6, (0.0, 0.0, 0.0, 0.0))
+        joint.update(10**9 + k * 10**6, (0.0, 0.0, 0.0, 0.0))
     assert joint.estimate()[3] == MISCONFIGURED and '1400 Hz' in joint.why()
 
 
 # ---- convergence -----------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize('variant', ['identifier', 'hybrid', 'continuous'])
 @pytest.mark.parametrize('rpm', [3000.0, -3000.0])
@@ -168,10 +177,10 @@ def test_a_voltage_reported_early_is_delayed(delay):
 def test_a_part_of_a_sample_of_voltage_delay_lies_between(part):
     samples = record(((0.06, 6000.0, 6000.0),)).samples.copy()
     early = math.floor(part)
-    voltage = np.vstack((samples[early:, 2:], samples[-1 - early:, 2:]))
+    voltage = np.vstack((samples[early:, 2:], samples[-1 - early :, 2:]))
     weight = part - early
-    count = len(samples)   # as if reported so much of a sample early
-    samples[:, 2:] = (1.0 - weight) * voltage[:count] + weight * voltage[1:count + 1]
+    count = len(samples)  # as if reported so much of a sample early
+    samples[:, 2:] = (1.0 - weight) * voltage[:count] + weight * voltage[1 : count + 1]
     truth = record(((0.06, 6000.0, 6000.0),)).truth
     status, _, rows, *_ = estimates(made(voltage_delay=part), samples)
     assert status[-1] == TRACKING
@@ -183,9 +192,9 @@ def test_it_works_from_2_to_20_khz(every):
     """Decimated as a drive would: current at the edges, mean voltage between them."""
     seen = noisy(P1)
     count = len(seen.samples) // every
-    mean = seen.samples[1:(count - 1) * every + 1, 2:].reshape(count - 1, every, 2).mean(axis=1)
-    samples = np.column_stack((seen.samples[every:count * every:every, :2], mean))
-    truth = seen.truth[every:count * every:every]
+    mean = seen.samples[1 : (count - 1) * every + 1, 2:].reshape(count - 1, every, 2).mean(axis=1)
+    samples = np.column_stack((seen.samples[every : count * every : every, :2], mean))
+    truth = seen.truth[every : count * every : every]
     status, _, rows, *_ = estimates(made(), samples, every * DT)
     tracked = status == TRACKING
     assert tracked.sum() * every * DT > 0.63
@@ -210,10 +219,19 @@ def test_aliasing_is_said_and_never_taken_for_tracking():
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_once_beyond_half_a_turn_per_sample_nothing_is_said_until_the_rotor_has_stood(sign, seed):
     """There every sample is that of a rotor that turns the other way: the mean voltage too."""
-    seen = record(((0.1, sign * 3000.0, sign * 3000.0), (0.2, sign * 3000.0, sign * 6000.0),
-                   (0.2, sign * 6000.0, sign * 6000.0), (0.2, sign * 6000.0, 0.0),
-                   (0.1, 0.0, 0.0), (0.2, 0.0, sign * 3000.0), (0.2, sign * 3000.0, sign * 3000.0)),
-                  seed, current_noise=0.1)
+    seen = record(
+        (
+            (0.1, sign * 3000.0, sign * 3000.0),
+            (0.2, sign * 3000.0, sign * 6000.0),
+            (0.2, sign * 6000.0, sign * 6000.0),
+            (0.2, sign * 6000.0, 0.0),
+            (0.1, 0.0, 0.0),
+            (0.2, 0.0, sign * 3000.0),
+            (0.2, sign * 3000.0, sign * 3000.0),
+        ),
+        seed,
+        current_noise=0.1,
+    )
     mean = seen.samples[1:23981, 2:].reshape(1199, 20, 2).mean(axis=1)
     samples = np.column_stack((seen.samples[20:24000:20, :2][:1199], mean))
     status, reasons, rows, *_ = estimates(made(), samples, 20 * DT)
@@ -228,6 +246,7 @@ def test_once_beyond_half_a_turn_per_sample_nothing_is_said_until_the_rotor_has_
 
 # ---- honesty ---------------------------------------------------------------------------------
 
+
 def test_at_rest_nothing_but_a_bound_is_given():
     seen = noisy(RESTING)
     functions = made()
@@ -238,7 +257,8 @@ def test_at_rest_nothing_but_a_bound_is_given():
     bound = functions.speed_bound(state, coefficients, functions.design())
     assert 100.0 * RPM < bound < 500.0 * RPM
     assert functions.stddev(state, coefficients, functions.design())[1] == pytest.approx(
-        bound / math.sqrt(3.0))
+        bound / math.sqrt(3.0)
+    )
 
 
 def test_while_not_observable_the_flux_is_frozen_and_the_registers_are_cleared():
@@ -289,8 +309,9 @@ def test_zero_voltage_is_said():
 def test_a_wrong_resistance_out_of_all_proportion_is_seen():
     """At 20 A and ten times R the flux leaves its range: never flagged as tracking."""
     seen = record(((0.2, 1500.0, 1500.0),), load_constant=0.3)
-    status, reasons, *_ = estimates(made(resistance=0.6, inductance=33.75e-6, epsilon=5e-5),
-                                    seen.samples)
+    status, reasons, *_ = estimates(
+        made(resistance=0.6, inductance=33.75e-6, epsilon=5e-5), seen.samples
+    )
     assert not np.any(status == TRACKING)
     assert np.any(reasons & FLUX_RANGE) or np.any(reasons & LOW_EMF)
 
@@ -303,10 +324,12 @@ def white(functions, rpm, seconds):
     half = 0.5 * omega * DT
     mean = exact.voltage * np.exp(-1j * half) * math.sin(half) / half
     noise = 0.1 * np.random.default_rng(5).standard_normal((len(times), 2))
-    samples = np.column_stack((exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1],
-                               mean.real, mean.imag))
-    start = start_state(functions, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3,
-                        seen=omega)
+    samples = np.column_stack(
+        (exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1], mean.real, mean.imag)
+    )
+    start = start_state(
+        functions, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3, seen=omega
+    )
     log = run_log(functions, samples, DT, start, fast=False)
     design = functions.design()
     coefficients = functions.prepare(design, DT)
@@ -327,10 +350,16 @@ def test_the_intervals_hold_95_percent_of_the_errors():
     assert functions.stddev(*at) == (of_angle / 7.0, of_speed / 7.0)
 
 
-@pytest.mark.parametrize('rpm, gains', [
-    (500.0, {'speed_filter_hz': 100.0}), (2000.0, {'speed_filter_hz': 1000.0}),
-    (6000.0, {'speed_filter_hz': 300.0}), (6000.0, {'speed_filter_hz': 0.0}),
-    (2000.0, {'speed_filter_hz': 100.0, 'relative_bandwidth': 0.3, 'k_eta': 300.0})])
+@pytest.mark.parametrize(
+    'rpm, gains',
+    [
+        (500.0, {'speed_filter_hz': 100.0}),
+        (2000.0, {'speed_filter_hz': 1000.0}),
+        (6000.0, {'speed_filter_hz': 300.0}),
+        (6000.0, {'speed_filter_hz': 0.0}),
+        (2000.0, {'speed_filter_hz': 100.0, 'relative_bandwidth': 0.3, 'k_eta': 300.0}),
+    ],
+)
 def test_the_standard_deviations_are_those_of_the_errors(rpm, gains):
     functions = made(current_noise=0.1, **gains)
     angle, speed, at = white(functions, rpm, 1.5)
@@ -355,8 +384,10 @@ def test_the_declared_delay_is_that_of_the_speed_on_a_ramp(corner):
 def test_the_low_pass_on_the_speed_has_two_poles_and_its_corner_where_it_is_said():
     """Without noise the frame's speed follows the true one; what is left is the low-pass."""
     functions = made(speed_filter_hz=100.0)
-    first, second = (np.array(functions.prepare(functions.design(), DT).low_pass).reshape(2, 2),
-                     np.eye(2))
+    first, second = (
+        np.array(functions.prepare(functions.design(), DT).low_pass).reshape(2, 2),
+        np.eye(2),
+    )
     at = np.exp(2j * math.pi * np.array([20.0, 100.0, 1000.0]) * DT)
     # off = velocity - speed obeys (off, slope)+ = A (off, slope); velocity = speed + off
     gain = []
@@ -374,7 +405,7 @@ def test_a_voltage_that_stands_still_over_the_carriers_period_is_allowed_for():
         rows = estimates(made(**gains), seen.samples)[2]
         return float(np.mean(angle_error(rows[-200:, 0], seen.truth[-200:, 1])))
 
-    tilt = math.degrees(6000.0 * RPM * 7 * 0.06 * DT ** 2 / (12.0 * 33.75e-6))
+    tilt = math.degrees(6000.0 * RPM * 7 * 0.06 * DT**2 / (12.0 * 33.75e-6))
     assert off() == pytest.approx(tilt, rel=0.1)
     assert abs(off(pwm_frequency=RATE)) < 0.1 * tilt
 
@@ -383,30 +414,58 @@ def looked(**changes):
     """Reasons after 20 ms of one and the same signal: converged at 2000 rad/s but for `changes`."""
     omega = 2000.0
     power = changes.pop('known_power', 1e-4)
-    signal = {'event': 0, 'h': -1j * omega * 1.9e-3, 'speed': omega, 'turning': omega,
-              'innovation': 0j, 'current': 1j, 'voltage': 4j, 'x': 1.0 / 1.9e-3, **changes}
+    signal = {
+        'event': 0,
+        'h': -1j * omega * 1.9e-3,
+        'speed': omega,
+        'turning': omega,
+        'innovation': 0j,
+        'current': 1j,
+        'voltage': 4j,
+        'x': 1.0 / 1.9e-3,
+        **changes,
+    }
     signal['limits'] = prepare_watch(
-        (0.05, 0.01, 0.002), (0.1, 1.0, 0.0), window=5e-3, dt=DT, known_power=power, emf_min=0.14,
-        drop=0.024, xi_low=200.0, xi_high=1300.0, when_blind=SEARCHING)
+        (0.05, 0.01, 0.002),
+        (0.1, 1.0, 0.0),
+        window=5e-3,
+        dt=DT,
+        known_power=power,
+        emf_min=0.14,
+        drop=0.024,
+        xi_low=200.0,
+        xi_high=1300.0,
+        when_blind=SEARCHING,
+    )
     watch = begin_watch(1e-4)
     for _ in range(1500):
         watch = look(watch, **signal)
     return watch[7]
 
 
-@pytest.mark.parametrize('changes, reasons', [
-    ({}, 0), ({'x': -1.0 / 1.9e-3, 'speed': -2000.0, 'turning': -2000.0}, 0),
-    ({'h': 0.1j}, LOW_EMF | SEARCHING | MISALIGNED), ({'h': 3.8j}, MISALIGNED),
-    ({'h': -3.8j * np.exp(1j * math.radians(9.0))}, MISALIGNED),
-    ({'h': -3.8j * np.exp(1j * math.radians(7.0))}, 0),
-    ({'speed': 2300.0}, INCONSISTENT), ({'speed': -2000.0}, INCONSISTENT), ({'speed': 2050.0}, 0),
-    ({'x': 1400.0}, FLUX_RANGE), ({'x': 100.0}, FLUX_RANGE),
-    ({'x': 6000.0}, FLUX_RANGE | SEARCHING),
-    ({'voltage': 0j}, NO_VOLTAGE | SEARCHING),
-    ({'current': 200.0 + 0j}, LOW_EMF | SEARCHING),   # the resistance may falsify all of it
-    ({'known_power': 10.0}, LOW_EMF | SEARCHING),     # noise
-    ({'turning': 60000.0, 'speed': 60000.0}, TOO_FAST),
-    ({'speed': 60000.0}, INCONSISTENT), ({'event': 16}, 16)])
+@pytest.mark.parametrize(
+    'changes, reasons',
+    [
+        ({}, 0),
+        ({'x': -1.0 / 1.9e-3, 'speed': -2000.0, 'turning': -2000.0}, 0),
+        ({'h': 0.1j}, LOW_EMF | SEARCHING | MISALIGNED),
+        ({'h': 3.8j}, MISALIGNED),
+        ({'h': -3.8j * np.exp(1j * math.radians(9.0))}, MISALIGNED),
+        ({'h': -3.8j * np.exp(1j * math.radians(7.0))}, 0),
+        ({'speed': 2300.0}, INCONSISTENT),
+        ({'speed': -2000.0}, INCONSISTENT),
+        ({'speed': 2050.0}, 0),
+        ({'x': 1400.0}, FLUX_RANGE),
+        ({'x': 100.0}, FLUX_RANGE),
+        ({'x': 6000.0}, FLUX_RANGE | SEARCHING),
+        ({'voltage': 0j}, NO_VOLTAGE | SEARCHING),
+        ({'current': 200.0 + 0j}, LOW_EMF | SEARCHING),  # the resistance may falsify all of it
+        ({'known_power': 10.0}, LOW_EMF | SEARCHING),  # noise
+        ({'turning': 60000.0, 'speed': 60000.0}, TOO_FAST),
+        ({'speed': 60000.0}, INCONSISTENT),
+        ({'event': 16}, 16),
+    ],
+)
 def test_each_residual_gives_its_reason(changes, reasons):
     assert looked(**dict(changes)) == reasons
     assert (describe(reasons) == '') == (reasons == 0)

@@ -27,8 +27,11 @@ MODES = {'close': None, 'same': gripper.SAME}
 
 def test_a_model_that_knows_its_own_modes_alone_names_a_typical_event():
     """The checks simulate events, whose mode and v mean something to the user's code."""
-    strict = dataclasses.replace(gripper.MODEL, transition=lambda mode: MODES[mode],
-                                 offset=lambda mode, v, y: (0.0 * v[0], 0.0, 0.0))
+    strict = dataclasses.replace(
+        gripper.MODEL,
+        transition=lambda mode: MODES[mode],
+        offset=lambda mode, v, y: (0.0 * v[0], 0.0, 0.0),
+    )
     with pytest.raises(UsageError, match=r"its code fails in '<lambda>', line \d+: KeyError: ''"):
         check(strict)
     assert check(dataclasses.replace(strict, event=('same', (1.0,)))) > 0.0
@@ -68,13 +71,16 @@ def run(joint, angles, torques, events=(), offset=0.0):
     rows = []
     for i, angle in enumerate(angles.tolist()):
         reading = math.remainder(round((angle + offset) / QUANTUM) * QUANTUM, 2.0 * math.pi)
-        joint.update(10 ** 18 + i * 10 ** 6, (reading,), torques[i - 1] if i else (0.0,))
+        joint.update(10**18 + i * 10**6, (reading,), torques[i - 1] if i else (0.0,))
         state = joint._track[6]
         z, _, converged = joint.functions.discrete(state)
         rows.append((z, converged, joint.estimate()[1]))
         if i in events:
-            joint._track = (*joint._track[:6], joint.functions.jump(state, (events[i], ())),
-                            *joint._track[7:])
+            joint._track = (
+                *joint._track[:6],
+                joint.functions.jump(state, (events[i], ())),
+                *joint._track[7:],
+            )
     return rows
 
 
@@ -88,8 +94,9 @@ def test_a_new_load_is_known_within_half_a_second():
     for z, converged, _ in rows[2500:]:
         assert converged and z == pytest.approx(gripper.CLOSED, rel=0.02)
     errors = np.array([row[2] for row in rows]) - velocities
-    before, after = (np.sqrt(np.mean(np.square(errors[part])))
-                     for part in (slice(1500, 2000), slice(2000, 2500)))
+    before, after = (
+        np.sqrt(np.mean(np.square(errors[part]))) for part in (slice(1500, 2000), slice(2000, 2500))
+    )
     assert after < 2.0 * before
     assert joint.estimate()[3] == TRACKING
 
@@ -129,7 +136,7 @@ def test_a_gap_keeps_what_was_learnt():
     joint = made(quantum=QUANTUM)
     run(joint, angles[:2001], torques)
     for i in range(2400, 3000):
-        joint.update(10 ** 18 + i * 10 ** 6, (float(angles[i]),), torques[i - 1])
+        joint.update(10**18 + i * 10**6, (float(angles[i]),), torques[i - 1])
     assert joint.functions.discrete(joint._track[6])[0] == pytest.approx(gripper.OPEN, rel=0.02)
     assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
 
@@ -138,8 +145,9 @@ def test_a_gap_keeps_what_was_learnt():
 def test_two_outputs_and_the_second_joint(velocity):
     model = load('example')
     times, states, z = trajectory(model, 6)
-    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
-                                     velocity=velocity), Circle(0.0))
+    functions = OBSERVER.build(
+        Gains(model='example', discrete='inversion', settle=0.0, velocity=velocity), Circle(0.0)
+    )
     coefficients = functions.prepare((), 1e-3)
     state = functions.init((1.0, 0.5), ())
     for i in range(1, len(times)):
@@ -156,13 +164,16 @@ def test_two_outputs_and_the_second_joint(velocity):
     assert functions.discrete(state)[2]
 
 
-@pytest.mark.parametrize('name, words', [
-    ('grippr', "unknown switched model 'grippr'"),
-    ('nowhere.at:ALL', "cannot import 'nowhere.at'"),
-    ('estimator_pkg.models.gripper:OPEN', 'no SwitchedModel'),
-    ('test_switched_observer:RESTING', 'never reached'),
-    ('test_switched_observer:SHIFTED', 'the derivative of zeta[1]'),
-])
+@pytest.mark.parametrize(
+    'name, words',
+    [
+        ('grippr', "unknown switched model 'grippr'"),
+        ('nowhere.at:ALL', "cannot import 'nowhere.at'"),
+        ('estimator_pkg.models.gripper:OPEN', 'no SwitchedModel'),
+        ('test_switched_observer:RESTING', 'never reached'),
+        ('test_switched_observer:SHIFTED', 'the derivative of zeta[1]'),
+    ],
+)
 def test_wrong_models_are_refused_before_running(name, words):
     if 'grippr' in name:
         with pytest.raises(UsageError):
@@ -175,12 +186,16 @@ def test_wrong_models_are_refused_before_running(name, words):
     assert words in str(caught.value) and '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize('change, words', [
-    ({'names': ('a',)}, "'names'"), ({'bounds': ((1.0,),)}, "'bounds'"),
-    ({'start': ((0.0,), (1.0, 1.0, 1.0))}, 'start needs 2 and 3'),
-    ({'gamma': lambda zeta, u: (0.0, 0.0)}, "'gamma'"),
-    ({'phi': lambda x, z: (x[0], 2.0 * x[1])}, 'does not invert'),
-])
+@pytest.mark.parametrize(
+    'change, words',
+    [
+        ({'names': ('a',)}, "'names'"),
+        ({'bounds': ((1.0,),)}, "'bounds'"),
+        ({'start': ((0.0,), (1.0, 1.0, 1.0))}, 'start needs 2 and 3'),
+        ({'gamma': lambda zeta, u: (0.0, 0.0)}, "'gamma'"),
+        ({'phi': lambda x, z: (x[0], 2.0 * x[1])}, 'does not invert'),
+    ],
+)
 def test_models_that_contradict_themselves(change, words):
     with pytest.raises(UsageError, match=words):
         check(dataclasses.replace(gripper.MODEL, **change))
@@ -188,8 +203,9 @@ def test_models_that_contradict_themselves(change, words):
 
 def test_the_misprint_of_the_paper_is_found():
     model = load('example')
-    printed = dataclasses.replace(model, gamma=lambda zeta, u: (
-        model.gamma(zeta, u)[0], model.gamma(zeta, u)[1] - 1.0))
+    printed = dataclasses.replace(
+        model, gamma=lambda zeta, u: (model.gamma(zeta, u)[0], model.gamma(zeta, u)[1] - 1.0)
+    )
     with pytest.raises(UsageError, match=r'zeta\[3\]'):
         check(printed)
     assert check(model) > 0.2
@@ -199,14 +215,16 @@ def example_run(steps, z=(0.5, 0.5, 0.2), until=12):
     """(Z as shown after each event, converged, true Z) of the paper's example at 1 ms."""
     model = dataclasses.replace(load('example'), start=((1.0, 0.5, 0.5, 0.0), z))
     times, states, true = trajectory(model, until)
-    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
-                                     steps=steps), Circle(0.0))
+    functions = OBSERVER.build(
+        Gains(model='example', discrete='inversion', settle=0.0, steps=steps), Circle(0.0)
+    )
     coefficients = functions.prepare((), 1e-3)
     state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
     rows = []
     for i in range(1, len(times)):
-        state = functions.step(state, coefficients, (),
-                               (float(states[i, 0]), float(states[i, 2])), ())
+        state = functions.step(
+            state, coefficients, (), (float(states[i, 0]), float(states[i, 2])), ()
+        )
         if i % 500 == 0:
             state = functions.jump(state, ('', ()))
             shown, _, converged = functions.discrete(state)
@@ -234,8 +252,9 @@ def test_the_acceleration_is_right_at_once_after_a_known_event():
     times, states, z = trajectory(model, 10)
     worst = {}
     for reset in ('all', 'states'):
-        functions = OBSERVER.build(Gains(model='example', settle=0.2, velocity='cascade',
-                                         reset=reset), Circle(0.0))
+        functions = OBSERVER.build(
+            Gains(model='example', settle=0.2, velocity='cascade', reset=reset), Circle(0.0)
+        )
         coefficients = functions.prepare((), 1e-3)
         state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
         off = []
@@ -255,14 +274,16 @@ def test_the_acceleration_is_right_at_once_after_a_known_event():
 def test_the_inversion_is_not_used_below_its_singular_value():
     model = load('example')
     times, states, true = trajectory(model, 4)
-    functions = OBSERVER.build(Gains(model='example', discrete='inversion', settle=0.0,
-                                     singular_value=20.0), Circle(0.0))
+    functions = OBSERVER.build(
+        Gains(model='example', discrete='inversion', settle=0.0, singular_value=20.0), Circle(0.0)
+    )
     coefficients = functions.prepare((), 1e-3)
     state = functions.init((1.0, 0.5), ())
     shown, beta = (0.0, 0.0, 0.0), (1.0, 0.5)
     for i in range(1, len(times)):
-        state = functions.step(state, coefficients, (),
-                               (float(states[i, 0]), float(states[i, 2])), ())
+        state = functions.step(
+            state, coefficients, (), (float(states[i, 0]), float(states[i, 2])), ()
+        )
         if i % 500 == 0:
             shown = np.array(model.transition('')) @ shown + model.offset('', (), beta)
             beta = tuple(states[i, [0, 2]])
@@ -288,16 +309,18 @@ def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
     stages of the paper lag by half an interval and step with the encoder.
     """
     angles, velocities, torques = gripped(
-        5000, loads=((2000, gripper.CLOSED), (4000, gripper.OPEN)))
+        5000, loads=((2000, gripper.CLOSED), (4000, gripper.OPEN))
+    )
     quantum = 2.0 * math.pi / counts
     readings = np.remainder(np.round(angles / quantum) * quantum + math.pi, 2.0 * math.pi) - math.pi
-    switched = SwitchedJoint(OBSERVER, build(Gains, {
-        'quantum': quantum, 'bandwidth_hz': bandwidth}), JointSettings())
+    switched = SwitchedJoint(
+        OBSERVER, build(Gains, {'quantum': quantum, 'bandwidth_hz': bandwidth}), JointSettings()
+    )
     other = observers.find('hybrid_angle')
     angle_only = Joint(other, build(other.gains, {'quantum': quantum}), JointSettings())
     found = []
     for i, reading in enumerate(readings.tolist()):
-        stamp = 10 ** 18 + i * 10 ** 6
+        stamp = 10**18 + i * 10**6
         switched.update(stamp, (reading,), torques[i - 1] if i else (0.0,))
         angle_only.update(stamp, reading)
         found.append((switched.estimate()[1], switched.stddev()[1], angle_only.estimate()[1]))
@@ -306,8 +329,8 @@ def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
     speed, stddev, peer = np.array(found)[500:].T
     true, acceleration = velocities[500:], np.gradient(velocities, 1e-3)[500:]
     error = speed - true
-    assert 0.5 * rms < np.sqrt(np.mean(error ** 2)) < rms
-    assert np.sqrt(np.mean(error ** 2)) < np.sqrt(np.mean((peer - true) ** 2))
+    assert 0.5 * rms < np.sqrt(np.mean(error**2)) < rms
+    assert np.sqrt(np.mean(error**2)) < np.sqrt(np.mean((peer - true) ** 2))
     delay = -np.dot(error, acceleration) / np.dot(acceleration, acceleration)
     assert abs(delay) < 1e-4
     assert 0.93 < np.mean(np.abs(error) < 1.96 * stddev) < 0.995
@@ -318,7 +341,7 @@ def test_the_cascade_belongs_to_the_stamp_too():
     angles, velocities, torques = gripped(1500, loads=())
     joint = made(velocity='cascade')
     for i, angle in enumerate(angles.tolist()):
-        joint.update(10 ** 18 + i * 10 ** 6, (angle,), torques[i - 1] if i else (0.0,))
+        joint.update(10**18 + i * 10**6, (angle,), torques[i - 1] if i else (0.0,))
         if i > 500:
             assert joint.estimate()[1] == pytest.approx(velocities[i], abs=2e-3)
 
@@ -332,7 +355,7 @@ def test_a_start_at_speed_locks_on_a_coarse_encoder():
     published = []
     for i in range(600):
         reading = math.remainder(round(0.2 * i / quantum) * quantum, 2.0 * math.pi)
-        joint.update(10 ** 18 + i * 10 ** 6, (reading,), (0.0,))
+        joint.update(10**18 + i * 10**6, (reading,), (0.0,))
         _, velocity, _, status = joint.estimate()
         if status == TRACKING:
             published.append(i)
@@ -375,7 +398,7 @@ def test_all_poles_are_in_one_place(length):
         a = np.array([[factors[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
         kept = np.eye(n)
         kept[:, 0] -= gains
-        scale = np.diag([dt ** i for i in range(n)])
+        scale = np.diag([dt**i for i in range(n)])
         wanted = np.poly([math.exp(-made_of.pole * dt)] * n)
         assert np.poly(scale @ kept @ a @ np.linalg.inv(scale)) == pytest.approx(wanted, abs=1e-9)
 
@@ -386,7 +409,7 @@ def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
     bank = SwitchedBank(system, ('y1', 'y2'))
     _, states, _ = trajectory(load('example'), 1)
     for i, (x1, _, x3, _) in enumerate(states.tolist()):
-        found = bank.take(10 ** 18 + i * 10 ** 6, ('y2', 'other', 'y1'), (x3, 0.0, x1), ())
+        found = bank.take(10**18 + i * 10**6, ('y2', 'other', 'y1'), (x3, 0.0, x1), ())
     assert [each[0] for each in found] == pytest.approx(states[-1, [0, 2]], abs=1e-3)
     assert all(math.isfinite(each[2]) for each in found)
     assert bank.deviations() == system.functions.deviations(system._track[6])
@@ -407,10 +430,12 @@ def test_the_acceleration_is_that_of_the_model_once_it_is_known():
     found = []
     for i, angle in enumerate(angles.tolist()):
         reading = math.remainder(round(angle / QUANTUM) * QUANTUM, 2.0 * math.pi)
-        joint.update(10 ** 18 + i * 10 ** 6, (reading,), torques[i - 1] if i else (0.0,))
+        joint.update(10**18 + i * 10**6, (reading,), torques[i - 1] if i else (0.0,))
         found.append(joint.estimate()[2])
-    true = [gripper.dynamics(x, gripper.OPEN, torques[i - 1])[1]
-            for i, x in enumerate(zip(angles, velocities))]
+    true = [
+        gripper.dynamics(x, gripper.OPEN, torques[i - 1])[1]
+        for i, x in enumerate(zip(angles, velocities))
+    ]
     error = np.array(found) - true
     assert np.sqrt(np.mean(error[2000:] ** 2)) < 0.02 * np.std(true)
     assert math.isfinite(found[100])  # from the chain, before Z is known

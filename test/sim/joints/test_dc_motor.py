@@ -25,13 +25,15 @@ def run(duration, seed=1, **values):
     rows = {MOTION: [], TRUTH: []}
     for chunk in SIMULATOR.generate(build(MotorParameters, values), duration, seed):
         for message in chunk:
-            rows[message.topic].append(decode(message.encode(10 ** 18)))
+            rows[message.topic].append(decode(message.encode(10**18)))
     assert [m.stamp_ns for m in rows[MOTION]] == [m.stamp_ns for m in rows[TRUTH]]
-    return (np.array([m.stamp_ns for m in rows[MOTION]]),
-            np.array([m.positions[0] for m in rows[MOTION]]),
-            np.array([m.efforts[0] for m in rows[MOTION]]),
-            np.array([m.positions[0] for m in rows[TRUTH]]),
-            np.array([m.velocities[0] for m in rows[TRUTH]]))
+    return (
+        np.array([m.stamp_ns for m in rows[MOTION]]),
+        np.array([m.positions[0] for m in rows[MOTION]]),
+        np.array([m.efforts[0] for m in rows[MOTION]]),
+        np.array([m.positions[0] for m in rows[TRUTH]]),
+        np.array([m.velocities[0] for m in rows[TRUTH]]),
+    )
 
 
 def test_the_motion_is_that_of_the_equation():
@@ -64,7 +66,7 @@ def test_coulomb_friction_stops_and_holds():
     # 3 rad/s against 0.2 N m and 0.04 N m s: rest after J/b log(1 + b w / F)
     stopped = 0.5 * math.log1p(0.04 * 3.0 / 0.2)
     assert motion.q == pytest.approx(3.0 * 0.5 - 0.2 / 0.04 * stopped, abs=0.01)
-    assert advance(motor, motion, 0.0, 1e-3, 0.3).w == 0.0        # 0.18 N m do not move it
+    assert advance(motor, motion, 0.0, 1e-3, 0.3).w == 0.0  # 0.18 N m do not move it
     assert advance(motor, motion, 0.0, 1e-3, 0.5).w > 0.0
 
 
@@ -80,8 +82,10 @@ def settings_of(name):
     if 'bandwidth_hz' in known:
         gains = [{'bandwidth_hz': hz} for hz in (5.0, 10.0, 20.0, 40.0)]
     elif 'bound' in known:
-        gains = [{'order': order, 'bound': bound} for order, bound in (
-            (1, 300.0), (1, 1000.0), (2, 5e3), (2, 5e4), (2, 5e5), (3, 1e6))]
+        gains = [
+            {'order': order, 'bound': bound}
+            for order, bound in ((1, 300.0), (1, 1000.0), (2, 5e3), (2, 5e4), (2, 5e5), (3, 1e6))
+        ]
     else:
         gains = [{}]  # it finds its bandwidth by itself
     return gains + [{**own, **gains[1]} for own in STRUCTURES.get(name, ()) if len(gains) > 1]
@@ -94,16 +98,20 @@ def test_velocity_of_an_unknown_motor_beats_every_angle_only_observer():
     def rms(name, given, **gains):
         observer = find(name)
         kind = AdaptiveJoint if name == 'adaptive' else Joint
-        joint = kind(observer, build(observer.gains, {'quantum': quantum, **gains}),
-                     JointSettings())
+        joint = kind(
+            observer, build(observer.gains, {'quantum': quantum, **gains}), JointSettings()
+        )
         out = joint.run(stamps, angles, given, fast=False)
         return joint, np.sqrt(np.mean((out.velocity - velocities)[10000:] ** 2))
 
     joint, adaptive = rms('adaptive', efforts)
     names = angle_observers()
     assert {'pll', 'kalman', 'hybrid_angle', 'finite_difference', 'super_twisting'} <= set(names)
-    angle_only = {(name, *gains.items()): rms(name, None, **gains)[1]
-                  for name in names for gains in settings_of(name)}
+    angle_only = {
+        (name, *gains.items()): rms(name, None, **gains)[1]
+        for name in names
+        for gains in settings_of(name)
+    }
     assert adaptive < 0.05 * min(angle_only.values())
     said = joint.report()
     found = {item.name: item.value for item in said.parameters}
@@ -115,5 +123,16 @@ def test_velocity_of_an_unknown_motor_beats_every_angle_only_observer():
 def test_in_a_bag(tmp_path, capsys):
     assert main(['simulate', 'dc_motor', '--out', str(tmp_path / 'bag'), '--duration', '0.2']) == 0
     assert '/joint_states  200 messages' in capsys.readouterr().out
-    assert main(['simulate', 'dc_motor', '--out', str(tmp_path / 'b2'), '--set',
-                 'convention=raw_counts']) == 2
+    assert (
+        main(
+            [
+                'simulate',
+                'dc_motor',
+                '--out',
+                str(tmp_path / 'b2'),
+                '--set',
+                'convention=raw_counts',
+            ]
+        )
+        == 2
+    )

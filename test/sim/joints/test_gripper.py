@@ -16,7 +16,7 @@ def messages(duration, seed=1, **values):
     decode = Decoder().decode
     for chunk in SIMULATOR.generate(build(GripperParameters, values), duration, seed):
         for message in chunk:
-            yield message.due_ns, message.topic, decode(message.encode(10 ** 18))
+            yield message.due_ns, message.topic, decode(message.encode(10**18))
 
 
 def test_loads_are_those_of_the_model():
@@ -28,11 +28,14 @@ def test_loads_are_those_of_the_model():
 
 @pytest.mark.parametrize('rate', [1000.0, 333.0])
 def test_events_are_announced_when_they_happen(rate):
-    found = [(due, message) for due, topic, message in messages(7.0, rate=rate)
-             if topic == 'switch_event']
-    assert [due for due, _ in found] == [2 * 10 ** 9, 4 * 10 ** 9, 6 * 10 ** 9]
+    found = [
+        (due, message)
+        for due, topic, message in messages(7.0, rate=rate)
+        if topic == 'switch_event'
+    ]
+    assert [due for due, _ in found] == [2 * 10**9, 4 * 10**9, 6 * 10**9]
     assert [message.names for _, message in found] == [('close',), ('open',), ('close',)]
-    assert [message.stamp_ns - 10 ** 18 for _, message in found] == [due for due, _ in found]
+    assert [message.stamp_ns - 10**18 for _, message in found] == [due for due, _ in found]
 
 
 def test_the_acceleration_changes_at_the_event():
@@ -44,15 +47,17 @@ def test_the_acceleration_changes_at_the_event():
     acceleration = np.diff(w) / 1e-3
     for first, last, z in ((100, 1999, model.OPEN), (2001, 2490, model.CLOSED)):
         part = slice(first, last)
-        wanted = (z[0] * np.array(efforts)[1:][part] - z[1] * w[:-1][part]
-                  - z[2] * np.sin(q[:-1][part]))
+        wanted = (
+            z[0] * np.array(efforts)[1:][part] - z[1] * w[:-1][part] - z[2] * np.sin(q[:-1][part])
+        )
         assert np.abs(acceleration[part] - wanted).max() < 0.2
 
 
 def test_the_observer_on_the_stream():
     """Demo of the issue: 16 bits, two events, each new load within 5 % after 0.5 s."""
-    joint = SwitchedJoint(OBSERVER, build(OBSERVER.gains, {'quantum': 2.0 * np.pi / 65536}),
-                          JointSettings())
+    joint = SwitchedJoint(
+        OBSERVER, build(OBSERVER.gains, {'quantum': 2.0 * np.pi / 65536}), JointSettings()
+    )
     errors, times, last, velocity = [], [], None, {}
     for due, topic, message in messages(5.0):
         if topic == 'switch_event':
@@ -80,11 +85,11 @@ def test_the_observer_on_the_stream():
 
 def test_events_late_past_and_out_of_order():
     joint = SwitchedJoint(OBSERVER, build(OBSERVER.gains, {}), JointSettings())
-    ms = 10 ** 6
-    assert joint.event(10 ** 18, 'close') == 'no_sample_yet'
+    ms = 10**6
+    assert joint.event(10**18, 'close') == 'no_sample_yet'
     for i in range(1000):
-        joint.update(10 ** 18 + i * ms, (0.3,), (0.0,))
-    now = 10 ** 18 + 999 * ms
+        joint.update(10**18 + i * ms, (0.3,), (0.0,))
+    now = 10**18 + 999 * ms
     before = joint._track
     assert joint.event(now - 200 * ms, 'close') == 'past'
     assert joint._track == before
@@ -97,8 +102,14 @@ def test_events_late_past_and_out_of_order():
     assert joint.event(now + 3 * ms + 1, 'close') == 'waiting'
     ages = []
     for i in range(1000, 1006):
-        joint.update(10 ** 18 + i * ms, (0.3,), (0.0,))
+        joint.update(10**18 + i * ms, (0.3,), (0.0,))
         ages.append(round(1e3 * joint._track[6].age))
     assert ages == [1, 2, 3, 1, 2, 3]
-    assert dict(joint.event_counts) == {'no_sample_yet': 1, 'past': 1, 'late': 1,
-                                        'out_of_order': 2, 'applied': 1, 'waiting': 1}
+    assert dict(joint.event_counts) == {
+        'no_sample_yet': 1,
+        'past': 1,
+        'late': 1,
+        'out_of_order': 2,
+        'applied': 1,
+        'waiting': 1,
+    }

@@ -64,8 +64,10 @@ def test_position_is_continuous_and_any_time_can_be_asked_for(name, profile):
 
 
 def test_start_ratio_and_mean_velocity():
-    parameters = build(ProfileParameters, {'profile': 'sine', 'start_angle': 2.0,
-                                           'mean_velocity': 3.0, 'amplitude': 4.0})
+    parameters = build(
+        ProfileParameters,
+        {'profile': 'sine', 'start_angle': 2.0, 'mean_velocity': 3.0, 'amplitude': 4.0},
+    )
     at = np.array([0.0, 10.0])
     position, velocity, _ = make_profile(parameters, np.random.default_rng(0), ratio=0.5)(at)
     assert position[0] == 2.0
@@ -87,7 +89,8 @@ def test_constant_and_sine():
 def test_trapezoid_goes_there_and_back():
     profile = trapezoid(10.0, 20.0, 1.0)  # a cycle: 4 holds of 1 s, 4 ramps of 0.5 s
     position, velocity, acceleration = profile(
-        np.array([0.5, 1.25, 2.0, 2.75, 3.5, 4.25, 5.0, 5.75, 6.0, 60.25 + 1.0]))
+        np.array([0.5, 1.25, 2.0, 2.75, 3.5, 4.25, 5.0, 5.75, 6.0, 60.25 + 1.0])
+    )
     np.testing.assert_allclose(velocity, [0, 5, 10, 5, 0, -5, -10, -5, 0, 5], atol=1e-9)
     np.testing.assert_allclose(acceleration, [0, 20, 0, -20, 0, -20, 0, 20, 0, 20])
     assert position[4] == pytest.approx(15.0)
@@ -139,7 +142,8 @@ def test_paper_figures():
         position, velocity, acceleration = figure_6(decay)(time)
         top = 150.0 * (1.0 - math.exp(-10.0))
         np.testing.assert_allclose(
-            velocity, [0.0, 150.0 * (1.0 - math.exp(-1.0)), top, top, top / math.e], rtol=1e-6)
+            velocity, [0.0, 150.0 * (1.0 - math.exp(-1.0)), top, top, top / math.e], rtol=1e-6
+        )
         assert acceleration[0] == pytest.approx(300.0)
         assert acceleration[3] == pytest.approx(-150.0 / decay, rel=1e-4)
         assert position[3] == pytest.approx(150.0 * (5.0 - 0.5 * (1.0 - math.exp(-10.0))))
@@ -151,7 +155,7 @@ def test_random_motion_keeps_to_its_band_and_rms():
     position, velocity, _ = profile(time)
     assert position[0] == pytest.approx(0.0, abs=1e-9)
     assert np.sqrt(np.mean(velocity**2)) == pytest.approx(4.0, rel=0.05)
-    spectrum = np.abs(np.fft.rfft(velocity * np.hanning(len(velocity))))**2
+    spectrum = np.abs(np.fft.rfft(velocity * np.hanning(len(velocity)))) ** 2
     frequency = np.fft.rfftfreq(len(velocity), 0.01)
     assert spectrum[frequency > 2.01].sum() < 1e-6 * spectrum.sum()
     for low in (0.0, 0.5, 1.0, 1.5):  # and fills it
@@ -173,7 +177,9 @@ def test_every_profile_parameter_matters():
         if name == 'profile':
             continue
         other = {name: parameter.default * 1.5 + 0.5}
-        changed = [profile for profile in NAMES
-                   if np.abs(motion(profile)(time)[0] - motion(profile, **other)(time)[0]).max()
-                   > 1e-3]
+        changed = [
+            profile
+            for profile in NAMES
+            if np.abs(motion(profile)(time)[0] - motion(profile, **other)(time)[0]).max() > 1e-3
+        ]
         assert changed, name

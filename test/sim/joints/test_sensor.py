@@ -18,15 +18,17 @@ def parameters(**values):
 
 def read(angle, seed=1, joint=0, chunk=1000, **values):
     sensor = AngleSensor(parameters(**values), seed, joint)
-    return np.concatenate([sensor.read(angle[at:at + chunk])
-                           for at in range(0, len(angle), chunk)])
+    return np.concatenate(
+        [sensor.read(angle[at : at + chunk]) for at in range(0, len(angle), chunk)]
+    )
 
 
 def carry(seed=1, count=COUNT, chunk=1000, **values):
     line = Line(parameters(**values), seed)
     parts = [line.carry(chunk) for _ in range(count // chunk)]
-    taken, stamp, due, copies = (np.concatenate([part[which] for part in parts])
-                                 for which in range(4))
+    taken, stamp, due, copies = (
+        np.concatenate([part[which] for part in parts]) for which in range(4)
+    )
     return taken, stamp, due, copies
 
 
@@ -66,11 +68,17 @@ def test_quantisation_rounds_down_to_whole_counts(counts):
 
 
 @pytest.mark.parametrize('counts', [0, 7, 1000, 4096])
-@pytest.mark.parametrize(('convention', 'low', 'high'),
-                         [('signed', -math.pi, math.pi), ('unsigned', 0.0, TURN)])
+@pytest.mark.parametrize(
+    ('convention', 'low', 'high'), [('signed', -math.pi, math.pi), ('unsigned', 0.0, TURN)]
+)
 def test_wrapped_conventions_stay_in_their_interval(counts, convention, low, high):
-    angle = np.concatenate([ramp(-40.0), np.array([-1e-17, math.pi, -math.pi, 0.0, TURN, 1e-300]),
-                            np.arange(-50, 50) * math.pi])
+    angle = np.concatenate(
+        [
+            ramp(-40.0),
+            np.array([-1e-17, math.pi, -math.pi, 0.0, TURN, 1e-300]),
+            np.arange(-50, 50) * math.pi,
+        ]
+    )
     reading = read(angle, counts_per_revolution=counts, convention=convention)
     assert reading.min() >= low
     assert reading.max() < high
@@ -187,7 +195,7 @@ def test_bursts_arrive_all_at_once_with_their_own_stamps():
     starts = np.flatnonzero(np.diff(held.astype(int)) == 1) + 1
     for start, length in zip(starts[:-1], lengths[:-1]):
         if length == 30:
-            assert (due[start:start + 30] == taken[start] + 30_000_000).all()
+            assert (due[start : start + 30] == taken[start] + 30_000_000).all()
 
 
 def test_grid_does_not_drift_at_an_odd_rate():
@@ -195,10 +203,22 @@ def test_grid_does_not_drift_at_an_odd_rate():
     assert np.abs(taken - np.arange(30_000) * 1e9 / 3.0).max() <= 1.0
 
 
-VALUE_FAULTS = {'noise': 0.01, 'outliers': 0.05, 'repeated': 0.1, 'stuck_every': 0.3,
-                'eccentricity': 0.1, 'update_every': 2}
-LINE_FAULTS = {'dropped': 0.1, 'duplicated': 0.1, 'gap_every': 0.5, 'burst_every': 0.5,
-               'sampling_jitter': 0.0002, 'stamp_jitter': 0.0002}
+VALUE_FAULTS = {
+    'noise': 0.01,
+    'outliers': 0.05,
+    'repeated': 0.1,
+    'stuck_every': 0.3,
+    'eccentricity': 0.1,
+    'update_every': 2,
+}
+LINE_FAULTS = {
+    'dropped': 0.1,
+    'duplicated': 0.1,
+    'gap_every': 0.5,
+    'burst_every': 0.5,
+    'sampling_jitter': 0.0002,
+    'stamp_jitter': 0.0002,
+}
 
 
 @pytest.mark.parametrize('fault', ['noise', 'outliers', 'repeated', 'stuck_every'])
@@ -223,9 +243,14 @@ def test_value_faults_draw_independently(fault, other):
 def test_line_faults_draw_independently(fault, other):
     def symptoms(**values):
         taken, stamp, due, copies = carry(count=10_000, **values)
-        return {'dropped': copies == 0, 'gap_every': copies == 0, 'duplicated': copies == 2,
-                'burst_every': due > taken, 'stamp_jitter': stamp - taken,
-                'sampling_jitter': taken - np.arange(10_000) * 1_000_000}
+        return {
+            'dropped': copies == 0,
+            'gap_every': copies == 0,
+            'duplicated': copies == 2,
+            'burst_every': due > taken,
+            'stamp_jitter': stamp - taken,
+            'sampling_jitter': taken - np.arange(10_000) * 1_000_000,
+        }
 
     alone = symptoms(**{fault: LINE_FAULTS[fault]})
     both = symptoms(**{fault: LINE_FAULTS[fault], other: LINE_FAULTS[other]})
@@ -244,10 +269,12 @@ def test_raising_a_rate_keeps_the_samples_that_were_struck():
 
 def test_chunks_do_not_matter():
     values = {**VALUE_FAULTS, 'counts_per_revolution': 1024}
-    np.testing.assert_array_equal(read(ramp(), chunk=1000, **values),
-                                  read(ramp(), chunk=1, **values))
-    for one, other in zip(carry(chunk=1000, count=10_000, **LINE_FAULTS),
-                          carry(chunk=8, count=10_000, **LINE_FAULTS)):
+    np.testing.assert_array_equal(
+        read(ramp(), chunk=1000, **values), read(ramp(), chunk=1, **values)
+    )
+    for one, other in zip(
+        carry(chunk=1000, count=10_000, **LINE_FAULTS), carry(chunk=8, count=10_000, **LINE_FAULTS)
+    ):
         np.testing.assert_array_equal(one, other)
 
 
@@ -265,13 +292,16 @@ def test_episode_is_at_least_one_sample():
     np.testing.assert_array_equal(ends[struck], struck + 1)
 
 
-@pytest.mark.parametrize(('values', 'said'), [
-    ({'convention': 'raw_counts', 'counts_per_revolution': 0}, 'counts_per_revolution'),
-    ({'rate': 100.0, 'sampling_jitter': 0.01}, 'shorter than one sample time, 0.01 s'),
-    ({'dropped': 1.5}, r'outside \[0, 1\]'),
-    ({'update_every': 0}, 'update_every'),
-    ({'convention': 'wrapped'}, 'not one of signed'),
-])
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        ({'convention': 'raw_counts', 'counts_per_revolution': 0}, 'counts_per_revolution'),
+        ({'rate': 100.0, 'sampling_jitter': 0.01}, 'shorter than one sample time, 0.01 s'),
+        ({'dropped': 1.5}, r'outside \[0, 1\]'),
+        ({'update_every': 0}, 'update_every'),
+        ({'convention': 'wrapped'}, 'not one of signed'),
+    ],
+)
 def test_what_makes_no_sense_is_refused(values, said):
     with pytest.raises(UsageError, match=said):
         parameters(**values)

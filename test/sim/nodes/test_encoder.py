@@ -34,14 +34,26 @@ from sim_pkg.nodes.simulator_node import SimulatorNode
 pytestmark = pytest.mark.dds
 CONFIG = Path(__file__).parents[3] / 'config/encoder_sim.yaml'
 PATIENCE = 30.0  # for what takes far less [s]
-RELIABLE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=5000,
-                      reliability=ReliabilityPolicy.RELIABLE)
-BEST_EFFORT = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=5000,
-                         reliability=ReliabilityPolicy.BEST_EFFORT)
-FAULTS = {'profile': 'random', 'noise': 0.002, 'dropped': 0.02, 'repeated': 0.02,
-          'duplicated': 0.02, 'outliers': 0.01, 'gap_every': 0.4, 'gap_length': 0.02,
-          'burst_every': 0.2, 'burst_length': 0.08, 'sampling_jitter': 0.0004,
-          'stamp_jitter': 0.0002}
+RELIABLE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=5000, reliability=ReliabilityPolicy.RELIABLE
+)
+BEST_EFFORT = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT
+)
+FAULTS = {
+    'profile': 'random',
+    'noise': 0.002,
+    'dropped': 0.02,
+    'repeated': 0.02,
+    'duplicated': 0.02,
+    'outliers': 0.01,
+    'gap_every': 0.4,
+    'gap_length': 0.02,
+    'burst_every': 0.2,
+    'burst_length': 0.08,
+    'sampling_jitter': 0.0004,
+    'stamp_jitter': 0.0002,
+}
 
 
 class Listener:
@@ -56,7 +68,8 @@ class Listener:
     def subscribe(self, kind, topic, qos, raw=True):
         kept = self.heard[topic] = []
         self.node.create_subscription(
-            kind, topic, lambda message: kept.append((message, time.time_ns())), qos, raw=raw)
+            kind, topic, lambda message: kept.append((message, time.time_ns())), qos, raw=raw
+        )
 
     def spin(self, until):
         """Listen until the condition holds; False if it never did."""
@@ -98,12 +111,24 @@ def listener(graph):
 @contextlib.contextmanager
 def encoder_sim(*arguments, **parameters):
     """The node as a process; it is ended in any case."""
-    words = [word for name, value in parameters.items()
-             for word in ('-p', f'{name}:={_yaml(value)}')]
+    words = [
+        word for name, value in parameters.items() for word in ('-p', f'{name}:={_yaml(value)}')
+    ]
     process = subprocess.Popen(
-        [sys.executable, '-m', 'sim_pkg.nodes.executables', 'encoder_sim', '--ros-args',
-         *arguments, *words],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
+        [
+            sys.executable,
+            '-m',
+            'sim_pkg.nodes.executables',
+            'encoder_sim',
+            '--ros-args',
+            *arguments,
+            *words,
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+    )
     try:
         yield process
     finally:
@@ -119,8 +144,12 @@ def _yaml(value):
 
 
 def reliable(*topics):
-    return [word for topic in topics for policy in ('reliability:=reliable', 'depth:=5000')
-            for word in ('-p', f'qos_overrides.{topic}.publisher.{policy}')]
+    return [
+        word
+        for topic in topics
+        for policy in ('reliability:=reliable', 'depth:=5000')
+        for word in ('-p', f'qos_overrides.{topic}.publisher.{policy}')
+    ]
 
 
 def ended(process):
@@ -150,9 +179,16 @@ def test_live_run_equals_the_simulated_one(listener):
     listener.subscribe(JointState, truth_topic, RELIABLE)
     listener.subscribe(DiagnosticArray, '/diagnostics', 10, raw=False)
     values = {**FAULTS, 'joints': ['left', 'right']}
-    with encoder_sim(*reliable('/joint_states', '/' + truth_topic), '--params-file', str(CONFIG),
-                     seed=5, duration=2.0, wait_for_subscribers=1, wait_for_truth_subscribers=1,
-                     **values) as process:
+    with encoder_sim(
+        *reliable('/joint_states', '/' + truth_topic),
+        '--params-file',
+        str(CONFIG),
+        seed=5,
+        duration=2.0,
+        wait_for_subscribers=1,
+        wait_for_truth_subscribers=1,
+        **values,
+    ) as process:
         assert listener.spin(lambda: process.poll() is not None)
         listener.drain()
         code, said = ended(process)
@@ -164,8 +200,9 @@ def test_live_run_equals_the_simulated_one(listener):
     start_ns = got[0].stamp_ns - wanted[0].stamp_ns
     assert [(m.stamp_ns - start_ns, *m[1:]) for m in got] == [tuple(m) for m in wanted]
     truth = decoded([raw for raw, _ in listener.heard[truth_topic]])
-    assert ([(m.stamp_ns - start_ns, *m[1:]) for m in truth]
-            == [tuple(m) for m in decoded(expected[truth_topic])])
+    assert [(m.stamp_ns - start_ns, *m[1:]) for m in truth] == [
+        tuple(m) for m in decoded(expected[truth_topic])
+    ]
     # In real time: nothing leaves before it is due, and the mean rate is that of the stamps.
     stamps = np.array([m.stamp_ns for m in wanted])
     came = np.array(came_ns) - start_ns
@@ -181,8 +218,14 @@ def test_live_run_equals_the_simulated_one(listener):
 def test_raw_counts_live_in_a_namespace(listener):
     listener.subscribe(Int32, '/robot/angle', RELIABLE)
     values = {'convention': 'raw_counts', 'counts_per_revolution': 1000, 'rate': 500.0}
-    with encoder_sim('-r', '__ns:=/robot', *reliable('/robot/angle'), duration=0.5,
-                     wait_for_subscribers=1, **values) as process:
+    with encoder_sim(
+        '-r',
+        '__ns:=/robot',
+        *reliable('/robot/angle'),
+        duration=0.5,
+        wait_for_subscribers=1,
+        **values,
+    ) as process:
         assert listener.spin(lambda: process.poll() is not None)
         listener.drain()
         assert ended(process)[0] == 0
@@ -221,13 +264,25 @@ def test_it_waits_for_who_listens_to_the_truth_too_and_says_so(listener, capfd, 
     """A recorder whose subscription to the truth comes late has the truth of every measurement."""
     monkeypatch.setattr(simulator_node, 'PATIENCE', 0.1)
     listener.subscribe(JointState, 'joint_states', BEST_EFFORT)
-    node = SimulatorNode(SIMULATOR, 'patient', parameter_overrides=ros_values(
-        {'rate': 100.0, 'wait_for_subscribers': 1, 'wait_for_truth_subscribers': 1}))
+    node = SimulatorNode(
+        SIMULATOR,
+        'patient',
+        parameter_overrides=ros_values(
+            {'rate': 100.0, 'wait_for_subscribers': 1, 'wait_for_truth_subscribers': 1}
+        ),
+    )
     listener.executor.add_node(node)
     try:
         said = []
-        assert listener.spin(lambda: said.append(capfd.readouterr().err) or (
-            'waiting for subscribers: /ground_truth/joint_states has 0 of 1\n' in ''.join(said)))
+        assert listener.spin(
+            lambda: (
+                said.append(capfd.readouterr().err)
+                or (
+                    'waiting for subscribers: /ground_truth/joint_states has 0 of 1\n'
+                    in ''.join(said)
+                )
+            )
+        )
         for _ in range(20):
             listener.executor.spin_once(timeout_sec=0.01)
         assert node.deadlines.met == 0 and not listener.heard['joint_states']
@@ -236,17 +291,25 @@ def test_it_waits_for_who_listens_to_the_truth_too_and_says_so(listener, capfd, 
     finally:
         listener.executor.remove_node(node)
         node.destroy_node()
-    measured, truth = ([m.stamp_ns for m in decoded([raw for raw, _ in rows[:20]])]
-                       for rows in listener.heard.values())
+    measured, truth = (
+        [m.stamp_ns for m in decoded([raw for raw, _ in rows[:20]])]
+        for rows in listener.heard.values()
+    )
     assert measured == truth
 
 
-@pytest.mark.parametrize(('parameters', 'said'), [
-    ({'noise': -1.0}, "encoder_sim: parameter 'noise' = -1 is outside [0, 10]"),
-    ({'profile': 'sines'}, "encoder_sim: parameter 'profile': 'sines' is not one of constant"),
-    ({'rate': 'fast'}, "encoder_sim: parameter 'rate' must be a number, not 'fast'"),
-    ({'joints': ['a', 'b'], 'convention': 'raw_counts'}, "encoder_sim: convention 'raw_counts'"),
-])
+@pytest.mark.parametrize(
+    ('parameters', 'said'),
+    [
+        ({'noise': -1.0}, "encoder_sim: parameter 'noise' = -1 is outside [0, 10]"),
+        ({'profile': 'sines'}, "encoder_sim: parameter 'profile': 'sines' is not one of constant"),
+        ({'rate': 'fast'}, "encoder_sim: parameter 'rate' must be a number, not 'fast'"),
+        (
+            {'joints': ['a', 'b'], 'convention': 'raw_counts'},
+            "encoder_sim: convention 'raw_counts'",
+        ),
+    ],
+)
 def test_wrong_value_is_one_line_and_exit_code_2(graph, parameters, said):
     with encoder_sim(**parameters) as process:
         code, output = ended(process)
@@ -266,8 +329,9 @@ def test_unknown_parameter_and_simulated_time_are_warned_about(graph):
 
 def test_node_in_an_executor_of_the_users_own(listener):
     listener.subscribe(JointState, 'joint_states', BEST_EFFORT)
-    node = SimulatorNode(SIMULATOR, 'mine', parameter_overrides=ros_values(
-        {'joints': ('a', 'b'), 'rate': 200.0}))
+    node = SimulatorNode(
+        SIMULATOR, 'mine', parameter_overrides=ros_values({'joints': ('a', 'b'), 'rate': 200.0})
+    )
     listener.executor.add_node(node)
     try:
         assert listener.spin(lambda: len(listener.heard['joint_states']) > 20)
@@ -291,8 +355,9 @@ def test_a_machine_that_cannot_keep_up_is_warned_about_once(listener, capfd, mon
     finally:
         listener.executor.remove_node(node)
         node.destroy_node()
-    assert {status.level for message, _ in listener.heard['/diagnostics']
-            for status in message.status} == {DiagnosticStatus.WARN}
+    assert {
+        status.level for message, _ in listener.heard['/diagnostics'] for status in message.status
+    } == {DiagnosticStatus.WARN}
     assert capfd.readouterr().err.count('this machine is too slow for so many of them') == 1
 
 
@@ -320,8 +385,12 @@ sys.exit(process(make_node)())
 
 @pytest.mark.parametrize(('error', 'lines'), [('UserError', 2), ('RuntimeError', None)])
 def test_what_fails_in_mid_run_ends_the_process(graph, error, lines):
-    done = subprocess.run([sys.executable, '-c', FAILING.replace('{error}', error)],
-                          capture_output=True, text=True, timeout=PATIENCE)
+    done = subprocess.run(
+        [sys.executable, '-c', FAILING.replace('{error}', error)],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
     assert done.returncode == 1
     assert 'nothing goes on' in done.stderr and '128 messages' in done.stderr
     assert ('Traceback' in done.stderr) == (error == 'RuntimeError')

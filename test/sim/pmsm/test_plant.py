@@ -42,8 +42,9 @@ def fine(current, voltage, theta, speed, load, plant, time):
         t = 1.5 * poles * flux * (i * np.exp(-1j * s[2])).imag
         return [d.real, d.imag, poles * s[3], (t - resisting(s[3], load, plant)) / inertia]
 
-    s = solve_ivp(slope, (0.0, time), [current.real, current.imag, theta, speed], rtol=1e-11,
-                  atol=1e-12).y[:, -1]
+    s = solve_ivp(
+        slope, (0.0, time), [current.real, current.imag, theta, speed], rtol=1e-11, atol=1e-12
+    ).y[:, -1]
     return complex(s[0], s[1]), s[2], s[3]
 
 
@@ -81,7 +82,8 @@ def test_torque_balances_power():
     current, theta, speed = 3.0 + 4.0j, 1.1, 200.0
     e = 1j * 7 * speed * PLANT[2] * np.exp(1j * theta)
     assert torque(current, theta, PLANT) * speed == pytest.approx(
-        1.5 * (e * current.conjugate()).real)
+        1.5 * (e * current.conjugate()).real
+    )
 
 
 def test_the_bridge_makes_the_mean_voltage():
@@ -100,11 +102,13 @@ def test_dead_time_takes_the_same_from_edges_and_mean():
     voltage, current, part = 4.0 + 3.0j, 5.0 - 2.0j, 0.02
     with_it = edges(voltage, current, 24.0, part)
     without = edges(voltage, current, 24.0, 0.0)
-    lost = [24.0 * ((without[k + 1] - without[k]) - (with_it[k + 1] - with_it[k]))
-            for k in (0, 2, 4)]
+    lost = [
+        24.0 * ((without[k + 1] - without[k]) - (with_it[k + 1] - with_it[k])) for k in (0, 2, 4)
+    ]
     a, b, c = lost
     assert dead_time_error(current, 24.0, part) == pytest.approx(
-        complex((2 * a - b - c) / 3.0, (b - c) / math.sqrt(3.0)))
+        complex((2 * a - b - c) / 3.0, (b - c) / math.sqrt(3.0))
+    )
     # i_a > 0 > i_b, i_c: 4/3 of V_dc t_d/T along a
     assert dead_time_error(5.0 + 0j, 24.0, part) == pytest.approx(24.0 * part * 4.0 / 3.0)
 
@@ -167,11 +171,14 @@ def test_the_controller_follows_p1():
     assert np.abs(record.truth[:, 3]).max() < 20.0
 
 
-@pytest.mark.parametrize('plant', [{}, {'inverter': 'switched', 'dead_time': 1e-6,
-                                        'sampling_offset': 0.1, 'voltage_delay': 1}])
+@pytest.mark.parametrize(
+    'plant',
+    [{}, {'inverter': 'switched', 'dead_time': 1e-6, 'sampling_offset': 0.1, 'voltage_delay': 1}],
+)
 def test_one_seed_gives_one_run_in_whatever_chunks(plant):
-    parameters = PmsmParameters(current_noise=0.1, temperature_rise=50.0, temperature_time=0.05,
-                                **plant)
+    parameters = PmsmParameters(
+        current_noise=0.1, temperature_rise=50.0, temperature_time=0.05, **plant
+    )
     whole = Drive(parameters, 7, fast=False).run(700)
     drive = Drive(parameters, 7, fast=False)
     parts = [drive.run(size) for size in (1, 199, 333, 167)]
@@ -201,14 +208,16 @@ def test_the_reported_voltage_is_the_one_of_the_interval():
         theta, speed = record.truth[k, 1], record.truth[k, 0]
         middle = theta + 0.5 * 7 * speed * parameters.period
         emf = 1j * 7 * speed * 1.9e-3 * np.exp(1j * middle)
-        u = (33.75e-6 * (current[k + 1] - current[k]) / parameters.period
-             + 0.06 * 0.5 * (current[k] + current[k + 1]) + emf)
+        u = (
+            33.75e-6 * (current[k + 1] - current[k]) / parameters.period
+            + 0.06 * 0.5 * (current[k] + current[k + 1])
+            + emf
+        )
         assert np.abs(told[k + 1 - delay] - u).max() < 0.05
 
 
 def test_warming_changes_resistance_and_flux():
-    parameters = PmsmParameters(temperature_rise=100.0, temperature_time=10.0,
-                                resistance_error=0.1)
+    parameters = PmsmParameters(temperature_rise=100.0, temperature_time=10.0, resistance_error=0.1)
     cold, warm = parameters.plant(0.0), parameters.plant(100.0)
     assert cold[0] == pytest.approx(0.066)
     assert warm[0] == pytest.approx(0.066 * 1.39, rel=1e-3)
@@ -233,12 +242,19 @@ def test_the_servo_of_the_configuration_runs_and_is_tracked():
 @pytest.mark.parametrize('forced', [False, True])
 def test_the_controller_runs_on_the_observer(forced):
     parameters = PmsmParameters(current_noise=0.1)
-    functions = build_observer(Gains(resistance=0.06, inductance=33.75e-6, flux=1.9e-3,
-                                     pole_pairs=7), Circle())
+    functions = build_observer(
+        Gains(resistance=0.06, inductance=33.75e-6, flux=1.9e-3, pole_pairs=7), Circle()
+    )
     speed = 1500.0 if not forced else 700.0
-    drive = Drive(parameters, 3, feedback=make_feedback(functions), fast=False,
-                  held=begin(functions, parameters, forced=forced),
-                  profile=Profile([(1.0, speed, speed)]), start_speed=0.0 if forced else 1500 * RPM)
+    drive = Drive(
+        parameters,
+        3,
+        feedback=make_feedback(functions),
+        fast=False,
+        held=begin(functions, parameters, forced=forced),
+        profile=Profile([(1.0, speed, speed)]),
+        start_speed=0.0 if forced else 1500 * RPM,
+    )
     drive.run(4000)
     assert drive.held[3] == RUNNING
     errors = []

@@ -9,37 +9,56 @@ from sim_pkg.reproduce.adaptive import plant as plant
 from sim_pkg.reproduce.adaptive.paper import REPRODUCTION
 
 QUICK = ('A1', 'A2', 'A6', 'recorded')
-PARTS = [pytest.param(part, marks=() if part.name in QUICK else pytest.mark.slow, id=part.name)
-         for part in REPRODUCTION.parts]
+PARTS = [
+    pytest.param(part, marks=() if part.name in QUICK else pytest.mark.slow, id=part.name)
+    for part in REPRODUCTION.parts
+]
 
 
 @pytest.mark.parametrize('part', PARTS)
 def test_every_row_is_within_its_tolerance(part):
-    failed = [f'{row.reference.id}: {row.value} for {row.reference.value} '
-              f'+- {row.reference.tolerance_text}' for row in part.rows() if not row.ok]
+    failed = [
+        f'{row.reference.id}: {row.value} for {row.reference.value} '
+        f'+- {row.reference.tolerance_text}'
+        for row in part.rows()
+        if not row.ok
+    ]
     assert not failed
 
 
 def test_the_table_of_the_specification_is_whole():
     ids = [reference.id for reference in REPRODUCTION.references()]
     assert len(set(ids)) == len(ids)
-    wanted = [f'A1 theta({t}) {name}' for t in (5, 10, 20, 40, 100)
-              for name in ('l1', 'l2', 'b1', 'b2')]
+    wanted = [
+        f'A1 theta({t}) {name}' for t in (5, 10, 20, 40, 100) for name in ('l1', 'l2', 'b1', 'b2')
+    ]
     wanted += [f'A2 theta({t}) b2' for t in (100, 200, 300, 400, 500)] + ['A2 physical(600) k']
-    wanted += [f'A3 {form} {h} ms {name}' for form in ('Euler', 'FOH') for h in (1, 5, 10, 20)
-               for name in ('-b/J', '-k/J', 'b1', 'b2', 'e_w')]
+    wanted += [
+        f'A3 {form} {h} ms {name}'
+        for form in ('Euler', 'FOH')
+        for h in (1, 5, 10, 20)
+        for name in ('-b/J', '-k/J', 'b1', 'b2', 'e_w')
+    ]
     wanted += [f'A3 FOH Gamma x {g}, {h} ms' for g in (10, 100) for h in (1, 10, 20)]
-    wanted += [f'A4b {name} {h} ms' for name in ('12 bit', '10 bit', 'sigma 0.01')
-               for h in (1, 5, 20)]
-    wanted += ['A5a one sine e_wful', 'A5c adapting', 'A5d load, learnt J',
-               'A5e load at rest, gate gamma', 'A5e load at rest, frozen',
-               'A6 Euler 40000 b2', 'A6 FOH 1 xhat1']
+    wanted += [
+        f'A4b {name} {h} ms' for name in ('12 bit', '10 bit', 'sigma 0.01') for h in (1, 5, 20)
+    ]
+    wanted += [
+        'A5a one sine e_wful',
+        'A5c adapting',
+        'A5d load, learnt J',
+        'A5e load at rest, gate gamma',
+        'A5e load at rest, frozen',
+        'A6 Euler 40000 b2',
+        'A6 FOH 1 xhat1',
+    ]
     assert set(wanted) <= set(ids)
 
 
 def test_the_noise_source_is_that_of_the_specification():
     assert plant.lcg(12345, 6) == pytest.approx(
-        [-1.66137383, -1.67472738, 0.14949606, 0.46732136, 1.4203839, -1.34247216], abs=5e-9)
+        [-1.66137383, -1.67472738, 0.14949606, 0.46732136, 1.4203839, -1.34247216], abs=5e-9
+    )
 
 
 def test_the_exponential_is_that_of_scipy():
@@ -65,5 +84,7 @@ def test_the_recordings_are_told_beside_each_other(capsys):
 def test_the_command_draws_both_figures(tmp_path, capsys):
     assert cli.main(['reproduce', 'adaptive', '--only', 'A6', '--plot', str(tmp_path)]) == 0
     assert '45 of 45 rows' in capsys.readouterr().out
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['adaptive_figure_1.png',
-                                                                'adaptive_figure_2.png']
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'adaptive_figure_1.png',
+        'adaptive_figure_2.png',
+    ]

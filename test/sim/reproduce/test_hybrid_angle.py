@@ -26,8 +26,12 @@ TURN = 2.0 * math.pi
 
 @pytest.mark.parametrize('part', REPRODUCTION.parts, ids=lambda part: part.name)
 def test_every_row_is_within_its_tolerance(part):
-    failed = [f'{row.reference.id}: {row.value} for {row.reference.value} '
-              f'+- {row.reference.tolerance_text}' for row in part.rows() if not row.ok]
+    failed = [
+        f'{row.reference.id}: {row.value} for {row.reference.value} '
+        f'+- {row.reference.tolerance_text}'
+        for row in part.rows()
+        if not row.ok
+    ]
     assert not failed
 
 
@@ -35,25 +39,58 @@ def test_the_table_of_the_specification_is_whole():
     """Section 4: 14 lines of four injections, seven entries of them empty, and nine scalars."""
     ids = [reference.id for reference in REPRODUCTION.references()]
     assert len(set(ids)) == len(ids)
-    lines = ('F4 RMS e2 [0,2)', 'F4 RMS e2 [2,8)', 'F4 max |e1| [0,2)', 'F4 settling',
-             'F4 J2 resets', 'F4 |int e2| [2,8)', 'F4 max |xh2 - xh2 saw| [0,2)',
-             'LY max flow increase of V', 'F5 RMS e2 [2,8)', 'F5 RMS e2 [6,8)', 'F5 J2 resets',
-             'F6 RMS e2 [0,2)', 'F6 RMS e2 [5,6) td=0.15', 'F6 RMS e2 [5,6) td=0.05',
-             'F6 J2 resets')
+    lines = (
+        'F4 RMS e2 [0,2)',
+        'F4 RMS e2 [2,8)',
+        'F4 max |e1| [0,2)',
+        'F4 settling',
+        'F4 J2 resets',
+        'F4 |int e2| [2,8)',
+        'F4 max |xh2 - xh2 saw| [0,2)',
+        'LY max flow increase of V',
+        'F5 RMS e2 [2,8)',
+        'F5 RMS e2 [6,8)',
+        'F5 J2 resets',
+        'F6 RMS e2 [0,2)',
+        'F6 RMS e2 [5,6) td=0.15',
+        'F6 RMS e2 [5,6) td=0.05',
+        'F6 J2 resets',
+    )
     wanted = [f'{line} {name}' for line in lines for name in injections.NAMES]
-    wanted += ['LY dV at J2 sin', 'LY dV at J2 sat', 'F4 first J2 reset sin',
-               'F4 first J2 reset sat', 'stability T/eps', 'noise sigma_v/sigma_y',
-               'stability saw eps=0.0340 |e2| at 6 s', 'stability sin eps=0.0335 limit cycle',
-               'noise std xh2 14 bit', 'noise std xh2 2 mrad', 'ramp e2 at a=75',
-               'ramp e2 at a=75 third order', 'start stationary tan', 'ramp e2 at 1200 rad/s']
+    wanted += [
+        'LY dV at J2 sin',
+        'LY dV at J2 sat',
+        'F4 first J2 reset sin',
+        'F4 first J2 reset sat',
+        'stability T/eps',
+        'noise sigma_v/sigma_y',
+        'stability saw eps=0.0340 |e2| at 6 s',
+        'stability sin eps=0.0335 limit cycle',
+        'noise std xh2 14 bit',
+        'noise std xh2 2 mrad',
+        'ramp e2 at a=75',
+        'ramp e2 at a=75 third order',
+        'start stationary tan',
+        'ramp e2 at 1200 rad/s',
+    ]
     assert set(wanted) <= set(ids)
-    assert all(name.startswith(f'{part.name} ') for part in REPRODUCTION.parts
-               for name in (reference.id for reference in part.references))
+    assert all(
+        name.startswith(f'{part.name} ')
+        for part in REPRODUCTION.parts
+        for name in (reference.id for reference in part.references)
+    )
 
 
-@pytest.mark.parametrize('kind, tolerance, good, bad', [
-    (contract.ABSOLUTE, 0.5, 10.5, 10.51), (PERCENT, 1.0, 9.9, 9.89), (EXACT, 0.0, 10, 10.0001),
-    (AT_MOST, 0.0, 10.0, 10.1), (AT_LEAST, 0.0, 10.0, 9.9)])
+@pytest.mark.parametrize(
+    'kind, tolerance, good, bad',
+    [
+        (contract.ABSOLUTE, 0.5, 10.5, 10.51),
+        (PERCENT, 1.0, 9.9, 9.89),
+        (EXACT, 0.0, 10, 10.0001),
+        (AT_MOST, 0.0, 10.0, 10.1),
+        (AT_LEAST, 0.0, 10.0, 9.9),
+    ],
+)
 def test_a_row_holds_exactly_up_to_its_tolerance(kind, tolerance, good, bad):
     reference = Reference('x', 'what', 10.0, tolerance, kind)
     assert Row(reference, good).ok
@@ -74,9 +111,15 @@ def test_no_row_gets_lost():
 def test_only_runs_the_parts_that_are_asked_for():
     def never():
         raise AssertionError('this part was not asked for')
-    parts = (Part('p', (Reference('p b', 'b', 2.0), Reference('p a', 'a', 1.0)),
-                  lambda: iter([('p a', 1.0), ('p b', 2.0)])),
-             Part('q', (Reference('q a', 'a', 1.0),), never))
+
+    parts = (
+        Part(
+            'p',
+            (Reference('p b', 'b', 2.0), Reference('p a', 'a', 1.0)),
+            lambda: iter([('p a', 1.0), ('p b', 2.0)]),
+        ),
+        Part('q', (Reference('q a', 'a', 1.0),), never),
+    )
     reproduction = contract.Reproduction('paper', 'summary', parts, '')
     counted = []
     rows = list(reproduction.rows(counted.append, 'p'))
@@ -103,9 +146,11 @@ def test_command_prints_a_table_and_writes_the_rows(tmp_path, capsys):
 
 def test_command_fails_when_a_row_fails(monkeypatch, capsys):
     wrong = contract.Reproduction(
-        'hybrid_angle', 'summary',
+        'hybrid_angle',
+        'summary',
         (Part('p', (Reference('p a', 'the thing', 1.0, 0.1),), lambda: iter([('p a', 1.2)])),),
-        '')
+        '',
+    )
     monkeypatch.setattr('sim_pkg.reproduce.hybrid_angle.paper.REPRODUCTION', wrong)
     assert cli.main(['reproduce', 'hybrid_angle']) == 1
     out = capsys.readouterr().out
@@ -113,9 +158,13 @@ def test_command_fails_when_a_row_fails(monkeypatch, capsys):
     assert 'failed: p a (the thing)' in out
 
 
-@pytest.mark.parametrize('words, message', [
-    (['hybrid_angel'], "did you mean 'hybrid_angle'?"),
-    (['hybrid_angle', '--only', 'F7'], "no row of hybrid_angle starts with 'F7'")])
+@pytest.mark.parametrize(
+    'words, message',
+    [
+        (['hybrid_angel'], "did you mean 'hybrid_angle'?"),
+        (['hybrid_angle', '--only', 'F7'], "no row of hybrid_angle starts with 'F7'"),
+    ],
+)
 def test_command_says_what_is_wrong_in_one_line(words, message, capsys):
     assert cli.main(['reproduce', *words]) == 2
     error = capsys.readouterr().err
@@ -152,8 +201,12 @@ def test_figures_are_drawn(tmp_path):
 
 def test_splitmix_gives_the_published_numbers():
     assert splitmix.integers(1234567, 5).tolist() == [
-        6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431,
-        16408922859458223821]
+        6457827717110365317,
+        3203168211198807973,
+        9817491932198370423,
+        4593380528125082431,
+        16408922859458223821,
+    ]
     values = splitmix.uniforms(3, 20_000, 0.5)
     assert -0.5 <= values.min() < -0.499
     assert 0.499 < values.max() < 0.5
@@ -185,7 +238,8 @@ def test_jump_sets_and_maps_of_the_continuous_observer():
         assert continuous.in_second_jump_set(error, margin) is inside
     flow = continuous.make_flow(injections.sin)
     assert flow(1.0, 2.0, 1.5, (3.0, 4.0, 1.0)) == pytest.approx(
-        (2.0 + 3.0 * math.sin(0.5), 4.0 * math.sin(0.5)))
+        (2.0 + 3.0 * math.sin(0.5), 4.0 * math.sin(0.5))
+    )
 
 
 @pytest.mark.skipif(not available(), reason='needs numba')
@@ -207,8 +261,9 @@ def test_continuous_observer_compiles_to_the_same_numbers(name):
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_the_node_runs_the_algorithm_that_is_reproduced(name):
     """What the driver calls (``form: paper``) gives the rows' numbers to the bit."""
-    gains = build(observer.Gains, {'form': 'paper', 'injection': name, **FIGURE_6,
-                                   'low_speed_bound': False})
+    gains = build(
+        observer.Gains, {'form': 'paper', 'injection': name, **FIGURE_6, 'low_speed_bound': False}
+    )
     functions = observer.build(gains, Circle())
     design = functions.design()
     coefficients = functions.prepare(design, PERIOD)
@@ -228,6 +283,7 @@ def test_a_potential_is_the_integral_of_its_injection(name):
     errors = np.linspace(-2.9, 2.9, 59)
     slope = [(potential(e + 1e-6, limit) - potential(e - 1e-6, limit)) / 2e-6 for e in errors]
     assert slope == pytest.approx(
-        [injections.BUILT_IN[name](e, TURN, limit) for e in errors.tolist()], abs=1e-5)
+        [injections.BUILT_IN[name](e, TURN, limit) for e in errors.tolist()], abs=1e-5
+    )
     assert potential(0.0, limit) == 0.0
     assert potential(limit + 1e-12, limit) == pytest.approx(potential(limit - 1e-12, limit))

@@ -6,25 +6,44 @@ from estimator_pkg import cli
 from sim_pkg.reproduce.hybrid_discrete.paper import REPRODUCTION
 
 SLOW = ('B2',)
-PARTS = [pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else (), id=part.name)
-         for part in REPRODUCTION.parts]
+PARTS = [
+    pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else (), id=part.name)
+    for part in REPRODUCTION.parts
+]
 
 
 @pytest.mark.parametrize('part', PARTS)
 def test_every_row_is_within_its_tolerance(part):
-    failed = [f'{row.reference.id}: {row.value} for {row.reference.value} '
-              f'+- {row.reference.tolerance_text}' for row in part.rows() if not row.ok]
+    failed = [
+        f'{row.reference.id}: {row.value} for {row.reference.value} '
+        f'+- {row.reference.tolerance_text}'
+        for row in part.rows()
+        if not row.ok
+    ]
     assert not failed
 
 
 def test_the_table_of_the_specification_is_whole():
     ids = [reference.id for reference in REPRODUCTION.references()]
     assert len(set(ids)) == len(ids)
-    wanted = [f'B1 {t} s {name}' for t in ('0.5', '1', '2', '5', '20')
-              for name in ('x1', 'x4', 'z1', 'z3')]
-    wanted += [f'B5 {column} {h} ms' for h in ('0.1', '1', '5', '10', '20') for column in
-               ('o1 explicit', 'o1 implicit', 'o1 matching', 'o2 taylor', 'o2 matching',
-                'o3 taylor', 'o3 matching')]
+    wanted = [
+        f'B1 {t} s {name}'
+        for t in ('0.5', '1', '2', '5', '20')
+        for name in ('x1', 'x4', 'z1', 'z3')
+    ]
+    wanted += [
+        f'B5 {column} {h} ms'
+        for h in ('0.1', '1', '5', '10', '20')
+        for column in (
+            'o1 explicit',
+            'o1 implicit',
+            'o1 matching',
+            'o2 taylor',
+            'o2 matching',
+            'o3 taylor',
+            'o3 matching',
+        )
+    ]
     wanted += ['B2 Z k=2..40', 'B3 noise 0.001', 'C velocity', 'B5 bound 400 12 bit']
     assert set(wanted) <= set(ids)
 

@@ -16,12 +16,21 @@ pytestmark = pytest.mark.skipif(not available(), reason='takes hours without num
 SLOW = ('F',)
 
 
-@pytest.mark.parametrize('part', [
-    pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else ())
-    for part in REPRODUCTION.parts], ids=lambda part: part.name)
+@pytest.mark.parametrize(
+    'part',
+    [
+        pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else ())
+        for part in REPRODUCTION.parts
+    ],
+    ids=lambda part: part.name,
+)
 def test_every_row_is_within_its_tolerance(part):
-    failed = [f'{row.reference.id}: {row.value} for {row.reference.value} '
-              f'+- {row.reference.tolerance_text}' for row in part.rows() if not row.ok]
+    failed = [
+        f'{row.reference.id}: {row.value} for {row.reference.value} '
+        f'+- {row.reference.tolerance_text}'
+        for row in part.rows()
+        if not row.ok
+    ]
     assert not failed
 
 
@@ -61,5 +70,6 @@ def test_figures_are_drawn(tmp_path):
     pytest.importorskip('matplotlib')
     paths = REPRODUCTION.draw(tmp_path)
     assert [path.name for path in paths] == [
-        f'mechanical_figure_{n}.png' for n in (2, 3, 5, 6, 7, 9, 10, 11, 12, 13)]
+        f'mechanical_figure_{n}.png' for n in (2, 3, 5, 6, 7, 9, 10, 11, 12, 13)
+    ]
     assert all(path.stat().st_size > 10_000 for path in paths)

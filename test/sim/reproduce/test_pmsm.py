@@ -17,20 +17,40 @@ from sim_pkg.reproduce.pmsm.references import REFERENCE_RUNS, SCHEMES, rows
 SLOW = ('order',)  # the 120 starts
 
 
-@pytest.mark.parametrize('part', [
-    pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else ())
-    for part in REPRODUCTION.parts], ids=lambda part: part.name)
+@pytest.mark.parametrize(
+    'part',
+    [
+        pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else ())
+        for part in REPRODUCTION.parts
+    ],
+    ids=lambda part: part.name,
+)
 def test_every_row_is_within_its_tolerance(part):
-    failed = [f'{row.reference.id}: {row.value} for {row.reference.value} '
-              f'+- {row.reference.tolerance_text}' for row in part.rows() if not row.ok]
+    failed = [
+        f'{row.reference.id}: {row.value} for {row.reference.value} '
+        f'+- {row.reference.tolerance_text}'
+        for row in part.rows()
+        if not row.ok
+    ]
     assert not failed
 
 
 def test_the_tables_are_whole():
     ids = [reference.id for reference in REPRODUCTION.references()]
     assert len(set(ids)) == len(ids)
-    assert {name.split()[0] for name in ids} == {'T0', 'T1', 'T2', 'T3', 'T4', 'T5', 'T6', 'T7',
-                                                 'order', 'status', 'loop'}
+    assert {name.split()[0] for name in ids} == {
+        'T0',
+        'T1',
+        'T2',
+        'T3',
+        'T4',
+        'T5',
+        'T6',
+        'T7',
+        'order',
+        'status',
+        'loop',
+    }
     assert len(rows(REFERENCE_RUNS)) == 7 * 5
     assert len(rows(SCHEMES)) == 6 * 7
     assert sum(name.startswith('status') for name in ids) == 2 * 25
@@ -47,8 +67,9 @@ def test_no_speed_loses_the_default_observer_and_the_printed_one_is_lost():
     for speed in pmsm_alias_rows.BAD_SPEEDS:
         times, fires = outcome(ROBUST, speed, 1)
         assert np.isfinite(times).all() and times[0] < 40.0 and sum(fires) == 0
-    times, fires = outcome(pmsm_alias_rows.FORMS['paper'], pmsm_alias_rows.BAD_SPEEDS[0], 1,
-                           cold=False)
+    times, fires = outcome(
+        pmsm_alias_rows.FORMS['paper'], pmsm_alias_rows.BAD_SPEEDS[0], 1, cold=False
+    )
     assert np.isnan(times).all() and fires[0] > 30
 
 
@@ -81,7 +102,10 @@ def test_dead_time_that_the_voltage_does_not_know_of_is_taken_off_where_it_is_de
 
 def test_the_figures_are_drawn(tmp_path):
     paths = REPRODUCTION.draw(tmp_path)
-    assert [path.name for path in paths] == ['pmsm_figure_1.png', 'pmsm_figure_2.png',
-                                             'pmsm_closed_loop.png']
+    assert [path.name for path in paths] == [
+        'pmsm_figure_1.png',
+        'pmsm_figure_2.png',
+        'pmsm_closed_loop.png',
+    ]
     assert all(path.read_bytes()[:8] == b'\x89PNG\r\n\x1a\n' for path in paths)
     assert pmsm_continuous_rows.NEVER < 0.0

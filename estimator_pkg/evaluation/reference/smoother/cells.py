@@ -24,10 +24,10 @@ from estimator_pkg.evaluation.reference.smoother.steps import predict
 
 Array = NDArray[np.float64]
 
-FAR = -20.0         # standard deviations outside the cell, beyond which a series is used
+FAR = -20.0  # standard deviations outside the cell, beyond which a series is used
 ROOT_2 = math.sqrt(2.0)
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
-SURE = 1e-12        # part of a variance that is always left
+SURE = 1e-12  # part of a variance that is always left
 
 
 def site(mean: float, variance: float, half: float, noise: float) -> tuple[float, float, float]:
@@ -66,8 +66,17 @@ def _absorb(x: tuple, centre: float, precision: float, pull: float) -> tuple:
     kept = 1.0 / (1.0 + precision * p00)
     e = (pull + precision * (centre - q)) * kept
     g = precision * kept
-    return (q + p00 * e, v + p01 * e, a + p02 * e, p00 * kept, p01 * kept, p02 * kept,
-            p11 - g * p01 * p01, p12 - g * p01 * p02, p22 - g * p02 * p02)
+    return (
+        q + p00 * e,
+        v + p01 * e,
+        a + p02 * e,
+        p00 * kept,
+        p01 * kept,
+        p02 * kept,
+        p11 - g * p01 * p01,
+        p12 - g * p01 * p02,
+        p22 - g * p02 * p02,
+    )
 
 
 def _together(x: tuple, y: tuple) -> tuple[float, float]:
@@ -96,12 +105,15 @@ def _together(x: tuple, y: tuple) -> tuple[float, float]:
 def _scale(mean: float, variance: float, precision: float, pull: float) -> float:
     """Log of the integral of a Gaussian times a site."""
     grown = 1.0 + precision * variance
-    return -0.5 * (math.log(grown) + (precision * mean * mean - 2.0 * pull * mean
-                                      - pull * pull * variance) / grown)
+    return -0.5 * (
+        math.log(grown)
+        + (precision * mean * mean - 2.0 * pull * mean - pull * pull * variance) / grown
+    )
 
 
-def towards(x: tuple, steps: Array, centres: Array, jerk: float, sites: Array,
-            messages: Array) -> None:
+def towards(
+    x: tuple, steps: Array, centres: Array, jerk: float, sites: Array, messages: Array
+) -> None:
     """The messages of one way along a stretch, its sites left as they are."""
     for i in range(len(centres)):
         if i > 0:
@@ -112,8 +124,16 @@ def towards(x: tuple, steps: Array, centres: Array, jerk: float, sites: Array,
             x = _absorb(x, centres[i], sites[i, 0], sites[i, 1])
 
 
-def sweep(x: tuple, steps: Array, centres: Array, half: float, noise: float, jerk: float,
-          messages: Array, sites: Array) -> float:
+def sweep(
+    x: tuple,
+    steps: Array,
+    centres: Array,
+    half: float,
+    noise: float,
+    jerk: float,
+    messages: Array,
+    sites: Array,
+) -> float:
     """One way along a stretch: every site anew, from what the messages of the other way say.
 
     Returns the log of the probability of all readings, which is right once the sites stay.
@@ -132,9 +152,17 @@ def sweep(x: tuple, steps: Array, centres: Array, half: float, noise: float, jer
             x = predict(x, steps[i], jerk)
         centre = centres[i]
         if centre == centre:
-            other = (messages[i, 0], messages[i, 1], messages[i, 2], messages[i, 3],
-                     messages[i, 4], messages[i, 5], messages[i, 6], messages[i, 7],
-                     messages[i, 8])
+            other = (
+                messages[i, 0],
+                messages[i, 1],
+                messages[i, 2],
+                messages[i, 3],
+                messages[i, 4],
+                messages[i, 5],
+                messages[i, 6],
+                messages[i, 7],
+                messages[i, 8],
+            )
             mean, variance = _together(x, other)
             mean -= centre
             precision, pull, found = site(mean, variance, half, noise)

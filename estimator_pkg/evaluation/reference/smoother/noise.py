@@ -17,20 +17,20 @@ from estimator_pkg.evaluation.reference.smoother.steps import likelihood
 
 Array = NDArray[np.float64]
 
-STRETCH = 4000          # the likelihood is judged on stretches of so many readings,
-STRETCHES = 12          # at most so many of them, spread over the record
-RATIOS = (-16.0, 6.0)   # log10 of qc h^5 / r is sought between these
-TINY = 1e-10            # part of a large reading that its rounding may be,
-USUAL = 0.99            # which is larger than this part of all: wild ones tell nothing
+STRETCH = 4000  # the likelihood is judged on stretches of so many readings,
+STRETCHES = 12  # at most so many of them, spread over the record
+RATIOS = (-16.0, 6.0)  # log10 of qc h^5 / r is sought between these
+TINY = 1e-10  # part of a large reading that its rounding may be,
+USUAL = 0.99  # which is larger than this part of all: wild ones tell nothing
 CELL_READINGS = 24_000  # the probability of cells is judged on about so many readings
 PLAIN_READINGS = 3_000  # (where nothing is compiled), in stretches of
-CELL_STRETCH = 1500     # so many or, if that is longer, of so many
-CHANGES = 20            # changes of the reading
-SOME = 3                # every so many of the stretches for the first look
-COARSE = 4.0            # noise of more quanta than this hides the cells
-SHARP = 0.01            # part of a quantum by which the best of encoders blurs its edges
+CELL_STRETCH = 1500  # so many or, if that is longer, of so many
+CHANGES = 20  # changes of the reading
+SOME = 3  # every so many of the stretches for the first look
+COARSE = 4.0  # noise of more quanta than this hides the cells
+SHARP = 0.01  # part of a quantum by which the best of encoders blurs its edges
 BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, COARSE)
-STEEP = 9               # the jerk is sought so many decades above that of white noise at least
+STEEP = 9  # the jerk is sought so many decades above that of white noise at least
 
 
 class Noise(NamedTuple):
@@ -58,11 +58,12 @@ class Noise(NamedTuple):
     @property
     def quantised(self) -> float:
         """The part of a reading's variance that the quantisation explains."""
-        return min(1.0, self.quantum ** 2 / 12.0 / self.reading ** 2)
+        return min(1.0, self.quantum**2 / 12.0 / self.reading**2)
 
 
-def white(parts: list[Piece], readings: Array, period: float,
-          reading: float | None = None) -> Noise | None:
+def white(
+    parts: list[Piece], readings: Array, period: float, reading: float | None = None
+) -> Noise | None:
     """Noise of the readings and intensity of the jerk by maximum innovation likelihood.
 
     With all variances in units of that of the readings, the latter follows in closed form, so that
@@ -88,23 +89,23 @@ def white(parts: list[Piece], readings: Array, period: float,
         return logs, squares, number
 
     def free(ratio: float) -> float:
-        logs, squares, number = sums(floor, floor * 10.0 ** ratio / step ** 5)
+        logs, squares, number = sums(floor, floor * 10.0**ratio / step**5)
         # scaling every variance by `squares / number` makes this the likelihood's maximum
         return logs + number * math.log(max(squares, 1e-300) / max(number, 1))
 
     if reading is None:
         best = _lowest(free, *RATIOS, 0.02)
-        _, squares, number = sums(floor, floor * 10.0 ** best / step ** 5)
+        _, squares, number = sums(floor, floor * 10.0**best / step**5)
         r = floor * squares / max(number, 1)
         if r > floor:
-            return Noise(math.sqrt(r), r * 10.0 ** best / step ** 5, count, False)
+            return Noise(math.sqrt(r), r * 10.0**best / step**5, count, False)
 
     def held(ratio: float) -> float:
-        logs, squares, _ = sums(floor, floor * 10.0 ** ratio / step ** 5)
+        logs, squares, _ = sums(floor, floor * 10.0**ratio / step**5)
         return logs + squares
 
     best = _lowest(held, *RATIOS, 0.02)
-    return Noise(math.sqrt(floor), floor * 10.0 ** best / step ** 5, count, True)
+    return Noise(math.sqrt(floor), floor * 10.0**best / step**5, count, True)
 
 
 def in_cells(parts: list[Piece], rough: Noise) -> Noise:
@@ -125,37 +126,45 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
     middle = math.log10(rough.jerk)
     grid = []
     for part in BLURS:
-        seen = [(unlikely(some, part * count, 10.0 ** (middle + up), 1), part, middle + up)
-                for up in range(STEEP + 1)]
+        seen = [
+            (unlikely(some, part * count, 10.0 ** (middle + up), 1), part, middle + up)
+            for up in range(STEEP + 1)
+        ]
         while seen[0] <= min(seen[:2]):  # the lowest is the last on the way down
             power = seen[0][2] - 1.0
             if power < middle - STEEP:
                 break
-            seen.insert(0, (unlikely(some, part * count, 10.0 ** power, 1), part, power))
+            seen.insert(0, (unlikely(some, part * count, 10.0**power, 1), part, power))
         grid += seen
     _, part, power = min(grid)
-    power = _lowest(lambda at: unlikely(chosen, part * count, 10.0 ** at), power - 1.0,
-                    power + 1.0, 0.1)
-    size = _lowest(lambda at: unlikely(chosen, count * 10.0 ** at, 10.0 ** power),
-                   max(math.log10(SHARP), math.log10(part) - 0.5), math.log10(part) + 0.5, 0.05)
-    blur = count * 10.0 ** size
-    power = _lowest(lambda at: unlikely(chosen, blur, 10.0 ** at), power - 1.0, power + 1.0, 0.05)
-    return Noise(math.sqrt(count * count / 12.0 + blur * blur), 10.0 ** power, count,
-                 blur < 0.1 * count, blur)
+    power = _lowest(
+        lambda at: unlikely(chosen, part * count, 10.0**at), power - 1.0, power + 1.0, 0.1
+    )
+    size = _lowest(
+        lambda at: unlikely(chosen, count * 10.0**at, 10.0**power),
+        max(math.log10(SHARP), math.log10(part) - 0.5),
+        math.log10(part) + 0.5,
+        0.05,
+    )
+    blur = count * 10.0**size
+    power = _lowest(lambda at: unlikely(chosen, blur, 10.0**at), power - 1.0, power + 1.0, 0.05)
+    return Noise(
+        math.sqrt(count * count / 12.0 + blur * blur), 10.0**power, count, blur < 0.1 * count, blur
+    )
 
 
 def _telling(parts: list[Piece], count: float) -> list[Piece]:
     """Stretches long enough that the reading changes in them."""
-    changes = sum(int(np.count_nonzero(np.abs(np.diff(part.readings)) > 0.5 * count))
-                  for part in parts)
+    changes = sum(
+        int(np.count_nonzero(np.abs(np.diff(part.readings)) > 0.5 * count)) for part in parts
+    )
     total = sum(len(part.rows) for part in parts)
     length = max(CELL_STRETCH, round(CHANGES * total / max(changes, 1)))
     readings = CELL_READINGS if available() else PLAIN_READINGS
     return stretches(parts, min(length, readings // 2), max(2, readings // length))
 
 
-def _lowest(function: Callable[[float], float], low: float, high: float,
-            fine: float) -> float:
+def _lowest(function: Callable[[float], float], low: float, high: float, fine: float) -> float:
     """Where `function` is lowest: a coarse look, then golden section."""
     grid = np.arange(low, high + 0.5, 1.0)
     values = [function(float(at)) for at in grid]

@@ -12,10 +12,10 @@ from estimator_pkg.evaluation.compare.matching import pieces
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-HOLE = 0.2              # a longer hole [s], or one of
-HOLE_STEPS = 10.0       # so many median sample times if that is longer, parts the record
-FEWEST = 12             # readings in a piece, below which it is left out
-LOOSE = 1e6             # variance of speed and acceleration at the start of a piece
+HOLE = 0.2  # a longer hole [s], or one of
+HOLE_STEPS = 10.0  # so many median sample times if that is longer, parts the record
+FEWEST = 12  # readings in a piece, below which it is left out
+LOOSE = 1e6  # variance of speed and acceleration at the start of a piece
 
 
 class Piece(NamedTuple):
@@ -52,8 +52,11 @@ def cut(stamps: Stamps, position: Array) -> list[Piece]:
 
 def stretches(parts: list[Piece], length: int, most: int) -> list[Piece]:
     """Everything, or `most` stretches of `length` readings spread evenly over the record."""
-    found = [part.part(at, length)
-             for part in parts for at in range(0, max(1, len(part.rows) - FEWEST), length)]
+    found = [
+        part.part(at, length)
+        for part in parts
+        for at in range(0, max(1, len(part.rows) - FEWEST), length)
+    ]
     found = [part for part in found if np.isfinite(part.readings[0])]
     if len(found) <= most:
         return found

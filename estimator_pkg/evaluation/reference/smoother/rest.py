@@ -11,13 +11,14 @@ from estimator_pkg.evaluation.reference.smoother.pieces import Piece
 
 Array = NDArray[np.float64]
 
-WINDOW = 128            # readings of a window of the spectrum
-CLEAR = 2.0             # of white noise, the spectrum stays below so many times its level
-NEWS = 0.1              # a window tells something if its readings weigh so much of the heaviest
+WINDOW = 128  # readings of a window of the spectrum
+CLEAR = 2.0  # of white noise, the spectrum stays below so many times its level
+NEWS = 0.1  # a window tells something if its readings weigh so much of the heaviest
 
 
-def unexplained(parts: list[Piece], rest: list[Array], weights: list[Array],
-                quantised: float) -> float:
+def unexplained(
+    parts: list[Piece], rest: list[Array], weights: list[Array], quantised: float
+) -> float:
     """The rms speed of the part of `rest` that stands out of white noise [rad/s].
 
     Power spectral density over half-overlapping windows; what exceeds `CLEAR` times the white level
@@ -40,11 +41,11 @@ def unexplained(parts: list[Piece], rest: list[Array], weights: list[Array],
         pushed = np.where(weight > 0.0, np.nan_to_num(left) * weight, 0.0)
         for at in range(0, len(pushed) - WINDOW + 1, WINDOW // 2):
             count += 1
-            mean = float(np.mean(weight[at:at + WINDOW]))
+            mean = float(np.mean(weight[at : at + WINDOW]))
             if mean <= NEWS * heaviest:
                 continue
             telling += 1
-            piece = pushed[at:at + WINDOW] / mean
+            piece = pushed[at : at + WINDOW] / mean
             power += np.abs(np.fft.rfft(window * (piece - np.mean(piece)))) ** 2
             level += 1.0 / mean
     if not telling:

@@ -11,13 +11,14 @@ from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start
 
 Array = NDArray[np.float64]
 
-SWEEPS = 3          # there and back: the sites stay after two
-OF_A_RUN = 15       # so many cells of a run of equal readings are met, and its last
-DRIFT = 0.25        # but more, where the motion may drift by so many quanta between them
+SWEEPS = 3  # there and back: the sites stay after two
+OF_A_RUN = 15  # so many cells of a run of equal readings are met, and its last
+DRIFT = 0.25  # but more, where the motion may drift by so many quanta between them
 
 
-def find_sites(part: Piece, quantum: float, blur: float, jerk: float, sweeps: int = SWEEPS
-               ) -> tuple[Array, float]:
+def find_sites(
+    part: Piece, quantum: float, blur: float, jerk: float, sweeps: int = SWEEPS
+) -> tuple[Array, float]:
     """(sites, log of the probability) of a stretch of cells; see `smoother_cells.sweep`.
 
     Of a run of equal readings only some are met: the first, the last, and as many between as say
@@ -34,7 +35,7 @@ def find_sites(part: Piece, quantum: float, blur: float, jerk: float, sweeps: in
     sites: Array = np.zeros((len(centres), 2))
     if not len(known):
         return sites, 0.0
-    variance = quantum ** 2 / 12.0 + blur ** 2
+    variance = quantum**2 / 12.0 + blur**2
     ways = (centres, centres[::-1].copy())
     steps = (part.steps, np.concatenate([[0.0], part.steps[:0:-1]]))
     starts = [start(centres[i], variance) for i in (known[0], known[-1])]
@@ -46,8 +47,9 @@ def find_sites(part: Piece, quantum: float, blur: float, jerk: float, sweeps: in
     for turn in range(2 * sweeps):  # each way fills the messages that the other has used
         way = turn % 2
         messages, sites = messages[::-1].copy(), sites[::-1].copy()
-        log_z = along(starts[way], steps[way], ways[way], 0.5 * quantum, blur, jerk, messages,
-                      sites)
+        log_z = along(
+            starts[way], steps[way], ways[way], 0.5 * quantum, blur, jerk, messages, sites
+        )
     return sites[::-1].copy(), log_z
 
 

@@ -31,14 +31,14 @@ from estimator_pkg.observers.angle.core import LARGEST
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-CHUNK = 65536           # readings whose filter states are in memory at a time
-BLOCK, MARGIN = 50_000, 5_000   # cells are met in blocks of readings, which overlap by a margin
-OUTLIER = 8.0           # readings so many robust deviations from the smoothed are left out
-COUNTS = 2.0            # if they are at least so many quanta off, and so many times farther than
-ALONE = 3.0             # both neighbours: what a jump of the acceleration leaves is not alone
-FEWEST_CHANGES = 40     # of a counted reading, below which nothing is said of the motion
-LOOSER = 3.0            # times the median standard deviation: what is vaguer is an end
-NO_NEWS = 1e-9          # of a reading's usual weight: a cell that tells so little is left out
+CHUNK = 65536  # readings whose filter states are in memory at a time
+BLOCK, MARGIN = 50_000, 5_000  # cells are met in blocks of readings, which overlap by a margin
+OUTLIER = 8.0  # readings so many robust deviations from the smoothed are left out
+COUNTS = 2.0  # if they are at least so many quanta off, and so many times farther than
+ALONE = 3.0  # both neighbours: what a jump of the acceleration leaves is not alone
+FEWEST_CHANGES = 40  # of a counted reading, below which nothing is said of the motion
+LOOSER = 3.0  # times the median standard deviation: what is vaguer is an end
+NO_NEWS = 1e-9  # of a reading's usual weight: a cell that tells so little is left out
 
 
 class Smoothed(NamedTuple):
@@ -83,11 +83,17 @@ class Smoothed(NamedTuple):
         if self.seldom:
             return math.inf
         variance = float(np.mean(self.velocity_stddev[self.firm] ** 2))
-        return math.sqrt(variance + self.unexplained ** 2)
+        return math.sqrt(variance + self.unexplained**2)
 
 
-def smooth(stamps: Stamps, position: Array, period: float, *, noise: Noise | None = None,
-           reading: float | None = None) -> Smoothed:
+def smooth(
+    stamps: Stamps,
+    position: Array,
+    period: float,
+    *,
+    noise: Noise | None = None,
+    reading: float | None = None,
+) -> Smoothed:
     """The smoothed motion behind a record of positions.
 
     Parameters
@@ -117,21 +123,30 @@ def smooth(stamps: Stamps, position: Array, period: float, *, noise: Noise | Non
     weights = [_weights(part, found) for part in parts]
     counted = 0.0 < found.reading < COARSE * found.quantum
     if found.cells or (counted and noise is None and reading is None):
-        cells = [part._replace(readings=out[:, 0] + left)
-                 for part, out, left in zip(parts, result, rest)]
+        cells = [
+            part._replace(readings=out[:, 0] + left) for part, out, left in zip(parts, result, rest)
+        ]
         found = noise or in_cells(cells, found)
         met = [_as_cells(part, found) for part in cells]
         result = [out for out, _, _ in met]
         rest, weights = [left for _, left, _ in met], [weight for _, _, weight in met]
     columns = np.concatenate(result)
-    return Smoothed(stamps[rows], columns[:, 0], columns[:, 1], columns[:, 2], columns[:, 3],
-                    found, outliers, unexplained(parts, rest, weights, found.quantised),
-                    _changes(parts, found.quantum))
+    return Smoothed(
+        stamps[rows],
+        columns[:, 0],
+        columns[:, 1],
+        columns[:, 2],
+        columns[:, 3],
+        found,
+        outliers,
+        unexplained(parts, rest, weights, found.quantised),
+        _changes(parts, found.quantum),
+    )
 
 
 def _weights(part: Piece, noise: Noise) -> Array:
     """One over the variance of each reading; 0 where there is none."""
-    return np.where(np.isfinite(part.readings), 1.0 / noise.reading ** 2, 0.0)
+    return np.where(np.isfinite(part.readings), 1.0 / noise.reading**2, 0.0)
 
 
 def _as_numbers(part: Piece, noise: Noise, period: float) -> Array:
@@ -147,9 +162,9 @@ def _as_cells(part: Piece, noise: Noise) -> tuple[Array, Array, Array]:
         first = max(0, at - MARGIN)
         stretch = part.part(first, at + BLOCK + MARGIN - first)
         found, _ = find_sites(stretch, noise.quantum, noise.blur, noise.jerk)
-        sites[at:at + BLOCK] = found[at - first:at - first + BLOCK]
+        sites[at : at + BLOCK] = found[at - first : at - first + BLOCK]
     weights = sites[:, 0]
-    weights[weights < NO_NEWS / noise.reading ** 2] = 0.0
+    weights[weights < NO_NEWS / noise.reading**2] = 0.0
     known = weights > 0.0
     told = np.where(known, part.readings, np.nan)
     told[known] += sites[known, 1] / weights[known]
@@ -167,25 +182,50 @@ def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
     states, innovations = np.empty((min(CHUNK, count), 9)), np.empty((min(CHUNK, count), 2))
     known = np.flatnonzero(weights > 0.0)
     first = float(part.readings[known[0]]) if len(known) else 0.0
-    entered = [start(first, noise.reading ** 2)]
+    entered = [start(first, noise.reading**2)]
     for at in starts[:-1]:
         here = slice(at, at + CHUNK)
-        entered.append(ahead(entered[-1], part.steps[here], part.readings[here], weights[here],
-                             noise.jerk, period, states, innovations))
+        entered.append(
+            ahead(
+                entered[-1],
+                part.steps[here],
+                part.readings[here],
+                weights[here],
+                noise.jerk,
+                period,
+                states,
+                innovations,
+            )
+        )
     smoothed = np.empty((count, 4))
     adjoint: tuple = (0.0,) * 9
     for at, state in zip(reversed(starts), reversed(entered)):
         here = slice(at, at + CHUNK)
         steps = part.steps[here]
-        ahead(state, steps, part.readings[here], weights[here], noise.jerk, period, states,
-              innovations)
-        adjoint = back(adjoint, steps, weights[here], states[:len(steps)],
-                       innovations[:len(steps)], smoothed[here])
+        ahead(
+            state,
+            steps,
+            part.readings[here],
+            weights[here],
+            noise.jerk,
+            period,
+            states,
+            innovations,
+        )
+        adjoint = back(
+            adjoint,
+            steps,
+            weights[here],
+            states[: len(steps)],
+            innovations[: len(steps)],
+            smoothed[here],
+        )
     return smoothed
 
 
-def _without_outliers(part: Piece, smoothed: Array, noise: Noise, period: float
-                      ) -> tuple[Piece, int]:
+def _without_outliers(
+    part: Piece, smoothed: Array, noise: Noise, period: float
+) -> tuple[Piece, int]:
     """The piece without readings that are far from the smoothed motion, and how many were."""
     rest = _rest(part, smoothed, period)
     spread = 1.4826 * float(np.nanmedian(np.abs(rest)))
@@ -213,5 +253,13 @@ def _changes(parts: list[Piece], quantum: float) -> int:
 
 def _nothing() -> Smoothed:
     none = np.zeros(0)
-    return Smoothed(np.zeros(0, np.int64), none, none, none, none,
-                    Noise(math.nan, math.nan, 0.0, False), 0, math.nan)
+    return Smoothed(
+        np.zeros(0, np.int64),
+        none,
+        none,
+        none,
+        none,
+        Noise(math.nan, math.nan, 0.0, False),
+        0,
+        math.nan,
+    )

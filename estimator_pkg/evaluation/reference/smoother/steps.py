@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-UNSETTLED = 5       # innovations at the start of a piece say more of its start than of the noise
+UNSETTLED = 5  # innovations at the start of a piece say more of its start than of the noise
 
 
 def predict(x: tuple, h: float, qc: float) -> tuple:
@@ -32,13 +32,17 @@ def predict(x: tuple, h: float, qc: float) -> tuple:
     a2 = p02 + h * p12 + k * p22
     b1 = p11 + h * p12
     b2 = p12 + h * p22
-    return (q + h * v + k * a, v + h * a, a,
-            a0 + h * a1 + k * a2 + qc * h * h * h * h * h / 20.0,
-            a1 + h * a2 + qc * h * h * h * h / 8.0,
-            a2 + qc * h * h * h / 6.0,
-            b1 + h * b2 + qc * h * h * h / 3.0,
-            b2 + qc * k,
-            p22 + qc * h)
+    return (
+        q + h * v + k * a,
+        v + h * a,
+        a,
+        a0 + h * a1 + k * a2 + qc * h * h * h * h * h / 20.0,
+        a1 + h * a2 + qc * h * h * h * h / 8.0,
+        a2 + qc * h * h * h / 6.0,
+        b1 + h * b2 + qc * h * h * h / 3.0,
+        b2 + qc * k,
+        p22 + qc * h,
+    )
 
 
 def correct(x: tuple, e: float, weight: float) -> tuple:
@@ -46,9 +50,17 @@ def correct(x: tuple, e: float, weight: float) -> tuple:
     q, v, a, p00, p01, p02, p11, p12, p22 = x
     kept = 1.0 / (1.0 + weight * p00)
     g = weight * kept
-    return (q + p00 * g * e, v + p01 * g * e, a + p02 * g * e,
-            p00 * kept, p01 * kept, p02 * kept,
-            p11 - g * p01 * p01, p12 - g * p01 * p02, p22 - g * p02 * p02)
+    return (
+        q + p00 * g * e,
+        v + p01 * g * e,
+        a + p02 * g * e,
+        p00 * kept,
+        p01 * kept,
+        p02 * kept,
+        p11 - g * p01 * p01,
+        p12 - g * p01 * p02,
+        p22 - g * p02 * p02,
+    )
 
 
 def _wrap(e: float, period: float) -> float:
@@ -58,8 +70,9 @@ def _wrap(e: float, period: float) -> float:
     return e
 
 
-def likelihood(start: tuple, steps: Array, readings: Array, r: float, qc: float,
-               period: float) -> tuple[float, float, int]:
+def likelihood(
+    start: tuple, steps: Array, readings: Array, r: float, qc: float, period: float
+) -> tuple[float, float, int]:
     """(sum of log S, sum of e^2 / S, how many) over the innovations of one piece.
 
     Parameters
@@ -84,8 +97,16 @@ def likelihood(start: tuple, steps: Array, readings: Array, r: float, qc: float,
     return logs, squares, count
 
 
-def forward(x: tuple, steps: Array, readings: Array, weights: Array, qc: float, period: float,
-            states: Array, innovations: Array) -> tuple:
+def forward(
+    x: tuple,
+    steps: Array,
+    readings: Array,
+    weights: Array,
+    qc: float,
+    period: float,
+    states: Array,
+    innovations: Array,
+) -> tuple:
     """The filter from the state `x` over a stretch; the state after its last reading.
 
     Parameters
@@ -111,8 +132,9 @@ def forward(x: tuple, steps: Array, readings: Array, weights: Array, qc: float, 
     return x
 
 
-def backward(adjoint: tuple, steps: Array, weights: Array, states: Array, innovations: Array,
-             smoothed: Array) -> tuple:
+def backward(
+    adjoint: tuple, steps: Array, weights: Array, states: Array, innovations: Array, smoothed: Array
+) -> tuple:
     """Backward over the same stretch; the adjoint before its first reading.
 
     Parameters

@@ -60,8 +60,9 @@ def begin_band(density: float) -> Band:
     return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
-def follow_band(band: Band, z: float, gain: float, idle: float, least: float, laws: tuple
-                ) -> tuple[Band, float, float, float]:
+def follow_band(
+    band: Band, z: float, gain: float, idle: float, least: float, laws: tuple
+) -> tuple[Band, float, float, float]:
     """After an innovation: (band, growth of log density, date of a manoeuvre, product).
 
     Parameters
@@ -99,8 +100,12 @@ def follow_band(band: Band, z: float, gain: float, idle: float, least: float, la
         up = up_time = 0.0
     if down <= 0.0 or date > 0.0:
         down = down_time = 0.0
-    return ((density, low, variance, up, down, up_time, down_time, squares),
-            move if move > 0.0 else 0.0, date, product)
+    return (
+        (density, low, variance, up, down, up_time, down_time, squares),
+        move if move > 0.0 else 0.0,
+        date,
+        product,
+    )
 
 
 def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:

@@ -27,12 +27,14 @@ def predicted(p: Covariance, density: float, coefficients: tuple) -> Covariance:
     r02 = p02 + dt * p12 + half * p22
     r01 = p01 + dt * p11 + half * p12
     shaken = density * q11
-    return (p00 + dt * (p01 + r01) + half * (p02 + r02) + density * q00,
-            r01 + dt * r02 + density * q01,
-            kept * r02 + 0.5 * shaken,
-            p11 + dt * (p12 + r12) + shaken,
-            kept * r12 + density * half,
-            kept * kept * p22 + density * dt)
+    return (
+        p00 + dt * (p01 + r01) + half * (p02 + r02) + density * q00,
+        r01 + dt * r02 + density * q01,
+        kept * r02 + 0.5 * shaken,
+        p11 + dt * (p12 + r12) + shaken,
+        kept * r12 + density * half,
+        kept * kept * p22 + density * dt,
+    )
 
 
 def corrected(p: Covariance, r: float, left: float) -> Covariance:
@@ -83,8 +85,14 @@ def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
     first = square * rate
     second = first * rate
     third = second * rate
-    return (p[0] + square, p[1] + 2.0 * first, p[2] + 5.0 / 3.0 * second,
-            p[3] + 29.0 / 6.0 * second, p[4] + 5.0 * third, p[5] + 10.0 * third * rate)
+    return (
+        p[0] + square,
+        p[1] + 2.0 * first,
+        p[2] + 5.0 / 3.0 * second,
+        p[3] + 29.0 / 6.0 * second,
+        p[4] + 5.0 * third,
+        p[5] + 10.0 * third * rate,
+    )
 
 
 def swayed(p: Covariance, sway: float, dt: float) -> Covariance:

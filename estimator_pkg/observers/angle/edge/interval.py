@@ -13,12 +13,12 @@ import math
 
 ROOT_HALF = math.sqrt(0.5)
 DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
-TAIL = 6.0       # sigmas from which the tail's own series is used: erfc's digits would cancel
-THIN = 1e-3      # an interval thinner than this part of sigma is a point
+TAIL = 6.0  # sigmas from which the tail's own series is used: erfc's digits would cancel
+THIN = 1e-3  # an interval thinner than this part of sigma is a point
 
-NOTHING = 0      # the reading tells nothing that the prediction does not know
-INTERVAL = 1     # a measurement: centre, half width
-HELD = 2         # the prediction has left the cell, and no edge came
+NOTHING = 0  # the reading tells nothing that the prediction does not know
+INTERVAL = 1  # a measurement: centre, half width
+HELD = 2  # the prediction has left the cell, and no edge came
 
 
 def within(e: float, half: float, sigma: float) -> tuple[float, float]:
@@ -42,8 +42,9 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
     return side * mean, (ratio if ratio > 1e-6 else 1e-6)
 
 
-def interval(off: float, ahead: float, quantum: float, variance: float, noise: float,
-             hold: float) -> tuple[int, float, float]:
+def interval(
+    off: float, ahead: float, quantum: float, variance: float, noise: float, hold: float
+) -> tuple[int, float, float]:
     """What this reading is worth: (kind, centre relative to the prediction, half width) [rad].
 
     Parameters

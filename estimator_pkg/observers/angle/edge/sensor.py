@@ -11,20 +11,20 @@ from __future__ import annotations
 
 import math
 
-SURPRISE = 25.0   # a square counts at most so many times what is expected: 5 sigma
+SURPRISE = 25.0  # a square counts at most so many times what is expected: 5 sigma
 LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
-ROUNDING = 1e-6   # of the reading: smaller steps are a float32's last digit
-RESIDUE = 1e-3    # of the quantum: a change by less is rounding residue, and no motion
-FINEST = 1e-10    # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
-JUMP = 1e3        # times the range of all readings before: those before were residue
-SEEN = 2.0        # a smaller step than the given quantum is believed when it came twice
-SHOWN = 8.0       # readings that show the quantum, before it is thought to be larger than before
-RETURNS = 3.0     # the first of them, which a stray reading makes by itself: there, back, and on
-SEARCH = 96.0     # readings among which these are looked for, after a new smallest step
-FINER = 0.75      # the quantum is too large if steps below this part of it are seen
+ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
+RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
+FINEST = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
+JUMP = 1e3  # times the range of all readings before: those before were residue
+SEEN = 2.0  # a smaller step than the given quantum is believed when it came twice
+SHOWN = 8.0  # readings that show the quantum, before it is thought to be larger than before
+RETURNS = 3.0  # the first of them, which a stray reading makes by itself: there, back, and on
+SEARCH = 96.0  # readings among which these are looked for, after a new smallest step
+FINER = 0.75  # the quantum is too large if steps below this part of it are seen
 
-CLOSE = 0.9       # a step above this part of the quantum is one, but for its last digits,
-DIGITS = 0.01     # which are below this part
+CLOSE = 0.9  # a step above this part of the quantum is one, but for its last digits,
+DIGITS = 0.01  # which are below this part
 
 AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
 
@@ -46,18 +46,41 @@ FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, math.inf, SEARCH, 0.0, 0.0)
 
 def begin_sensor(quantum: float, blur: float) -> Sensor:
     """Before anything was seen. `blur`: see `follow_sensor`."""
-    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-            math.inf, 0.0, 0.0)
+    return (
+        quantum,
+        blur * blur * quantum * quantum,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        math.inf,
+        0.0,
+        0.0,
+    )
 
 
 def first_step(quantum: float, blur: float, step: float, dt: float) -> Sensor:
     """Return the sensor as after the first `step` [rad], in a sample of `dt` [s]."""
-    return (quantum, blur * blur * quantum * quantum, 0.0, 0.0, step, dt, abs(step), 0.0,
-            math.inf, 0.0, 0.0)
+    return (
+        quantum,
+        blur * blur * quantum * quantum,
+        0.0,
+        0.0,
+        step,
+        dt,
+        abs(step),
+        0.0,
+        math.inf,
+        0.0,
+        0.0,
+    )
 
 
-def follow_steps(steps: Steps, step: float, last: float, since: float, size: float,
-                 quantum: float) -> Steps:
+def follow_steps(
+    steps: Steps, step: float, last: float, since: float, size: float, quantum: float
+) -> Steps:
     """After a reading that moved by `step` [rad], where the last that moved did so by +-`last`.
 
     A finer step than any before is believed at once, and starts a search: when all steps have been
@@ -97,7 +120,7 @@ def follow_steps(steps: Steps, step: float, last: float, since: float, size: flo
         shown, left = shown + 1.0, left - 1.0
         if shown > RETURNS and found < least:
             least = found
-        if shown == SHOWN and CLOSE * least > candidate:   # a stray reading alone showed it
+        if shown == SHOWN and CLOSE * least > candidate:  # a stray reading alone showed it
             candidate, shown, least, left = least, 1.0, math.inf, SEARCH
         elif shown == SHOWN:
             smallest, left = candidate, 0.0
@@ -142,8 +165,9 @@ def agreement(steps: Steps, given: float) -> int:
     return AGREES
 
 
-def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, memory: float,
-                  blur: float) -> Sensor:
+def follow_sensor(
+    sensor: Sensor, step: float, dt: float, quantum: float, memory: float, blur: float
+) -> Sensor:
     """One sample further: it moved by `step` [rad] in `dt` [s].
 
     Parameters
@@ -174,13 +198,24 @@ def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, memory
             lasting += ((power if power < most else most) - lasting) / memory
             pace += (dt - pace) / memory
             bend = third
-    if noise < scatter - square:   # more than any quantisation makes: it is noise
+    if noise < scatter - square:  # more than any quantisation makes: it is noise
         noise = scatter - square
     elif quantum != used:
         noise = blur * blur * square
     if step == 0.0:
-        return (quantum, noise, scatter, residual, step, dt, change, since + dt, bend,
-                lasting, pace)
+        return (
+            quantum,
+            noise,
+            scatter,
+            residual,
+            step,
+            dt,
+            change,
+            since + dt,
+            bend,
+            lasting,
+            pace,
+        )
     return quantum, noise, scatter, residual, step, dt, abs(step), 0.0, bend, lasting, pace
 
 
@@ -197,8 +232,9 @@ def vibration(sensor: Sensor) -> float:
     return 20.0 * lasting / (square * square * pace)
 
 
-def follow_noise(noise: float, excess: float, scatter: float, quantum: float, memory: float,
-                 blur: float) -> float:
+def follow_noise(
+    noise: float, excess: float, scatter: float, quantum: float, memory: float, blur: float
+) -> float:
     """The noise made likelier: `excess` is the score of the innovation's variance, times noise.
 
     Twofold in one sample at most; never above the scatter, which is no motion, and never below the

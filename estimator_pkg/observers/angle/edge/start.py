@@ -10,24 +10,31 @@ from __future__ import annotations
 from estimator_pkg.observers.angle.edge.bandwidth import Band, begin_band
 from estimator_pkg.observers.angle.edge.covariance import Covariance
 
-SWERVE = 0.1      # half turns per sample by which a starting speed may change at most in a sample
-VAGUE = 100.0     # the same in quanta, where there is no turn
+SWERVE = 0.1  # half turns per sample by which a starting speed may change at most in a sample
+VAGUE = 100.0  # the same in quanta, where there is no turn
 
-SETTLES = 2.0     # changed readings after which a speed in doubt is known
-UNSURE = 3.0      # the same when the first has just come: the next one may be a line's second point
-RECENT = 0.3      # [s] after the first motion of all a change of its acceleration is not seen
+SETTLES = 2.0  # changed readings after which a speed in doubt is known
+UNSURE = 3.0  # the same when the first has just come: the next one may be a line's second point
+RECENT = 0.3  # [s] after the first motion of all a change of its acceleration is not seen
 
 Motion = tuple[float, float, float, float]
 # (variance of the speed, beside the covariance's own [(rad/s)^2]; changed readings until it is
 # settled, above 0 while anything is in doubt; time since the first motion, or the start [s])
 Doubt = tuple[float, float, float]
 
-LAST = 0.5        # in place of the changed readings, where `RECENT` alone has not passed
+LAST = 0.5  # in place of the changed readings, where `RECENT` alone has not passed
 START: Doubt = (0.0, LAST, 0.0)
 
 
-def started(measurement: float, change: float, dt: float, quantum: float, noise: float,
-            period: float, longest: float) -> tuple[Motion, Covariance, Band]:
+def started(
+    measurement: float,
+    change: float,
+    dt: float,
+    quantum: float,
+    noise: float,
+    period: float,
+    longest: float,
+) -> tuple[Motion, Covariance, Band]:
     """A straight line through the first two readings, `change` [rad] and `dt` [s] apart.
 
     Parameters
@@ -38,10 +45,18 @@ def started(measurement: float, change: float, dt: float, quantum: float, noise:
     rate = 1.0 / dt
     floor = quantum * quantum / 12.0 + noise
     bend = swerve(quantum, period)
-    return ((measurement, change * rate, 0.0, 0.0),
-            (floor, floor * rate, 0.0, (2.0 * floor + 0.25 * bend) * rate * rate,
-             0.5 * bend * rate * rate * rate, bend * rate * rate * rate * rate),
-            begin_band(quantum * quantum / longest ** 5))
+    return (
+        (measurement, change * rate, 0.0, 0.0),
+        (
+            floor,
+            floor * rate,
+            0.0,
+            (2.0 * floor + 0.25 * bend) * rate * rate,
+            0.5 * bend * rate * rate * rate,
+            bend * rate * rate * rate * rate,
+        ),
+        begin_band(quantum * quantum / longest**5),
+    )
 
 
 def swerve(quantum: float, period: float) -> float:
@@ -73,8 +88,9 @@ def bent(square: float, since: float) -> float:
     return 16.0 / 3.0 * square / (since * since)
 
 
-def settled(doubt: Doubt, v: float, change: float, rested: float, dt: float, square: float,
-            noise: float) -> Doubt:
+def settled(
+    doubt: Doubt, v: float, change: float, rested: float, dt: float, square: float, noise: float
+) -> Doubt:
     """Return the doubt after one more changed reading.
 
     The speed may be off by as much as it differs from the mean since the reading changed last, and
@@ -114,5 +130,7 @@ def stood(quantum: float, blur: float, longest: float) -> tuple[Covariance, Band
     rate = 1.0 / longest
     floor = quantum * quantum / 12.0
     square = rate * rate
-    return ((blur * blur * quantum * quantum, 0.0, 0.0, floor * square, 0.0,
-             floor * square * square), begin_band(quantum * quantum / longest ** 5))
+    return (
+        (blur * blur * quantum * quantum, 0.0, 0.0, floor * square, 0.0, floor * square * square),
+        begin_band(quantum * quantum / longest**5),
+    )

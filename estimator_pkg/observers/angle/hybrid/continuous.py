@@ -36,8 +36,9 @@ def observer_gains(k1: float, k2: float, epsilon: float) -> tuple[float, float]:
 def make_flow(injection: Injection) -> Flow:
     """The flow map of (3a) with this injection."""
 
-    def flow(position: float, velocity: float, measurement: float,
-             gains: tuple[float, float, float]) -> tuple[float, float]:
+    def flow(
+        position: float, velocity: float, measurement: float, gains: tuple[float, float, float]
+    ) -> tuple[float, float]:
         """Derivatives of the estimated position [rad/s] and velocity [rad/s^2].
 
         gains : l1 [1/s], l2 [1/s^2], saturation limit M [rad] of the injection.
@@ -92,7 +93,11 @@ def potential_sat(error: float, limit: float) -> float:
 
 
 POTENTIALS: dict[str, Potential] = {
-    'sin': potential_sin, 'tan': potential_tan, 'saw': potential_saw, 'sat': potential_sat}
+    'sin': potential_sin,
+    'tan': potential_tan,
+    'saw': potential_saw,
+    'sat': potential_sat,
+}
 
 
 def make_lyapunov(potential: Potential) -> Callable[[float, float, float, float], float]:

@@ -24,7 +24,7 @@ from estimator_pkg.observers.angle.hybrid.injections import Injection
 from estimator_pkg.observers.circle import wrap
 
 DOUBTFUL = 0.125  # part of a turn by which one sample may be off at once
-HOLD = 0.02       # a speed is held against such samples for so long [s] ...
+HOLD = 0.02  # a speed is held against such samples for so long [s] ...
 HOLD_SAMPLES = 3  # ... and for so many of them, before a new start
 
 Correct = Callable[[tuple, tuple, float], tuple[tuple, float]]
@@ -49,8 +49,9 @@ def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct
     """
     doubtful = DOUBTFUL * period if period > 0.0 else math.inf
 
-    def start(state: tuple, coefficients: tuple, measurement: float, error: float
-              ) -> tuple[tuple, float]:
+    def start(
+        state: tuple, coefficients: tuple, measurement: float, error: float
+    ) -> tuple[tuple, float]:
         """The expanding memory of a straight line: one sample further."""
         last, _, velocity, phase = state
         alpha, beta, dt, _, _, fastest = coefficients
@@ -68,8 +69,9 @@ def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct
             return (measurement, 0.0, velocity, phase), 0.0  # the speed was not known: no surprise
         return (measurement, error - alpha * error, velocity, phase), error
 
-    def hold(state: tuple, coefficients: tuple, measurement: float, unforeseen: float,
-             error: float) -> tuple[tuple, float]:
+    def hold(
+        state: tuple, coefficients: tuple, measurement: float, unforeseen: float, error: float
+    ) -> tuple[tuple, float]:
         """A sample far off, or one after it: the speed is held."""
         velocity, phase = state[2], state[3]
         dt, fastest = coefficients[2], coefficients[5]
@@ -114,8 +116,9 @@ def make_correct_3(injection: Injection, linear: bool, period: float) -> Correct
     """`correct` of the third order; parameters as for `make_correct_2`."""
     doubtful = DOUBTFUL * period if period > 0.0 else math.inf
 
-    def start(state: tuple, coefficients: tuple, measurement: float, error: float
-              ) -> tuple[tuple, float]:
+    def start(
+        state: tuple, coefficients: tuple, measurement: float, error: float
+    ) -> tuple[tuple, float]:
         """The expanding memory: a straight line through two samples, then a parabola."""
         last, _, velocity, acceleration, phase = state
         alpha, beta, gamma, dt, _, _, fastest, _ = coefficients
@@ -135,11 +138,14 @@ def make_correct_3(injection: Injection, linear: bool, period: float) -> Correct
             beta = (36.0 * phase - 18.0) * part / dt
             gamma = slope
         velocity = held(velocity + acceleration * dt + beta * error, fastest)
-        return ((measurement, error - alpha * error, velocity, acceleration + gamma * error, phase),
-                error)
+        return (
+            (measurement, error - alpha * error, velocity, acceleration + gamma * error, phase),
+            error,
+        )
 
-    def hold(state: tuple, coefficients: tuple, measurement: float, unforeseen: float,
-             error: float) -> tuple[tuple, float]:
+    def hold(
+        state: tuple, coefficients: tuple, measurement: float, unforeseen: float, error: float
+    ) -> tuple[tuple, float]:
         """A sample far off, or one after it: the speed is held."""
         velocity, acceleration, phase = state[2], state[3], state[4]
         dt, fastest = coefficients[3], coefficients[6]

@@ -16,11 +16,11 @@ import numpy as np
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.maths.tracking import reach
 
-PAPER = (6.0, 5.0)        # k1, k2 of the paper's simulations and experiments: poles -1, -5
+PAPER = (6.0, 5.0)  # k1, k2 of the paper's simulations and experiments: poles -1, -5
 TRIPLE = (3.0, 3.0, 1.0)  # k1, k2, k3 of the third order: a triple pole at -1
 
-LEAST_DAMPING = 0.01      # of each pole
-LEAST_DECAY = 1e-6        # of the slowest pole, in the fastest
+LEAST_DAMPING = 0.01  # of each pole
+LEAST_DECAY = 1e-6  # of the slowest pole, in the fastest
 
 
 class Design(NamedTuple):
@@ -50,8 +50,14 @@ class Design(NamedTuple):
         return self.k == TRIPLE
 
 
-def settle(order: int, bandwidth_hz: float, k1: float | None, k2: float | None, k3: float | None,
-           epsilon: float | None) -> Design:
+def settle(
+    order: int,
+    bandwidth_hz: float,
+    k1: float | None,
+    k2: float | None,
+    k3: float | None,
+    epsilon: float | None,
+) -> Design:
     """The design that these parameters mean; what is None follows.
 
     Parameters
@@ -67,18 +73,22 @@ def settle(order: int, bandwidth_hz: float, k1: float | None, k2: float | None, 
     if order == 2 and k3 is not None:
         raise UsageError("parameter 'k3' belongs to order 3, and the order is 2")
     usual = PAPER if order == 2 else TRIPLE
-    k = tuple(float(default if given is None else given)
-              for given, default in zip((k1, k2, k3), usual))
+    k = tuple(
+        float(default if given is None else given) for given, default in zip((k1, k2, k3), usual)
+    )
     if order == 3 and k[0] * k[1] <= k[2]:
-        raise UsageError(f'k1 k2 = {k[0] * k[1]:g} must exceed k3 = {k[2]:g}, '
-                         'or the third-order observer is unstable')
+        raise UsageError(
+            f'k1 k2 = {k[0] * k[1]:g} must exceed k3 = {k[2]:g}, '
+            'or the third-order observer is unstable'
+        )
     roots = [1.0 + 0.0j] * 3 if k == TRIPLE else [-complex(r) for r in np.roots((1.0, *k))]
     require_settling(k, roots)
     unit = unit_bandwidth(k)
     if epsilon is None:
         epsilon = unit / (2.0 * math.pi * bandwidth_hz)
-    return Design(k, epsilon, tuple(root / epsilon for root in roots),
-                  unit / (2.0 * math.pi * epsilon))
+    return Design(
+        k, epsilon, tuple(root / epsilon for root in roots), unit / (2.0 * math.pi * epsilon)
+    )
 
 
 def require_settling(k: tuple[float, ...], roots: list[complex]) -> None:
@@ -92,8 +102,10 @@ def require_settling(k: tuple[float, ...], roots: list[complex]) -> None:
     if all(root.real >= max(LEAST_DAMPING * abs(root), slow) for root in roots):
         return
     gains = ', '.join(f'k{i + 1} = {gain:g}' for i, gain in enumerate(k))
-    raise UsageError(f'{gains} leave the error of the observer hardly damped, or with poles more '
-                     f'than {1.0 / LEAST_DECAY:g} apart')
+    raise UsageError(
+        f'{gains} leave the error of the observer hardly damped, or with poles more '
+        f'than {1.0 / LEAST_DECAY:g} apart'
+    )
 
 
 def unit_bandwidth(k: tuple[float, ...]) -> float:
@@ -107,8 +119,11 @@ def unit_bandwidth(k: tuple[float, ...]) -> float:
     k1, k2, k3 = k
     # |D|^2 - 2 |N|^2 in u = w^2
     power = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2 - 2.0 * k1 * k3, -k3 * k3)
-    crossings = [root.real for root in np.roots(power)
-                 if abs(root.imag) < 1e-9 * abs(root) and root.real > 0.0]
+    crossings = [
+        root.real
+        for root in np.roots(power)
+        if abs(root.imag) < 1e-9 * abs(root) and root.real > 0.0
+    ]
     return math.sqrt(min(crossings))
 
 

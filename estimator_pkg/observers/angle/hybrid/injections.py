@@ -17,7 +17,7 @@ Injection = Callable[[float, float, float], float]
 
 NAMES = ('sin', 'tan', 'saw', 'sat')
 CHECKS = 2000  # points on each side of zero where a user's injection is looked at
-BEYOND = 50    # and within the margin before +-pi
+BEYOND = 50  # and within the margin before +-pi
 
 
 def sin(error: float, period: float, limit: float) -> float:
@@ -85,6 +85,7 @@ def check_assumption_1(function: Callable[[float], float], margin: float, name: 
     ------
     UsageError : with the item that fails and the error at which it does.
     """
+
     def fail(item: int, what: str) -> None:
         raise UsageError(f"injection '{name}' violates Assumption 1, item {item}: {what}")
 

@@ -23,44 +23,98 @@ class Gains(AngleGains):
     """Parameters of `hybrid_angle`."""
 
     bandwidth_hz: float = parameter(
-        45.0, unit='Hz', range=(0.001, 1e6), search=(0.5, 500.0),
+        45.0,
+        unit='Hz',
+        range=(0.001, 1e6),
+        search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity of the continuous design',
-        equation='sets epsilon')
+        equation='sets epsilon',
+    )
     order: int | None = parameter(
-        None, unit='', kind=int, range=(2, 3), structural=True,
-        description='3 also gives acceleration and has no ramp lag; unset: 3 (form paper: 2)')
+        None,
+        unit='',
+        kind=int,
+        range=(2, 3),
+        structural=True,
+        description='3 also gives acceleration and has no ramp lag; unset: 3 (form paper: 2)',
+    )
     form: str = parameter(
-        'robust', unit='', choices=('robust', 'paper'), structural=True,
-        description="robust: poles matched at any sample time, innovation continued past half a "
-                    'turn, reset before injection; paper: Algorithm 1 exactly')
+        'robust',
+        unit='',
+        choices=('robust', 'paper'),
+        structural=True,
+        description='robust: poles matched at any sample time, innovation continued past half a '
+        'turn, reset before injection; paper: Algorithm 1 exactly',
+    )
     injection: str = parameter(
-        'saw', unit='', choices=(*injections.NAMES, 'package.module:name'), structural=True,
+        'saw',
+        unit='',
+        choices=(*injections.NAMES, 'package.module:name'),
+        structural=True,
         description='how an error acts: sin(e), 2 tan(e/2), e, e held within M, or your own '
-                    'function of the error [rad]', equation='phi, section IV')
+        'function of the error [rad]',
+        equation='phi, section IV',
+    )
     max_speed: float | None = parameter(
-        None, unit='rad/s', kind=float, range=(1e-6, 1e9),
+        None,
+        unit='rad/s',
+        kind=float,
+        range=(1e-6, 1e9),
         description='speed limit: at a sample time T every speed + n 2 pi/T fits the samples as '
-                    'well; unset: none')
+        'well; unset: none',
+    )
     epsilon: float | None = parameter(
-        None, unit='s', kind=float, range=(1e-9, 1e6), advanced=True,
+        None,
+        unit='s',
+        kind=float,
+        range=(1e-9, 1e6),
+        advanced=True,
         description='high-gain scale; set, it goes before bandwidth_hz; unset: follows from it',
-        equation='L = (k1/eps, k2/eps^2)')
+        equation='L = (k1/eps, k2/eps^2)',
+    )
     k1: float | None = parameter(
-        None, unit='', kind=float, range=(1e-6, 1e6), advanced=True,
-        description="the position equation's gain (k_v); unset: 6 (order 3: 3)", equation='(3)')
+        None,
+        unit='',
+        kind=float,
+        range=(1e-6, 1e6),
+        advanced=True,
+        description="the position equation's gain (k_v); unset: 6 (order 3: 3)",
+        equation='(3)',
+    )
     k2: float | None = parameter(
-        None, unit='', kind=float, range=(1e-6, 1e6), advanced=True,
-        description="the velocity equation's gain (k_p); unset: 5 (order 3: 3)", equation='(3)')
+        None,
+        unit='',
+        kind=float,
+        range=(1e-6, 1e6),
+        advanced=True,
+        description="the velocity equation's gain (k_p); unset: 5 (order 3: 3)",
+        equation='(3)',
+    )
     k3: float | None = parameter(
-        None, unit='', kind=float, range=(1e-6, 1e6), advanced=True,
-        description="the acceleration equation's gain, order 3 only; unset: 1")
+        None,
+        unit='',
+        kind=float,
+        range=(1e-6, 1e6),
+        advanced=True,
+        description="the acceleration equation's gain, order 3 only; unset: 1",
+    )
     delta_pi: float = parameter(
-        math.radians(5.0), unit='rad', range=(1e-6, 1.5), advanced=True,
+        math.radians(5.0),
+        unit='rad',
+        range=(1e-6, 1.5),
+        advanced=True,
         description='an error this close to half a turn resets the position to the measurement '
-                    '(of a turn of 2 pi; scaled with wrap_period)', equation='J2')
+        '(of a turn of 2 pi; scaled with wrap_period)',
+        equation='J2',
+    )
     M: float = parameter(
-        1.0, unit='rad', range=(1e-6, 1e6), advanced=True,
-        description="saturation level of the injection 'sat'", equation='case study 4')
+        1.0,
+        unit='rad',
+        range=(1e-6, 1e6),
+        advanced=True,
+        description="saturation level of the injection 'sat'",
+        equation='case study 4',
+    )
 
 
 def order_of(gains: Gains) -> int:
@@ -84,8 +138,9 @@ def design_of(gains: Gains) -> Design:
     ------
     UsageError : an unstable design, or gains of another order.
     """
-    return settle_design(order_of(gains), gains.bandwidth_hz, gains.k1, gains.k2, gains.k3,
-                         gains.epsilon)
+    return settle_design(
+        order_of(gains), gains.bandwidth_hz, gains.k1, gains.k2, gains.k3, gains.epsilon
+    )
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -104,8 +159,10 @@ def core(gains: Gains, circle: Circle) -> AngleCore:
     design = design_of(gains)
     if circle.period <= 0.0 and (gains.form == 'paper' or gains.injection not in ('saw', 'sat')):
         what = "form 'paper'" if gains.form == 'paper' else f"injection '{gains.injection}'"
-        raise UsageError(f"{what} needs a circle, and wrap_period is 0: "
-                         "use form 'robust' with injection 'saw' or 'sat'")
+        raise UsageError(
+            f'{what} needs a circle, and wrap_period is 0: '
+            "use form 'robust' with injection 'saw' or 'sat'"
+        )
     scale = circle.period / (2.0 * math.pi)
     margin = gains.delta_pi * scale
     injection = injections.find(gains.injection, margin=gains.delta_pi)
@@ -113,59 +170,87 @@ def core(gains: Gains, circle: Circle) -> AngleCore:
     return make(gains, design, injection, margin, circle.period)
 
 
-def _robust(gains: Gains, design: Design, injection: injections.Injection, margin: float,
-            period: float) -> AngleCore:
+def _robust(
+    gains: Gains, design: Design, injection: injections.Injection, margin: float, period: float
+) -> AngleCore:
     reach = 0.5 * period - margin if period > 0.0 else math.inf
     fastest = math.inf if gains.max_speed is None else gains.max_speed
     values = robust.design_values(design, reach, gains.M, fastest)
     linear = gains.injection == 'saw'
     if len(design.k) == 2:
+
         def group_delay(dt: float) -> float:
             alpha, rate = robust.prepare_2(values, dt)[:2]
             return alpha / rate - 0.5 * dt
 
         return AngleCore(
-            design=lambda: values, settle=SETTLING / design.slowest, prepare=robust.prepare_2,
-            init=robust.init_2, correct=correction.make_correct_2(injection, linear, period),
-            estimate=robust.estimate_2, resume=robust.resume_2, noise_gains=robust.noise_gains_2,
-            limits=lambda dt: None, group_delay=group_delay, lag=LAG_2)
+            design=lambda: values,
+            settle=SETTLING / design.slowest,
+            prepare=robust.prepare_2,
+            init=robust.init_2,
+            correct=correction.make_correct_2(injection, linear, period),
+            estimate=robust.estimate_2,
+            resume=robust.resume_2,
+            noise_gains=robust.noise_gains_2,
+            limits=lambda dt: None,
+            group_delay=group_delay,
+            lag=LAG_2,
+        )
     return AngleCore(
-        design=lambda: values, settle=SETTLING / design.slowest,
+        design=lambda: values,
+        settle=SETTLING / design.slowest,
         prepare=robust.prepare_triple if design.triple else robust.prepare_3,
-        init=robust.init_3, correct=correction.make_correct_3(injection, linear, period),
-        estimate=robust.estimate_3, resume=robust.resume_3,
+        init=robust.init_3,
+        correct=correction.make_correct_3(injection, linear, period),
+        estimate=robust.estimate_3,
+        resume=robust.resume_3,
         noise_gains=robust.noise_gains_triple if design.triple else robust.noise_gains_3,
         limits=lambda dt: None,
-        group_delay=lambda dt: 0.0)  # a ramp of speed is followed without lag at any sample time
+        group_delay=lambda dt: 0.0,
+    )  # a ramp of speed is followed without lag at any sample time
 
 
-def _paper(gains: Gains, design: Design, injection: injections.Injection, margin: float,
-           period: float) -> AngleCore:
+def _paper(
+    gains: Gains, design: Design, injection: injections.Injection, margin: float, period: float
+) -> AngleCore:
     if gains.max_speed is not None:
         raise UsageError("form 'paper' has no speed limit: leave 'max_speed' unset")
-    l1, l2 = design.k[0] / design.epsilon, design.k[1] / design.epsilon ** 2
+    l1, l2 = design.k[0] / design.epsilon, design.k[1] / design.epsilon**2
     values = (l1, l2, margin, gains.M, float(period))
     ratio = paper_limit(design.k)
 
     def limits(dt: float) -> str | None:
         if dt < ratio * design.epsilon:
             return None
-        return (f'Algorithm 1 is unstable at {1.0 / dt:.4g} Hz: epsilon = {design.epsilon:.4g} s '
-                f'must exceed {dt / ratio:.4g} s (bandwidth_hz below '
-                f'{design.bandwidth_hz * design.epsilon * ratio / dt:.4g})')
+        return (
+            f'Algorithm 1 is unstable at {1.0 / dt:.4g} Hz: epsilon = {design.epsilon:.4g} s '
+            f'must exceed {dt / ratio:.4g} s (bandwidth_hz below '
+            f'{design.bandwidth_hz * design.epsilon * ratio / dt:.4g})'
+        )
 
     return AngleCore(
-        design=lambda: values, settle=SETTLING / design.slowest, prepare=paper.prepare,
-        init=paper.init, correct=paper.make_correct(paper.make_algorithm_1(injection, period)),
-        estimate=paper.estimate, resume=paper.make_resume(period), noise_gains=paper.noise_gains,
-        limits=limits, group_delay=lambda dt: l1 / l2 - 0.5 * dt, restarts=False,
-        lag=LAG_PAPER)
+        design=lambda: values,
+        settle=SETTLING / design.slowest,
+        prepare=paper.prepare,
+        init=paper.init,
+        correct=paper.make_correct(paper.make_algorithm_1(injection, period)),
+        estimate=paper.estimate,
+        resume=paper.make_resume(period),
+        noise_gains=paper.noise_gains,
+        limits=limits,
+        group_delay=lambda dt: l1 / l2 - 0.5 * dt,
+        restarts=False,
+        lag=LAG_PAPER,
+    )
 
 
 OBSERVER = Observer(
-    name='hybrid_angle', summary='hybrid high-gain observer for wrapped angles',
-    gains=Gains, build=build,
+    name='hybrid_angle',
+    summary='hybrid high-gain observer for wrapped angles',
+    gains=Gains,
+    build=build,
     reference='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
-              'measurements with jumps, IEEE L-CSS 2(4), 2018; form robust: its sampled form made '
-              'safe at any sample time',
-    gives_acceleration=lambda gains: order_of(gains) == 3)
+    'measurements with jumps, IEEE L-CSS 2(4), 2018; form robust: its sampled form made '
+    'safe at any sample time',
+    gives_acceleration=lambda gains: order_of(gains) == 3,
+)

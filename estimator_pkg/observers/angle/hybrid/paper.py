@@ -11,8 +11,9 @@ from estimator_pkg.observers.maths.tracking import noise_of_two
 
 UNSTABLE = 1e300  # a noise gain that nothing bounds; unlike inf, it may be multiplied by 0
 
-Algorithm = Callable[[float, float, float, float, float, float, float, float],
-                     tuple[float, float, float]]
+Algorithm = Callable[
+    [float, float, float, float, float, float, float, float], tuple[float, float, float]
+]
 
 
 def make_algorithm_1(injection: Injection, period: float = 2.0 * math.pi) -> Algorithm:
@@ -26,16 +27,24 @@ def make_algorithm_1(injection: Injection, period: float = 2.0 * math.pi) -> Alg
     """
     half = 0.5 * period
 
-    def algorithm_1(position: float, velocity: float, measurement: float, dt: float, l1: float,
-                    l2: float, margin: float, saturation: float) -> tuple[float, float, float]:
-        predicted = position + dt * velocity                            # line 3
+    def algorithm_1(
+        position: float,
+        velocity: float,
+        measurement: float,
+        dt: float,
+        l1: float,
+        l2: float,
+        margin: float,
+        saturation: float,
+    ) -> tuple[float, float, float]:
+        predicted = position + dt * velocity  # line 3
         surprise = measurement - predicted
         push = injection(surprise, period, saturation)
         position = predicted + dt * l1 * push
         velocity += dt * l2 * push
-        if abs(abs(measurement - position) - half) <= margin:           # line 4: in J2
+        if abs(abs(measurement - position) - half) <= margin:  # line 4: in J2
             position = measurement
-        if abs(position) >= half + margin:                              # line 7: in J1
+        if abs(position) >= half + margin:  # line 7: in J1
             position -= math.copysign(period, position)
         return position, velocity, surprise
 
@@ -54,10 +63,12 @@ def prepare(design: tuple, dt: float) -> tuple:
 
 def make_correct(algorithm_1: Algorithm) -> Callable[[tuple, tuple, float], tuple[tuple, float]]:
     """`correct` made of Algorithm 1; the measurement is wrapped on entry, in any convention."""
+
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
         dt, l1, l2, margin, saturation, period = coefficients
         position, velocity, surprise = algorithm_1(
-            state[0], state[1], wrap(measurement, period), dt, l1, l2, margin, saturation)
+            state[0], state[1], wrap(measurement, period), dt, l1, l2, margin, saturation
+        )
         return (position, velocity), wrap(surprise, period)
 
     return correct
@@ -70,6 +81,7 @@ def estimate(state: tuple) -> tuple[float, float, float]:
 
 def make_resume(period: float) -> Callable[[tuple, float], tuple]:
     """`resume`: at the measurement, with the speed as it was."""
+
     def resume(state: tuple, measurement: float) -> tuple:
         return (wrap(measurement, period), state[1])
 

@@ -86,9 +86,16 @@ def prepare_3(design: tuple, dt: float) -> tuple:
     of_pair, product = matched(design[1], design[2], dt)  # sum less product of the pair's, product
     apart = -math.expm1(-design[0] * dt)
     gamma = apart * product
-    return (apart + of_pair - apart * of_pair,
-            (product + apart * of_pair - 0.5 * gamma) / dt, gamma / (dt * dt), dt,
-            design[3], design[4], design[5], 1.0 - apart)
+    return (
+        apart + of_pair - apart * of_pair,
+        (product + apart * of_pair - 0.5 * gamma) / dt,
+        gamma / (dt * dt),
+        dt,
+        design[3],
+        design[4],
+        design[5],
+        1.0 - apart,
+    )
 
 
 def prepare_triple(design: tuple, dt: float) -> tuple:
@@ -96,8 +103,16 @@ def prepare_triple(design: tuple, dt: float) -> tuple:
     z = math.exp(-design[0] * dt)
     rate = (1.0 - z) / dt
     slope = (1.0 - z) * rate
-    return (1.0 - z * z * z, 1.5 * slope * (1.0 + z), slope * rate, dt,
-            design[3], design[4], design[5], z)
+    return (
+        1.0 - z * z * z,
+        1.5 * slope * (1.0 + z),
+        slope * rate,
+        dt,
+        design[3],
+        design[4],
+        design[5],
+        z,
+    )
 
 
 def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
@@ -107,8 +122,12 @@ def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, floa
 
 def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
     """As `noise_gains_2`, third order, any poles."""
-    alpha, beta_rate, gamma_rate, dt = (coefficients[0], coefficients[1], coefficients[2],
-                                        coefficients[3])
+    alpha, beta_rate, gamma_rate, dt = (
+        coefficients[0],
+        coefficients[1],
+        coefficients[2],
+        coefficients[3],
+    )
     return noise_of_three(alpha, beta_rate * dt, gamma_rate * dt * dt, dt)
 
 
@@ -124,6 +143,8 @@ def noise_gains_triple(state: tuple, coefficients: tuple) -> tuple[float, float,
     one = 1.0 + z
     two = one * one
     scale = 1.0 / (two * two * one)
-    return (d * (1.0 + z * (6.0 + z * (16.0 + z * (24.0 + z * 19.0)))) * scale,
-            d * rate * rate * (6.5 + z * (25.0 + 24.5 * z)) * scale,
-            (20.0 + z * (10.0 + 2.0 * z)) * scale)
+    return (
+        d * (1.0 + z * (6.0 + z * (16.0 + z * (24.0 + z * 19.0)))) * scale,
+        d * rate * rate * (6.5 + z * (25.0 + 24.5 * z)) * scale,
+        (20.0 + z * (10.0 + 2.0 * z)) * scale,
+    )

@@ -21,9 +21,9 @@ from estimator_pkg.observers.maths.twisting import implicit_step
 # c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
 COEFFICIENTS = {1: (1.5, 1.1), 2: (2.0, 2.12, 1.1), 3: (3.0, 4.16, 3.06, 1.1)}
 
-SMALLEST = 1e-150   # innovations below this are zero: no power of them overflows
-TABLE = 48          # points of the noise table
-TABLE_FROM = -3.0   # log10 of the smallest speed of the error dynamics in it
+SMALLEST = 1e-150  # innovations below this are zero: no power of them overflows
+TABLE = 48  # points of the noise table
+TABLE_FROM = -3.0  # log10 of the smallest speed of the error dynamics in it
 TABLE_STEP = 0.1
 
 
@@ -99,9 +99,11 @@ def noise_gains_tabled(power: float, coefficients: tuple) -> tuple[float, float,
     i = int(at)
     part = at - i
     here, next_one = coefficients[1][12][i], coefficients[1][12][i + 1]
-    return (math.exp(here[0] + part * (next_one[0] - here[0])),
-            math.exp(here[1] + part * (next_one[1] - here[1])) * coefficients[3],
-            math.exp(here[2] + part * (next_one[2] - here[2])))
+    return (
+        math.exp(here[0] + part * (next_one[0] - here[0])),
+        math.exp(here[1] + part * (next_one[1] - here[1])) * coefficients[3],
+        math.exp(here[2] + part * (next_one[2] - here[2])),
+    )
 
 
 NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_tabled}
@@ -119,11 +121,18 @@ def roots(order: int) -> tuple[float, float, float, float, float]:
 
 def noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
     """Logarithms of the noise gains of order 3 at dt = 1 over the speed of the error dynamics."""
-    chain = np.array([[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(4)]
-                      for i in range(4)])
-    return tuple(tuple(math.log(gain) for gain in steady_variances(
-        chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), design))))
-        for point in range(TABLE))
+    chain = np.array(
+        [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(4)] for i in range(4)]
+    )
+    return tuple(
+        tuple(
+            math.log(gain)
+            for gain in steady_variances(
+                chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), design))
+            )
+        )
+        for point in range(TABLE)
+    )
 
 
 @lru_cache
@@ -136,8 +145,9 @@ def implicit_table() -> tuple[tuple[float, ...], ...]:
     chain = np.array([[1.0, 1.0], [0.0, 1.0]])
     turned = np.diag([-1.0, 1.0])  # what is left of an error has not moved the position
 
-    def step(error: float, h: float, gain: float, alpha: float, *unused: float
-             ) -> tuple[float, float]:
+    def step(
+        error: float, h: float, gain: float, alpha: float, *unused: float
+    ) -> tuple[float, float]:
         return implicit_step(error, h, gain, alpha)
 
     rows = []

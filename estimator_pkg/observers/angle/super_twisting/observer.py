@@ -36,11 +36,11 @@ from estimator_pkg.observers.maths.twisting import implicit_step
 from estimator_pkg.parameters import parameter
 
 EXPLICIT = ('taylor', 'explicit')
-PACE = 0.55         # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
-REFRESH = 8.0       # samples between two looks at what noise makes of the gains
-NEWEST = 0.15       # weight of the mean square of the newest REFRESH samples: 50 samples in all
-CALM = 16.0         # times less than the mean square: a transient is over, ...
-HALVED = 0.5        # ... and is forgotten by this factor every REFRESH samples
+PACE = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
+REFRESH = 8.0  # samples between two looks at what noise makes of the gains
+NEWEST = 0.15  # weight of the mean square of the newest REFRESH samples: 50 samples in all
+CALM = 16.0  # times less than the mean square: a transient is over, ...
+HALVED = 0.5  # ... and is forgotten by this factor every REFRESH samples
 
 
 @dataclass(frozen=True)
@@ -48,27 +48,42 @@ class Gains(AngleGains):
     """Parameters of `super_twisting`."""
 
     order: int = parameter(
-        2, unit='', range=(1, 3), structural=True,
+        2,
+        unit='',
+        range=(1, 3),
+        structural=True,
         description='1: velocity, from a bound of acceleration; 2: and acceleration, from a bound '
-                    'of jerk; 3: from a bound of snap')
+        'of jerk; 3: from a bound of snap',
+    )
     bound: float = parameter(
-        5000.0, unit='rad/s^(order+1)', range=(1e-6, 1e15), search=(1.0, 1e7),
+        5000.0,
+        unit='rad/s^(order+1)',
+        range=(1e-6, 1e15),
+        search=(1.0, 1e7),
         description='largest acceleration (order 1), jerk (2) or snap (3) of the motion; too small '
-                    'fails hard, too large costs about its square root in noise',
-        equation='L in lambda_j = c_j L^(j/(n+1))')
+        'fails hard, too large costs about its square root in noise',
+        equation='L in lambda_j = c_j L^(j/(n+1))',
+    )
     form: str = parameter(
-        'matching', unit='', choices=('matching', 'implicit', 'taylor', 'explicit'),
+        'matching',
+        unit='',
+        choices=('matching', 'implicit', 'taylor', 'explicit'),
         structural=True,
         description='sampling: matching (eigenvalues matched to dt), implicit (order 1 only), '
-                    'taylor (explicit with Taylor terms), explicit (Euler; chatters by dt times '
-                    'the gain, kept to show why not)')
+        'taylor (explicit with Taylor terms), explicit (Euler; chatters by dt times '
+        'the gain, kept to show why not)',
+    )
 
 
 def taylor(state: tuple, dt: float) -> tuple[float, float, float, float]:
     """Position and its derivatives dt later, the highest one constant."""
     x, v, a, j = state[0], state[1], state[2], state[3]
-    return (x + dt * (v + dt * (0.5 * a + dt * (j / 6.0))), v + dt * (a + 0.5 * dt * j),
-            a + dt * j, j)
+    return (
+        x + dt * (v + dt * (0.5 * a + dt * (j / 6.0))),
+        v + dt * (a + 0.5 * dt * j),
+        a + dt * j,
+        j,
+    )
 
 
 def euler(state: tuple, dt: float) -> tuple[float, float, float, float]:
@@ -145,8 +160,16 @@ def correction(form: str, order: int) -> Callable[..., tuple]:
         """The second sample gives the speed, whatever it is below half a turn a sample."""
         dt, design = coefficients[0], coefficients[1]
         change = wrap(measurement - state[0], design[11])
-        return (measurement, change / dt, 0.0, 0.0, 0.0, 1.0, noise_gains(0.0, coefficients),
-                0.0), 0.0
+        return (
+            measurement,
+            change / dt,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            noise_gains(0.0, coefficients),
+            0.0,
+        ), 0.0
 
     def moved(state: tuple, k: tuple, innovation: float, coefficients: tuple) -> tuple:
         """The predicted state plus the correction; the position is kept on the circle."""
@@ -156,8 +179,16 @@ def correction(form: str, order: int) -> Callable[..., tuple]:
         if tick > REFRESH:
             power = averaged(power, total)
             total, tick, noise = 0.0, 1.0, noise_gains(power, coefficients)
-        return (wrap(state[0] + k[0], coefficients[1][11]), state[1] + k[1], state[2] + k[2],
-                state[3] + k[3], total, tick, noise, power), innovation
+        return (
+            wrap(state[0] + k[0], coefficients[1][11]),
+            state[1] + k[1],
+            state[2] + k[2],
+            state[3] + k[3],
+            total,
+            tick,
+            noise,
+            power,
+        ), innovation
 
     if form == 'matching':
         return _matching(order, begin)
@@ -185,7 +216,7 @@ def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
             innovation = wrap(innovation, period)
         size = abs(innovation)
         if size > SMALLEST:
-            k0, k1, k2, k3 = matched(pace / size ** root, design)
+            k0, k1, k2, k3 = matched(pace / size**root, design)
             x += k0 * innovation
             v += k1 * innovation * rate
             a += k2 * innovation * rate_2
@@ -201,9 +232,14 @@ def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
     return correct
 
 
-def _explicit(ahead: Callable[..., tuple], back: Callable[..., tuple],
-              begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Callable[..., tuple]:
+def _explicit(
+    ahead: Callable[..., tuple],
+    back: Callable[..., tuple],
+    begin: Callable[..., tuple],
+    moved: Callable[..., tuple],
+) -> Callable[..., tuple]:
     """Explicit: with Taylor terms, or forward Euler as printed in textbooks."""
+
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
         if state[5] == 0.0:
             return begin(state, coefficients, measurement)
@@ -222,6 +258,7 @@ def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Calla
     In sliding it is the backward difference; outside it the change of the velocity is clipped to
     dt alpha.
     """
+
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
         if state[5] == 0.0:
             return begin(state, coefficients, measurement)
@@ -230,8 +267,12 @@ def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Calla
         innovation = wrap(measurement - x, design[11])
         root = design[1]  # sqrt(L)
         left, push = implicit_step(innovation, dt, design[2] * root, design[3] * root * root)
-        return moved((x, state[1], 0.0, 0.0, *state[4:]),
-                     (innovation - left, dt * push, 0.0, 0.0), innovation, coefficients)
+        return moved(
+            (x, state[1], 0.0, 0.0, *state[4:]),
+            (innovation - left, dt * push, 0.0, 0.0),
+            innovation,
+            coefficients,
+        )
 
     return correct
 
@@ -264,7 +305,7 @@ def make_pace(order: int) -> Callable[[tuple, tuple, float], float]:
         power = state[4] if state[4] > state[7] else state[7]  # that of a transient, from its begin
         if power < SMALLEST:
             power = SMALLEST
-        return PACE * coefficients[1][1] / power ** root
+        return PACE * coefficients[1][1] / power**root
 
     return pace
 
@@ -278,41 +319,64 @@ def build(gains: Gains, circle: Circle) -> Functions:
     """
     order = gains.order
     if gains.form == 'implicit' and order != 1:
-        raise UsageError("form 'implicit' exists for order 1 only (of higher order it would bias "
-                         "or chatter): use 'matching'")
+        raise UsageError(
+            "form 'implicit' exists for order 1 only (of higher order it would bias "
+            "or chatter): use 'matching'"
+        )
     correct = correction(gains.form, order)
 
     def design() -> tuple:
         coefficients = COEFFICIENTS[order] + (0.0,) * (3 - order)
-        numbers = (float(order), gains.bound ** (1.0 / (order + 1)), *coefficients, *roots(order),
-                   float(circle.period))
+        numbers = (
+            float(order),
+            gains.bound ** (1.0 / (order + 1)),
+            *coefficients,
+            *roots(order),
+            float(circle.period),
+        )
         if gains.form == 'implicit':
             return (*numbers, implicit_table())
         return (*numbers, noise_table(numbers) if order == 3 else ((0.0,),))
 
-    widest = (OUTSIDE * circle.period if circle.period > 0.0 and gains.form in EXPLICIT
-              else math.inf)
+    widest = OUTSIDE * circle.period if circle.period > 0.0 and gains.form in EXPLICIT else math.inf
     longest = (widest / gains.bound) ** (1.0 / (order + 1))
 
     def limits(dt: float) -> str | None:
         if dt <= longest:
             return None
-        return (f"form '{gains.form}' chatters over more than an eighth of a turn at a sample time "
-                f"of {dt:.3g} s: it needs less than {longest:.3g} s, or a lower bound; 'matching' "
-                'does not chatter')
+        return (
+            f"form '{gains.form}' chatters over more than an eighth of a turn at a sample time "
+            f"of {dt:.3g} s: it needs less than {longest:.3g} s, or a lower bound; 'matching' "
+            'does not chatter'
+        )
 
     # Convergence from an error that one sample can hide: about the time that the bound needs to
     # make a speed of its own scale.
     settle = 3.0 * (0.01 / gains.bound) ** (1.0 / (order + 1))
-    return around(AngleCore(
-        design=design, settle=settle, prepare=prepare, init=init, correct=correct,
-        estimate=estimate_velocity if order == 1 else estimate_acceleration, resume=resume,
-        noise_gains=noise_gains, limits=limits, group_delay=lambda dt: 0.0,
-        pace=make_pace(order)), gains, circle)
+    return around(
+        AngleCore(
+            design=design,
+            settle=settle,
+            prepare=prepare,
+            init=init,
+            correct=correct,
+            estimate=estimate_velocity if order == 1 else estimate_acceleration,
+            resume=resume,
+            noise_gains=noise_gains,
+            limits=limits,
+            group_delay=lambda dt: 0.0,
+            pace=make_pace(order),
+        ),
+        gains,
+        circle,
+    )
 
 
 OBSERVER = Observer(
-    name='super_twisting', summary='super-twisting differentiators of order 1 to 3',
-    gains=Gains, build=build,
+    name='super_twisting',
+    summary='super-twisting differentiators of order 1 to 3',
+    gains=Gains,
+    build=build,
     reference='Barbot, Djemai, Manamanni (2007); Levant (2003); matching discretisation',
-    gives_acceleration=lambda gains: gains.order > 1)
+    gives_acceleration=lambda gains: gains.order > 1,
+)

@@ -16,14 +16,16 @@ LAWS = (0.3, 0.3, 0.22, 3.0, 9.0, 32.0)
 COVARIANCE = (1e-4, 1e-3, 5e-3, 0.04, 0.3, 5.0)
 
 
-@pytest.mark.parametrize('e, half', [(0.0, 1.0), (0.5, 0.2), (-3.0, 0.5), (2.0, 5.0), (3.9, 0.4),
-                                     (1.0, 1e-4), (-0.3, 1e-2)])
+@pytest.mark.parametrize(
+    'e, half',
+    [(0.0, 1.0), (0.5, 0.2), (-3.0, 0.5), (2.0, 5.0), (3.9, 0.4), (1.0, 1e-4), (-0.3, 1e-2)],
+)
 def test_within_is_the_truncated_gaussian(e, half):
     sigma = 0.7
     mean, ratio = within(e, half, sigma)
     exact = stats.truncnorm((e - half) / sigma, (e + half) / sigma, scale=sigma)
     assert mean == pytest.approx(exact.mean(), abs=1e-6 * sigma)
-    assert ratio == pytest.approx(exact.var() / sigma ** 2, rel=1e-2, abs=1e-6)
+    assert ratio == pytest.approx(exact.var() / sigma**2, rel=1e-2, abs=1e-6)
 
 
 @pytest.mark.parametrize('e, half', [(9.0, 1.0), (30.0, 0.01), (-40.0, 3.0)])
@@ -31,7 +33,7 @@ def test_far_in_the_tail_the_mean_is_at_the_near_end(e, half):
     mean, ratio = within(e, half, 1.0)
     near = abs(e) - half
     assert near < abs(mean) < min(near + 1.01 / near, abs(e) + half)
-    assert 0.0 < ratio < 1.2 / near ** 2
+    assert 0.0 < ratio < 1.2 / near**2
 
 
 def test_an_edge_places_the_angle_within_the_way_made_behind_it():
@@ -39,7 +41,7 @@ def test_an_edge_places_the_angle_within_the_way_made_behind_it():
     kind, centre, half = interval(0.4, 1.0 - 0.1, Q, 1e-4, 0.0, 0.1)
     assert kind == INTERVAL
     assert 2.0 * half == pytest.approx(0.1)
-    assert centre - half == pytest.approx(0.4 - 0.5)   # from the lower edge of the cell on
+    assert centre - half == pytest.approx(0.4 - 0.5)  # from the lower edge of the cell on
     kind, centre, half = interval(-0.4, -1.0 + 0.1, Q, 1e-4, 0.0, 0.1)
     assert kind == INTERVAL and centre + half == pytest.approx(-0.4 + 0.5)
 
@@ -49,7 +51,8 @@ def test_a_frame_that_moves_along_changes_nothing(whole):
     """130.1 counts a sample are told from 131 as 0.1 from 1."""
     moved = whole + 0.1
     assert interval(0.4, whole + 1.0 - moved, Q, 1e-4, 0.0, 0.1) == pytest.approx(
-        interval(0.4, 0.9, Q, 1e-4, 0.0, 0.1))
+        interval(0.4, 0.9, Q, 1e-4, 0.0, 0.1)
+    )
     assert interval(0.2, whole - moved, Q, 1e-4, 0.0, 0.1)[0] == NOTHING
 
 
@@ -63,7 +66,7 @@ def test_without_an_edge_a_prediction_outside_is_held_and_one_inside_is_left_alo
 def test_a_cell_is_news_where_less_is_known_and_where_the_speed_was_wrong():
     assert interval(0.3, -0.1, Q, 0.09, 0.0, 0.1) == (INTERVAL, 0.3, 0.5)
     assert interval(3.0, 2.5, Q, 1e-4, 0.0, 0.1) == (INTERVAL, 3.0, 0.5)
-    kind, centre, half = interval(0.6, 1.2, Q, 1e-4, 0.0, 0.1)   # a little faster than thought
+    kind, centre, half = interval(0.6, 1.2, Q, 1e-4, 0.0, 0.1)  # a little faster than thought
     assert kind == INTERVAL and half == 0.0 and centre == pytest.approx(0.1)
 
 
@@ -83,10 +86,10 @@ def test_density_rises_where_innovations_go_on_and_falls_where_they_are_white():
     lagging = np.convolve(white, np.ones(20) / math.sqrt(20.0), 'same')
     eager = np.diff(white) / math.sqrt(2.0)
     assert follow(lagging)[0] > 5.0
-    assert -12.0 < follow(white)[0] < -3.0             # the slack alone: 0.3 * 0.022 * 0.3 * 4000
+    assert -12.0 < follow(white)[0] < -3.0  # the slack alone: 0.3 * 0.022 * 0.3 * 4000
     assert follow(eager)[0] < follow(white)[0]
     without = (0.3, 0.0, *LAWS[2:])
-    assert abs(follow(white, laws=without)[0]) < 5.0   # unbiased
+    assert abs(follow(white, laws=without)[0]) < 5.0  # unbiased
     # noise alone does not open it, however the noise is thought of
     assert abs(follow(1.5 * white, laws=without)[0]) < 8.0
 
@@ -113,11 +116,11 @@ def test_opening_keeps_the_covariance_positive_and_explains_the_deviation():
     assert np.all(np.linalg.eigvalsh(added) > -1e-9)
     # half of it white jerk since then, half white acceleration: P_ij of the integrated chains
     date = 5e-3
-    jerk, blow = 0.5e-4 * 20.0 / date ** 5, 0.5e-4 * 3.0 / date ** 3
-    assert added[0, 1] == pytest.approx(jerk * date ** 4 / 8.0 + blow * date ** 2 / 2.0)
-    assert added[1, 1] == pytest.approx(jerk * date ** 3 / 3.0 + blow * date)
-    assert added[0, 2] == pytest.approx(jerk * date ** 3 / 6.0)
-    assert added[1, 2] == pytest.approx(jerk * date ** 2 / 2.0)
+    jerk, blow = 0.5e-4 * 20.0 / date**5, 0.5e-4 * 3.0 / date**3
+    assert added[0, 1] == pytest.approx(jerk * date**4 / 8.0 + blow * date**2 / 2.0)
+    assert added[1, 1] == pytest.approx(jerk * date**3 / 3.0 + blow * date)
+    assert added[0, 2] == pytest.approx(jerk * date**3 / 6.0)
+    assert added[1, 2] == pytest.approx(jerk * date**2 / 2.0)
     assert added[2, 2] == pytest.approx(jerk * date)
 
 
@@ -127,11 +130,13 @@ def sensed(angles, dts=None, quantum=0.01):
     for i in range(1, len(angles)):
         step = angles[i] - angles[i - 1]
         if step != 0.0:
-            steps = edge_sensor.follow_steps(steps, step, sensor[6], sensor[7], abs(angles[i]),
-                                             quantum)
+            steps = edge_sensor.follow_steps(
+                steps, step, sensor[6], sensor[7], abs(angles[i]), quantum
+            )
         dt = 1e-3 if dts is None else dts[i]
-        sensor = edge_sensor.follow_sensor(sensor, step, dt, edge_sensor.quantum_of(steps, quantum),
-                                           32.0, 0.03)
+        sensor = edge_sensor.follow_sensor(
+            sensor, step, dt, edge_sensor.quantum_of(steps, quantum), 32.0, 0.03
+        )
     return sensor, steps
 
 
@@ -140,8 +145,12 @@ def test_scatter_is_the_noise_whatever_the_motion_and_the_sample_times():
     dts = random.uniform(0.6e-3, 1.4e-3, 4000)
     t = np.cumsum(dts)
     noise = 0.05
-    scatters = [sensed((5.0 * t * t + noise * random.normal(size=4000))[k:k + 200], dts[k:k + 200],
-                       1e-3)[0][2] for k in range(0, 3800, 200)]
+    scatters = [
+        sensed(
+            (5.0 * t * t + noise * random.normal(size=4000))[k : k + 200], dts[k : k + 200], 1e-3
+        )[0][2]
+        for k in range(0, 3800, 200)
+    ]
     assert math.sqrt(np.mean(scatters)) == pytest.approx(noise, rel=0.1)
 
 
@@ -185,12 +194,16 @@ def test_a_vibration_is_measured_by_its_third_differences(period):
     quantum, amplitude = 1e-6, 0.02
     angles = amplitude * np.sin(2.0 * math.pi * np.arange(600) / period)
     angles = np.round(angles / quantum) * quantum
-    found = np.mean([edge_sensor.vibration(sensed(angles[:count], quantum=quantum)[0])
-                     for count in range(540, 600)])
+    found = np.mean(
+        [
+            edge_sensor.vibration(sensed(angles[:count], quantum=quantum)[0])
+            for count in range(540, 600)
+        ]
+    )
     third = np.mean(np.diff(angles, 3) ** 2)
     share = (3.0 + 8.0 * math.cos(2.0 * math.pi / period)) / 11.0
-    whole = 20.0 * share * third / 1e-3 ** 5
-    assert 0.75 * whole < found < whole   # what is taken for noise is taken off
+    whole = 20.0 * share * third / 1e-3**5
+    assert 0.75 * whole < found < whole  # what is taken for noise is taken off
 
 
 def test_the_size_of_the_innovations_is_remembered():
@@ -224,26 +237,27 @@ def test_noise_does_not_sway_and_a_speed_that_goes_at_random_does():
     noise = sways(np.diff(0.3 * random.normal(size=50_000)))
     assert np.mean(noise) == pytest.approx(-0.09, rel=0.05)
     assert np.max(noise) < 2.0 * 0.09
-    kept = 0.95     # the speed forgets, lest it run away; a filter that lags sees the like
+    kept = 0.95  # the speed forgets, lest it run away; a filter that lags sees the like
     speed = np.zeros(50_000)
     steps = 0.3 * random.normal(size=len(speed))
     for k in range(1, len(speed)):
         speed[k] = kept * speed[k - 1] + steps[k]
     assert np.mean(sways(speed)) == pytest.approx(0.09 * kept / (1.0 + kept), rel=0.1)
-    assert sways([1.0, 1.0, 1.0, 1e6])[-1] < sways([1.0, 1.0, 1.0])[-1]   # lasting is no sway
+    assert sways([1.0, 1.0, 1.0, 1e6])[-1] < sways([1.0, 1.0, 1.0])[-1]  # lasting is no sway
     assert edge_bandwidth.follow_sway((0.0, -1e9, 1.0), 1.0, 4.0, 32.0)[0] == -4.0 / 32.0
     assert edge_bandwidth.follow_sway((0.0, 1e9, 1.0), 1.0, 4.0, 32.0)[0] == 4.0 / 32.0
 
 
 def test_a_sway_is_white_acceleration():
     dt, sway = 2e-3, 3e-6
-    rate = 2.0 * sway / dt ** 3     # (rad/s)^2 per s
+    rate = 2.0 * sway / dt**3  # (rad/s)^2 per s
     p = edge_covariance.swayed((1e-6, 0.0, 0.1, 1.0, 0.2, 5.0), sway, dt)
-    assert p == pytest.approx((1e-6 + rate * dt ** 3 / 3.0, rate * dt ** 2 / 2.0, 0.1,
-                               1.0 + rate * dt, 0.2, 5.0))
+    assert p == pytest.approx(
+        (1e-6 + rate * dt**3 / 3.0, rate * dt**2 / 2.0, 0.1, 1.0 + rate * dt, 0.2, 5.0)
+    )
 
 
-SUMS = (3.0, 12.0)     # their slack and alarm
+SUMS = (3.0, 12.0)  # their slack and alarm
 
 
 def test_an_alarm_in_noise_dates_further_back():

@@ -15,7 +15,7 @@ from estimator_pkg.observers.circle import Circle
 TURN = 2.0 * math.pi
 MARGIN = math.radians(5.0)
 
-OWN = '''
+OWN = """
 import math
 
 def steeper(e):
@@ -58,7 +58,7 @@ def fails(e):
     return math.sqrt(1.0 - e * e)
 
 no_function = 3
-'''
+"""
 
 
 @pytest.fixture
@@ -88,42 +88,48 @@ def test_built_in_ones_keep_assumption_1(name):
 def test_another_period_scales_error_and_injection(name):
     function = injections.find(name, margin=MARGIN)
     for error in (-0.4, 0.1, 0.3):
-        assert function(error, 1.0, 1.0) == pytest.approx(
-            function(error * TURN, TURN, 1.0) / TURN)
+        assert function(error, 1.0, 1.0) == pytest.approx(function(error * TURN, TURN, 1.0) / TURN)
 
 
-@pytest.mark.parametrize('name', ['steeper', 'jumps_within_the_margin', 'in_plain_python_only',
-                                  'whole_numbers_too'])
+@pytest.mark.parametrize(
+    'name', ['steeper', 'jumps_within_the_margin', 'in_plain_python_only', 'whole_numbers_too']
+)
 def test_a_good_one_serves(own, name):
-    joint = Joint(OBSERVER, OBSERVER.gains(injection=own(name), order=2, bandwidth_hz=5.0),
-                  JointSettings())
+    joint = Joint(
+        OBSERVER, OBSERVER.gains(injection=own(name), order=2, bandwidth_hz=5.0), JointSettings()
+    )
     velocity = np.where(np.arange(2000) < 1000, 10.0, 40.0)  # a step, for large errors
     angle = np.cumsum(velocity) * 1e-3
-    stamps = 10 ** 18 + np.arange(2000) * 10 ** 6
+    stamps = 10**18 + np.arange(2000) * 10**6
     out = joint.run(stamps, (angle + math.pi) % TURN - math.pi, fast=False)
     assert abs(out.velocity[-1] - 40.0) < 1e-3
 
 
 def test_one_that_cannot_be_compiled_runs_all_the_same(own):
     gains = OBSERVER.gains(injection=own('in_plain_python_only'), bandwidth_hz=5.0)
-    stamps, angle = 10 ** 18 + np.arange(300) * 10 ** 6, 0.01 * np.arange(300)
-    plain, fast = (Joint(OBSERVER, gains, JointSettings()).run(stamps, angle, fast=fast)
-                   for fast in (False, True))
+    stamps, angle = 10**18 + np.arange(300) * 10**6, 0.01 * np.arange(300)
+    plain, fast = (
+        Joint(OBSERVER, gains, JointSettings()).run(stamps, angle, fast=fast)
+        for fast in (False, True)
+    )
     np.testing.assert_array_equal(plain.velocity, fast.velocity)
 
 
-@pytest.mark.parametrize('name, reason', [
-    ('twice_the_slope', 'item 4: slope at zero is 2, not 1'),
-    ('no_slope', 'item 4: slope at zero'),
-    ('wrong_sign_beyond_a_quarter', 'item 2: error times injection is not positive'),
-    ('wrong_sign_near_half_a_turn', 'item 2: error times injection is not positive at 3.09'),
-    ('not_periodic', 'item 3: not 2 pi periodic'),
-    ('steps_down', 'item 1: jumps near -0.999'),
-    ('infinite', 'item 1: not finite'),
-    ('fails', 'fails at -3.05.* rad: math domain error'),
-    ('no_function', 'is no function'),
-    ('not_there', "has no 'not_there'"),
-])
+@pytest.mark.parametrize(
+    'name, reason',
+    [
+        ('twice_the_slope', 'item 4: slope at zero is 2, not 1'),
+        ('no_slope', 'item 4: slope at zero'),
+        ('wrong_sign_beyond_a_quarter', 'item 2: error times injection is not positive'),
+        ('wrong_sign_near_half_a_turn', 'item 2: error times injection is not positive at 3.09'),
+        ('not_periodic', 'item 3: not 2 pi periodic'),
+        ('steps_down', 'item 1: jumps near -0.999'),
+        ('infinite', 'item 1: not finite'),
+        ('fails', 'fails at -3.05.* rad: math domain error'),
+        ('no_function', 'is no function'),
+        ('not_there', "has no 'not_there'"),
+    ],
+)
 def test_a_bad_one_is_refused_with_the_reason(own, name, reason):
     with pytest.raises(UsageError, match=reason) as refused:
         OBSERVER.build(OBSERVER.gains(injection=own(name)), Circle())

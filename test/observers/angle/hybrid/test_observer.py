@@ -13,30 +13,44 @@ from estimator_pkg.observers.angle.hybrid.observer import OBSERVER, design_of
 
 # --- the parameters ---------------------------------------------------------------------------
 
+
 def test_epsilon_follows_from_the_bandwidth_and_goes_before_it():
     # the spec: epsilon 0.1 s has its -3 dB frequency at 9.635 rad/s
     assert design_of(OBSERVER.gains(order=2, epsilon=0.1)).bandwidth_hz == pytest.approx(
-        9.635 / TURN, rel=1e-4)
+        9.635 / TURN, rel=1e-4
+    )
     by_width = design_of(OBSERVER.gains(order=2, bandwidth_hz=9.635 / TURN))
     assert by_width.epsilon == pytest.approx(0.1, rel=1e-4)
     assert design_of(OBSERVER.gains(epsilon=0.02, bandwidth_hz=7.0)).epsilon == 0.02
 
 
-@pytest.mark.parametrize('gains', [{}, {'order': 2}, {'k1': 4.0, 'k2': 6.0, 'k3': 4.0},
-                                   {'order': 2, 'k1': 1.0, 'k2': 1.0},
-                                   {'k1': 7.0, 'k2': 14.0, 'k3': 8.0}])
+@pytest.mark.parametrize(
+    'gains',
+    [
+        {},
+        {'order': 2},
+        {'k1': 4.0, 'k2': 6.0, 'k3': 4.0},
+        {'order': 2, 'k1': 1.0, 'k2': 1.0},
+        {'k1': 7.0, 'k2': 14.0, 'k3': 8.0},
+    ],
+)
 def test_the_velocity_is_3_db_down_at_the_bandwidth(gains):
     design = design_of(OBSERVER.gains(bandwidth_hz=12.0, **gains))
     s = 2j * math.pi * 12.0 * design.epsilon
-    below = np.polyval(design.k[1:], s)          # order 2: k2; order 3: k2 s + k3
+    below = np.polyval(design.k[1:], s)  # order 2: k2; order 3: k2 s + k3
     assert abs(below / np.polyval((1.0, *design.k), s)) == pytest.approx(math.sqrt(0.5))
 
 
-@pytest.mark.parametrize('gains, poles', [
-    ({'order': 2}, (1.0, 5.0)), ({}, (1.0, 1.0, 1.0)),
-    ({'order': 2, 'k1': 2.0, 'k2': 2.0}, (1.0 + 1.0j, 1.0 - 1.0j)),
-    ({'k1': 7.0, 'k2': 14.0, 'k3': 8.0}, (1.0, 2.0, 4.0)),
-    ({'k1': 4.0, 'k2': 6.0, 'k3': 4.0}, (2.0, 1.0 + 1.0j, 1.0 - 1.0j))])
+@pytest.mark.parametrize(
+    'gains, poles',
+    [
+        ({'order': 2}, (1.0, 5.0)),
+        ({}, (1.0, 1.0, 1.0)),
+        ({'order': 2, 'k1': 2.0, 'k2': 2.0}, (1.0 + 1.0j, 1.0 - 1.0j)),
+        ({'k1': 7.0, 'k2': 14.0, 'k3': 8.0}, (1.0, 2.0, 4.0)),
+        ({'k1': 4.0, 'k2': 6.0, 'k3': 4.0}, (2.0, 1.0 + 1.0j, 1.0 - 1.0j)),
+    ],
+)
 @pytest.mark.parametrize('dt', [1e-4, 0.01, 0.3])
 def test_the_robust_form_has_the_poles_of_the_continuous_design(gains, poles, dt):
     epsilon = 0.05
@@ -46,20 +60,27 @@ def test_the_robust_form_has_the_poles_of_the_continuous_design(gains, poles, dt
         polynomial = (1.0, alpha + beta - 2.0, 1.0 - alpha)
     else:
         alpha, beta, gamma = got[0], got[1] * dt, got[2] * dt * dt
-        polynomial = (1.0, alpha + beta + 0.5 * gamma - 3.0,
-                      3.0 - 2.0 * alpha - beta + 0.5 * gamma, alpha - 1.0)
+        polynomial = (
+            1.0,
+            alpha + beta + 0.5 * gamma - 3.0,
+            3.0 - 2.0 * alpha - beta + 0.5 * gamma,
+            alpha - 1.0,
+        )
     expected = np.poly(np.exp(-np.array(poles) / epsilon * dt)).real
     assert polynomial == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize('gains, reason', [
-    ({'form': 'paper', 'order': 3}, "form 'paper' is of second order"),
-    ({'order': 2, 'k3': 1.0}, "'k3' belongs to order 3"),
-    ({'k1': 1.0, 'k2': 1.0, 'k3': 2.0}, 'k1 k2 = 1 must exceed k3 = 2'),
-    ({'form': 'paper', 'max_speed': 3.0}, 'no speed limit'),
-    ({'order': 4}, r'outside \[2, 3\]'),
-    ({'injection': 'cos'}, "'cos' is not one of sin, tan, saw, sat"),
-])
+@pytest.mark.parametrize(
+    'gains, reason',
+    [
+        ({'form': 'paper', 'order': 3}, "form 'paper' is of second order"),
+        ({'order': 2, 'k3': 1.0}, "'k3' belongs to order 3"),
+        ({'k1': 1.0, 'k2': 1.0, 'k3': 2.0}, 'k1 k2 = 1 must exceed k3 = 2'),
+        ({'form': 'paper', 'max_speed': 3.0}, 'no speed limit'),
+        ({'order': 4}, r'outside \[2, 3\]'),
+        ({'injection': 'cos'}, "'cos' is not one of sin, tan, saw, sat"),
+    ],
+)
 def test_contradictions_are_refused_in_one_line(gains, reason):
     with pytest.raises(UsageError, match=reason) as refused:
         make(**gains)
@@ -80,6 +101,7 @@ def test_order_follows_the_form_where_it_is_unset():
 
 # --- form: paper ------------------------------------------------------------------------------
 
+
 def algorithm_1(position, velocity, y, dt, l1, l2, phi):
     """Algorithm 1 once more, line by line from the paper."""
     p = position + dt * velocity
@@ -90,8 +112,6 @@ def algorithm_1(position, velocity, y, dt, l1, l2, phi):
     if abs(position) >= math.pi + MARGIN:
         position -= TURN * math.copysign(1.0, position)
     return position, velocity
-
-
 
 
 @pytest.mark.parametrize('name', injections.NAMES)
@@ -107,7 +127,7 @@ def test_algorithm_1_is_the_papers(name):
         resets += expected[0] == y
         wraps += abs(position + 0.01 * velocity - expected[0]) > 4.0
         assert got[:2] == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    assert wraps > 100 and (resets > 10 or name == 'saw')   # the jumps were met
+    assert wraps > 100 and (resets > 10 or name == 'saw')  # the jumps were met
 
 
 def test_the_joint_runs_algorithm_1_on_every_sample():
@@ -137,7 +157,8 @@ def test_the_stability_limit_is_the_specs():
     joint = make(form='paper', epsilon=0.1)
     assert joint.longest_dt / 0.1 == pytest.approx(0.29666, abs=1e-5)
     assert make(form='paper', epsilon=0.1, k1=5.0, k2=6.0).longest_dt / 0.1 == pytest.approx(
-        1.0 / 3.0, abs=1e-6)
+        1.0 / 3.0, abs=1e-6
+    )
     assert make().longest_dt == make(order=2).longest_dt == math.inf
 
 
@@ -153,7 +174,7 @@ def test_the_stability_limit_is_where_a_pole_leaves_the_unit_circle(k1, k2):
 def test_the_limit_is_told_in_numbers():
     told = make(form='paper', epsilon=0.02).functions.limits(0.01)
     assert 'unstable at 100 Hz' in told
-    assert '0.0337' in told            # epsilon > 3.371 T
+    assert '0.0337' in told  # epsilon > 3.371 T
     assert make(form='paper', epsilon=0.034).functions.limits(0.01) is None
     bandwidth = float(told.rpartition(' ')[2].rstrip(')'))
     assert make(form='paper', bandwidth_hz=0.999 * bandwidth).functions.limits(0.01) is None
@@ -162,7 +183,7 @@ def test_the_limit_is_told_in_numbers():
 
 def test_ramp_lag_is_the_specs_and_none_in_third_order():
     t = 0.01 * np.arange(400)
-    y = wrapped(0.5 * 75.0 * t ** 2)
+    y = wrapped(0.5 * 75.0 * t**2)
     lag = 75.0 * t[-1] - make(form='paper', epsilon=0.1).run(stamps(t), y, fast=False).velocity[-1]
     assert lag == pytest.approx(8.625, abs=1e-3)
     assert make(form='paper', epsilon=0.1).functions.group_delay(0.01) == pytest.approx(0.115)
@@ -175,17 +196,19 @@ def test_ramp_lag_is_the_specs_and_none_in_third_order():
 def test_group_delay_of_the_robust_second_order_is_its_ramp_lag(dt):
     joint = make(order=2, bandwidth_hz=2.0)
     t = dt * np.arange(round(4.0 / dt))
-    out = joint.run(stamps(t), 0.5 * 0.1 * t ** 2, fast=False)
+    out = joint.run(stamps(t), 0.5 * 0.1 * t**2, fast=False)
     assert 0.1 * t[-1] - out.velocity[-1] == pytest.approx(
-        0.1 * joint.functions.group_delay(dt), rel=1e-3)
+        0.1 * joint.functions.group_delay(dt), rel=1e-3
+    )
 
 
 # --- noise ------------------------------------------------------------------------------------
 
+
 def response_power(step, state, coefficients):
     """Powers of position, velocity and innovation after a unit impulse in the measurement."""
     total = np.zeros(3)
-    scale = 1e-6                      # small: no jump, no wrap
+    scale = 1e-6  # small: no jump, no wrap
     for k in range(20_000):
         state, innovation = step(state, coefficients, scale if k == 0 else 0.0)
         position, velocity = (state[0] - state[1], state[2]) if len(state) > 2 else state
@@ -197,9 +220,17 @@ def response_power(step, state, coefficients):
 
 
 @pytest.mark.parametrize('dt', [1e-3, 0.01, 0.2])
-@pytest.mark.parametrize('gains', [
-    {}, {'order': 2}, {'order': 2, 'k1': 1.0, 'k2': 1.0}, {'k1': 7.0, 'k2': 14.0, 'k3': 8.0},
-    {'k1': 4.0, 'k2': 6.0, 'k3': 4.0}, {'form': 'paper'}])
+@pytest.mark.parametrize(
+    'gains',
+    [
+        {},
+        {'order': 2},
+        {'order': 2, 'k1': 1.0, 'k2': 1.0},
+        {'k1': 7.0, 'k2': 14.0, 'k3': 8.0},
+        {'k1': 4.0, 'k2': 6.0, 'k3': 4.0},
+        {'form': 'paper'},
+    ],
+)
 def test_noise_gains_are_the_power_of_the_impulse_response(gains, dt):
     epsilon = 0.05 if gains.get('form') != 'paper' else 5.0 * dt
     functions = make(epsilon=epsilon, noise=1.0, low_speed_bound=False, **gains).functions
@@ -212,7 +243,8 @@ def test_noise_gains_are_the_power_of_the_impulse_response(gains, dt):
     assert core.noise_gains(state, coefficients[0]) == pytest.approx(expected, rel=1e-9)
     whole = (state, *functions.init(0.0, design)[1:])
     assert functions.stddev(whole, coefficients, design) == pytest.approx(
-        np.sqrt(expected[:2]), rel=1e-9)
+        np.sqrt(expected[:2]), rel=1e-9
+    )
 
 
 def test_velocity_noise_of_algorithm_1_is_the_specs():

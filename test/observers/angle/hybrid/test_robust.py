@@ -16,6 +16,7 @@ from estimator_pkg.parameters import build
 
 # --- the robust form --------------------------------------------------------------------------
 
+
 def test_second_order_follows_the_spec_line_by_line():
     """Spec 1.4 with tan: continued innovation, reset first, never past the measurement."""
     epsilon, dt = 0.05, 0.01
@@ -27,7 +28,7 @@ def test_second_order_follows_the_spec_line_by_line():
     resets = capped = 0
     for _ in range(5000):
         last, error, velocity = random.uniform(-3, 3), random.uniform(-2.9, 2.9), 10.0
-        y = last + velocity * dt + random.uniform(-0.7, 0.7)   # one sample is off by less than 1/8
+        y = last + velocity * dt + random.uniform(-0.7, 0.7)  # one sample is off by less than 1/8
         p = last - error + dt * velocity
         e = PHI['saw'](y - p)
         continued = error + PHI['saw'](e - error)
@@ -40,8 +41,9 @@ def test_second_order_follows_the_spec_line_by_line():
                 f = math.copysign(abs(continued) / a, f)
                 capped += 1
             expected = (y - (continued - a * f), velocity + b / dt * f)
-        (new_last, left, speed, _), innovation = correct((last, error, velocity, 0.0),
-                                                         coefficients, y)
+        (new_last, left, speed, _), innovation = correct(
+            (last, error, velocity, 0.0), coefficients, y
+        )
         assert innovation == pytest.approx(continued)
         assert (new_last - left, speed) == pytest.approx(expected)
     assert resets > 50 and capped > 50
@@ -61,7 +63,7 @@ def test_third_order_is_set_on_the_reading_before_it_is_half_a_turn_off(name):
     slips = np.flatnonzero((off[:-1] > 2.9) & (off[1:] < 1e-9))
     assert len(slips) > 1
     before, after = out.velocity[slips], out.velocity[slips + 1]
-    gained = 1e-3 * out.acceleration[slips]   # the speed goes on as it was
+    gained = 1e-3 * out.acceleration[slips]  # the speed goes on as it was
     assert after - before == pytest.approx(gained, abs=1e-9)
 
 
@@ -91,7 +93,8 @@ def test_injections_differ_at_large_errors_as_in_figure_4():
     for name, expected in {'tan': 8.104, 'saw': 8.227, 'sat': 12.498, 'sin': 13.992}.items():
         out = make(order=2, epsilon=0.7, injection=name).run(stamps(t), wrapped(angle), fast=False)
         assert math.sqrt(np.mean((out.velocity - speed)[2000:] ** 2)) == pytest.approx(
-            expected, rel=0.04), name
+            expected, rel=0.04
+        ), name
 
 
 def test_no_false_lock_where_the_wrapped_innovation_has_one():
@@ -99,9 +102,10 @@ def test_no_false_lock_where_the_wrapped_innovation_has_one():
     t = 0.01 * np.arange(800)
     speed = 150.0 * (1.0 - np.exp(-t / 0.5))
     angle = 150.0 * (t - 0.5 * (1.0 - np.exp(-t / 0.5)))
-    paper, robust = (make(form=form, order=2, epsilon=0.4).run(stamps(t), wrapped(angle),
-                                                               fast=False)
-                     for form in ('paper', 'robust'))
+    paper, robust = (
+        make(form=form, order=2, epsilon=0.4).run(stamps(t), wrapped(angle), fast=False)
+        for form in ('paper', 'robust')
+    )
     assert abs(speed - paper.velocity)[-1] == pytest.approx(104.8, abs=0.5)
     assert paper.status[-1] != TRACKING
     assert abs(speed - robust.velocity)[-1] < 0.2
@@ -165,11 +169,17 @@ def test_a_reading_that_skips_and_stays_does_not_kick_the_speed(order):
     assert wrapped(out.position - angle)[-500:] == pytest.approx(0.0, abs=1e-6)
 
 
-STREAMS = {   # max |e2|, RMS of the spec's table 3.5, column robust2; how far from it we may be
-    'clean': (0.00076, 0.00037), 'sampling jitter': (0.0015, 0.00051),
-    'stamp jitter': (1.11, 0.392), 'drops': (0.0013, 0.00040), 'gap 40 ms': (0.0008, None),
-    'gap 1.01 s': (0.0014, None), 'duplicates': (0.00076, 0.00037), 'outlier 0.5': (1.9, None),
-    'outlier 3.13': (0.001, None)}
+STREAMS = {  # max |e2|, RMS of the spec's table 3.5, column robust2; how far from it we may be
+    'clean': (0.00076, 0.00037),
+    'sampling jitter': (0.0015, 0.00051),
+    'stamp jitter': (1.11, 0.392),
+    'drops': (0.0013, 0.00040),
+    'gap 40 ms': (0.0008, None),
+    'gap 1.01 s': (0.0014, None),
+    'duplicates': (0.00076, 0.00037),
+    'outlier 0.5': (1.9, None),
+    'outlier 3.13': (0.001, None),
+}
 
 
 def stream(name):
@@ -191,7 +201,7 @@ def stream(name):
 
 @pytest.mark.parametrize('name', STREAMS)
 def test_streams_of_the_spec(name):
-    quantum = TURN / 2 ** 14
+    quantum = TURN / 2**14
     times, stamped = stream(name)
     angle = np.floor((0.2 + 150.0 * times) / quantum) * quantum
     if name.startswith('outlier'):
@@ -203,13 +213,13 @@ def test_streams_of_the_spec(name):
     largest, rms = STREAMS[name]
     assert 0.5 * largest < np.max(np.abs(error)) < 1.5 * largest
     if rms is not None:
-        assert 0.75 * rms < math.sqrt(np.mean(error ** 2)) < 1.4 * rms
+        assert 0.75 * rms < math.sqrt(np.mean(error**2)) < 1.4 * rms
     assert joint.received == joint.used + sum(joint.dropped().values()) == len(times)
 
 
 @pytest.mark.parametrize('period', [TURN / 7.0, 1.0, 360.0])
 def test_other_periods(period):
-    reach = make(period=period).functions.design()[0][3]   # from here on an error is reset
+    reach = make(period=period).functions.design()[0][3]  # from here on an error is reset
     assert reach == pytest.approx((math.pi - MARGIN) * period / TURN)
     t = 1e-3 * np.arange(2000)
     speed = 20.0 * period / TURN
@@ -223,13 +233,13 @@ def test_other_periods(period):
 @pytest.mark.parametrize('order, lag', [(2, 1.5), (3, 0.1)])
 def test_a_joint_without_a_circle_is_linear(order, lag):
     t = 1e-3 * np.arange(1000)
-    position = 50.0 + 30.0 * np.sin(3.0 * t)   # metres; nothing wraps
+    position = 50.0 + 30.0 * np.sin(3.0 * t)  # metres; nothing wraps
     out = make(period=0.0, order=order).run(stamps(t), position, fast=False)
     assert out.velocity[500:] == pytest.approx((90.0 * np.cos(3.0 * t))[500:], abs=lag)
     assert out.position[500:] == pytest.approx(position[500:], abs=1e-2 * lag)
     jump = np.where(np.arange(1000) < 500, 0.0, 10.0)
     out = make(period=0.0, order=order).run(stamps(t), jump, fast=False)
-    assert out.velocity[500] > 100.0            # followed at once: here it is no outlier
+    assert out.velocity[500] > 100.0  # followed at once: here it is no outlier
 
 
 def test_gains_change_live_without_losing_the_state():
@@ -246,8 +256,10 @@ def test_gains_change_live_without_losing_the_state():
     slow = make(bandwidth_hz=5.0)
     slow.run(stamps(t), y, fast=False)
     assert joint.stddev()[0] >= 0.0
-    assert joint.functions.prepare(joint.functions.design(), 1e-3)[0][:3] == \
-        slow.functions.prepare(slow.functions.design(), 1e-3)[0][:3]
+    assert (
+        joint.functions.prepare(joint.functions.design(), 1e-3)[0][:3]
+        == slow.functions.prepare(slow.functions.design(), 1e-3)[0][:3]
+    )
 
 
 # --- the low-speed bound ----------------------------------------------------------------------
@@ -259,8 +271,10 @@ def low_speed(angle, **gains):
     """(bounded, free) velocities [rad/s] of this quantised angle [rad] at 1 kHz."""
     y = np.floor(angle / QUANTUM) * QUANTUM
     ns = stamps(1e-3 * np.arange(len(y)))
-    return tuple(make(low_speed_bound=bound, **gains).run(ns, wrapped(y), fast=False).velocity
-                 for bound in (True, False))
+    return tuple(
+        make(low_speed_bound=bound, **gains).run(ns, wrapped(y), fast=False).velocity
+        for bound in (True, False)
+    )
 
 
 @pytest.mark.parametrize('quantum', [QUANTUM, 0.0])
@@ -309,14 +323,21 @@ def test_the_bound_never_reaches_the_state():
 
 # --- plain and compiled -----------------------------------------------------------------------
 
-STRUCTURES = {'default': {}, 'order 2, complex poles, sin': {'order': 2, 'k1': 1.0, 'k2': 1.0,
-                                                             'injection': 'sin'},
-              'order 3, three poles, tan': {'k1': 7.0, 'k2': 14.0, 'k3': 8.0, 'injection': 'tan',
-                                            'noise': 1e-3, 'max_speed': 60.0},
-              'order 3, complex poles, sat': {'k1': 4.0, 'k2': 6.0, 'k3': 4.0,
-                                              'injection': 'sat', 'M': 0.02},
-              'order 2, saw': {'order': 2, 'bandwidth_hz': 4.0},
-              'paper, tan': {'form': 'paper', 'injection': 'tan', 'bandwidth_hz': 5.0}}
+STRUCTURES = {
+    'default': {},
+    'order 2, complex poles, sin': {'order': 2, 'k1': 1.0, 'k2': 1.0, 'injection': 'sin'},
+    'order 3, three poles, tan': {
+        'k1': 7.0,
+        'k2': 14.0,
+        'k3': 8.0,
+        'injection': 'tan',
+        'noise': 1e-3,
+        'max_speed': 60.0,
+    },
+    'order 3, complex poles, sat': {'k1': 4.0, 'k2': 6.0, 'k3': 4.0, 'injection': 'sat', 'M': 0.02},
+    'order 2, saw': {'order': 2, 'bandwidth_hz': 4.0},
+    'paper, tan': {'form': 'paper', 'injection': 'tan', 'bandwidth_hz': 5.0},
+}
 
 
 def hostile_stream(count=1500, seed=13):
@@ -353,7 +374,7 @@ def test_plain_equals_compiled_per_step(name):
     seen = set()
     for k in range(len(ns)):
         here, there = empty(1), empty(1)
-        sample = (ns[k:k + 1], y[k:k + 1], given)
+        sample = (ns[k : k + 1], y[k : k + 1], given)
         compiled_track = fast(track, design, limits, *sample, *there)
         track = plain(track, design, limits, *(part.tolist() for part in sample), *here)
         seen.add((int(here.verdict[0]), int(here.status[0])))
