@@ -421,11 +421,11 @@ class Bag:
                 item.topic,
                 item.msgtype,
                 item.msgcount,
-                list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]  # of rosbag2
+                list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]
                 definition=item.msgdef.data,
                 type_hash=item.digest,
-                serialization=str(item.ext.serialization_format),
-            )  # type: ignore[union-attr]  # too
+                serialization=str(item.ext.serialization_format),  # type: ignore[union-attr]
+            )  # the extension is rosbag2's: rosbags reads rosbag1 with the same class
             for item in sqlite.connections
         ]
         self._sqlites.append((sqlite, np.array(index, np.int64)))

@@ -114,7 +114,7 @@ def _from_smoother(path: str, measurement: dict[str, Series], options: Options) 
             + (
                 'too few readings to make a reference from'
                 if stamped
-                else 'readings without a stamp: set stamp_source=publisher for publish times'
+                else 'readings without a stamp: --set stamp_source=publisher takes publish times'
             )
         )
     return found
