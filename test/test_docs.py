@@ -34,7 +34,7 @@ def observers():
 
 
 def hooks():
-    spec = importlib.util.spec_from_file_location('docs_hooks', DOCS / 'hooks.py')
+    spec = importlib.util.spec_from_file_location('docs_hooks', DOCS / 'tools' / 'hooks.py')
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -377,4 +377,4 @@ def test_wrong_use(words, capsys):
 
 def test_a_part_of_the_other_group(capsys):
     assert main(['accuracy', '--part', 'replay']) == 2
-    assert capsys.readouterr().err == "velocity_estimator bench: accuracy has no part 'replay'\n"
+    assert capsys.readouterr().err == "python -m benchmarks: accuracy has no part 'replay'\n"

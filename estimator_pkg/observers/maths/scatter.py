@@ -30,7 +30,8 @@ def begin_scatter(measurement: float) -> Scatter:
 
 def resume_scatter(scatter: Scatter, measurement: float) -> Scatter:
     """After a gap: what is known is kept, the differences start again."""
-    return (scatter[0], scatter[1], measurement, 0.0, 0.0, 0.0, 0.0)
+    variance, count, _, _, _, _, _ = scatter
+    return (variance, count, measurement, 0.0, 0.0, 0.0, 0.0)
 
 
 def follow_scatter(scatter: Scatter, measurement: float, dt: float, period: float) -> Scatter:
