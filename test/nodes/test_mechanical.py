@@ -8,72 +8,10 @@ import dds
 import numpy as np
 import pytest
 
-from estimator_pkg import cli
-from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.messages.joint_state import Encoder
 
 MODULE = 'estimator_pkg.nodes.executables mechanical_observer'
 MS = 1_000_000
-PARAMETERS = """
-/**:
-  ros__parameters:
-    mechanisms: [lab]
-    joints.lab:
-      model: cart_pendulum
-      model_parameters: [force_constant=9.27, friction_forward=3.98, friction_backward=2.87]
-      L: [50.0, 80.0]
-      Gamma: [80.0, 150.0]
-"""
-
-
-@pytest.fixture(scope='module')
-def recording(tmp_path_factory):
-    """A simulated bag, a parameter file, and the bag replayed with it."""
-    path = tmp_path_factory.mktemp('mechanical')
-    (path / 'params.yaml').write_text(PARAMETERS)
-    assert (
-        cli.main(['simulate', 'cart_pendulum', '--duration', '4', '--out', str(path / 'bag')]) == 0
-    )
-    assert (
-        cli.main(
-            [
-                'replay',
-                str(path / 'bag'),
-                '--observer',
-                'geso',
-                '--params',
-                str(path / 'params.yaml'),
-                '--out',
-                str(path / 'out'),
-            ]
-        )
-        == 0
-    )
-    return path
-
-
-def test_replay_equals_the_live_node(recording, probe):
-    """Number for number, names and stamps too."""
-    with open_bag(recording / 'out') as bag:
-        raws = [bytes(message.raw) for message in bag.messages(['/joint_states'])]
-        replayed = [
-            bytes(message.raw) for message in bag.messages(['/mechanical_observer/estimate'])
-        ]
-    with (
-        dds.NodeProcess(
-            MODULE,
-            '--ros-args',
-            '-r',
-            'joint_states:=/equal',
-            '--params-file',
-            str(recording / 'params.yaml'),
-        ),
-        dds.Observer(probe, '/mechanical_observer', '/equal') as node,
-    ):
-        node.connect().feed(raws)
-        decode = Decoder().decode
-        assert [decode(raw) for raw in node.raw_answers] == [decode(raw) for raw in replayed]
-        assert sum(bool(answer.names) for answer in node.answers) > 300
 
 
 def test_several_mechanisms_separate_messages_and_commands(probe):

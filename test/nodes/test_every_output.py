@@ -1,0 +1,176 @@
+"""Every output of every node is, byte for byte, what replay makes of the same messages."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from importlib import import_module
+from typing import NamedTuple
+
+import dds
+import pytest
+
+from estimator_pkg import cli
+from estimator_pkg.bags.reader import open_bag
+
+AHEAD = 10  # messages published before their answers came
+
+
+class Case(NamedTuple):
+    """A node, the simulator that feeds it, and the outputs of its stream."""
+
+    plant: str
+    observer: str
+    outputs: str
+    parameters: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+    seconds: float = 1.5
+
+
+CASES = {
+    'joint_observer': Case(
+        'encoder',
+        'kalman',
+        'estimate estimate_stddev acceleration',
+        ('observer: kalman',),
+        ('joints=[a, b]', 'noise=0.0005', 'dropped=0.02', 'duplicated=0.02', 'gap_every=0.7'),
+    ),
+    'mechanical_observer': Case(
+        'cart_pendulum',
+        'ehgo',
+        'estimate estimate_stddev gains',
+        ('observer: ehgo', 'model: cart_pendulum'),
+    ),
+    'adaptive_observer': Case(
+        'dc_motor', 'adaptive', 'estimate estimate_stddev identified_parameters'
+    ),
+    'switched_observer': Case(
+        'gripper', 'switched', 'estimate estimate_stddev discrete_state acceleration', seconds=3.0
+    ),
+    'pmsm_observer': Case(
+        'pmsm',
+        'pmsm',
+        'estimate estimate_stddev estimate_samples flux_linkage',
+        ('resistance: 0.06', 'inductance: 33.75e-6', 'flux: 1.9e-3', 'pole_pairs: 7'),
+        ('publish_rate=5000', 'batch=50', 'current_noise=0.05'),
+    ),
+}
+
+
+def message_class(name):
+    """The class of a type as in 'sensor_msgs/msg/JointState'."""
+    package, _, kind = name.split('/')
+    return getattr(import_module(f'{package}.msg'), kind)
+
+
+def read(path, prefix=''):
+    """(messages in order as (topic, log_ns, bytes), types) of the topics that begin so."""
+    with open_bag(path) as bag:
+        types = {
+            topic.name: topic.type for topic in bag.topics.values() if topic.name.startswith(prefix)
+        }
+        return [
+            (message.topic, message.log_ns, bytes(message.raw)) for message in bag.messages(types)
+        ], types
+
+
+def run(*words):
+    """Run a command of the package, which must succeed."""
+    assert cli.main(list(words)) == 0
+
+
+def padded(raw):
+    """A message as DDS carries it: its length is a multiple of four."""
+    return bytes(raw) + bytes(-len(raw) % 4)
+
+
+@pytest.mark.parametrize('node', CASES)
+def test_live_is_replay(node, probe, tmp_path):
+    case = CASES[node]
+    file = tmp_path / 'params.yaml'
+    lines = ''.join(f'\n    {line}' for line in case.parameters) or ' {}'
+    file.write_text(f'{node}:\n  ros__parameters:{lines}\n')
+    bag, out = str(tmp_path / 'bag'), str(tmp_path / 'out')
+    sets = [part for word in case.words for part in ('--set', word)]
+    run('simulate', case.plant, '--out', bag, '--duration', str(case.seconds), *sets)
+    run(
+        'replay',
+        bag,
+        '--observer',
+        case.observer,
+        '--params',
+        str(file),
+        '--name',
+        node,
+        '--out',
+        out,
+    )
+
+    made, types = read(out, f'/{node}/')
+    expected = {topic: [raw for name, _, raw in made if name == topic] for topic in types}
+    assert {topic.split('/')[-1] for topic in expected} == set(case.outputs.split())
+    assert all(expected.values())
+    times = [log_ns for topic, log_ns, _ in made if topic == f'/{node}/estimate']
+    found = live(probe, node, file, bag, expected, types, times)
+    for topic in expected:
+        assert [padded(raw) for raw in found[topic]] == [padded(raw) for raw in expected[topic]], (
+            topic
+        )
+
+
+def live(probe, node, file, bag, expected, types, times):
+    """The bytes that the node publishes on these topics for the messages of the bag."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    found = {topic: [] for topic in expected}
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    hear, make = probe.node.create_subscription, probe.node.create_publisher
+    listeners = [
+        hear(
+            message_class(types[topic]),
+            topic,
+            rows.append,
+            latched if topic.endswith('/gains') else 2000,
+            raw=True,
+        )
+        for topic, rows in found.items()
+    ]
+    messages, inputs = read(bag)
+    inputs = {topic: kind for topic, kind in inputs.items() if 'ground_truth' not in topic}
+    renamed = {topic: f'/{node}_in{topic}' for topic in inputs}
+    words = dds.ros_args(
+        remap=[f'{topic[1:]}:={name}' for topic, name in renamed.items()], file=file
+    )
+    publishers = {
+        topic: make(message_class(kind), renamed[topic], 100) for topic, kind in inputs.items()
+    }
+    try:
+        with dds.NodeProcess(f'estimator_pkg.nodes.executables {node}', *words) as process:
+            probe.until(
+                lambda: (
+                    all(each.get_publisher_count() for each in listeners)
+                    and any(each.get_subscription_count() for each in publishers.values())
+                )
+            )
+            probe.spin(1.5)  # both sides of every connection
+            estimates, before = found[f'/{node}/estimate'], None
+            for topic, log_ns, raw in messages:
+                if topic not in publishers:
+                    continue
+                slack = AHEAD if topic == before else 0  # topics overtake each other
+                due = bisect_right(times, log_ns - 1) - slack
+                probe.until(lambda due=due: len(estimates) >= due)
+                publishers[topic].publish(raw)
+                probe.executor.spin_once(timeout_sec=0.0)
+                if topic != before:
+                    probe.spin(0.03)
+                before = topic
+            probe.until(
+                lambda: all(len(found[topic]) >= len(expected[topic]) for topic in expected)
+            )
+            assert process.alive and 'Traceback' not in process.output
+    finally:
+        for each in listeners:
+            probe.node.destroy_subscription(each)
+        for each in publishers.values():
+            probe.node.destroy_publisher(each)
+    return found
