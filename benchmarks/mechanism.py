@@ -17,9 +17,9 @@ from estimator_pkg import observers
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.evaluation.compare.timing import best_and_median, interleave, not_run, row
-from estimator_pkg.models.motion import put_row
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.motion import put_row
 from estimator_pkg.optional import needs
 
 Array = NDArray[np.float64]

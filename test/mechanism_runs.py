@@ -6,8 +6,8 @@ import numpy as np
 
 from estimator_pkg import observers
 from estimator_pkg.models.load import load
-from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.mechanism.motion import make_plant
 from estimator_pkg.parameters import build
 
 NAMES = ('geso', 'hgo', 'ehgo', 'smo')

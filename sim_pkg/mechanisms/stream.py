@@ -18,8 +18,8 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.mechanism.motion import make_plant
 from estimator_pkg.observers.mechanism.velocity import make_acceleration
 from estimator_pkg.parameters import parameter
 from sim_pkg.chunks import sample_count

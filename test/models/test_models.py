@@ -13,8 +13,8 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint, two_links
 from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import assignments_of
-from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.mechanism.motion import make_plant
 
 MODELS = (single_joint, cart_pendulum, robotic_leg)
 

@@ -1,4 +1,4 @@
-"""The node mechanical_observer over real DDS: equal to replay, several mechanisms, closed loop."""
+"""The node mechanical_observer over real DDS: several mechanisms, the loop closed with it."""
 
 from __future__ import annotations
 

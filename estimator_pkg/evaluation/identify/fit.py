@@ -32,7 +32,7 @@ from estimator_pkg.evaluation.identify.pieces import (
     thinned,
 )
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.models.motion import make_course
+from estimator_pkg.observers.mechanism.motion import make_course
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.motion import make_plant
 from sim_pkg.mechanisms.balance import balancing_force, triangle
 from sim_pkg.reproduce.contract import Part, Values
 from sim_pkg.reproduce.mechanical.lab import (

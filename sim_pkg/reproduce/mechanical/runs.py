@@ -17,10 +17,10 @@ from estimator_pkg import observers
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.models.motion import make_plant, put_row, row_of
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.motion import make_plant, put_row, row_of
 from estimator_pkg.parameters import build
 
 

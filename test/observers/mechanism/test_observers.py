@@ -13,11 +13,11 @@ from estimator_pkg import observers
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.models.load import load
-from estimator_pkg.models.motion import make_plant
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
 from estimator_pkg.observers.mechanism.flow import make_flow
 from estimator_pkg.observers.mechanism.friction import stopping
+from estimator_pkg.observers.mechanism.motion import make_plant
 from estimator_pkg.observers.mechanism.noise import discrete
 from estimator_pkg.parameters import build
 
