@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from estimator_pkg.nodes import runtime
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.ros import runtime
+from estimator_pkg.ros.domain import free_domain
 
 DOMAIN = free_domain()
 os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)

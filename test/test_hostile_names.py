@@ -157,7 +157,7 @@ def test_a_wrong_parameters_file_is_one_line(text, said, tmp_path):
 
 RCL = """
 import json, sys
-import estimator_pkg.nodes.runtime
+import estimator_pkg.ros.runtime
 import rclpy
 rclpy.init(args=['--ros-args', '--params-file', sys.argv[1]])
 node = rclpy.create_node('x', start_parameter_services=False)

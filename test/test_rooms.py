@@ -1,16 +1,13 @@
-"""Which room may know which: docs/architecture.md, held against the imports."""
+"""Which room knows which: the picture in docs/architecture.md is the imports, and nothing more."""
 
 from __future__ import annotations
 
-import ast
 import sys
 from pathlib import Path
 
 import pytest
+from docs.tools import rooms
 
-ROOT = Path(__file__).parent.parent
-# small files that every room may use
-SHARED = {'params_file', 'errors', 'parameters', 'registry', 'optional', 'printable', 'yaml_text'}
 ROS = {
     'rclpy',
     'rcl_interfaces',
@@ -24,40 +21,54 @@ ROS = {
     'launch',
     'launch_ros',
 }
-# room: (rooms, packages) that its files may import, wherever in a file
-MAY_KNOW = {
-    'observers': ({'models'}, {'numpy'}),
-    'models': ({'observers'}, {'numpy'}),
-    'messages': (set(), {'numpy'}),
-    'driver': ({'observers', 'models', 'messages'}, {'numpy', 'yaml', 'numba'}),
-    'streams': ({'driver', 'observers', 'models', 'messages'}, {'numpy'}),
-    'nodes': ({'streams', 'driver', 'observers', 'messages'}, ROS),
+PACKAGES = {  # room: packages that its files may import, wherever in a file
+    'observers': {'numpy'},
+    'models': {'numpy'},
+    'messages': {'numpy'},
+    'driver': {'numpy', 'yaml', 'numba'},
+    'streams': {'numpy'},
+    'ros': ROS,
+    'nodes': ROS,
 }
+TOP = {path.stem for path in rooms.PACKAGE.glob('*.py')}
 
 
-def imported(path):
-    """Dotted names of what a file imports."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module == 'estimator_pkg':
-            yield from (f'estimator_pkg.{alias.name}' for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield node.module
-
-
-@pytest.mark.parametrize('room', MAY_KNOW)
-def test_a_room_imports_what_it_may_know(room):
-    rooms, packages = MAY_KNOW[room]
-    for path in (ROOT / 'estimator_pkg' / room).rglob('*.py'):
-        for name in imported(path):
+def imported(room):
+    """(file, package, the rest of the name) of every import of a room."""
+    for path in (rooms.PACKAGE / room).rglob('*.py'):
+        for name in rooms.imported(path):
             package, _, inner = name.partition('.')
-            if package == 'estimator_pkg':
-                assert inner.split('.')[0] in {room} | rooms | SHARED, (path.name, name)
-            elif package not in sys.stdlib_module_names:
-                assert package in packages, (path.name, name)
+            yield path.name, package, inner
 
 
-def test_nothing_in_the_package_knows_the_simulators():
-    for path in (ROOT / 'estimator_pkg').rglob('*.py'):
-        assert not any(name.split('.')[0] == 'sim_pkg' for name in imported(path)), path
+def test_the_picture_is_of_these_imports():
+    assert rooms.PICTURE.read_text() == rooms.picture(), 'python -m docs.tools.rooms draws it'
+
+
+def test_the_arrows_are_few_and_point_down():
+    """`picture` refuses an arrow upwards, so no two rooms import each other."""
+    assert len(rooms.rooms()) <= 10 and len(rooms.arrows()) <= 25
+
+
+@pytest.mark.parametrize('room', PACKAGES)
+def test_a_room_imports_the_packages_that_it_may(room):
+    own = {'estimator_pkg', *sys.stdlib_module_names, *PACKAGES[room]}
+    assert {package for _, package, _ in imported(room)} <= own
+
+
+@pytest.mark.parametrize('room', ['observers', 'models', 'messages', 'driver', 'streams', 'ros'])
+def test_these_rooms_know_no_command_line(room):
+    top = {inner for _, package, inner in imported(room) if package == 'estimator_pkg'} & TOP
+    assert top.isdisjoint({'cli', 'listing', 'progress', 'destination', 'estimator'})
+
+
+def test_an_upward_arrow_is_refused(monkeypatch):
+    monkeypatch.setattr(rooms, 'arrows', lambda: {('models', 'nodes')})
+    with pytest.raises(ValueError, match='does not order'):
+        rooms.picture()
+
+
+def test_nothing_in_the_package_knows_simulators_benchmarks_or_docs():
+    for path in Path(rooms.PACKAGE).rglob('*.py'):
+        outside = {name.split('.')[0] for name in rooms.imported(path)}
+        assert outside.isdisjoint({'sim_pkg', 'benchmarks', 'docs', 'test'}), path

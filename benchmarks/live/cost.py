@@ -22,7 +22,7 @@ from benchmarks.live.processes import (
     process,
     result,
 )
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.ros.domain import free_domain
 
 ALLOWED = 1.5  # times the null node
 

@@ -12,7 +12,7 @@ import threading
 import time
 from contextlib import ExitStack
 
-from estimator_pkg.nodes.runtime import run as run_node  # first: settles what rclpy reads  # isort: skip
+from estimator_pkg.ros.runtime import run as run_node  # first: settles what rclpy reads  # isort: skip
 
 import numpy as np
 import psutil
@@ -25,7 +25,7 @@ from std_msgs.msg import Float64MultiArray
 from benchmarks.drive import MOTOR, simulate
 from benchmarks.live.processes import cpu, process, result
 from estimator_pkg.messages import drive_samples
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.ros.domain import free_domain
 
 MODULE = 'estimator_pkg.nodes.executables pmsm_observer'
 FEEDER = 'benchmarks.live.drive'

@@ -23,7 +23,7 @@ from benchmarks.live.processes import (
     process,
     result,
 )
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.ros.domain import free_domain
 
 RATE = 1000.0  # [Hz]
 SECONDS = 5.0  # of which the first quarter does not count

@@ -11,7 +11,7 @@ import time
 from contextlib import ExitStack
 
 from benchmarks.live.processes import process, result
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.ros.domain import free_domain
 
 OVERLOAD = 150  # joints with which no Python node keeps up at 5 kHz
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import psutil
 
-from estimator_pkg.nodes.runtime import settle_environment
+from estimator_pkg.ros.runtime import settle_environment
 
 JOINTS = 7  # in each message
 MODULE = 'estimator_pkg.nodes.executables {}'

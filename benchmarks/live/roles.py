@@ -16,7 +16,7 @@ import time
 from typing import Any
 
 from benchmarks.live.processes import JOINTS
-from estimator_pkg.nodes.runtime import run as run_node
+from estimator_pkg.ros.runtime import run as run_node
 
 PERIOD = 6.0  # [s] of the motion that is published
 

@@ -20,7 +20,7 @@ from contextlib import ExitStack
 import psutil
 
 from benchmarks.live.processes import NODES, NULL, cpu, observer, process
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.ros.domain import free_domain
 
 RATE = 200.0  # [Hz] of the stream
 LONGEST = 8.0  # [s] to wait for a first estimate

@@ -19,7 +19,7 @@ from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.optional import missing
 
 try:
-    from estimator_pkg.nodes.runtime import make_executor  # isort: skip  settles the environment
+    from estimator_pkg.ros.runtime import make_executor  # isort: skip  settles the environment
     import rclpy
     from ament_index_python.packages import get_package_prefix
     from rclpy.duration import Duration

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Qos
 
     from estimator_pkg.bags.live import Live
-    from estimator_pkg.nodes.loss import Loss
+    from estimator_pkg.ros.loss import Loss
 
 LOOK = 0.1  # s between looks at the graph
 PATIENCE = 10.0  # s added to a given duration while no message has come yet
@@ -170,7 +170,7 @@ class Recorder:
 
     def _drain(self) -> None:
         """Receive what the executor has not noticed."""
-        from estimator_pkg.nodes.endpoints import waiting
+        from estimator_pkg.ros.executor import waiting
 
         for track in self.tracks.values():
             for raw, info in waiting(track.subscription):
@@ -244,7 +244,7 @@ class Recorder:
 
     def _subscribe(self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]) -> Track:
         from estimator_pkg.bags.live import raw_callback
-        from estimator_pkg.nodes.loss import Loss
+        from estimator_pkg.ros.loss import Loss
 
         holder: list[Subscription] = []
         loss = Loss(lambda: holder[0].get_publisher_count())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from time import time_ns
 from typing import Any, NamedTuple
 
@@ -30,8 +30,9 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from rclpy.subscription import Subscription
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.nodes.loss import Loss
 from estimator_pkg.nodes.ros_parameters import in_words
+from estimator_pkg.ros.executor import waiting
+from estimator_pkg.ros.loss import Loss
 
 
 def get_message(name: str) -> Any:
@@ -93,20 +94,6 @@ class OnDemand:
     def look(self) -> None:
         """See whether somebody listens."""
         self.wanted = self._publisher.get_subscription_count() > 0
-
-
-def waiting(subscription: Subscription) -> Iterator[tuple[bytes, Any]]:
-    """The raw messages that still wait on it, at most its queue's depth: (CDR bytes, info).
-
-    EventsExecutor takes one message for each event. An event that comes while it takes a node or a
-    subscription in may go unnoticed, and every message after it would be one message late.
-    """
-    for _ in range(subscription.qos_profile.depth or 1):
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
-        if taken is None:
-            return
-        yield taken
 
 
 class Endpoints:

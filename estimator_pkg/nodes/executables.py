@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from estimator_pkg.nodes.runtime import run
+from estimator_pkg.ros.runtime import run
 
 
 def of_stream(kind: str) -> Callable[..., int]:

@@ -7,7 +7,7 @@ from time import perf_counter
 from traceback import format_exception
 from typing import Any
 
-from estimator_pkg.nodes import runtime  # noqa: F401  sets what rclpy and numpy read  # isort: skip
+from estimator_pkg.ros import runtime  # noqa: F401  sets what rclpy and numpy read  # isort: skip
 
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException

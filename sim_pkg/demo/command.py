@@ -14,9 +14,9 @@ from typing import Any
 from estimator_pkg.cli import Command
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.nodes.domain import free_domain
-from estimator_pkg.nodes.runtime import settle_environment
 from estimator_pkg.printable import show
+from estimator_pkg.ros.domain import free_domain
+from estimator_pkg.ros.runtime import settle_environment
 
 COUNTS = 4096
 RATE = 500  # samples per second

@@ -123,7 +123,7 @@ def listen(
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState as JointStateMessage
 
-    from estimator_pkg.nodes.runtime import make_executor
+    from estimator_pkg.ros.runtime import make_executor
 
     node = rclpy.create_node('demo')
     for name, take in (

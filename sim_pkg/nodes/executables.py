@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from estimator_pkg.nodes.runtime import run
+from estimator_pkg.ros.runtime import run
 
 if TYPE_CHECKING:
     from sim_pkg.nodes.simulator_node import SimulatorNode

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from estimator_pkg.messages import drive_samples, multi_array, vector3
 from estimator_pkg.messages.cdr import MalformedMessageError
-from estimator_pkg.nodes import runtime  # noqa: F401  (sets the environment that rclpy needs)
+from estimator_pkg.ros import runtime  # noqa: F401  (sets the environment that rclpy needs)
 
 rclpy_serialization = pytest.importorskip('rclpy.serialization')
 std_msgs = pytest.importorskip('std_msgs.msg')

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder, JointState
-from estimator_pkg.nodes import runtime  # noqa: F401  (sets the environment that rclpy needs)
+from estimator_pkg.ros import runtime  # noqa: F401  (sets the environment that rclpy needs)
 
 rclpy_serialization = pytest.importorskip('rclpy.serialization')
 RosJointState = pytest.importorskip('sensor_msgs.msg').JointState

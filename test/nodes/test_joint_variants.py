@@ -300,7 +300,7 @@ def test_an_interrupt_waits_for_an_import_and_a_second_one_changes_nothing(tmp_p
     )
     (tmp_path / 'program.py').write_text(
         'import os, signal, time\n'
-        'from estimator_pkg.nodes.runtime import run\n'
+        'from estimator_pkg.ros.runtime import run\n'
         'def make():\n'
         '    import interrupting\n'
         '    print("imported", interrupting.whole, flush=True)\n'

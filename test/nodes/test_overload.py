@@ -12,9 +12,9 @@ from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages.joint_state import Encoder
-from estimator_pkg.nodes.loss import Loss
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
+from estimator_pkg.ros.loss import Loss
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleStream
 
@@ -33,7 +33,7 @@ def test_a_stream_that_is_too_fast_starves_no_service(probe):
     from std_msgs.msg import Float64
     from std_srvs.srv import Trigger
 
-    from estimator_pkg.nodes.executor import SteadyExecutor
+    from estimator_pkg.ros.executor import SteadyExecutor
 
     context = Context()
     rclpy.init(context=context, domain_id=dds.DOMAIN)

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.nodes.domain import free_domain
+from estimator_pkg.ros.domain import free_domain
 from sim_pkg.demo.listener import Snapshot
 from sim_pkg.demo.processes import ended_on_any_signal
 from sim_pkg.demo.table import Display

@@ -53,7 +53,7 @@ def apply(node: str, gains: Mapping[str, Any]) -> list[str]:
     from estimator_pkg.bags.live import live
 
     with live('gain_setter') as here:
-        from estimator_pkg.nodes.remote_parameters import RemoteParameters
+        from estimator_pkg.ros.remote_parameters import RemoteParameters
 
         remote = RemoteParameters(here, node)
         before = remote.get(list(gains))

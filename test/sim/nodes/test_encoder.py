@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator_pkg.nodes.runtime import make_executor  # first: it settles what rclpy reads
+from estimator_pkg.ros.runtime import make_executor  # first: it settles what rclpy reads
 
 # isort: split
 import rclpy
@@ -23,9 +23,9 @@ from std_msgs.msg import Int32
 
 from estimator_pkg.messages.cdr import Reader
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.nodes.domain import free_domain
 from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.parameters import build
+from estimator_pkg.ros.domain import free_domain
 from sim_pkg.joints.encoder import SIMULATOR, EncoderParameters
 from sim_pkg.nodes import simulator_node
 from sim_pkg.nodes.deadline import Deadlines

@@ -10,6 +10,7 @@ per message as long as it waits for each of them, and less once several wait.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from inspect import iscoroutinefunction
 from time import monotonic, perf_counter
 from typing import Any
@@ -29,8 +30,8 @@ from rclpy.waitable import Waitable
 
 try:
     from rclpy.experimental import EventsExecutor
-except ImportError:  # of an rclpy without it
-    EventsExecutor = None  # type: ignore[assignment]
+except ImportError:  # an rclpy without it: SteadyExecutor does without, too
+    EventsExecutor = None  # type: ignore[assignment]  # it is compared with None alone
 
 TURN = 0.01  # [s] for the messages of one subscription before everything else has its turn
 ASK_EVERY = 0.05  # [s] how old the queue of events is
@@ -297,3 +298,17 @@ class SteadyExecutor:
 
 def _taken_here(entity: Any) -> bool:
     return isinstance(entity, Subscription) and not iscoroutinefunction(entity.callback)
+
+
+def waiting(subscription: Subscription) -> Iterator[tuple[bytes, Any]]:
+    """The raw messages that still wait on it, at most its queue's depth: (CDR bytes, info).
+
+    EventsExecutor takes one message for each event. An event that comes while it takes a node or a
+    subscription in may go unnoticed, and every message after it would be one message late.
+    """
+    for _ in range(subscription.qos_profile.depth or 1):
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, True)
+        if taken is None:
+            return
+        yield taken

@@ -21,7 +21,7 @@ from estimator_pkg.printable import printable
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from estimator_pkg.nodes.executor import SteadyExecutor
+    from estimator_pkg.ros.executor import SteadyExecutor
 
 MIXED = 'Sequence should be of same type'  # rcl of a list in which y, n, on or off is a boolean
 SPIN = 0.1  # [s] at most until an interrupt is seen
@@ -42,7 +42,7 @@ settle_environment()
 
 def make_executor() -> SteadyExecutor:
     """The executor that costs least, and that no rate of messages starves."""
-    from estimator_pkg.nodes.executor import SteadyExecutor
+    from estimator_pkg.ros.executor import SteadyExecutor
 
     return SteadyExecutor()
 
