@@ -1,1 +1,1 @@
-"""Simulated plants, sensors with faults, simulator nodes and the reproductions."""
+"""Simulated plants, sensors with faults, simulator nodes and the reproductions of the papers."""

@@ -1,4 +1,4 @@
-"""Streams in chunks: how many samples each has, and messages that arrive later than their chunk."""
+"""Split a stream into chunks, and merge messages that arrive later than their chunk."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from sim_pkg.contract import Message
 
 
 def sample_count(duration: float, rate: float) -> float:
-    """How many samples a run has, at least one; math.inf for one that goes on for ever."""
+    """Return the number of samples of a run, at least 1; math.inf for an endless run."""
     return math.inf if math.isinf(duration) else max(1, math.ceil(duration * rate - 1e-6))
 
 
 def sizes(duration: float, rate: float, chunk: int) -> Iterator[int]:
-    """The samples of each chunk: `chunk`, fewer in the last one."""
+    """Yield the number of samples of each chunk: `chunk`, fewer in the last one."""
     left = sample_count(duration, rate)
     while left > 0:
         size = int(min(chunk, left))
@@ -23,14 +23,14 @@ def sizes(duration: float, rate: float, chunk: int) -> Iterator[int]:
 
 
 def in_order(chunks: Iterable[tuple[list[Message], int]]) -> Iterator[list[Message]]:
-    """The messages of all chunks in the order in which they are due.
+    """Yield the messages of all chunks, sorted by the time at which they are due.
 
     Parameters
     ----------
-    chunks : (messages in any order, horizon [ns]) each: nothing of a later chunk is due before the
-        horizon. Messages that are due together keep their order.
+    chunks : (messages in any order, horizon [ns]) each: no message of a later chunk is due before
+        the horizon. Messages that are due at the same time keep their order.
     """
-    waiting: list[Message] = []  # held up past the end of their chunk
+    waiting: list[Message] = []  # due after the end of their chunk
     for messages, horizon_ns in chunks:
         messages = sorted(waiting + messages, key=_due)
         ready = sum(message.due_ns < horizon_ns for message in messages)

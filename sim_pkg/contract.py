@@ -1,8 +1,8 @@
-"""What a simulator is: declared parameters, the topics it speaks, and a stream of messages.
+"""The interface of a simulator: parameters, topics, and a stream of messages.
 
-The same stream is published live, each message when it is due, and written into a bag. Times are
-nanoseconds from the start of the simulation; a message's bytes are made when the start is known, so
-stamps may stand anywhere in it: in a header, or in the rows of a batch of drive samples.
+The same stream is published live, each message when it is due, or written into a bag. Times are
+nanoseconds from the start of the simulation. A message is encoded when the start is known, so
+stamps may be anywhere in it: in a header, or in the rows of a batch of drive samples.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from estimator_pkg.errors import UsageError, UserError
 
-FASTEST = 2e4  # 1/s, of a plant that can still be followed live
+FASTEST = 2e4  # fastest rate of a plant that the simulator can integrate [1/s]
 
 
 class Topic(NamedTuple):
@@ -21,9 +21,9 @@ class Topic(NamedTuple):
 
     Attributes
     ----------
-    name : relative, without a leading '/'; a bag stands for the root namespace.
+    name : relative, without a leading '/'; in a bag the namespace is the root.
     type : as in 'sensor_msgs/msg/JointState'.
-    truth : True where no real plant would publish it.
+    truth : True for a topic that a real plant would not publish.
     """
 
     name: str
@@ -36,9 +36,9 @@ class Message(NamedTuple):
 
     Attributes
     ----------
-    due_ns : when it leaves [ns from the start].
+    due_ns : when it is published [ns from the start].
     topic : name of its topic.
-    encode : (start_ns) -> CDR bytes, with stamps for a simulation that started at `start_ns`.
+    encode : (start_ns) -> CDR bytes, with stamps for a simulation that starts at `start_ns`.
     """
 
     due_ns: int
@@ -48,21 +48,21 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True)
 class Simulator:
-    """What an entry point of the group ``velocity_estimator.simulators`` names.
+    """A simulator, as an entry point of the group ``velocity_estimator.simulators`` names it.
 
     Attributes
     ----------
     name : as users write it.
     summary : one line for ``velocity_estimator list``.
-    parameters : the frozen dataclass that declares them (see `estimator_pkg.parameters`); what a
-        range cannot say is checked in its ``__post_init__``, which raises UsageError.
-    topics : (parameters) -> the topics this simulation speaks.
-    generate : (parameters, duration, seed) -> chunks of messages. `duration` in s (math.inf: for
-        ever), `seed` a whole number from 0. Messages are in the order in which they are due,
-        within a chunk and from chunk to chunk. A chunk is made on demand while the node runs live,
-        so it is short, and nothing is kept that grows with the duration. Raises UsageError for
-        parameters that do not go together, at once or with the first chunk, and UserError for a
-        plant that runs away: no message carries numbers that are none.
+    parameters : the frozen dataclass that declares them (see `estimator_pkg.parameters`). Its
+        ``__post_init__`` checks what a range cannot express and raises UsageError.
+    topics : (parameters) -> the topics that this simulation publishes.
+    generate : (parameters, duration, seed) -> chunks of messages. `duration` in s (math.inf:
+        endless), `seed` an integer >= 0. Messages are sorted by their due time, within a chunk and
+        from chunk to chunk. A live node makes each chunk on demand, so chunks are short and memory
+        does not grow with the duration. Raises UsageError for inconsistent parameters, at once or
+        with the first chunk, and UserError for a plant that diverges: no message carries NaN or
+        infinity.
     """
 
     name: str
@@ -72,19 +72,18 @@ class Simulator:
     generate: Callable[[Any, float, int], Iterator[list[Message]]]
 
 
-def followed(rate: float) -> None:
-    """Raises UsageError where the fastest rate [1/s] of a plant is more than `FASTEST`."""
+def check_rate(rate: float) -> None:
+    """Raise UsageError if the fastest rate [1/s] of a plant exceeds `FASTEST`."""
     if not rate <= FASTEST:
         raise UsageError(
-            f'the plant has a time constant of {1.0 / rate:.2g} s, but none below '
-            f'{1.0 / FASTEST:g} s can be followed: its inertia is too small for its '
-            'damping or stiffness'
+            f'the plant has a time constant of {1.0 / rate:.2g} s; the simulator needs at least '
+            f'{1.0 / FASTEST:g} s: increase the inertia, or decrease damping or stiffness'
         )
 
 
-def ran_away(time: float) -> UserError:
-    """What is told of a plant whose numbers grew beyond all bounds at `time` [s]."""
+def diverged(time: float) -> UserError:
+    """Return the error for a plant whose state diverged at `time` [s]."""
     return UserError(
-        f'the simulated plant ran away at {time:.3g} s: it is unstable, or quicker '
-        'than the simulator can follow'
+        f'the simulated plant diverged at {time:.3g} s: it is unstable, or faster than the '
+        'simulator can integrate; check the gains and the parameters of the plant'
     )

@@ -1,4 +1,4 @@
-"""``velocity_estimator simulate``: a bag with measurement and truth, the same bytes for a seed."""
+"""``velocity_estimator simulate``: write a bag with measurement and truth, fixed by its seed."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from estimator_pkg.printable import show
 from sim_pkg.contract import Simulator
 from sim_pkg.nodes.settings import FOREVER, RunSettings
 
-START_NS = 1_000_000_000 * 1_000_000_000  # when every simulated bag begins (in 2001)
-DURATION = 10.0  # where nothing else is said [s]
+START_NS = 1_000_000_000 * 1_000_000_000  # start time of every simulated bag (in 2001)
+DURATION = 10.0  # default [s]
 LONGEST = 1e7  # [s]
 NOT_IN_BAGS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument('plant', metavar='PLANT', help="a simulator ('velocity_estimator list')")
     parser.add_argument('--out', metavar='BAG', required=True, help='folder of the bag to make')
     parser.add_argument(
         '--duration', metavar='S', type=float, help=f'simulated seconds (default {DURATION:g})'
     )
     parser.add_argument(
-        '--seed', metavar='N', type=int, help=f'which run (default {RunSettings().seed})'
+        '--seed', metavar='N', type=int, help=f'random seed (default {RunSettings().seed})'
     )
     parser.add_argument('--params', metavar='YAML', help='parameter file of its node')
     parser.add_argument(
@@ -42,7 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Simulates, writes the bag, says what is in it."""
+    """Simulate, write the bag, print a summary; return it as a dictionary."""
     simulator: Simulator = registry.find(registry.SIMULATORS, parsed.plant)
     values = {**_from_file(parsed.params, simulator), **parse_assignments(parsed.set)}
     in_file = {
@@ -88,7 +88,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 def write_bag(
     simulator: Simulator, parameters: Any, duration: float, seed: int, path: str
 ) -> tuple[Counter[str], float]:
-    """Simulate into a new bag; a signal ends it with what is simulated by then.
+    """Simulate into a new bag; an interrupt closes it with the messages written so far.
 
     Parameters
     ----------
@@ -98,12 +98,12 @@ def write_bag(
 
     Returns
     -------
-    How many messages each topic has, and how many seconds were simulated.
+    The number of messages per topic, and the simulated seconds.
 
     Raises
     ------
     UserError : `path` exists or cannot be written.
-    KeyboardInterrupt : a signal came before the first message.
+    KeyboardInterrupt : interrupted before the first message.
     """
     from estimator_pkg import interrupts
     from estimator_pkg.bags.writer import BagWriter
@@ -134,7 +134,7 @@ def write_bag(
 
 
 def _from_file(path: str | None, simulator: Simulator) -> dict[str, Any]:
-    """What a parameter file says of the simulator's node; what only a live node has is left out."""
+    """Return the parameters in a file, without those that only a live node has."""
     if path is None:
         return {}
     from estimator_pkg.params_file import load

@@ -115,7 +115,7 @@ def test_settings_that_others_declare_for_their_nodes_are_listed(capsys, monkeyp
         lambda group, name: RunSettings if group == listing.SETTINGS else find(group, name),
     )
     out = listed(capsys, 'all_simulators')
-    assert 'all_simulators: how long a simulator runs' in out
+    assert 'all_simulators: random seed and duration of a run' in out
     assert '  seed = 1, [0, ' in out
 
 

@@ -1,1 +1,1 @@
-"""The demonstration: simulator and observer as processes over real DDS, watched and recorded."""
+"""The demonstration: simulator and observer as processes over real DDS, displayed and recorded."""

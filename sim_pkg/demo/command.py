@@ -1,4 +1,4 @@
-"""The command ``demo``: two nodes over real DDS, watched for ten seconds, recorded and judged."""
+"""The command ``demo``: two nodes over real DDS for ten seconds, recorded and evaluated."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from estimator_pkg.ros.runtime import settle_environment
 
 COUNTS = 4096
 RATE = 500  # samples per second
-PATIENCE = 20.0  # time within which the first estimate must come [s]
+PATIENCE = 20.0  # longest wait for the first estimate [s]
 MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
 ESTIMATE, STDDEV = '/joint_observer/estimate', '/joint_observer/estimate_stddev'
-# Standing still, creeping over the counts, and a sprint through the wraps, both ways.
+# Standstill, slow motion across the counts, and fast motion through the wraps, both ways.
 MOTION = {
     'profile': 'trapezoid',
     'velocity': 20.0,
@@ -37,13 +37,13 @@ MOTION = {
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's arguments."""
+    """Add the arguments of the command."""
     parser.add_argument(
         '--duration',
         type=float,
         default=10.0,
         metavar='S',
-        help='how long to watch [s] (default: 10)',
+        help='duration of the run [s] (default: 10)',
     )
     parser.add_argument(
         '--out',
@@ -55,17 +55,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--observer',
         default='hybrid_angle',
         metavar='NAME',
-        help='which observer (default: hybrid_angle)',
+        help='observer to run (default: hybrid_angle)',
     )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Run the demonstration; returns the paths of bag and plot and how many estimates came.
+    """Run the demonstration; return the paths of bag and plot and the number of estimates.
 
     Raises
     ------
-    UsageError : a duration that makes no sense.
-    UserError : a process failed; with what it said.
+    UsageError : a duration outside 0.5 to 3600 s.
+    UserError : a process failed; the message contains its last line of output.
     """
     if not 0.5 <= parsed.duration <= 3600.0:
         raise UsageError(f'--duration {parsed.duration:g} is not between 0.5 and 3600 s')
@@ -74,7 +74,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     settle_environment()
     environment = os.environ | {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        # a domain of its own, so that two demos on one machine do not hear each other
+        # an own domain, so that two demos on one machine do not receive each other's messages
         'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(free_domain()),
     }
     os.environ.update(environment)
@@ -106,7 +106,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 def _watch(
     parsed: argparse.Namespace, bag: Path, environment: dict[str, str], check: Callable[[], None]
 ) -> int:
-    """Starts the processes, shows what they say, ends them; the number of estimates seen."""
+    """Start the processes, show their values, end them; return the number of estimates."""
     from sim_pkg.demo.processes import Child
 
     ros = ['--ros-args']
@@ -141,7 +141,7 @@ def _watch(
 
 
 def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None]) -> int:
-    """The table, until the time is up or a signal came."""
+    """Show the table until the time is up or a signal arrives; return the number of estimates."""
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
@@ -170,7 +170,7 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
                     display.show(moment)
                 elif now > begun + PATIENCE:
                     raise UserError(
-                        f'no estimate within {PATIENCE:g} s; the observer says: '
+                        f'no estimate within {PATIENCE:g} s; last line of the observer: '
                         f'{children[0].last_line()}'
                     )
         return topics.count

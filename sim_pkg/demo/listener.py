@@ -1,4 +1,4 @@
-"""Listens to the demo's topics and keeps the newest matching samples for the table."""
+"""Subscribes to the demo's topics and matches their newest samples for the table."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ KEPT = 200  # messages kept per topic, to match estimates with truth by stamp
 class Snapshot(NamedTuple):
     """One moment of the demo: rad, rad/s, all at the same stamp.
 
-    finite_difference is nan before the second measurement, stddev where the node does not say it
-    (yet): it publishes it on a topic of its own.
+    finite_difference is nan before the second measurement; stddev, which has its own topic, is nan
+    until a message of the same stamp has arrived.
     """
 
     seconds: float
@@ -36,7 +36,7 @@ class Snapshot(NamedTuple):
 
 
 class Topics:
-    """Raw messages of the four topics; decoding waits until somebody looks."""
+    """The raw messages of the four topics, decoded only for a snapshot."""
 
     def __init__(self) -> None:
         self.measured: deque[bytes] = deque(maxlen=KEPT)
@@ -51,24 +51,24 @@ class Topics:
         return self.measured, self.truth, self.estimates, self.stddevs
 
     def on_measured(self, raw: bytes) -> None:
-        """One measurement more."""
+        """Store a measurement."""
         self.measured.append(raw)
 
     def on_truth(self, raw: bytes) -> None:
-        """One true state more."""
+        """Store a true state."""
         self.truth.append(raw)
 
     def on_estimate(self, raw: bytes) -> None:
-        """One estimate more."""
+        """Store and count an estimate."""
         self.estimates.append(raw)
         self.count += 1
 
     def on_stddev(self, raw: bytes) -> None:
-        """One standard deviation more."""
+        """Store a standard deviation."""
         self.stddevs.append(raw)
 
     def snapshot(self) -> Snapshot | None:
-        """The newest estimate with truth and measurement of the same stamp; None: none yet."""
+        """Return the newest estimate with truth and measurement of the same stamp, else None."""
         for estimate in self._newest_first(self.estimates):
             if not estimate.velocities:
                 continue
@@ -103,7 +103,7 @@ class Topics:
         return None
 
     def _difference(self, newest: JointState) -> float:
-        """What a finite difference of the last two measurements says [rad/s]."""
+        """Return the finite difference of the last two measurements [rad/s]."""
         for before in self._newest_first(self.measured):
             passed = (newest.stamp_ns - before.stamp_ns) * 1e-9
             if passed > 0.0:
@@ -114,10 +114,10 @@ class Topics:
 def listen(
     topics: Topics, *, measured: str, truth: str, estimate: str, stddev: str
 ) -> Callable[[float], None]:
-    """Subscribes to the four topics; returns what spins for so many seconds.
+    """Subscribe to the four topics; return a function that spins for n seconds.
 
-    The subscriptions are raw: at some thousand messages a second only the few that are shown are
-    worth decoding.
+    The subscriptions are raw: of some thousand messages a second only the few that are shown need
+    decoding.
     """
     import rclpy
     from rclpy.qos import qos_profile_sensor_data

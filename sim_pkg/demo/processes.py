@@ -1,4 +1,4 @@
-"""Child processes that never outlive the one that started them."""
+"""Child processes that never outlive their parent."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from estimator_pkg.errors import UserError
 
-PATIENCE = 5.0  # time a process is given to end by itself after each signal [s]
+PATIENCE = 5.0  # time that a process has to end after each signal [s]
 
 
 class Child:
-    """A Python module run as a process of its own, in a session of its own.
+    """A Python module that runs as a process in its own session.
+
+    Ctrl-C reaches only the parent, which then ends its children in order.
 
     Ctrl-C reaches only the parent, which then ends its children in their order.
     """
@@ -39,24 +41,24 @@ class Child:
         )
 
     def check(self) -> None:
-        """Raises UserError, with what it said last, if the process has ended with an error."""
+        """Raise UserError, with its last line of output, if the process failed."""
         code = self._process.poll()
         if code:
             raise UserError(f'{self.name} ended with code {code}: {self.last_line()}')
 
     def last_line(self) -> str:
-        """The last line that the process printed."""
+        """Return the last line that the process printed."""
         self._log.seek(0)
         lines = [line for line in self._log.read().splitlines() if line.strip()]
         return lines[-1] if lines else '(it printed nothing)'
 
     def end(self) -> int:
-        """Ends the process, gently at first; returns its exit code."""
-        for ask in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        """End the process, with SIGINT first; return its exit code."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             if self._process.poll() is not None:
                 break
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._process.pid, ask)
+                os.killpg(self._process.pid, number)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(PATIENCE)
         self._log.close()
@@ -65,10 +67,10 @@ class Child:
 
 @contextlib.contextmanager
 def ended_on_any_signal() -> Iterator[Callable[[], None]]:
-    """SIGTERM and SIGHUP become KeyboardInterrupt, so that children are ended for them too.
+    """Turn SIGTERM and SIGHUP into KeyboardInterrupt, so that children are ended for them too.
 
-    Gives what a loop must call now and then: it raises KeyboardInterrupt if a signal came. Python
-    drops the one that is raised while it tidies up (a lock of an import, say).
+    Yields a function for loops to call: it raises KeyboardInterrupt if a signal has arrived. Python
+    drops a KeyboardInterrupt that is raised during clean-up (in a lock of an import, say).
     """
     came: list[int] = []
 
@@ -93,7 +95,7 @@ def ended_on_any_signal() -> Iterator[Callable[[], None]]:
 
 
 def sleep_until(moment: float) -> None:
-    """Sleep until this time of `time.monotonic` [s]."""
+    """Sleep until `moment` of `time.monotonic` [s]."""
     left = moment - time.monotonic()
     if left > 0.0:
         time.sleep(left)

@@ -1,4 +1,4 @@
-"""The live table of the demo: a terminal table, or lines where there is no terminal."""
+"""The live table of the demo: a terminal table, or plain lines without a terminal."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from estimator_pkg.printable import printable, terminal
 from sim_pkg.demo.listener import Snapshot
 
 BARS = ' ▁▂▃▄▅▆▇█'
-TRACE = 40  # columns of the traces, one a frame
+TRACE = 40  # columns of the traces, one per frame
 FRAME = 0.1  # time between two frames of the table [s]
 ERROR_SPAN = 1.0  # full scale of the error traces [rad/s]
-LINE_PERIOD = 1.0  # time between lines where there is no terminal [s]
+LINE_PERIOD = 1.0  # time between lines without a terminal [s]
 
 
 class Display:
-    """Shows snapshots; use as a context manager.
+    """Shows snapshots; used as a context manager.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Display:
             self._live.stop()
 
     def show(self, moment: Snapshot) -> None:
-        """Show this moment; without a terminal only about once a second."""
+        """Show this snapshot; without a terminal at most about one per second."""
         if self._live:
             self._traces['truth'].append(moment.true_velocity)
             self._traces['difference'].append(moment.finite_difference - moment.true_velocity)
@@ -116,12 +116,12 @@ class Display:
 
 
 def _shown(value: float, form: str) -> str:
-    """A number as the table writes it; a dash where it is not known (yet)."""
+    """Return a number in the table's format; a dash if it is not known (yet)."""
     return format(value, form) if math.isfinite(value) else '-'
 
 
 def sparkline(values: deque[float], span: float) -> str:
-    """Values in [-span, span] as one line of bars; nan is a blank."""
+    """Return values in [-span, span] as one line of bars; nan is a blank."""
     marks = []
     for value in values:
         if not math.isfinite(value):

@@ -1,1 +1,1 @@
-"""Joints that move by a profile or are driven by an input, and the sensors that read them."""
+"""Joints that follow a profile or are driven by an input, and the sensors that measure them."""

@@ -1,6 +1,6 @@
-"""The simulator ``dc_motor``: J q'' + b q' + k q = Kv u + load, with Coulomb friction by choice.
+"""The simulator ``dc_motor``: J q'' + b q' + k q = Kv u + load, optionally with Coulomb friction.
 
-The plant (34) of Gonzalez-Olvera and Tang, and the voltages of both its examples.
+The plant (34) of Gonzalez-Olvera and Tang, and the voltages of both of its examples.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ RANDOM, SQUARE, SINES, EXAMPLE = 'random', 'square', 'sines', 'random_then_squar
 
 @dataclass(frozen=True)
 class MotorParameters(DrivenParameters):
-    """All that can be set of the simulator."""
+    """The parameters of the simulator."""
 
     inertia: float = fixed(0.02, unit='kg m^2', range=(1e-9, 1e6), description='J')
     damping: float = fixed(0.04, unit='N m s/rad', range=(0.0, 1e6), description='b')
@@ -30,28 +30,28 @@ class MotorParameters(DrivenParameters):
         0.0, unit='N m', range=(0.0, 1e6), description='Coulomb friction; 0: none'
     )
     load: float = fixed(
-        0.0, unit='N m', range=(-1e6, 1e6), description='constant torque beside that of the motor'
+        0.0, unit='N m', range=(-1e6, 1e6), description='constant load torque, added to that of u'
     )
     voltage: str = fixed(
         RANDOM,
         unit='',
         choices=(RANDOM, SQUARE, SINES, EXAMPLE),
-        description='random: uniform, held (both examples of the paper while they learn); square: '
-        '5 s each way; sines: three of them; random_then_square: example 4.1',
+        description='random: uniform, piecewise constant (both examples of the paper while they '
+        'learn); square: 5 s each way; sines: three of them; random_then_square: example 4.1',
     )
     amplitude: float = fixed(
-        5.0, unit='V', range=(0.0, 1e6), description='rms of the random voltage, else its size'
+        5.0, unit='V', range=(0.0, 1e6), description='rms of the random voltage, else its amplitude'
     )
     hold: float = fixed(
-        0.2, unit='s', range=(1e-6, 1e6), description='how long a random voltage is held'
+        0.2, unit='s', range=(1e-6, 1e6), description='how long a random voltage stays constant'
     )
     learn: float = fixed(
-        100.0, unit='s', range=(0.0, 1e9), description='random_then_square: when the square begins'
+        100.0, unit='s', range=(0.0, 1e9), description='random_then_square: start of the square'
     )
 
     @property
     def fastest(self) -> float:
-        """A bound of the joint's rates [1/s]."""
+        """An upper bound of the joint's rates [1/s]."""
         return self.damping / self.inertia + math.sqrt(self.stiffness / self.inertia)
 
 
@@ -64,7 +64,7 @@ class Motor:
         self._held, self._value = -1, 0.0
 
     def input(self, t: float) -> float:
-        """Voltage from t [s] on [V]."""
+        """Return the voltage applied from t [s] on [V]."""
         p = self._p
         if p.voltage == RANDOM or (p.voltage == EXAMPLE and t < p.learn):
             return p.amplitude * self._random(math.floor(t / p.hold + 1e-9))
@@ -74,7 +74,7 @@ class Motor:
         return p.amplitude if math.floor(since / 5.0 + 1e-9) % 2 == 0 else -p.amplitude
 
     def _random(self, index: int) -> float:
-        """Uniform with unit variance, the index-th of this seed."""
+        """Return a uniform number with unit variance: the index-th of this seed."""
         if index != self._held:
             x = ((index + 1) * 0x9E3779B97F4A7C15 + self._seed * 0xBF58476D1CE4E5B9) % 2**64
             x = ((x ^ (x >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
@@ -88,7 +88,7 @@ class Motor:
         return p.torque_constant * u + p.load - p.damping * w - p.stiffness * q
 
     def acceleration(self, t: float, q: float, w: float, u: float) -> float:
-        """q'' [rad/s^2]."""
+        """Return q'' [rad/s^2]."""
         torque, friction = self._torque(q, w, u), self._p.coulomb
         if w != 0.0:
             torque -= math.copysign(friction, w)
@@ -99,7 +99,7 @@ class Motor:
         return torque / self._p.inertia
 
     def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
-        """Friction stops what would turn round against it, or all but rests."""
+        """Return w, or 0 where Coulomb friction stops a slow or reversing joint [rad/s]."""
         friction = self._p.coulomb
         slow = abs(w) <= SUBSTEP * friction / self._p.inertia
         if (
@@ -111,20 +111,20 @@ class Motor:
         return w
 
     def event(self, first: float, last: float) -> None:
-        """None ever happens."""
+        """Return None: this plant has no events."""
         return None
 
     def begin(self, t: float) -> None:
-        """See `event`."""
+        """Do nothing; see `event`."""
 
 
 def topics(parameters: MotorParameters) -> tuple[Topic, ...]:
-    """Angle with voltage, and truth."""
+    """Return the topics: angle with voltage, and truth."""
     return MEASURED, TRUTH
 
 
 def generate(parameters: MotorParameters, duration: float, seed: int) -> Iterator[list[Message]]:
-    """See `sim_pkg.contract`."""
+    """Yield chunks of messages; see `sim_pkg.contract`."""
     return stream(Motor(parameters, seed), parameters, duration, seed)
 
 

@@ -1,7 +1,7 @@
 """A joint that a known input drives, as a stream of messages: angle and effort, and the truth.
 
-The drive takes a new input at each sample and holds it to the next. A measurement carries the angle
-at its stamp and, as its effort, the input that acted since the sample before.
+The drive takes a new input at each sample and keeps it constant until the next. A measurement
+carries the angle at its stamp and, as its effort, the input since the previous sample.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from sim_pkg.chunks import in_order, sizes
-from sim_pkg.contract import Message, Topic, followed
+from sim_pkg.contract import Message, Topic, check_rate
 from sim_pkg.joints.sensor import (
     MULTI_TURN,
     SECOND,
@@ -35,32 +35,32 @@ TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 EVENTS = Topic('switch_event', JOINT_STATE)
 CHUNK = 64  # samples made at a time
 SUBSTEP = 1e-3  # longest integration step [s]
-PART = 0.2  # of the fastest time constant, which a step is no longer than
+PART = 0.2  # longest integration step over the fastest time constant
 
 
 @dataclass(frozen=True)
 class DrivenParameters(SensorParameters):
-    """What all driven joints share."""
+    """Parameters that all driven joints share."""
 
     joint: str = fixed('joint', unit='', description='name of the joint')
     start: float = fixed(0.0, unit='rad', range=(-1e3, 1e3), description='angle at the start')
-    convention: str = fixed(  # not raw_counts: they come without an effort
+    convention: str = fixed(  # not raw_counts: they carry no effort
         SIGNED,
         unit='',
         choices=(SIGNED, UNSIGNED, MULTI_TURN),
-        description='how an angle is written: in [-pi, pi), in [0, 2 pi), or turns counted',
+        description='wrap convention of the angle: [-pi, pi), [0, 2 pi), or multi-turn',
     )
 
     def __post_init__(self) -> None:
-        """What a range cannot say; raises UsageError."""
+        """Check what a range cannot express; raise UsageError."""
         super().__post_init__()
         if not self.joint:
-            raise UsageError("parameter 'joint' must not be empty")
-        followed(self.fastest)
+            raise UsageError("parameter 'joint' must not be empty: set a joint name")
+        check_rate(self.fastest)
 
     @property
     def fastest(self) -> float:
-        """A bound of the joint's rates [1/s]."""
+        """An upper bound of the joint's rates [1/s]."""
         raise NotImplementedError
 
 
@@ -68,19 +68,19 @@ class Plant(Protocol):
     """A joint: its acceleration, its input, its events."""
 
     def input(self, t: float) -> float:
-        """What the drive applies from t [s] on."""
+        """Return the input that the drive applies from t [s] on."""
 
     def acceleration(self, t: float, q: float, w: float, u: float) -> float:
-        """q'' [rad/s^2]."""
+        """Return q'' [rad/s^2]."""
 
     def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
-        """The velocity after a step, where friction may hold the joint [rad/s]."""
+        """Return the velocity [rad/s] after a step w, corrected for Coulomb friction."""
 
     def event(self, first: float, last: float) -> tuple[float, str] | None:
-        """(time [s], mode) of the first event with first < time <= last; None: there is none."""
+        """Return (time [s], mode) of the first event with first < time <= last, else None."""
 
     def begin(self, t: float) -> None:
-        """The event at t [s] has happened."""
+        """Start the mode that the event at t [s] switches to."""
 
 
 class _Motion(NamedTuple):
@@ -91,7 +91,7 @@ class _Motion(NamedTuple):
 def advance(
     plant: Plant, motion: _Motion, t: float, duration: float, u: float, longest: float = SUBSTEP
 ) -> _Motion:
-    """Runge-Kutta 4 over `duration` [s] from t with a held input, in steps up to `longest` [s]."""
+    """Runge-Kutta 4 over `duration` [s] from t at constant input, in steps up to `longest` [s]."""
     count = max(1, math.ceil(duration / longest - 1e-9))
     h, (q, w) = duration / count, motion
     for i in range(count):
@@ -111,7 +111,7 @@ def advance(
 def stream(
     plant: Plant, parameters: DrivenParameters, duration: float, seed: int
 ) -> Iterator[list[Message]]:
-    """The messages (see `sim_pkg.contract`); truth is given where the stamp says."""
+    """Yield chunks of messages (see `sim_pkg.contract`); the truth is that at the stamp."""
     return in_order(_chunks(plant, parameters, sizes(duration, parameters.rate, CHUNK), seed))
 
 
@@ -159,7 +159,7 @@ def _chunks(
                     partial(_measurement, measured, names, stamp, reading, effort),
                 )
             ] * copies
-            ahead = (stamp - taken_ns) / SECOND  # where stamps are wrong
+            ahead = (stamp - taken_ns) / SECOND  # not 0 if stamps are wrong
             messages.append(
                 Message(taken_ns, TRUTH.name, partial(_truth, true, names, stamp, q + ahead * w, w))
             )

@@ -1,4 +1,4 @@
-"""The simulator ``encoder``: joints that move by a profile, read by encoders with faults."""
+"""The simulator ``encoder``: joints that follow a profile, measured by encoders with faults."""
 
 from __future__ import annotations
 
@@ -30,38 +30,39 @@ MEASURED = Topic('joint_states', JOINT_STATE)
 COUNTS = Topic('angle', 'std_msgs/msg/Int32')
 TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 
-CHUNK = 64  # samples made at a time: little work, so that none of them leaves late
+CHUNK = 64  # samples made at a time: few, so that none is published late
 
 
 @dataclass(frozen=True)
 class EncoderParameters(ProfileParameters, SensorParameters):
-    """All that can be set of the simulator."""
+    """The parameters of the simulator."""
 
     joints: tuple[str, ...] = fixed(
-        ('wheel',), unit='', description='names of the joints; each has a sensor of its own'
+        ('wheel',), unit='', description='names of the joints; each has its own sensor'
     )
     joint_ratio: float = fixed(
         0.8,
         unit='',
         range=(-10.0, 10.0),
-        description='each further joint moves by this times the motion of the one before it',
+        description='the motion of each further joint over that of the joint before it',
     )
 
     def __post_init__(self) -> None:
-        """What a range cannot say; raises UsageError."""
+        """Check what a range cannot express; raise UsageError."""
         super().__post_init__()
         if not self.joints or not all(self.joints):
-            raise UsageError("parameter 'joints' must name at least one joint, and none by ''")
+            raise UsageError("parameter 'joints' needs at least one name, and no empty one")
         if len(set(self.joints)) < len(self.joints):
-            raise UsageError("parameter 'joints' names a joint twice")
+            raise UsageError("parameter 'joints' names a joint twice: give each a different name")
         if self.convention == RAW_COUNTS and len(self.joints) > 1:
             raise UsageError(
-                f"convention 'raw_counts' carries one joint, but 'joints' names {len(self.joints)}"
+                f"convention 'raw_counts' carries one joint, but 'joints' names "
+                f'{len(self.joints)}: name one, or choose another convention'
             )
 
 
 def topics(parameters: EncoderParameters) -> tuple[Topic, ...]:
-    """Measurement and truth."""
+    """Return the topics: measurement and truth."""
     return (COUNTS if parameters.convention == RAW_COUNTS else MEASURED), TRUTH
 
 
@@ -76,10 +77,10 @@ class Shaft:
 
 
 def generate(parameters: EncoderParameters, duration: float, seed: int) -> Iterator[list[Message]]:
-    """Measurement and truth, `CHUNK` samples at a time (see `sim_pkg.contract`).
+    """Yield chunks of `CHUNK` samples: measurement and truth (see `sim_pkg.contract`).
 
-    The truth is the continuous position and the velocity at the very time that the stamp of the
-    measurement names, for every sample, also where the measurement does not arrive.
+    The truth is the continuous position and velocity at the time of the measurement's stamp, for
+    every sample, also for those that do not arrive.
     """
     return in_order(_chunks(parameters, sizes(duration, parameters.rate, CHUNK), seed))
 
@@ -142,7 +143,7 @@ def _joint_states(names: tuple[str, ...]):
 
 
 def _counts(stamp_ns: int, reading: list[float], start_ns: int) -> bytes:
-    """One count; an Int32 carries no stamp."""
+    """Encode one count; an Int32 carries no stamp."""
     writer = Writer()
     writer.numbers('i', (int(reading[0]),))
     return bytes(writer.raw)
@@ -150,7 +151,7 @@ def _counts(stamp_ns: int, reading: list[float], start_ns: int) -> bytes:
 
 SIMULATOR = Simulator(
     name='encoder',
-    summary='joints that move by a profile, read by encoders with faults',
+    summary='joints that follow a profile, measured by encoders with faults',
     parameters=EncoderParameters,
     topics=topics,
     generate=generate,

@@ -14,7 +14,7 @@ from sim_pkg.joints.sensor import fixed
 
 @dataclass(frozen=True)
 class GripperParameters(DrivenParameters):
-    """All that can be set of the simulator."""
+    """The parameters of the simulator."""
 
     counts_per_revolution: int = fixed(
         65536, unit='counts', range=(0, 2**31 - 1), description='resolution; 0: no quantisation'
@@ -26,10 +26,10 @@ class GripperParameters(DrivenParameters):
         4.905, unit='N m', range=(0.0, 1e6), description='m g l without load: torque at 90 degrees'
     )
     load_inertia: float = fixed(
-        0.3, unit='kg m^2', range=(0.0, 1e6), description='what a gripped load adds to J'
+        0.3, unit='kg m^2', range=(0.0, 1e6), description='J added by a gripped load'
     )
     load_gravity: float = fixed(
-        4.905, unit='N m', range=(0.0, 1e6), description='what a gripped load adds to m g l'
+        4.905, unit='N m', range=(0.0, 1e6), description='m g l added by a gripped load'
     )
     first_event: float = fixed(
         2.0, unit='s', range=(1e-3, 1e9), description='when the gripper first closes'
@@ -38,12 +38,12 @@ class GripperParameters(DrivenParameters):
         2.0,
         unit='s',
         range=(1e-3, 1e9),
-        description='time from one event to the next: it opens, closes, opens',
+        description='time from one event to the next: the gripper opens, closes, opens',
     )
 
     @property
     def fastest(self) -> float:
-        """A bound of the joint's rates [1/s], with and without load."""
+        """An upper bound of the joint's rates [1/s], with and without load."""
         return self.damping / self.inertia + math.sqrt(
             (self.gravity + self.load_gravity) / self.inertia
         )
@@ -57,34 +57,34 @@ class Gripper:
         self._now = self.discrete(0.0)
 
     def _events(self, t: float) -> int:
-        """How many have happened until t [s], that at t included."""
+        """Return the number of events up to and including t [s]."""
         p = self._p
         return max(0, math.floor((t - p.first_event) / p.event_every + 1e-9) + 1)
 
     def discrete(self, t: float) -> tuple[float, float, float]:
-        """Z = (1/J, b/J, m g l/J) from t [s] on."""
+        """Return the discrete state Z = (1/J, b/J, m g l/J) from t [s] on."""
         p, gripped = self._p, self._events(t) % 2
         inertia = p.inertia + gripped * p.load_inertia
         return 1.0 / inertia, p.damping / inertia, (p.gravity + gripped * p.load_gravity) / inertia
 
     def input(self, t: float) -> float:
-        """Torque from t [s] on [N m]."""
+        """Return the torque applied from t [s] on [N m]."""
         return gripper.torque(t)[0]
 
     def acceleration(self, t: float, q: float, w: float, u: float) -> float:
-        """q'' [rad/s^2]."""
+        """Return q'' [rad/s^2]."""
         return gripper.dynamics((q, w), self._now, (u,))[1]
 
     def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
-        """There is no Coulomb friction."""
+        """Return w: this plant has no Coulomb friction."""
         return w
 
     def begin(self, t: float) -> None:
-        """From now on another Z holds."""
+        """Switch to the discrete state Z from t [s] on."""
         self._now = self.discrete(t)
 
     def event(self, first: float, last: float) -> tuple[float, str] | None:
-        """(time [s], 'close' or 'open')."""
+        """Return (time [s], 'close' or 'open') of the first event after `first`, else None."""
         before, after = self._events(first), self._events(last)
         if after == before:
             return None
@@ -93,12 +93,12 @@ class Gripper:
 
 
 def topics(parameters: GripperParameters) -> tuple[Topic, ...]:
-    """Angle with torque, events, and truth."""
+    """Return the topics: angle with torque, events, and truth."""
     return MEASURED, EVENTS, TRUTH
 
 
 def generate(parameters: GripperParameters, duration: float, seed: int) -> Iterator[list[Message]]:
-    """See `sim_pkg.contract`."""
+    """Yield chunks of messages; see `sim_pkg.contract`."""
     return stream(Gripper(parameters), parameters, duration, seed)
 
 

@@ -1,6 +1,6 @@
 """True motions in closed form: position, velocity and acceleration, exact at any time.
 
-Stamps are irregular, so nothing is integrated: each profile is a function of time alone.
+Stamps are irregular, so nothing is integrated: each profile is a function of time only.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 Motion = tuple[Array, Array, Array]  # position [rad], velocity [rad/s], acceleration [rad/s^2]
 Profile = Callable[[Array], Motion]  # times [s], shape (n,) -> three arrays of shape (n,)
 
-fixed = partial(parameter, structural=True)  # a change in mid-run would not follow from the seed
+fixed = partial(parameter, structural=True)  # values must follow from seed and parameters alone
 
-SINES = 32  # that make up the random motion
-# The staircase of velocities, as parts of the largest one.
+SINES = 32  # number of sines in the random motion
+# The levels of the velocity staircase, as fractions of the largest velocity.
 STAIRS = (
     0.0,
     0.25,
@@ -65,7 +65,7 @@ class ProfileParameters:
         50.0,
         unit='rad/s^2',
         range=(0.0, 1e7),
-        description='trapezoid and steps: from one velocity to the next; 0: at once',
+        description='trapezoid and steps: acceleration between two velocities; 0: jump',
     )
     hold_time: float = fixed(
         1.0, unit='s', range=(0.001, 1e5), description='trapezoid and steps: time at each velocity'
@@ -77,24 +77,24 @@ class ProfileParameters:
         0.3,
         unit='Hz',
         range=(1e-4, 1e4),
-        description='sine: its frequency; chirp: where the sweep starts; random: upper end of the '
-        'band of its velocity',
+        description='sine: its frequency; chirp: start of the sweep; random: upper end of the '
+        'velocity band',
     )
     frequency_end: float = fixed(
-        5.0, unit='Hz', range=(1e-4, 1e4), description='chirp: where the sweep turns back'
+        5.0, unit='Hz', range=(1e-4, 1e4), description='chirp: frequency at which the sweep turns'
     )
     sweep_time: float = fixed(
         20.0,
         unit='s',
         range=(0.001, 1e5),
-        description='chirp: time from frequency to frequency_end, equal for every octave; then it '
-        'sweeps back, and so on',
+        description='chirp: time from frequency to frequency_end, the same for each octave; then '
+        'it sweeps back, and repeats',
     )
     decay_time: float = fixed(
         0.15,
         unit='s',
         range=(1e-4, 1e3),
-        description='figure_6: time constant of the motor running out, after 5 s',
+        description='figure_6: time constant of the motor coasting down, after 5 s',
     )
     mean_velocity: float = fixed(
         0.0, unit='rad/s', range=(-1e5, 1e5), description='added to the velocity of every profile'
@@ -105,12 +105,12 @@ class ProfileParameters:
 
 
 def constant(velocity: float) -> Profile:
-    """A constant `velocity` [rad/s]."""
+    """Return a profile with a constant `velocity` [rad/s]."""
     return pieces([(1.0, velocity, velocity)])
 
 
 def sine(amplitude: float, frequency: float) -> Profile:
-    """Position `amplitude` [rad] times a sine of `frequency` [Hz]."""
+    """Return a profile whose position is `amplitude` [rad] times a sine of `frequency` [Hz]."""
     omega = 2.0 * math.pi * frequency
 
     def motion(time: Array) -> Motion:
@@ -121,13 +121,13 @@ def sine(amplitude: float, frequency: float) -> Profile:
 
 
 def pieces(parts: Sequence[tuple[float, float, float]], *, repeat: bool = False) -> Profile:
-    """A velocity that is linear in pieces.
+    """Return a profile with a piecewise linear velocity.
 
     Parameters
     ----------
-    parts : (duration [s], first velocity, last velocity [rad/s]) of each piece; the velocity may
-        jump between two pieces, and holds the later value there. One of duration 0 is left out.
-    repeat : start again after the last piece; else its line goes on for ever.
+    parts : (duration [s], first velocity, last velocity [rad/s]) of each piece. The velocity may
+        jump between two pieces and has the later value there. Pieces of zero duration are skipped.
+    repeat : start again after the last piece; else the last piece is extrapolated.
     """
     durations, first, last = np.array([part for part in parts if part[0] > 0.0]).T
     ends = np.cumsum(durations)
@@ -149,12 +149,12 @@ def pieces(parts: Sequence[tuple[float, float, float]], *, repeat: bool = False)
 
 
 def trapezoid(velocity: float, acceleration: float, hold_time: float) -> Profile:
-    """Rest, `velocity`, rest, minus `velocity`, each held for `hold_time` [s], and again."""
+    """Return: rest, `velocity`, rest, minus `velocity`, each for `hold_time` [s], repeated."""
     return _held((0.0, velocity, 0.0, -velocity), acceleration, hold_time)
 
 
 def steps(velocity: float, acceleration: float, hold_time: float) -> Profile:
-    """A staircase of velocities up to `velocity`, down to minus it, and again."""
+    """Return a staircase of velocities up to `velocity`, down to minus it, repeated."""
     return _held([part * velocity for part in STAIRS], acceleration, hold_time)
 
 
@@ -167,14 +167,14 @@ def _held(levels: Sequence[float], acceleration: float, hold_time: float) -> Pro
 
 
 def chirp(amplitude: float, first: float, last: float, sweep_time: float) -> Profile:
-    """A sine of `amplitude` [rad] whose frequency runs from `first` to `last` [Hz] and back.
+    """Return a sine of `amplitude` [rad] that sweeps from `first` to `last` [Hz] and back.
 
     The logarithm of the frequency is linear in time. Position and velocity are continuous where
     the sweep turns.
     """
     octaves = math.log(last / first)
     slope = octaves / sweep_time
-    # phase [rad] of one sweep; what the closed form 2 pi first (exp(slope t) - 1) / slope gives
+    # phase [rad] of one sweep, in closed form: 2 pi first (exp(slope t) - 1) / slope
     one_way = (
         2.0 * math.pi * first * sweep_time * (math.expm1(octaves) / octaves if octaves else 1.0)
     )
@@ -203,12 +203,12 @@ def chirp(amplitude: float, first: float, last: float, sweep_time: float) -> Pro
 
 
 def figure_4() -> Profile:
-    """10 rad/s to 2 s, linear to -20 rad/s by 2.05 s, and on (the paper's figure ends at 8 s)."""
+    """Return 10 rad/s to 2 s, linear to -20 rad/s at 2.05 s, then constant (the figure: to 8 s)."""
     return pieces([(2.0, 10.0, 10.0), (0.05, 10.0, -20.0), (1.0, -20.0, -20.0)])
 
 
 def figure_6(decay_time: float) -> Profile:
-    """150 (1 - exp(-t / 0.5)) rad/s to 5 s, then running out with `decay_time` [s]."""
+    """Return 150 (1 - exp(-t / 0.5)) rad/s to 5 s, then a decay with `decay_time` [s]."""
     top, rise, switch = 150.0, 0.5, 5.0
     reached = top * -math.expm1(-switch / rise)
     travelled = top * (switch + rise * math.expm1(-switch / rise))
@@ -230,12 +230,12 @@ def figure_6(decay_time: float) -> Profile:
 
 
 def smooth_random(velocity: float, bandwidth: float, random: np.random.Generator) -> Profile:
-    """A random motion from 0 rad with no velocity content above `bandwidth` [Hz].
+    """Return a random motion from 0 rad with no velocity content above `bandwidth` [Hz].
 
     Parameters
     ----------
     velocity : rms over a long time [rad/s].
-    random : draws the frequencies, one in each of equal parts of the band, and the phases.
+    random : draws the phases, and one frequency from each of `SINES` equal parts of the band.
     """
     chosen = (np.arange(SINES) + 0.1 + 0.8 * random.random(SINES)) / SINES
     omega = 2.0 * math.pi * bandwidth * chosen
@@ -258,12 +258,12 @@ def smooth_random(velocity: float, bandwidth: float, random: np.random.Generator
 def make_profile(
     parameters: ProfileParameters, random: np.random.Generator, *, ratio: float = 1.0
 ) -> Profile:
-    """The motion that the parameters describe.
+    """Return the motion that the parameters describe.
 
     Parameters
     ----------
-    random : for the random profile; no other draws from it.
-    ratio : the motion from the start angle is scaled by it.
+    random : generator for the random profile; the other profiles do not draw from it.
+    ratio : scales the motion relative to the start angle.
     """
     p = parameters
     profile = {

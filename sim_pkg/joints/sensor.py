@@ -1,11 +1,11 @@
-"""An angle sensor and the line behind it, with every fault that users report.
+"""An angle sensor and its transport, with every fault that users report.
 
 Faults of the value (`AngleSensor`, one per joint): eccentricity, noise, outliers, quantisation,
 repeated readings, a stuck sensor, the wrap convention. Faults of time and transport (`Line`, one
 per stream): jitter of sampling and of stamps, dropped and duplicated samples, gaps, bursts.
 
-Each fault draws from a random stream of its own, one draw per sample whatever happens to the
-sample. Switching one fault on, or changing its rate, leaves the draws of all others as they are.
+Each fault draws from its own random stream, one draw per sample whatever happens to the sample.
+Enabling one fault, or changing its rate, does not change the draws of the others.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ SECOND = 1_000_000_000  # [ns]
 TURN = 2.0 * math.pi
 SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS = 'signed', 'unsigned', 'multi_turn', 'raw_counts'
 
-fixed = partial(parameter, structural=True)  # a change in mid-run would not follow from the seed
+fixed = partial(parameter, structural=True)  # values must follow from seed and parameters alone
 chance = partial(fixed, 0.0, unit='', range=(0.0, 1.0))
 interval = partial(fixed, unit='s', range=(0.0, 1e6))
 
 
 @dataclass(frozen=True)
 class SensorParameters:
-    """How the angle is read and what goes wrong; everything but quantisation is off by default."""
+    """The sensor and its faults; by default it only quantises."""
 
     rate: float = fixed(1000.0, unit='Hz', range=(0.01, 1e5), description='samples per second')
     counts_per_revolution: int = fixed(
         4096,
         unit='counts',
         range=(0, 2**31 - 1),
-        description='resolution; the angle is rounded down to a count, so that it reads half a '
-        'count low on average; 0: no quantisation',
+        description='resolution; the angle is rounded down to a count, so its mean error is minus '
+        'half a count; 0: no quantisation',
     )
     convention: str = fixed(
         SIGNED,
         unit='',
         choices=(SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS),
-        description='how an angle is written: in [-pi, pi), in [0, 2 pi), turns counted, or counts '
-        'in [0, counts_per_revolution) as std_msgs/Int32 on the topic angle',
+        description='wrap convention of the angle: [-pi, pi), [0, 2 pi), multi-turn, or counts in '
+        '[0, counts_per_revolution) as std_msgs/Int32 on the topic angle',
     )
     noise: float = fixed(
         0.0,
@@ -64,53 +64,53 @@ class SensorParameters:
         0.0,
         unit='rad',
         range=(0.0, 1.0),
-        description='amplitude of an error that is a sine of the angle, as from a disc off centre',
+        description='amplitude of an error that is a sine of the angle, as of an eccentric disc',
     )
-    outliers: float = chance(description='fraction of readings that are off by outlier_size')
+    outliers: float = chance(description='fraction of readings with an error of outlier_size')
     outlier_size: float = fixed(
         1.0, unit='rad', range=(0.0, 1e3), description='size of an outlier, of either sign'
     )
     repeated: float = chance(
-        description='fraction of samples that repeat the reading before them under a new stamp'
+        description='fraction of samples that repeat the previous reading with a new stamp'
     )
     update_every: int = fixed(
         1,
         unit='samples',
         range=(1, 1_000_000),
-        description='the sensor gives a new reading only every so many samples and repeats it in '
-        'between',
+        description='the sensor gives a new reading every n-th sample and repeats it in between',
     )
     stuck_every: float = interval(
-        0.0, description='mean time until the sensor sticks to its reading; 0: never'
+        0.0, description='mean time until the sensor sticks at its reading; 0: never'
     )
-    stuck_length: float = interval(0.2, description='how long it sticks')
+    stuck_length: float = interval(0.2, description='how long the sensor sticks')
     sampling_jitter: float = interval(
         0.0,
-        description='samples are taken late by up to this, evenly spread, and stamped with '
-        'the time at which they were; shorter than one sample time',
+        description='largest delay of sampling, uniformly distributed; stamps carry the true time; '
+        'must be shorter than one sample time',
     )
     stamp_jitter: float = interval(
         0.0,
         range=(0.0, 100.0),
-        description='stamps are wrong by up to this either way, evenly spread; sampling is on time',
+        description='largest error of a stamp, either way, uniformly distributed; sampling is on '
+        'time',
     )
     dropped: float = chance(description='fraction of samples that never arrive')
     duplicated: float = chance(
         description='fraction of messages that arrive twice, with the same stamp'
     )
     gap_every: float = interval(
-        0.0, description='mean time until a gap, in which nothing arrives; 0: never'
+        0.0, description='mean time until a gap, in which no message arrives; 0: never'
     )
     gap_length: float = interval(0.3, description='how long a gap lasts')
     burst_every: float = interval(
-        0.0, description='mean time until messages are held up, to arrive all at once; 0: never'
+        0.0, description='mean time until messages are delayed and arrive all at once; 0: never'
     )
-    burst_length: float = interval(0.05, description='how long they are held up')
+    burst_length: float = interval(0.05, description='how long a burst delays messages')
 
     def __post_init__(self) -> None:
-        """What a range cannot say; raises UsageError."""
+        """Check what a range cannot express; raise UsageError."""
         if self.convention == RAW_COUNTS and self.counts_per_revolution == 0:
-            raise UsageError("convention 'raw_counts' needs 'counts_per_revolution' above 0")
+            raise UsageError("convention 'raw_counts' needs 'counts_per_revolution' > 0: set it")
         if self.sampling_jitter >= 1.0 / self.rate:
             raise UsageError(
                 f"parameter 'sampling_jitter' = {self.sampling_jitter:g} must be "
@@ -124,14 +124,14 @@ class SensorParameters:
 
 
 def random_stream(seed: int, purpose: str, joint: int = 0) -> np.random.Generator:
-    """A random stream of its own for this purpose and joint; any new purpose leaves it as it is."""
+    """Return the generator of this purpose and joint, independent of all other purposes."""
     return np.random.Generator(
         np.random.PCG64(np.random.SeedSequence([seed, zlib.crc32(purpose.encode()), joint]))
     )
 
 
 class Episodes:
-    """Stretches of samples in which something is the matter, at random.
+    """Random episodes of a fault, each over consecutive samples.
 
     Parameters
     ----------
@@ -147,10 +147,10 @@ class Episodes:
         self._random = random
         self._chance = period / every if every > 0.0 else 0.0
         self._samples = max(1, round(length / period))
-        self._until = 0  # sample at which the latest one ends
+        self._until = 0  # sample at which the latest episode ends
 
     def ends(self, first: int, count: int) -> Whole:
-        """For samples `first` on: the sample at which the episode ends, or 0 outside of any."""
+        """Return, for samples `first` on, the sample at which their episode ends; 0: no episode."""
         ends = np.zeros(count, np.int64)
         if self._chance == 0.0:
             return ends
@@ -163,12 +163,12 @@ class Episodes:
 
 
 class AngleSensor:
-    """One joint's sensor. Feed it the true angle of every sample, in order.
+    """One joint's sensor. Pass the true angles of all samples, in order, to `read`.
 
     Parameters
     ----------
     parameters : faults and resolution.
-    seed, joint : what its random streams follow from.
+    seed, joint : determine its random streams.
     """
 
     def __init__(self, parameters: SensorParameters, seed: int, joint: int = 0) -> None:
@@ -183,10 +183,10 @@ class AngleSensor:
             parameters.period,
         )
         self._index = 0
-        self._held = 0.0  # last reading, in counts where there are any, else in rad
+        self._held = 0.0  # last reading, in counts if the sensor has a resolution, else in rad
 
     def read(self, angle: Floats) -> Floats:
-        """What the sensor says of these true angles [rad], shape (n,), in its convention."""
+        """Return the readings for these true angles [rad], shape (n,), in the wrap convention."""
         reading = self._hold(self._quantised(self._disturbed(angle)))
         return written(reading, self._p.counts_per_revolution, self._p.convention)
 
@@ -208,7 +208,7 @@ class AngleSensor:
         return np.floor(angle * (counts / TURN)) if counts else angle
 
     def _hold(self, reading: Floats) -> Floats:
-        """Readings with those that are not fresh replaced by the last fresh one."""
+        """Replace readings that are not fresh by the last fresh one."""
         p, count = self._p, len(reading)
         index = np.arange(self._index, self._index + count)
         fresh = self._stuck.ends(self._index, count) == 0
@@ -227,35 +227,35 @@ class AngleSensor:
 
 
 def written(reading: Floats, counts: int, convention: str) -> Floats:
-    """Readings of any turn in a wrap convention.
+    """Return readings of any turn in a wrap convention, in rad or counts.
 
     Parameters
     ----------
-    reading : in counts where `counts` > 0, else in rad; shape (n,).
+    reading : in counts if `counts` > 0, else in rad; shape (n,).
     counts : counts per revolution; 0: no quantisation.
     convention : one of SIGNED, UNSIGNED, MULTI_TURN (all in rad), RAW_COUNTS.
     """
     turn = float(counts) if counts else TURN
     if convention != MULTI_TURN:
         reading = reading - turn * np.floor(reading / turn)
-        reading = np.where(reading >= turn, 0.0, reading)  # a tiny negative angle rounds up to it
+        reading = np.where(reading >= turn, 0.0, reading)  # a tiny negative angle rounds to a turn
     if convention == SIGNED:
         reading = np.where(reading >= 0.5 * turn, reading - turn, reading)
     if convention == RAW_COUNTS or not counts:
         return reading
-    return reading / counts * TURN  # in this order -pi is exactly -pi, whatever the counts
+    return reading / counts * TURN  # in this order -pi is exact for every number of counts
 
 
 class Samples(NamedTuple):
-    """What the line makes of a chunk of samples; arrays of shape (n,).
+    """Times and fates of a chunk of samples; arrays of shape (n,).
 
     Attributes
     ----------
-    taken_ns : when each was truly taken [ns from the start].
-    stamp_ns : what its stamp says.
-    due_ns : when its message arrives.
-    copies : how many messages arrive: 0, 1 or 2.
-    horizon_ns : nothing of a later chunk arrives before this.
+    taken_ns : true sampling times [ns from the start].
+    stamp_ns : stamps [ns from the start].
+    due_ns : arrival times [ns from the start].
+    copies : number of messages that arrive: 0, 1 or 2.
+    horizon_ns : no message of a later chunk arrives before this.
     """
 
     taken_ns: Whole
@@ -266,7 +266,7 @@ class Samples(NamedTuple):
 
 
 class Line:
-    """Sampling in time, and the way from the sensor to the reader."""
+    """Sampling in time, and transport from the sensor to the reader."""
 
     def __init__(self, parameters: SensorParameters, seed: int) -> None:
         self._p = p = parameters
@@ -281,7 +281,7 @@ class Line:
         self._index = 0
 
     def carry(self, count: int) -> Samples:
-        """The next `count` samples."""
+        """Return the times of the next `count` samples."""
         p, first = self._p, self._index
         self._index += count
         index = np.arange(first, first + count)

@@ -1,1 +1,1 @@
-"""Mechanisms that move by their equations, and the encoders that read them."""
+"""Mechanisms integrated from their equations of motion, and the encoders that measure them."""

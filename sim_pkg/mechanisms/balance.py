@@ -1,6 +1,6 @@
-"""The controller of section 6.3: the pendulum is kept upright while the cart follows a triangle.
+"""The controller of section 6.3: it balances the pendulum while the cart follows a triangle.
 
-The law is printed with the wrong overall sign (the poles of the printed one reach +30.8 1/s).
+The paper prints the law with the wrong overall sign (as printed, a pole lies at +30.8 1/s).
 """
 
 from __future__ import annotations
@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 
 AMPLITUDE, PERIOD = 0.2, 10.0  # m, s: of the cart's reference
-SOFT = 0.02  # m/s: width of the compensated friction's change of sign
+SOFT = 0.02  # width of the smoothed sign function in the friction compensation [m/s]
 
 
 def triangle(time: float) -> tuple[float, float]:
-    """The cart's reference [m] and its rate [m/s]: a triangle that starts at 0, rising."""
+    """Return the cart's reference [m] and its rate [m/s]: a triangle from 0, rising first."""
     phase = time / PERIOD + 0.25
     phase -= math.floor(phase)
     slope = 4.0 * AMPLITUDE / PERIOD
@@ -29,7 +29,7 @@ def balancing_force(
     forward: float,
     backward: float,
 ) -> float:
-    """The force on the cart [N], with the Coulomb friction compensated.
+    """Return the force on the cart [N], with compensation of the Coulomb friction.
 
     Parameters
     ----------

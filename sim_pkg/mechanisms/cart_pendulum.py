@@ -19,8 +19,8 @@ FULL, NORMALISED = 'full', 'normalised'
 QUANTA = {'hpm': (7.85e-4, 1.8e-5), 'lpm': (1.23e-2, 1e-3), 'exact': (0.0, 0.0)}
 LPM_HOLD = 2
 CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
-LIMIT = 60.0  # N, of the motor
-PATIENCE = 0.05  # s, for an estimate
+LIMIT = 60.0  # of the motor's force [N]
+PATIENCE = 0.05  # longest wait for an estimate [s]
 
 PLANT = {
     'force_constant': CONSTANT,
@@ -33,7 +33,7 @@ UNIT = {'pendulum_inertia': 1.0, 'pendulum_moment': 0.1, 'moving_mass': 1.0, 'gr
 
 @dataclass(frozen=True)
 class Parameters(MechanismParameters):
-    """All that can be set of the simulator; the input is the motor's current [A]."""
+    """The parameters of the simulator; the input is the motor's current [A]."""
 
     variant: str = fixed(
         FULL,
@@ -45,29 +45,29 @@ class Parameters(MechanismParameters):
         OPEN,
         unit='',
         choices=(OPEN, TRUE_VELOCITY, OBSERVER),
-        description='open: excitation, hanging; true_velocity: balanced upright with the true '
-        'velocities; observer (live only): with those of the topic `estimate`',
+        description='open: excitation of the hanging pendulum; true_velocity: balanced upright '
+        'with the true velocities; observer (live only): with those of the topic `estimate`',
     )
     encoders: str = fixed(
         'hpm',
         unit='',
         choices=tuple(QUANTA),
         description="the paper's high-precision or low-precision encoders (the latter at half the "
-        'rate), or exact; `quantum` and `hold` overrule',
+        'rate), or exact; `quantum` and `hold` override it',
     )
     amplitude: float = fixed(
-        2.5, unit='A', range=(0.0, 100.0), description='of the chirp of the open loop'
+        2.5, unit='A', range=(0.0, 100.0), description='amplitude of the open-loop chirp'
     )
     start_angle: float = fixed(
-        0.05, unit='rad', range=(-0.5, 0.5), description='of the pendulum where it is balanced'
+        0.05, unit='rad', range=(-0.5, 0.5), description='start angle of the balanced pendulum'
     )
 
 
 class Feedback:
-    """Where a live node leaves the newest estimated velocities for the controller.
+    """The newest estimated velocities, passed from a live node to the controller.
 
-    The controller waits for the estimate of its own sample, so that a busy machine slows the loop
-    down instead of opening it.
+    The controller waits for the estimate of its own sample, so a busy machine slows the loop down
+    instead of opening it.
     """
 
     def __init__(self) -> None:
@@ -75,20 +75,20 @@ class Feedback:
         self._fresh = threading.Event()
 
     def put(self, velocities: Vector) -> None:
-        """A new estimate came; one that is no number says nothing."""
+        """Store a new estimate; one with NaN or infinity is ignored."""
         if all(map(math.isfinite, velocities)):
             self.velocities = velocities
             self._fresh.set()
 
     def take(self) -> Vector | None:
-        """The newest estimate; waits up to `PATIENCE` for one that was not taken yet."""
+        """Return the newest estimate; wait up to `PATIENCE` for one that was not returned yet."""
         self._fresh.wait(PATIENCE)
         self._fresh.clear()
         return self.velocities
 
 
 def current(time: float, amplitude: float) -> float:
-    """The excitation of section 6.2 [A]: a chirp, a rest, a square wave."""
+    """Return the excitation of section 6.2 [A]: a chirp, a rest, a square wave."""
     if time < 5.0:
         return amplitude * math.sin(2.0 * math.pi * (2.0 * time + 0.7 * time**2))
     if time < 6.0:
@@ -99,11 +99,11 @@ def current(time: float, amplitude: float) -> float:
 def generate(
     parameters: Parameters, duration: float, seed: int, feedback: Feedback | None = None
 ) -> Iterator[list[Message]]:
-    """See `sim_pkg.contract`.
+    """Yield chunks of messages; see `sim_pkg.contract`.
 
     Raises
     ------
-    UsageError : `control: observer` without a live node, or a wrong parameter of the plant.
+    UsageError : `control: observer` without a live node, or an invalid parameter of the plant.
     """
     p = parameters
     full = p.variant == FULL
@@ -114,8 +114,8 @@ def generate(
         p = replace(p, hold=LPM_HOLD)
     if p.control == OBSERVER and feedback is None:
         raise UsageError(
-            "'control: observer' needs the live node cart_pendulum_sim: its velocity "
-            'comes from a topic'
+            "'control: observer' needs velocities from the topic `estimate`: run the live node "
+            'cart_pendulum_sim, or set another control'
         )
     if not full:
         if p.control != OPEN:

@@ -19,7 +19,7 @@ SINES = 12
 
 @dataclass(frozen=True)
 class Parameters(MechanismParameters):
-    """All that can be set of the simulator."""
+    """The parameters of the simulator."""
 
     rate: float = fixed(500.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
     quantum: tuple[float, ...] = fixed(
@@ -27,17 +27,21 @@ class Parameters(MechanismParameters):
         unit='rad',
         kind=list,
         range=(0.0, 10.0),
-        description='smallest step of the encoder; 0: exact',
+        description='quantum of the encoder; 0: exact',
     )
     torque: float = fixed(
         0.6, unit='N m', range=(0.0, 1e6), description='rms of the driving torque'
     )
-    lowest: float = fixed(0.2, unit='Hz', range=(0.001, 1e4), description='lowest sine')
-    highest: float = fixed(3.0, unit='Hz', range=(0.001, 1e4), description='highest sine')
+    lowest: float = fixed(
+        0.2, unit='Hz', range=(0.001, 1e4), description='lowest frequency of the torque'
+    )
+    highest: float = fixed(
+        3.0, unit='Hz', range=(0.001, 1e4), description='highest frequency of the torque'
+    )
 
 
 def generate(parameters: Parameters, duration: float, seed: int) -> Iterator[list[Message]]:
-    """See `sim_pkg.contract`."""
+    """Yield chunks of messages; see `sim_pkg.contract`."""
     p = parameters
     mechanics = load('single_joint', merged(PLANT, p.model_parameters))
     random = random_stream(seed, 'torque')

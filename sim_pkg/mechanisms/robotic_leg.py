@@ -16,7 +16,7 @@ START = (2.2, 1.8, 0.4)
 
 @dataclass(frozen=True)
 class Parameters(MechanismParameters):
-    """All that can be set of the simulator."""
+    """The parameters of the simulator."""
 
     rate: float = fixed(1000.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
     quantum: tuple[float, ...] = fixed(
@@ -24,15 +24,17 @@ class Parameters(MechanismParameters):
         unit='m, rad, rad',
         kind=list,
         range=(0.0, 10.0),
-        description='smallest step of the encoders, for all or each; 0: exact',
+        description='quantum of the encoders, for all or each; 0: exact',
     )
     force: float = fixed(0.0535, unit='N', range=(0.0, 1e6), description='amplitude of u1')
     torque: float = fixed(0.067, unit='N m', range=(0.0, 1e6), description='amplitude of u2')
-    omega: float = fixed(10.0, unit='rad/s', range=(0.0, 1e4), description='frequency of both')
+    omega: float = fixed(
+        10.0, unit='rad/s', range=(0.0, 1e4), description='angular frequency of u1 and u2'
+    )
 
 
 def generate(parameters: Parameters, duration: float, seed: int) -> Iterator[list[Message]]:
-    """See `sim_pkg.contract`."""
+    """Yield chunks of messages; see `sim_pkg.contract`."""
     p = parameters
     mechanics = load('robotic_leg', merged({}, p.model_parameters))
 

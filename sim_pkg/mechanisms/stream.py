@@ -1,8 +1,8 @@
-"""What the simulators of mechanisms share: encoders, messages, the step from sample to sample.
+"""Shared by the simulators of mechanisms: encoders, messages, and the loop over samples.
 
-A message of `joint_states` carries the measured positions and, as effort, the inputs that acted
-from the sample before to this one (0 for joints without a motor). The truth carries the positions
-and velocities at the same stamp.
+A message of `joint_states` carries the measured positions and, as effort, the inputs from the
+previous sample to this one (0 for joints without a motor). The truth carries the positions and
+velocities at the same stamp.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from estimator_pkg.observers.mechanism.motion import make_plant
 from estimator_pkg.observers.mechanism.velocity import make_acceleration
 from estimator_pkg.parameters import parameter
 from sim_pkg.chunks import sample_count
-from sim_pkg.contract import Message, Topic, followed, ran_away
+from sim_pkg.contract import Message, Topic, check_rate, diverged
 from sim_pkg.joints.sensor import SECOND, fixed, random_stream
 
 MEASURED = Topic('joint_states', JOINT_STATE)
 TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 
-CHUNK = 16  # samples made at a time where nothing is fed back
-FINEST = 5e-4  # s, longest step of the plant
-PART = 0.5  # of its fastest time constant, which a step is no longer than
-RUNAWAY = 1e9  # rad or m, or per s: nobody wants a mechanism to get there
+CHUNK = 16  # samples made at a time without feedback
+FINEST = 5e-4  # longest integration step [s]
+PART = 0.5  # longest integration step over the fastest time constant
+RUNAWAY = 1e9  # positions [rad or m] and velocities [1/s] above this count as diverged
 
 Vector = tuple[float, ...]
 Drive = Callable[[float, Vector, Vector], Vector]  # (time, measured, true velocity) -> inputs
@@ -40,7 +40,7 @@ Drive = Callable[[float, Vector, Vector], Vector]  # (time, measured, true veloc
 
 @dataclass(frozen=True)
 class MechanismParameters:
-    """What every simulator of a mechanism has."""
+    """Parameters that all simulators of mechanisms share."""
 
     rate: float = fixed(224.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
     quantum: tuple[float, ...] = fixed(
@@ -48,7 +48,7 @@ class MechanismParameters:
         unit='rad or m',
         kind=list,
         range=(0.0, 10.0),
-        description='smallest step of the encoders, for all positions or each; 0: exact',
+        description='quantum of the encoders, for all positions or each; 0: exact',
     )
     noise: tuple[float, ...] = fixed(
         (0.0,),
@@ -67,25 +67,27 @@ class MechanismParameters:
         (),
         unit='',
         structural=True,
-        description="numbers of the plant as 'name=value' that differ from the simulator's "
-        'defaults: what an observer with the defaults does not know',
+        description="parameters of the plant as 'name=value' that differ from the simulator's "
+        'defaults; an observer with the defaults does not know them',
     )
 
 
 def topics(parameters: MechanismParameters) -> tuple[Topic, ...]:
-    """Measurement and truth."""
+    """Return the topics: measurement and truth."""
     return MEASURED, TRUTH
 
 
-def spread(name: str, values: tuple[float, ...], count: int) -> np.ndarray:
-    """One number per position; raises UsageError."""
+def per_position(name: str, values: tuple[float, ...], count: int) -> np.ndarray:
+    """Return one number per position, shape (count,); raise UsageError for other lengths."""
     if len(values) not in (1, count):
-        raise UsageError(f"parameter '{name}' has {len(values)} numbers for {count} positions")
+        raise UsageError(
+            f"parameter '{name}' has {len(values)} numbers for {count} positions: give 1 or {count}"
+        )
     return np.resize(np.array(values, float), count)
 
 
 class Encoders:
-    """Noise, an offset drawn once, and quantisation; readings wrap where the joint does."""
+    """Encoders with noise, a random constant offset, and quantisation; periodic joints wrap."""
 
     def __init__(
         self, mechanics: Mechanics, quantum: np.ndarray, noise: np.ndarray, hold: int, seed: int
@@ -99,7 +101,7 @@ class Encoders:
         self._last: Vector = ()
 
     def read(self, q: Vector) -> Vector:
-        """The readings at these positions."""
+        """Return the readings at these positions."""
         draws = self._random.standard_normal(len(q))
         if self._count % self._hold == 0:
             values = np.array(q) + self._noise * draws
@@ -114,7 +116,7 @@ class Encoders:
 
 
 def fastest(mechanics: Mechanics, q: Vector) -> float:
-    """The largest rate [1/s] of the mechanism about `q`, at speeds that no dry friction holds."""
+    """Return the largest rate [1/s] of the mechanism about `q`, at unit speeds (no stiction)."""
     n = mechanics.degrees
     acceleration = make_acceleration(mechanics)
     state, step = np.concatenate([q, np.ones(n)]), 1e-6
@@ -147,28 +149,28 @@ def stream(
     chunk: int = CHUNK,
     released: Callable[[], bool] = lambda: True,
 ) -> Iterator[list[Message]]:
-    """Measurement and truth, `chunk` samples at a time (see `sim_pkg.contract`).
+    """Yield chunks of `chunk` samples: measurement and truth (see `sim_pkg.contract`).
 
     Parameters
     ----------
-    q, v : where the mechanism starts.
-    drive : the inputs, held from this sample to the next.
-    released : False keeps the mechanism where it is, as by hand.
+    q, v : start positions and velocities.
+    drive : returns the inputs, constant from one sample to the next.
+    released : while it returns False the mechanism stays at the start, as if held by hand.
 
     Raises
     ------
-    UsageError : numbers that are not one or one for each position; a mechanism too quick to follow.
+    UsageError : a number of values that fits neither all nor each position; a plant too fast.
     """
     n = mechanics.degrees
     encoders = Encoders(
         mechanics,
-        spread('quantum', parameters.quantum, n),
-        spread('noise', parameters.noise, n),
+        per_position('quantum', parameters.quantum, n),
+        per_position('noise', parameters.noise, n),
         parameters.hold,
         seed,
     )
     rate = fastest(mechanics, q)
-    followed(rate)
+    check_rate(rate)
     parts = max(1, math.ceil(1.0 / parameters.rate / min(FINEST, PART / max(rate, 1e-9))))
     return _samples(
         mechanics, parameters.rate, parts, q, v, drive, encoders, duration, chunk, released
@@ -218,10 +220,10 @@ def _samples(
             u = drive((k - 1) * dt, reading, v)
             try:
                 q, v = plant(mechanics.values, q, v, u, dt, parts)
-            except (ArithmeticError, ValueError):  # of math, for numbers beyond all floats
-                raise ran_away(k * dt) from None
+            except (ArithmeticError, ValueError):  # of math, for numbers beyond the floats
+                raise diverged(k * dt) from None
             if not all(-RUNAWAY < value < RUNAWAY for value in q + v):
-                raise ran_away(k * dt)
+                raise diverged(k * dt)
             acting = [0.0] * n
             for index, value in zip(mechanics.actuated, u):
                 acting[index] = value
@@ -245,7 +247,7 @@ def _encode(
 
 
 def merged(defaults: Mapping[str, object], assignments: tuple[str, ...]) -> tuple[str, ...]:
-    """Assignments for `models.load.load`: the simulator's defaults, then the user's own."""
+    """Return assignments for `models.load.load`: the simulator's defaults, then the user's."""
     own = {text.partition('=')[0].strip() for text in assignments}
     return (
         *(f'{name}={value}' for name, value in defaults.items() if name not in own),

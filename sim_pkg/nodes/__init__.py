@@ -1,1 +1,1 @@
-"""Simulator nodes: thin shells around the simulations of sim_pkg."""
+"""Simulator nodes: thin ROS 2 wrappers around the simulators of sim_pkg."""

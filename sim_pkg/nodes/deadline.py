@@ -1,4 +1,4 @@
-"""Waiting for absolute deadlines, and an account of how well they were met. Imports no ROS."""
+"""Wait for absolute deadlines and record the lateness. Imports no ROS."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import threading
 import time
 
 SECOND = 1_000_000_000  # [ns]
-LATE = 1_000_000  # what leaves later than this counts as late [ns]
-LONG = 50_000_000  # a wait beyond this is cut in two, so that `stop` is heard [ns]
+LATE = 1_000_000  # a message that is later than this counts as late [ns]
+LONG = 50_000_000  # longer waits are split, so that `stop` takes effect soon [ns]
 
 
 class Deadlines:
     """Deadlines counted from a start on the steady clock.
 
-    They are absolute: being late once does not move the ones that follow, and the mean rate holds.
-    The thread sleeps in the kernel until each of them; it never spins.
+    They are absolute: one late message does not shift the next, and the mean rate is exact. The
+    thread sleeps in the kernel until each deadline; it never spins.
 
     Attributes
     ----------
     met : deadlines passed so far.
     late : those passed by more than `LATE`.
-    lateness, mean_lateness, worst_lateness : of the last one, of all, and the worst [s].
+    lateness, mean_lateness, worst_lateness : of the last deadline, of all, and the largest [s].
     """
 
     def __init__(self) -> None:
@@ -33,14 +33,14 @@ class Deadlines:
         self._stop = threading.Event()
 
     def start(self) -> int:
-        """Begin to count; returns the system time that stands for the start [ns]."""
+        """Start the clock; return the system time of the start [ns]."""
         before = time.monotonic_ns()
         system = time.time_ns()
         self._start_ns = (before + time.monotonic_ns()) // 2
         return system
 
     def wait(self, due_ns: int) -> bool:
-        """Sleep until `due_ns` [ns from the start]. False if stopped before or meanwhile."""
+        """Sleep until `due_ns` [ns from the start]; return False if `stop` was called."""
         due = self._start_ns + due_ns
         remaining = due - time.monotonic_ns()
         while remaining > LONG:
@@ -61,11 +61,11 @@ class Deadlines:
         return True
 
     def pause(self, seconds: float) -> bool:
-        """Sleep outside of any deadline. False if stopped before or meanwhile."""
+        """Sleep for `seconds`, without a deadline; return False if `stop` was called."""
         return not self._stop.wait(seconds)
 
     def stop(self) -> None:
-        """End every wait, now and later."""
+        """End the current wait and all later ones."""
         self._stop.set()
 
     @property
@@ -84,7 +84,7 @@ class Deadlines:
         return self._worst_ns / SECOND
 
     def summary(self) -> str:
-        """One line for a person."""
+        """Return a one-line summary for the log."""
         return (
             f'{self.met} messages, {self.late} of them more than {LATE / 1e6:g} ms late '
             f'(mean {self.mean_lateness * 1e3:.2f} ms, worst '

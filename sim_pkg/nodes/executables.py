@@ -1,7 +1,7 @@
-"""The executables of the simulators: one function each, which runs until the simulation ends.
+"""Main functions of the simulator executables; each runs until the simulation ends.
 
 ``python -m sim_pkg.nodes.executables encoder_sim --ros-args ...`` runs one without its script. To
-run a simulator in an executor of your own, give its SIMULATOR (as in `sim_pkg.joints.encoder`) to a
+run a simulator in your own executor, pass its SIMULATOR (as in `sim_pkg.joints.encoder`) to
 `sim_pkg.nodes.simulator_node.SimulatorNode`.
 """
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def make_node(**options: Any) -> SimulatorNode:
-    """The node; its process ends when the simulation does."""
+    """Return the cart_pendulum node with feedback; its process ends with the simulation."""
     from dataclasses import replace
     from functools import partial
 
@@ -47,10 +47,10 @@ if TYPE_CHECKING:
 
 
 def of_simulator(name: str, module: str) -> Callable[..., int]:
-    """The main function of the node `name`, which plays the SIMULATOR of `module`.
+    """Return the main function of the node `name`, which runs the SIMULATOR of `module`.
 
-    Both ROS and the simulator are imported when it is called: they take a while, and an interrupt
-    before that ends the process quietly.
+    It imports ROS and the simulator when it is called: the imports are slow, and an interrupt
+    during them ends the process quietly.
     """
 
     def make_node() -> SimulatorNode:
@@ -65,10 +65,10 @@ def of_simulator(name: str, module: str) -> Callable[..., int]:
 
 
 def process(make_node: Callable[[], SimulatorNode]) -> Callable[..., int]:
-    """The main function of a process with the node that `make_node` makes."""
+    """Return the main function of a process that runs the node of `make_node`."""
 
     def main(args: list[str] | None = None) -> int:
-        """Run the node until it ends or is interrupted; returns the exit code."""
+        """Run the node until it ends or is interrupted; return the exit code."""
         made: list[SimulatorNode] = []
 
         def make() -> SimulatorNode:
@@ -100,6 +100,6 @@ cart_pendulum_sim = process(_balanced)
 if __name__ == '__main__':
     name = sys.argv.pop(1) if len(sys.argv) > 1 else ''
     if not name.endswith('_sim') or name not in globals():
-        sys.exit(f"which simulator? '{name}' is none of them")
+        sys.exit(f"unknown simulator '{name}': pass the name of an executable, as encoder_sim")
     sys.argv[0] = name
     sys.exit(globals()[name]())

@@ -1,4 +1,4 @@
-"""What is set of every simulator node beside the parameters of its simulator. Imports no ROS."""
+"""Parameters that every simulator node has in addition to those of its simulator. No ROS import."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FOREVER = 0.0
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How long a simulator runs, and which of the equally likely runs it is."""
+    """Random seed and duration of a run, and the subscribers that it waits for."""
 
     seed: int = parameter(
         1,
@@ -33,13 +33,13 @@ class RunSettings:
         unit='',
         range=(0, 1000),
         structural=True,
-        description='start only when every topic of the measurement has so many subscribers, so '
-        'that they miss nothing',
+        description='number of subscribers of each measurement topic to wait for before the start, '
+        'so that they miss nothing',
     )
     wait_for_truth_subscribers: int = parameter(
         0,
         unit='',
         range=(0, 1000),
         structural=True,
-        description='the same for every topic of the truth (a recorder of everything is 1 of each)',
+        description='the same for each truth topic (a recorder of all topics counts as 1 on each)',
     )

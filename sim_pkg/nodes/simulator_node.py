@@ -1,4 +1,4 @@
-"""Any simulator as a live ROS 2 node: its stream of messages, each when it is due."""
+"""Any simulator as a live ROS 2 node: it publishes each message of the stream when it is due."""
 
 from __future__ import annotations
 
@@ -29,33 +29,34 @@ from sim_pkg.nodes.settings import FOREVER, RunSettings
 SENSOR_DATA = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.BEST_EFFORT
 )
-LINGER = 0.2  # the last messages get this long to leave before the process ends [s]
-LOOK = 0.01  # between two looks for the subscribers that are waited for [s]
-PATIENCE = 5.0  # after which a person is told who is waited for [s]
-BEHIND = 0.5  # lateness that no pause of the machine explains: it cannot keep up [s]
+LINGER = 0.2  # time for the last messages to leave before the process ends [s]
+LOOK = 0.01  # time between two checks for subscribers [s]
+PATIENCE = 5.0  # wait after which the log names the missing subscribers [s]
+BEHIND = 0.5  # lateness that means that the machine is too slow [s]
 
 
 def message_type(name: str) -> Any:
-    """The message class of a type name such as 'sensor_msgs/msg/JointState'."""
+    """Return the message class of a type name such as 'sensor_msgs/msg/JointState'."""
     package, _, message = name.split('/')
     return getattr(importlib.import_module(f'{package}.msg'), message)
 
 
 class SimulatorNode(Node):
-    """Publishes a simulator's stream from the moment it is made, in a thread of its own.
+    """Publishes a simulator's stream from its construction on, in its own thread.
 
-    Every parameter is fixed at start, because the values follow from seed and parameters alone.
-    The stamps are the system time at the start plus the simulated time, whatever `use_sim_time`.
+    Every parameter is fixed at start, because the values must follow from seed and parameters
+    alone. Stamps are the system time at the start plus the simulated time; `use_sim_time` has no
+    effect.
 
     Parameters
     ----------
-    simulator : what to run.
-    name : of the node.
-    on_end : called from the thread when `duration` is over, or something ended it before.
+    simulator : the simulator to run.
+    name : name of the node.
+    on_end : called from the thread when the stream ends, after `duration` or with an error.
 
     Attributes
     ----------
-    error : what ended the simulation before its time; None: nothing did.
+    error : the exception that ended the simulation early; None: no error.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class SimulatorNode(Node):
         self._thread.start()
 
     def get_logger(self) -> Any:
-        """The node's logger, whose texts are printable whatever names are in them."""
+        """Return a logger that escapes unprintable characters in its messages."""
         return PrintableLogger(super().get_logger())
 
     def _set_up(self, simulator: Simulator) -> None:
@@ -106,8 +107,8 @@ class SimulatorNode(Node):
             self.get_logger().warning(f"unknown parameter '{wrong}': {hint}")
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning(
-                'use_sim_time does not apply: this node makes its own time '
-                'and stamps with the system time'
+                'use_sim_time has no effect: this node stamps with the system time and '
+                'simulates at its pace; unset it'
             )
 
     def _publisher(self, topic: Topic) -> Publisher:
@@ -124,7 +125,7 @@ class SimulatorNode(Node):
             ended = self._played()
         except rclpy_implementation.RCLError:
             ended = False
-            if self.context.ok():  # else an interrupt took the context away under a call
+            if self.context.ok():  # else an interrupt shut the context down during a call
                 raise
         except Exception as error:
             self.error = error
@@ -136,10 +137,10 @@ class SimulatorNode(Node):
                 self._on_end()
 
     def _played(self) -> bool:
-        """Publish everything. False if the node was ended before."""
+        """Publish the whole stream; return False if the node was stopped early."""
         if not self._wait_for_subscribers():
             return False
-        first = next(self._chunks, [])  # made before the clock runs, as it takes longest
+        first = next(self._chunks, [])  # before the clock starts: the first chunk takes longest
         start_ns = self.deadlines.start()
         for chunk in itertools.chain([first], self._chunks):
             for message in chunk:
@@ -152,12 +153,12 @@ class SimulatorNode(Node):
         return self.deadlines.pause(LINGER)
 
     def _wait_for_subscribers(self) -> bool:
-        """Wait until all who were asked for listen. False if the node was ended before."""
+        """Wait for the requested numbers of subscribers; return False if stopped meanwhile."""
         for look in itertools.count():
             missing = [
-                f'{sender.topic_name} has {count} of {wanted}'
-                for sender, wanted in self._awaited
-                if (count := sender.get_subscription_count()) < wanted
+                f'{sender.topic_name} has {count} of {required}'
+                for sender, required in self._awaited
+                if (count := sender.get_subscription_count()) < required
             ]
             if not missing:
                 break
@@ -168,27 +169,27 @@ class SimulatorNode(Node):
         return True
 
     def _report(self) -> None:
-        """How well the deadlines are met, for /diagnostics."""
-        told = self.deadlines
-        behind = told.lateness > BEHIND
+        """Publish the lateness on /diagnostics; warn once when the node falls behind."""
+        deadlines = self.deadlines
+        behind = deadlines.lateness > BEHIND
         if behind and not self._behind:
             self.get_logger().warning(
-                f'messages leave {told.lateness:.1f} s late: this machine is '
-                'too slow for so many of them'
+                f'messages leave {deadlines.lateness:.1f} s late: this machine cannot keep up; '
+                'lower the rate of the simulator or stop other processes'
             )
         self._behind = behind
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if behind else DiagnosticStatus.OK,
             name=f'{self.get_fully_qualified_name()}: deadlines',
-            message=told.summary(),
+            message=deadlines.summary(),
             values=[
                 KeyValue(key=key, value=value)
                 for key, value in (
-                    ('messages', str(told.met)),
-                    ('late', str(told.late)),
-                    ('lateness [s]', f'{told.lateness:.6f}'),
-                    ('mean lateness [s]', f'{told.mean_lateness:.6f}'),
-                    ('worst lateness [s]', f'{told.worst_lateness:.6f}'),
+                    ('messages', str(deadlines.met)),
+                    ('late', str(deadlines.late)),
+                    ('lateness [s]', f'{deadlines.lateness:.6f}'),
+                    ('mean lateness [s]', f'{deadlines.mean_lateness:.6f}'),
+                    ('worst lateness [s]', f'{deadlines.worst_lateness:.6f}'),
                 )
             ],
         )
@@ -197,12 +198,12 @@ class SimulatorNode(Node):
         self._diagnostics.publish(array)
 
     def destroy_node(self) -> None:
-        """End the thread, say how well the deadlines were met, and go."""
+        """Stop the thread, log a summary of the lateness, destroy the node."""
         self.deadlines.stop()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join()
         if self.context.ok():
             self.get_logger().info(self.deadlines.summary())
-        else:  # after an interrupt a logger could no longer reach /rosout, and would complain
+        else:  # after an interrupt a logger could not reach /rosout and would print an error
             print(f'{self.get_name()}: {self.deadlines.summary()}', file=sys.stderr)
         super().destroy_node()

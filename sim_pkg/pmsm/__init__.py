@@ -1,1 +1,1 @@
-"""A permanent-magnet motor in its drive: plant, inverter, controller, and what it publishes."""
+"""A permanent-magnet motor with its drive: plant, inverter, controller, and the simulator."""

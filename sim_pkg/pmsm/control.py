@@ -1,7 +1,7 @@
 """The drive's controller: speed and current loops in the rotor frame (field-oriented control).
 
-A command that is computed from sample k acts over the period that starts at sample k+1. Functions
-are in the compilable subset.
+A command computed from sample k is applied over the period that starts at sample k+1. All functions
+are in the subset that Numba compiles.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ Control = tuple[float, float, float, float, float, float, float, float, float, f
 
 
 def speed_control(
-    wanted: float, acceleration: float, speed: float, integral: float, control: Control
+    reference: float, acceleration: float, speed: float, integral: float, control: Control
 ) -> tuple[float, float]:
-    """(i_q wanted [A], integral [N m]) from mechanical speeds [rad/s].
+    """Return (i_q reference [A], integral [N m]) from mechanical speeds [rad/s].
 
-    The acceleration of the profile is fed forward through the inertia.
+    The acceleration of the profile is a feedforward through the inertia.
     """
-    error = wanted - speed
-    asked = control[2] * error + integral + control[11] * acceleration
+    error = reference - speed
+    torque = control[2] * error + integral + control[11] * acceleration
     most = control[4] * control[5]
-    if asked > most:
+    if torque > most:
         return control[5], integral
-    if asked < -most:
+    if torque < -most:
         return -control[5], integral
-    return asked / control[4], integral + control[3] * error
+    return torque / control[4], integral + control[3] * error
 
 
 def current_control(
     current: complex, i_q: float, theta: float, omega: float, integral: complex, control: Control
 ) -> tuple[complex, complex]:
-    """(voltage for the next period in the static frame [V], integral [V]).
+    """Return (voltage for the next period in the static frame [V], integral [V]).
 
     Parameters
     ----------
     current : measured [A], static frame.
-    theta, omega : electrical angle [rad] and speed [rad/s] that the controller believes.
+    theta, omega : electrical angle [rad] and speed [rad/s] as the controller estimates them.
     integral : of the current loop, in the rotor frame.
     """
     back = complex(math.cos(theta), -math.sin(theta))
@@ -51,9 +51,9 @@ def current_control(
         + integral
         + complex(0.0, omega) * (control[6] * (current * back) + control[7])
     )
-    ahead = theta + 1.5 * omega * control[9]  # the middle of the period in which it acts
+    ahead = theta + 1.5 * omega * control[9]  # angle in the middle of the period of action
     voltage = limited(frame, control[10])
-    if voltage == frame:  # at the limit of the inverter the integral waits
+    if voltage == frame:  # anti-windup: no integration while the voltage is saturated
         integral += control[1] * error
     return voltage * complex(math.cos(ahead), math.sin(ahead)), integral
 
@@ -70,7 +70,7 @@ def tuned(
     current_hz: float,
     speed_hz: float,
 ) -> Control:
-    """Gains from the motor's data and the two bandwidths [Hz]."""
+    """Return gains from the motor's data and the two bandwidths [Hz]."""
     fast, slow = 2.0 * math.pi * current_hz, 2.0 * math.pi * speed_hz
     return (
         fast * inductance,

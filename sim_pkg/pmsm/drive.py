@@ -1,8 +1,8 @@
 """The drive in closed loop: motor, inverter, sensors and controller, sample by sample.
 
-`make_loop` puts the parts together as one pure function over a chunk of samples, so that it can be
-compiled. What feeds the controller its angle and speed is an argument: the true ones (`sensored`),
-or an observer (`sim_pkg.pmsm.sensorless`).
+`make_loop` combines the parts into one pure function over a chunk of samples, which Numba can
+compile. The feedback of the controller's angle and speed is an argument: the true ones
+(`sensored`), or an observer (`sim_pkg.pmsm.sensorless`).
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import Plant, move
 from sim_pkg.pmsm.profiles import Profile
 
-CHUNK = 0.01  # s simulated at a time: the temperature steps once per chunk
+CHUNK = 0.01  # simulated time per chunk; the temperature is updated once per chunk [s]
 
 
 class Record(NamedTuple):
-    """What a chunk of n samples saw.
+    """The signals of a chunk of n samples.
 
     samples : shape (n, 4): measured current [A] and reported voltage [V], alpha and beta.
     truth : shape (n, 5): mechanical speed [rad/s], electrical angle [rad, unwrapped], flux [Wb],
-        i_q [A], mechanical speed that was wanted [rad/s].
+        i_q [A], reference of the mechanical speed [rad/s].
     """
 
     samples: NDArray[np.float64]
@@ -44,17 +44,17 @@ def sensored(
     theta: float,
     speed: float,
     poles: float,
-    wanted: float,
+    reference: float,
 ) -> tuple[float, float, float, float]:
-    """The feedback of an ideal sensor: (state, electrical angle, electrical speed, forced i_q).
+    """Return the feedback of an ideal sensor: (state, electrical angle and speed, forced i_q).
 
-    `state` stays as it is. A forced current other than 0 replaces the speed control.
+    `state` is unchanged. A forced current other than 0 replaces the speed control.
     """
     return state, theta, poles * speed, 0.0
 
 
 def quantised(value: float, step: float, limit: float) -> float:
-    """As an ADC gives it; a step of 0: as it is."""
+    """Return the value as an ADC with this step and range reports it; step 0: unchanged."""
     if step <= 0.0:
         return value
     if value > limit:
@@ -65,12 +65,12 @@ def quantised(value: float, step: float, limit: float) -> float:
 
 
 def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., tuple]:
-    """The function that takes a drive through a chunk of samples.
+    """Return the function that simulates a drive over a chunk of samples.
 
     Parameters
     ----------
-    feedback : as `sensored`; its state may be any tuple.
-    switched : the bridge with its edges, instead of the mean voltage.
+    feedback : a function with the arguments of `sensored`; its state may be any tuple.
+    switched : simulate the switching edges of the bridge instead of the mean voltage.
     """
 
     def loop(
@@ -79,7 +79,7 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
         control: tuple,
         drive: tuple,
         noise: NDArray[np.float64],
-        wanted: NDArray[np.float64],
+        reference: NDArray[np.float64],
         acceleration: NDArray[np.float64],
         load: NDArray[np.float64],
         samples: NDArray[np.float64],
@@ -100,42 +100,44 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
         ) = state
         step, limit, dead, offset, delay = drive
         period, dc_voltage, poles = control[9], control[10], control[8]
-        for k in range(len(wanted)):
+        for k in range(len(reference)):
             back = complex(math.cos(theta), -math.sin(theta))
             read = complex(
                 quantised(current.real + noise[k][0], step, limit),
                 quantised(current.imag + noise[k][1], step, limit),
             )
-            held, angle, omega, forced = feedback(held, read, acted, theta, speed, poles, wanted[k])
+            held, angle, omega, forced = feedback(
+                held, read, acted, theta, speed, poles, reference[k]
+            )
             if forced != 0.0:
                 i_q = forced
             else:
                 if forced_before != 0.0:
-                    # take over bumplessly: the current loop's integral turns into the new frame,
-                    # the speed loop starts from the torque that flows
+                    # bumpless takeover: rotate the current loop's integral into the new frame,
+                    # start the speed loop's integral at the present torque
                     turn = frame_before - angle
                     folded = folded * complex(math.cos(turn), math.sin(turn))
                     flowing = read * complex(math.cos(angle), -math.sin(angle))
                     steering = control[4] * flowing.imag
                 i_q, steering = speed_control(
-                    wanted[k], acceleration[k], omega / poles, steering, control
+                    reference[k], acceleration[k], omega / poles, steering, control
                 )
             following, folded = current_control(read, i_q, angle, omega, folded, control)
             frame_before = angle + omega * period
             forced_before = forced
             if delay == 0:
-                told = acted
+                reported = acted
             elif delay == 1:
-                told = active
+                reported = active
             elif delay == 2:
-                told = following
+                reported = following
             else:
-                told = older
+                reported = older
             row, true = samples[k], truth[k]
-            row[0], row[1], row[2], row[3] = read.real, read.imag, told.real, told.imag
+            row[0], row[1], row[2], row[3] = read.real, read.imag, reported.real, reported.imag
             true[0], true[1], true[2] = speed, theta, plant[2]
-            true[3], true[4] = (current * back).imag, wanted[k]
-            # on to the next sample: the rest of this carrier period, the first part of the next
+            true[3], true[4] = (current * back).imag, reference[k]
+            # advance to the next sample: the rest of this carrier period, the start of the next
             if switched:
                 current, theta, speed = switch(
                     current,
@@ -194,16 +196,16 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
 
 
 class Drive:
-    """A simulated drive: asks for chunks of samples, for ever.
+    """A simulated drive: an endless source of chunks of samples.
 
     Parameters
     ----------
     parameters : motor, load, inverter, sensors, controller.
-    seed : of the current noise.
-    feedback, held : what feeds the controller, and its state at the start.
-    profile : wanted speed; that of the parameters if none is given.
+    seed : random seed of the current noise.
+    feedback, held : the feedback of the controller, and its initial state.
+    profile : reference of the speed; None: that of the parameters.
     start_speed : mechanical speed at the start [rad/s]; None: that of the profile.
-    fast : compile, where Numba is there.
+    fast : compile, if Numba is installed.
     """
 
     def __init__(
@@ -229,7 +231,7 @@ class Drive:
         speed = float(self.profile.at(np.zeros(1)).speed[0]) if start_speed is None else start_speed
         zero = complex(0.0, 0.0)
         plant = parameters.plant()
-        # as if it had run without current so far
+        # as if it had run without current so far: the voltage equals the back-EMF
         omega = plant[3] * speed
         voltage = [
             1j * omega * plant[2] * np.exp(1j * (theta + (part - 0.5) * omega * parameters.period))
@@ -265,7 +267,7 @@ class Drive:
         return self._state[8]
 
     def run(self, count: int) -> Record:
-        """The next `count` samples."""
+        """Return the next `count` samples."""
         parameters = self.parameters
         records = []
         chunk = max(1, round(CHUNK * parameters.sample_rate))
@@ -291,6 +293,6 @@ class Drive:
         )
 
     def chunks(self, size: int) -> Iterator[Record]:
-        """Chunks of `size` samples, for ever."""
+        """Yield chunks of `size` samples, without end."""
         while True:
             yield self.run(size)

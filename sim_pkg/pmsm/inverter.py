@@ -1,7 +1,7 @@
 """The inverter: voltage limit, dead time, and the three-phase bridge that switches.
 
-A period of the carrier starts at its valley, where all three low sides are on. Functions are in the
-compilable subset.
+A period of the carrier starts at its valley, where all three low-side switches are on. All
+functions are in the subset that Numba compiles.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ HALF_ROOT_3 = 0.5 * math.sqrt(3.0)
 
 
 def limited(voltage: complex, dc_voltage: float) -> complex:
-    """The vector, shortened to what space-vector modulation can make: dc_voltage/sqrt(3)."""
+    """Return the vector, shortened to the limit of space-vector modulation, dc_voltage/sqrt(3)."""
     size = abs(voltage)
     most = dc_voltage / math.sqrt(3.0)
     if size > most:
@@ -29,7 +29,7 @@ def _sign(value: float) -> float:
 
 
 def phase_signs(current: complex) -> tuple[float, float, float]:
-    """Signs of the three phase currents."""
+    """Return the signs of the three phase currents."""
     half = HALF_ROOT_3 * current.imag
     return (
         _sign(current.real),
@@ -39,7 +39,7 @@ def phase_signs(current: complex) -> tuple[float, float, float]:
 
 
 def dead_time_error(current: complex, dc_voltage: float, part: float) -> complex:
-    """The mean voltage that dead time takes away [V]; `part` is dead time over period."""
+    """Return the mean voltage lost to dead time [V]; `part` is dead time over period."""
     a, b, c = phase_signs(current)
     return dc_voltage * part * complex((2.0 * a - b - c) / 3.0, (b - c) / (2.0 * HALF_ROOT_3))
 
@@ -47,9 +47,9 @@ def dead_time_error(current: complex, dc_voltage: float, part: float) -> complex
 def edges(
     voltage: complex, current: complex, dc_voltage: float, part: float
 ) -> tuple[float, float, float, float, float, float]:
-    """When each phase goes high and low again, as parts of the period: (a, a, b, b, c, c).
+    """Return when each phase goes high and low, as fractions of the period: (a, a, b, b, c, c).
 
-    The common part of the three duties is centred (min-max). While both switches of a leg are off
+    The common part of the three duties is centred (min-max). While both switches of a leg are open
     the current decides: a positive one delays the rising edge, a negative one the falling edge.
     """
     half = HALF_ROOT_3 * voltage.imag
@@ -85,13 +85,13 @@ def switch(
     start: float,
     end: float,
 ) -> tuple[complex, float, float]:
-    """(current, electrical angle, speed) after the part from `start` to `end` of a carrier period.
+    """Return (current, electrical angle, speed) after part of a carrier period.
 
     Parameters
     ----------
     voltage : commanded for this period [V].
     dead : dead time over period.
-    start, end : parts of the period, 0 to 1.
+    start, end : start and end of that part, as fractions of the period (0 to 1).
     """
     on_a, off_a, on_b, off_b, on_c, off_c = edges(voltage, current, dc_voltage, dead)
     now = start

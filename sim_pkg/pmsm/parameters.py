@@ -1,4 +1,4 @@
-"""What can be set of the motor simulator: motor, load, inverter, sensors, controller, profile."""
+"""Parameters of the motor simulator: motor, load, inverter, sensors, controller, profile."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from sim_pkg.pmsm.control import Control, tuned
 from sim_pkg.pmsm.plant import Plant
 from sim_pkg.pmsm.profiles import NAMES, Profile, named
 
-COPPER = 0.0039  # 1/K, of the resistance
-MAGNET = -0.0011  # 1/K, of the flux (neodymium)
+COPPER = 0.0039  # temperature coefficient of the resistance [1/K]
+MAGNET = -0.0011  # temperature coefficient of the flux (neodymium) [1/K]
 
 
 @dataclass(frozen=True)
 class PmsmParameters:
-    """All that can be set of the simulator; the motor is that of Table 1 of Bosso et al. (2020)."""
+    """The parameters of the drive; the motor is that of Table 1 of Bosso et al. (2020)."""
 
     resistance: float = fixed(
         0.06, unit='ohm', range=(1e-6, 1e4), description='nominal stator resistance per phase'
@@ -30,7 +30,7 @@ class PmsmParameters:
     )
     pole_pairs: int = fixed(7, unit='', range=(1, 200), description='pole pairs')
     inertia: float = fixed(
-        2.5e-5, unit='kg m^2', range=(1e-9, 1e3), description='of rotor and load'
+        2.5e-5, unit='kg m^2', range=(1e-9, 1e3), description='inertia of rotor and load'
     )
     rated_current: float = fixed(
         10.0,
@@ -39,41 +39,44 @@ class PmsmParameters:
         description='amplitude of the phase current at rated torque',
     )
     current_max: float = fixed(
-        30.0, unit='A', range=(1e-3, 1e4), description='largest amplitude the controller asks for'
+        30.0,
+        unit='A',
+        range=(1e-3, 1e4),
+        description='current limit of the controller (amplitude)',
     )
     resistance_error: float = fixed(
         0.0,
         unit='',
         range=(-0.9, 10.0),
-        description='resistance of the plant over the nominal one, less one',
+        description='relative error of the nominal resistance: plant over nominal, minus 1',
     )
     inductance_error: float = fixed(
         0.0,
         unit='',
         range=(-0.9, 10.0),
-        description='inductance of the plant over the nominal one, less one',
+        description='relative error of the nominal inductance: plant over nominal, minus 1',
     )
     flux_error: float = fixed(
         0.0,
         unit='',
         range=(-0.9, 10.0),
-        description='flux linkage of the plant over the nominal one, less one',
+        description='relative error of the nominal flux linkage: plant over nominal, minus 1',
     )
     temperature_rise: float = fixed(
         0.0,
         unit='K',
         range=(-100.0, 200.0),
-        description='warming in the end: the resistance rises by 0.39 % per K, the flux falls by '
-        '0.11 % per K',
+        description='final temperature rise: the resistance rises by 0.39 % per K, the flux falls '
+        'by 0.11 % per K',
     )
     temperature_time: float = fixed(
         60.0, unit='s', range=(0.01, 1e5), description='time constant of the warming'
     )
     load_quadratic: float = fixed(
-        2.5e-7, unit='N m s^2', range=(0.0, 1e3), description='load torque per speed squared'
+        2.5e-7, unit='N m s^2', range=(0.0, 1e3), description='load torque over speed squared'
     )
     load_constant: float = fixed(
-        0.0, unit='N m', range=(0.0, 1e4), description='load torque against the motion'
+        0.0, unit='N m', range=(0.0, 1e4), description='constant load torque against the motion'
     )
     viscous: float = fixed(0.0, unit='N m s', range=(0.0, 1e3), description='viscous friction')
     coulomb: float = fixed(0.0, unit='N m', range=(0.0, 1e3), description='Coulomb friction')
@@ -81,52 +84,50 @@ class PmsmParameters:
         0.0, unit='N m', range=(0.0, 1e4), description='load torque added at load_step_time'
     )
     load_step_time: float = fixed(
-        0.5, unit='s', range=(0.0, 1e6), description='when the load step comes'
+        0.5, unit='s', range=(0.0, 1e6), description='time of the load step'
     )
-    dc_voltage: float = fixed(
-        24.0, unit='V', range=(0.1, 1e4), description='of the intermediate circuit'
-    )
+    dc_voltage: float = fixed(24.0, unit='V', range=(0.1, 1e4), description='DC link voltage')
     sample_rate: float = fixed(
         20000.0,
         unit='Hz',
         range=(1000.0, 200000.0),
-        description='of controller, carrier and sampling',
+        description='rate of controller, carrier and sampling',
     )
     inverter: str = fixed(
         'averaged',
         unit='',
         choices=('averaged', 'switched'),
-        description='averaged: the mean voltage of each period; switched: the bridge with its '
-        'edges',
+        description='averaged: the mean voltage of each period; switched: the switching edges of '
+        'the bridge',
     )
     dead_time: float = fixed(
         0.0,
         unit='s',
         range=(0.0, 1e-5),
-        description='of the bridge; what the drive reports does not know of it',
+        description='dead time of the bridge; the reported voltage does not contain its effect',
     )
     sampling_offset: float = fixed(
         0.0,
         unit='period',
         range=(0.0, 0.5),
-        description='how far from the valley of the carrier the currents are sampled',
+        description='time from the valley of the carrier to the sampling of the currents',
     )
     current_noise: float = fixed(
         0.0, unit='A', range=(0.0, 1e3), description='standard deviation on each measured current'
     )
     adc_bits: int = fixed(
-        12, unit='', range=(0, 24), description='of the current measurement; 0: continuous'
+        12, unit='', range=(0, 24), description='bits of the current ADC; 0: continuous'
     )
     adc_range: float = fixed(
-        60.0, unit='A', range=(1e-3, 1e5), description='of the current measurement, each way'
+        60.0, unit='A', range=(1e-3, 1e5), description='range of the current ADC, each way'
     )
     voltage_delay: int = fixed(
         0,
         unit='sample',
         range=(-1, 2),
-        description='the reported voltage acts so many samples later than over the interval that '
-        'ends at its stamp; 1: it starts to act at the stamp, 2: as the controller '
-        'computed it there, -1: it is a sample old',
+        description='delay of the reported voltage; 0: it acted over the interval that ends at its '
+        'stamp; 1: it starts to act at the stamp; 2: as computed there by the controller; -1: it '
+        'is one sample old',
     )
     current_hz: float = fixed(
         1000.0, unit='Hz', range=(1.0, 1e5), description='bandwidth of the current control'
@@ -138,8 +139,8 @@ class PmsmParameters:
         'p1',
         unit='',
         choices=NAMES,
-        description='wanted speed: constant, ramps (0.3 to 1 and back), p1 (of the paper, 0.7 s '
-        'long), reversal, standstill (start and stop)',
+        description='reference of the speed: constant, ramps (0.3 to 1 and back), p1 (of the '
+        'paper, 0.7 s long), reversal, standstill (start and stop)',
     )
     speed_rpm: float = fixed(
         6000.0, unit='rpm', range=(-1e6, 1e6), description='top speed of the profile'
@@ -149,20 +150,23 @@ class PmsmParameters:
     )
 
     def __post_init__(self) -> None:
-        """What a range cannot say; raises UsageError."""
+        """Check what a range cannot express; raise UsageError."""
         room = self.dc_voltage / math.sqrt(3.0)
         top = self.flux * self.pole_pairs * abs(self.speed_rpm) * math.pi / 30.0
         if top > room:
             raise UsageError(
                 f'speed_rpm = {self.speed_rpm:g}: its back-EMF of {top:.3g} V is more '
-                f'than dc_voltage/sqrt(3) = {room:.3g} V'
+                f'than dc_voltage/sqrt(3) = {room:.3g} V: lower it, or raise dc_voltage'
             )
         if self.dead_time * self.sample_rate > 0.2:
-            raise UsageError(f'dead_time = {self.dead_time:g} s is more than a fifth of the period')
+            raise UsageError(
+                f'dead_time = {self.dead_time:g} s is more than a fifth of the period, '
+                f'{self.period:.3g} s: shorten it'
+            )
         if self.fastest > self.sample_rate:
             raise UsageError(
-                f'inertia = {self.inertia:g} kg m^2: against its torque and friction the rotor has '
-                f'a time constant of {1.0 / self.fastest:.2g} s, less than a sample'
+                f'inertia = {self.inertia:g} kg m^2: with its torque and friction the rotor has '
+                f'a time constant of {1.0 / self.fastest:.2g} s, less than a sample: increase it'
             )
 
     @property
@@ -172,9 +176,10 @@ class PmsmParameters:
 
     @property
     def fastest(self) -> float:
-        """A bound of the mechanical rates [1/s]: friction at the top speed, and the currents' pull.
+        """An upper bound of the mechanical rates [1/s]: friction at top speed, and stiffness.
 
-        Dry friction is left out: it is bounded, and at worst shivers about standstill.
+        The stiffness is that of the largest current. Dry friction is left out: its rate is bounded,
+        and at worst the rotor chatters about standstill.
         """
         top = abs(self.speed_rpm) * math.pi / 30.0
         brake = (self.viscous + 2.0 * self.load_quadratic * top) / self.inertia
@@ -183,11 +188,11 @@ class PmsmParameters:
 
     @property
     def rated_torque(self) -> float:
-        """At rated current [N m]."""
+        """Torque at rated current [N m]."""
         return 1.5 * self.pole_pairs * self.flux * self.rated_current
 
     def plant(self, time: float = 0.0) -> Plant:
-        """The true motor after `time` [s] of warming."""
+        """Return the true motor after `time` [s] of warming."""
         warmth = self.temperature_rise * (1.0 - math.exp(-time / self.temperature_time))
         return (
             self.resistance * (1.0 + self.resistance_error) * (1.0 + COPPER * warmth),
@@ -202,7 +207,7 @@ class PmsmParameters:
         )
 
     def control(self) -> Control:
-        """The controller, tuned for the nominal motor."""
+        """Return the controller, tuned for the nominal motor."""
         return tuned(
             self.resistance,
             self.inductance,
@@ -217,5 +222,5 @@ class PmsmParameters:
         )
 
     def motion(self) -> Profile:
-        """The wanted speed."""
+        """Return the profile of the reference speed."""
         return named(self.profile, self.speed_rpm, self.profile_time)

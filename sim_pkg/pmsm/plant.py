@@ -1,14 +1,14 @@
-"""The motor: the electromagnetic model (1) and its mechanics, stepped exactly where that is closed.
+"""The motor: the electromagnetic model (1) and its mechanics, in closed form where there is one.
 
-Vectors are complex numbers alpha + j beta, amplitude-invariant. All functions are in the compilable
-subset.
+Vectors are complex numbers alpha + j beta, amplitude-invariant. All functions are in the subset
+that Numba compiles.
 """
 
 from __future__ import annotations
 
 import math
 
-STICKS = 1.0  # rad/s below which Coulomb friction fades to zero
+STICKS = 1.0  # speed below which Coulomb friction fades to zero [rad/s]
 
 # (R [ohm], L [H], flux [Wb], pole pairs, inertia [kg m^2], load [N m] quadratic per (rad/s)^2,
 #  constant, viscous per rad/s, Coulomb)
@@ -18,7 +18,7 @@ Plant = tuple[float, float, float, float, float, float, float, float, float]
 def electric(
     current: complex, voltage: complex, theta: float, omega: float, plant: Plant, time: float
 ) -> complex:
-    """The current [A] after `time` [s] at constant voltage and constant speed: exact.
+    """Return the current [A] after `time` [s] at constant voltage and speed (exact).
 
     Parameters
     ----------
@@ -36,19 +36,19 @@ def electric(
 
 
 def torque(current: complex, theta: float, plant: Plant) -> float:
-    """Of the motor [N m]: 3/2 p phi i_q."""
+    """Return the torque of the motor [N m]: 3/2 p phi i_q."""
     i_q = current.imag * math.cos(theta) - current.real * math.sin(theta)
     return 1.5 * plant[3] * plant[2] * i_q
 
 
 def resisting(speed: float, load: float, plant: Plant) -> float:
-    """Torque against the motion [N m] at the mechanical speed [rad/s]; `load` is added."""
+    """Return the torque against the motion [N m] at a mechanical speed [rad/s], `load` included."""
     friction = speed / STICKS
     if friction > 1.0:
         friction = 1.0
     elif friction < -1.0:
         friction = -1.0
-    # what brakes vanishes with the motion, so that a rotor at rest is not driven by its load
+    # braking torques vanish with the speed, so a load does not drive a rotor at rest
     return (
         plant[5] * speed * abs(speed) + plant[7] * speed + (plant[6] + plant[8] + load) * friction
     )
@@ -63,9 +63,9 @@ def move(
     plant: Plant,
     time: float,
 ) -> tuple[complex, float, float]:
-    """(current, electrical angle, mechanical speed) after `time` [s] at constant voltage.
+    """Return (current, electrical angle, mechanical speed) after `time` [s] at constant voltage.
 
-    The speed is of second order in `time`; the current is exact for its mean.
+    The speed is accurate to second order in `time`; the current is exact for the mean speed.
     """
     poles, inertia = plant[3], plant[4]
     before = torque(current, theta, plant)

@@ -1,4 +1,4 @@
-"""Speed profiles for the motor simulator: segments that end where the next one starts."""
+"""Speed profiles for the motor simulator: segments, each starting where the last one ends."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NAMES = ('constant', 'ramps', 'p1', 'reversal', 'standstill')
 
 
 class Motion(NamedTuple):
-    """Mechanical speed [rad/s], its two derivatives, and angle [rad]; arrays of one shape."""
+    """Mechanical speed [rad/s], its two derivatives, and angle [rad]; arrays of the same shape."""
 
     speed: NDArray[np.float64]
     acceleration: NDArray[np.float64]
@@ -40,13 +40,13 @@ class Motion(NamedTuple):
 
 
 class Profile:
-    """A mechanical speed over time; after the last segment the speed stays.
+    """A mechanical speed over time; after the last segment the speed is constant.
 
     Parameters
     ----------
     segments : (duration [s], start [rpm], end [rpm]) each.
-    smooth : half-cosine segments (True) or straight ramps.
-    repeat : start again after the last segment instead of staying.
+    smooth : half-cosine segments (True) or straight ramps (False).
+    repeat : start again after the last segment.
     """
 
     def __init__(
@@ -58,21 +58,24 @@ class Profile:
     ) -> None:
         table = np.asarray(segments, dtype=float)
         if table.ndim != 2 or table.shape[1] != 3 or not np.all(table[:, 0] > 0.0):
-            raise UsageError('a profile is a list of (duration > 0 [s], start [rpm], end [rpm])')
+            raise UsageError(
+                f'the profile has shape {table.shape} or a duration <= 0: give a list of '
+                '(duration [s], start [rpm], end [rpm])'
+            )
         self.duration = float(table[:, 0].sum())
         self._length = np.append(table[:, 0], 1.0)
         self._start = np.concatenate(([0.0], np.cumsum(table[:, 0])))
-        self._start[-1] += 1e-12  # the end itself is the last segment's
+        self._start[-1] += 1e-12  # the end itself belongs to the last segment
         self._from = np.append(table[:, 1], table[-1, 2]) * RPM
         self._to = np.append(table[:, 2], table[-1, 2]) * RPM
-        # both shapes travel the mean speed times the duration
+        # both shapes move by the mean speed times the duration
         travelled = np.cumsum(0.5 * (self._from + self._to)[:-1] * self._length[:-1])
         self._angle = np.concatenate(([0.0], travelled))
         self._smooth = smooth
         self._repeat = repeat
 
     def at(self, times: NDArray[np.float64]) -> Motion:
-        """The motion at `times` [s], shape (n,)."""
+        """Return the motion at `times` [s], shape (n,)."""
         t = np.asarray(times, dtype=float)
         turns = np.zeros_like(t)
         if self._repeat:
@@ -97,13 +100,13 @@ class Profile:
 
 
 def named(name: str, speed_rpm: float, duration: float) -> Profile:
-    """A profile by name, scaled to a speed.
+    """Return a profile by name, scaled to a speed.
 
     Parameters
     ----------
     name : one of `NAMES`.
-    speed_rpm : top speed [rpm]; P1 has 6000 rpm of its own and is scaled to this.
-    duration : length of one run through the profile [s]; P1 has 0.70 s of its own.
+    speed_rpm : top speed [rpm]; P1, which has 6000 rpm, is scaled to it.
+    duration : length of one run through the profile [s]; P1, which has 0.70 s, is scaled to it.
     """
 
     def scaled(shape: list[tuple[float, float, float]], smooth: bool = True) -> Profile:
@@ -129,4 +132,4 @@ def named(name: str, speed_rpm: float, duration: float) -> Profile:
         return scaled(
             [(0.2, 0.0, 0.0), (0.2, 0.0, 1.0), (0.2, 1.0, 1.0), (0.2, 1.0, 0.0), (0.2, 0.0, 0.0)]
         )
-    raise UsageError(f"profile '{name}' is not one of {', '.join(NAMES)}")
+    raise UsageError(f"profile '{name}' does not exist: choose one of {', '.join(NAMES)}")

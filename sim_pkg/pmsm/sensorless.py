@@ -1,7 +1,7 @@
-"""A drive whose controller runs on the observer's own angle and speed.
+"""A drive whose controller uses the observer's own angle and speed.
 
-Two ways to begin: a rotor that spins already (the currents are held at zero until the observer has
-found it), or one at rest (a current vector is turned ever faster until the observer tracks).
+It starts in two ways: with a rotor that spins already (zero current until the observer has found
+it), or with a rotor at rest (a current vector turns faster and faster until the observer tracks).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ WAITING, FORCED, RUNNING = 0.0, 1.0, 2.0
 
 
 def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
-    """A feedback for `drive.make_loop`; its state is from `begin`."""
+    """Return a feedback for `drive.make_loop`; its state comes from `begin`."""
     step, output = functions.step, functions.output
 
     def feedback(
@@ -30,7 +30,7 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
         theta: float,
         speed: float,
         poles: float,
-        wanted: float,
+        reference: float,
     ) -> tuple:
         state: Any
         state, design, coefficients, mode, angle, omega, rise, pull, enough = held
@@ -45,14 +45,14 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
             if status != NOT_OBSERVABLE:
                 omega = velocity * poles
                 angle = rotor_angle(state[CORE][2], state[CORE][3])
-            else:  # carried on at the last speed until it can be seen again
+            else:  # extrapolated at the last speed until the observer has it again
                 angle += omega * dt
         elif mode == FORCED:
             omega += rise * dt
             angle += omega * dt
             forced = pull
         else:
-            forced = 1e-9  # hold the current at zero in the static frame
+            forced = 1e-9  # keeps the current at zero in the static frame
         return (
             (state, design, coefficients, mode, angle, omega, rise, pull, enough),
             angle,
@@ -72,12 +72,12 @@ def begin(
     pull: float = 0.5,
     handover_rpm: float = 600.0,
 ) -> tuple:
-    """The state of the feedback before the first sample.
+    """Return the state of the feedback before the first sample.
 
     Parameters
     ----------
-    forced : start from rest by a turning current vector; else wait for a spinning rotor.
-    rise_rpm : how fast the forced speed rises [rpm/s].
+    forced : start from rest with a turning current vector; else wait for a spinning rotor.
+    rise_rpm : rate of the forced speed [rpm/s].
     pull : forced current over rated current.
     handover_rpm : speed from which the observer takes over [rpm].
     """

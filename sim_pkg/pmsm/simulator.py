@@ -1,4 +1,4 @@
-"""The simulator ``pmsm``: a motor in its drive, as currents and voltages; truth beside them."""
+"""The simulator ``pmsm``: a motor in its drive; it publishes currents, voltages and truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.motor import POWER_INVARIANT, phases
 from estimator_pkg.streams.drive import ELECTRICAL
 from sim_pkg.chunks import in_order, sizes
-from sim_pkg.contract import Message, Simulator, Topic, ran_away
+from sim_pkg.contract import Message, Simulator, Topic, diverged
 from sim_pkg.joints.profiles import fixed
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.pmsm.drive import Drive
@@ -32,40 +32,40 @@ TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 TRUE_FLUX = Topic('ground_truth/flux_linkage', vector3.TYPE, truth=True)
 TRUE_SAMPLES = Topic('ground_truth/samples', drive_samples.TYPE, truth=True)
 
-AHEAD = 0.01  # s simulated at a time where single samples leave
-HELD = 1.5  # a batch that is overtaken leaves so many batches late
+AHEAD = 0.01  # simulated time per chunk for single samples [s]
+HELD = 1.5  # delay of an overtaken batch, in batches
 SECOND = 1e9
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class PmsmSimulatorParameters(PmsmParameters):
-    """All that can be set of the simulator: the drive, and what it publishes."""
+    """The parameters of the simulator: the drive, and what it publishes."""
 
     joint: str = fixed(
         'motor',
         unit='',
-        description='name of the joint in the truth; electrical quantities are '
-        'under this and _electrical',
+        description='name of the joint in the truth; the name with _electrical has the electrical '
+        'quantities',
     )
     publish: str = fixed(
         BATCHES,
         unit='',
         choices=(BATCHES, SINGLE),
-        description='batches: drive_samples; single: each sample on current and voltage',
+        description='batches: drive_samples; single: one message per sample on current and voltage',
     )
-    batch: int = fixed(200, unit='samples', range=(1, 100000), description='rows of a batch')
+    batch: int = fixed(200, unit='samples', range=(1, 100000), description='samples per batch')
     publish_rate: float = fixed(
         0.0,
         unit='Hz',
         range=(0.0, 200000.0),
-        description='samples published per second, a whole part of sample_rate: the current at the '
-        'stamp, the mean voltage since the sample before; 0: every sample',
+        description='published samples per second; sample_rate must be an integer multiple of it. '
+        'Current at the stamp, mean voltage since the previous one; 0: every sample',
     )
     phase_values: bool = fixed(
         False,
         unit='',
-        description='current and voltage carry the phases a, b, c in place of alpha and beta',
+        description='current and voltage carry the phases a, b, c instead of alpha and beta',
     )
     scaling: str = fixed(
         'amplitude',
@@ -77,7 +77,7 @@ class PmsmSimulatorParameters(PmsmParameters):
     true_samples: bool = fixed(
         True,
         unit='',
-        description='with batches: electrical angle, speed and flux of every row on '
+        description='with batches: publish electrical angle, speed and flux of every sample on '
         'ground_truth/samples',
     )
     lost: float = fixed(
@@ -90,21 +90,24 @@ class PmsmSimulatorParameters(PmsmParameters):
         0.0,
         unit='',
         range=(0.0, 1.0),
-        description='fraction of batches that arrive after the one behind them',
+        description='fraction of batches that arrive after the next one',
     )
 
     def __post_init__(self) -> None:
-        """What a range cannot say; raises UsageError."""
+        """Check what a range cannot express; raise UsageError."""
         super().__post_init__()
         if not self.joint:
-            raise UsageError("parameter 'joint' must not be empty")
+            raise UsageError("parameter 'joint' must not be empty: set a joint name")
         if self.publish_rate and abs(self.sample_rate / self.publish_rate - self.every) > 1e-6:
             raise UsageError(
-                f'publish_rate = {self.publish_rate:g} Hz is no whole part of '
-                f'sample_rate = {self.sample_rate:g} Hz'
+                f'publish_rate = {self.publish_rate:g} Hz does not divide '
+                f'sample_rate = {self.sample_rate:g} Hz: choose a rate that does'
             )
         if self.phase_values and self.publish == BATCHES:
-            raise UsageError("phase_values needs publish 'single': batches carry alpha and beta")
+            raise UsageError(
+                "phase_values = true with publish = 'batches', which carry alpha and beta: set "
+                "publish to 'single'"
+            )
 
     @property
     def every(self) -> int:
@@ -115,7 +118,7 @@ class PmsmSimulatorParameters(PmsmParameters):
 
 
 def topics(parameters: PmsmSimulatorParameters) -> tuple[Topic, ...]:
-    """Measurement and truth."""
+    """Return the topics: measurement and truth."""
     if parameters.publish == SINGLE:
         return CURRENT, VOLTAGE, TRUTH, TRUE_FLUX
     if parameters.true_samples:
@@ -124,7 +127,7 @@ def topics(parameters: PmsmSimulatorParameters) -> tuple[Topic, ...]:
 
 
 class Rows(NamedTuple):
-    """What is published, shape (n,) each; values and true as `drive_samples` has them."""
+    """Published rows, shape (n,) each; `values` and `true` as in `drive_samples`."""
 
     stamps_ns: NDArray[np.int64]
     values: Floats
@@ -134,7 +137,7 @@ class Rows(NamedTuple):
 
 
 class Source:
-    """Published rows, for ever: the drive's own samples, or every so many of them."""
+    """An endless source of published rows: every n-th sample of the drive (`every`)."""
 
     def __init__(self, parameters: PmsmSimulatorParameters, seed: int) -> None:
         self._drive = Drive(parameters, seed)
@@ -142,14 +145,14 @@ class Source:
         self._first = True
 
     def take(self, count: int) -> Rows:
-        """The next `count` rows."""
+        """Return the next `count` rows."""
         parameters, every = self._parameters, self._parameters.every
-        # the very first row has nothing before it to take the mean of: it is the drive's own
+        # no sample precedes the first row, so it has no mean: it is the drive's own sample
         length = count * every - (every - 1 if self._first else 0)
         begun = self._drive.count
         record = self._drive.run(length)
         if not np.isfinite(record.truth).all():
-            raise ran_away(begun / parameters.sample_rate)
+            raise diverged(begun / parameters.sample_rate)
         picked = np.arange(0 if self._first else every - 1, length, every)
         values = record.samples[picked]
         if every > 1:
@@ -176,7 +179,7 @@ class Source:
 def generate(
     parameters: PmsmSimulatorParameters, duration: float, seed: int
 ) -> Iterator[list[Message]]:
-    """Measurement and truth, a batch at a time (see `sim_pkg.contract`)."""
+    """Yield a batch at a time: measurement and truth (see `sim_pkg.contract`)."""
     rate = parameters.sample_rate / parameters.every
     size = parameters.batch if parameters.publish == BATCHES else max(1, round(AHEAD * rate))
     return in_order(_chunks(parameters, sizes(duration, rate, size), seed))
@@ -197,7 +200,7 @@ def _chunks(
 def _batch(
     parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
 ) -> list[Message]:
-    """A batch leaves with its last sample; the truth with it, whatever becomes of the batch."""
+    """Return a batch, due at its last sample, and its truth, which always arrives."""
     due = int(rows.stamps_ns[-1])
     length = len(rows.stamps_ns) * parameters.every / parameters.sample_rate
     leaves = due + round(HELD * length * SECOND) if chance[2] < parameters.overtaken else due
@@ -216,7 +219,7 @@ def _batch(
 def _single(
     parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
 ) -> list[Message]:
-    """Each sample on current and voltage, and its truth."""
+    """Return each sample on current and voltage, and its truth."""
     messages = []
     for row, (stamp, value) in enumerate(zip(rows.stamps_ns.tolist(), rows.values.tolist())):
         for topic, vector in ((CURRENT, value[:2]), (VOLTAGE, value[2:])):
@@ -227,14 +230,14 @@ def _single(
 
 
 class Truth:
-    """The true state as messages."""
+    """Encodes the true state as messages."""
 
     def __init__(self, joint: str) -> None:
         self._names = (joint, joint + ELECTRICAL)
         self._encode = Encoder().encode
 
     def messages(self, rows: Rows, row: int) -> list[Message]:
-        """Speed, angle and flux of one row, due at its stamp."""
+        """Return speed, angle and flux of one row, due at its stamp."""
         stamp = int(rows.stamps_ns[row])
         angle, speed, flux, _ = rows.true[row].tolist()
         state = partial(

@@ -1,1 +1,1 @@
-"""One file per paper: its figures and tables, ours beside the printed ones."""
+"""Reproductions of the papers: figures and tables, our results next to the printed ones."""

@@ -1,4 +1,4 @@
-"""``velocity_estimator reproduce``: a paper's figures and tables, ours beside the reference."""
+"""``velocity_estimator reproduce``: a paper's figures and tables, our values and references."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ table = Lazy('sim_pkg.reproduce.mechanical.tables')
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     known = ', '.join(registry.names(registry.REPRODUCTIONS))
-    parser.add_argument('paper', metavar='PAPER', help=f'which paper: {known}')
+    parser.add_argument('paper', metavar='PAPER', help=f'one of: {known}')
     parser.add_argument('--plot', metavar='DIR', type=Path, help='draw the figures into DIR')
     parser.add_argument(
-        '--only', metavar='ID', default='', help="only rows whose id starts so, such as 'F4'"
+        '--only', metavar='ID', default='', help="only rows whose id starts with ID, such as 'F4'"
     )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Compute and print the rows, draw the figures; 'ok' is False if a row fails."""
+    """Compute and print the rows, draw the figures; return them, with 'ok' False if a row fails."""
     reproduction: Reproduction = registry.find(registry.REPRODUCTIONS, parsed.paper)
     tell = table.show  # what is missing is told before the work, not after it
     if parsed.plot is not None:
@@ -52,7 +52,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 def _require_matplotlib() -> None:
     try:
-        import matplotlib  # noqa: F401  (only to see whether it is there)
+        import matplotlib  # noqa: F401  (checks that it is installed)
     except ImportError as error:
         raise UserError(f'{needs("matplotlib")} (without --plot it is not needed)') from error
 

@@ -1,7 +1,7 @@
-"""What a reproduction of a paper is: rows held to a reference within a tolerance, and figures.
+"""The interface of a reproduction of a paper: rows with a reference and a tolerance, and figures.
 
-The references are declared as a table beside the code that computes the values, so that neither can
-lose a row unseen: `Part.rows` fails when a value has no reference or a reference no value.
+The references are a table next to the code that computes the values. `Part.rows` raises KeyError
+if a value has no reference or a reference no value, so no row is lost.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ EXACT = 'exact'  # value == reference
 AT_MOST = 'at most'  # value <= reference
 AT_LEAST = 'at least'  # value >= reference
 KINDS = (ABSOLUTE, PERCENT, EXACT, AT_MOST, AT_LEAST)
-DPI = 100  # of the figures
+DPI = 100  # resolution of the figures
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a row is held to.
+    """The reference of a row.
 
     Attributes
     ----------
     id : unique, its part's name first: 'F4 RMS e2 [0,2) sin'.
     what : the quantity in words, with its unit.
     value : the reference number.
-    tolerance : in the unit of the value, or in % where `kind` says so; unused by the other kinds.
+    tolerance : in the unit of the value, or in % for `kind` PERCENT; unused by the other kinds.
     kind : one of KINDS.
-    paper : what the paper itself prints: a number or its words; None where it prints neither.
+    paper : what the paper prints: a number or its words; None if it prints neither.
     """
 
     id: str
@@ -47,18 +47,18 @@ class Reference:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise ValueError(f"'{self.id}': no kind of tolerance is called '{self.kind}'")
+            raise ValueError(f"'{self.id}': kind '{self.kind}' is not one of {', '.join(KINDS)}")
 
     @property
     def allowed(self) -> float:
-        """The tolerance in the unit of the value; 0 for the kinds that have none."""
+        """The tolerance in the unit of the value; 0 for kinds without one."""
         if self.kind == PERCENT:
             return 0.01 * self.tolerance * abs(self.value)
         return self.tolerance if self.kind == ABSOLUTE else 0.0
 
     @property
     def tolerance_text(self) -> str:
-        """The tolerance for a person."""
+        """The tolerance as text."""
         if self.kind == PERCENT:
             return f'{self.tolerance:g} %'
         return f'{self.tolerance:g}' if self.kind == ABSOLUTE else self.kind
@@ -66,14 +66,14 @@ class Reference:
 
 @dataclass(frozen=True)
 class Row:
-    """A reference and our value beside it."""
+    """A reference and our value."""
 
     reference: Reference
     value: float
 
     @property
     def ok(self) -> bool:
-        """True if our value is within the tolerance; never for NaN or infinity."""
+        """True if our value is within the tolerance; False for NaN or infinity."""
         reference = self.reference
         if not math.isfinite(self.value):
             return False
@@ -84,7 +84,7 @@ class Row:
         return abs(self.value - reference.value) <= reference.allowed
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``--json``; 'tolerance' is in the unit of the value."""
+        """Return the row for ``--json``; 'tolerance' is in the unit of the value."""
         reference = self.reference
         return {
             'id': reference.id,
@@ -109,7 +109,7 @@ class Part:
     ----------
     name : every id of the part starts with it.
     references : in the order of the table.
-    values : () -> (id, value) of each reference, in any order, as they become known.
+    values : () -> (id, value) of each reference, in any order, as they are computed.
     """
 
     name: str
@@ -117,7 +117,7 @@ class Part:
     values: Callable[[], Values]
 
     def rows(self) -> Iterator[Row]:
-        """The rows, as they become known.
+        """Yield the rows as they are computed.
 
         Raises
         ------
@@ -130,24 +130,24 @@ class Part:
             raise KeyError(f'{self.name}: no value for {", ".join(missing)}')
 
     def concerns(self, prefix: str) -> bool:
-        """True if some id of this part starts with `prefix`."""
+        """Return True if an id of this part starts with `prefix`."""
         return any(reference.id.startswith(prefix) for reference in self.references)
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What an entry point of the group ``velocity_estimator.reproductions`` names.
+    """A reproduction, as an entry point of ``velocity_estimator.reproductions`` names it.
 
     Attributes
     ----------
     name : as users write it.
     summary : one line; the paper.
     parts : in the order of the table.
-    figures : the module whose FIGURES name what it draws: name of the file -> () -> figure. It is
-        imported when they are wanted, as it imports matplotlib.
+    figures : the module whose FIGURES maps file names to functions () -> figure. It is imported
+        only for drawing, because it imports matplotlib.
     notes : lines printed below the table.
-    tables : (rows) -> the paper's own tables, ours beside the printed numbers, as lines; only what
-        the rows hold.
+    tables : (rows) -> the paper's own tables as lines, our results next to the printed numbers;
+        only those whose rows are all in `rows`.
     """
 
     name: str
@@ -158,7 +158,7 @@ class Reproduction:
     tables: Callable[[Sequence[Row]], list[str]] = field(default=lambda rows: [])
 
     def draw(self, folder: Path) -> list[Path]:
-        """Draw the figures as PNG files into `folder`; their paths. Needs matplotlib."""
+        """Draw the figures as PNG files into `folder`; return their paths. Needs matplotlib."""
         paths = []
         for name, make in importlib.import_module(self.figures).FIGURES.items():
             paths.append(folder / f'{name}.png')
@@ -166,7 +166,7 @@ class Reproduction:
         return paths
 
     def references(self, prefix: str = '') -> list[Reference]:
-        """The references whose id starts with `prefix`, in the order of the table."""
+        """Return the references whose id starts with `prefix`, in the order of the table."""
         return [
             reference
             for part in self.parts
@@ -177,7 +177,7 @@ class Reproduction:
     def rows(
         self, advance: Callable[[int], None] = lambda count: None, prefix: str = ''
     ) -> Iterator[Row]:
-        """The rows whose id starts with `prefix`; parts that hold none of them are not run.
+        """Yield the rows whose id starts with `prefix`; parts without such rows are not run.
 
         Parameters
         ----------
@@ -212,13 +212,13 @@ def family(
     kind: str = ABSOLUTE,
     paper: Mapping[str, float | str] | None = None,
 ) -> tuple[Reference, ...]:
-    """One row for several variants: 'name variant' for each of `values`.
+    """Return one reference for each of several variants: 'name variant' for each of `values`.
 
     Parameters
     ----------
     what : the quantity, with its unit.
     values : variant -> reference.
-    paper : variant -> what the paper prints of it.
+    paper : variant -> what the paper prints.
     """
     return tuple(
         Reference(f'{name} {variant}', what, value, tolerance, kind, (paper or {}).get(variant))

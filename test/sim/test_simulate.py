@@ -282,7 +282,7 @@ def test_a_parameter_file_of_the_node_serves_the_command(tmp_path):
         (['encoder', '--set', 'noise=much'], 2, 'must be a number'),
         (['encoder', '--set', 'noise'], 2, 'not key=value'),
         (['encoder', '--set', 'profile=sines'], 2, 'not one of constant, sine'),
-        (['encoder', '--set', 'joints=[]'], 2, 'at least one joint'),
+        (['encoder', '--set', 'joints=[]'], 2, 'needs at least one name'),
         (['encoder', '--set', 'joints=[a, a]'], 2, 'twice'),
         (['encoder', '--set', 'joints=[a, b]', '--set', 'convention=raw_counts'], 2, 'one joint'),
         (['encoder', '--duration', '0'], 2, 'duration'),

@@ -1,4 +1,4 @@
-"""Rows of what the paper leaves open: excitation, and what its lack does (A5)."""
+"""Rows on excitation and the effect of its lack, which the paper leaves open (A5)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim_pkg.reproduce.adaptive.rows import NAMES, rms
 from sim_pkg.reproduce.adaptive.runs import gains, run
 from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, PERCENT, Part, Reference, Values, family
 
-REST = -0.2 / 0.3  # where the spring of 4.2 holds a load of -0.2 rad/s^2 [rad]
+REST = -0.2 / 0.3  # where the spring of 4.2 balances a load of -0.2 rad/s^2 [rad]
 
 A5 = (
     *family(

@@ -15,11 +15,11 @@ from sim_pkg.reproduce.adaptive.plant import (
 )
 from sim_pkg.reproduce.adaptive.rows import FROZEN_FROM, NAMES, example_1, parallel
 
-THIN = 20  # points drawn: one of so many
+THIN = 20  # every n-th point is drawn
 
 
 def estimation() -> Figure:
-    """Figure 1: the velocity while the parameters are learnt, and after that."""
+    """Return Figure 1: the velocity while the parameters are learnt, and after that."""
     run = continuous(VELOCITY, example_1(), freeze=FROZEN_FROM)
     figure = Figure(figsize=(8.0, 6.0), layout='constrained')
     for axes, begin, end, title in zip(
@@ -38,7 +38,7 @@ def estimation() -> Figure:
 
 
 def identification() -> Figure:
-    """Figure 2: the parameters, and the identified model beside the plant."""
+    """Return Figure 2: the parameters, and the identified model next to the plant."""
     run = continuous(IDENTIFICATION, random_input(IDENTIFICATION, RK4_STEP, 600.0))
     inputs = random_input(IDENTIFICATION, RK4_STEP, 100.0, seed=999)
     plant = response(IDENTIFICATION, inputs, RK4_STEP)[0]

@@ -14,11 +14,11 @@ REPRODUCTION = Reproduction(
     notes=(
         'The inputs, the start values and the gains of example 4.1 are not published: ours are '
         'in sim_pkg/reproduce/adaptive/plant.py.',
-        'What each row shows, misprints and findings: docs/papers/adaptive.md',
+        'Meaning of each row, misprints and findings: docs/papers/adaptive.md',
         *(
             ()
             if recorded_rows.PARTS
-            else ('The recorded pendulum is left out: there is no folder bags here.',)
+            else ('The recorded pendulum is skipped: the folder bags does not exist here.',)
         ),
     ),
 )

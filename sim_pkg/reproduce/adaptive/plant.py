@@ -12,7 +12,7 @@ from estimator_pkg.driver.compiled import compiled
 
 Array = NDArray[np.floating[Any]]
 
-RK4_STEP = 1e-3  # of the continuous-time reference [s]
+RK4_STEP = 1e-3  # step of the continuous-time reference [s]
 
 
 class Example(NamedTuple):
@@ -20,8 +20,8 @@ class Example(NamedTuple):
 
     observer_poles, model_poles : of A_c - K C and A_c [1/s].
     gamma : diagonal of Gamma.
-    hold : the random input is held for so long [s].
-    theta : the right parameters l1, l2, b1, b2.
+    hold : time for which each value of the random input is constant [s].
+    theta : the true parameters l1, l2, b1, b2.
     """
 
     b: float
@@ -53,7 +53,7 @@ IDENTIFICATION = Example(
 
 
 def lcg(seed: int, count: int) -> Array:
-    """`count` uniform numbers of unit variance, the same on every machine; shape (count,)."""
+    """Return `count` uniform numbers of unit variance, the same on every machine; (count,)."""
     values = np.empty(count)
     for i in range(count):
         seed = (1664525 * seed + 1013904223) % 2**32
@@ -62,25 +62,25 @@ def lcg(seed: int, count: int) -> Array:
 
 
 def held(values: Array, hold: float, dt: float, duration: float) -> Array:
-    """Each of `values` for `hold` [s], sampled every `dt` [s]; shape (duration / dt,)."""
+    """Return each of `values` for `hold` [s], sampled every `dt` [s]; shape (duration / dt,)."""
     index = np.floor(np.arange(round(duration / dt)) * dt / hold + 1e-9).astype(np.int64)
     return values[index]
 
 
 def random_input(example: Example, dt: float, duration: float, seed: int = 12345) -> Array:
-    """The random input of the paper; shape (duration / dt,)."""
+    """Return the random input of the paper; shape (duration / dt,)."""
     return held(lcg(seed, math.ceil(duration / example.hold) + 1), example.hold, dt, duration)
 
 
 def square(dt: float, duration: float) -> Array:
-    """+1 and -1, for 5 s each; shape (duration / dt,)."""
+    """Return +1 and -1, for 5 s each; shape (duration / dt,)."""
     return held(
         np.where(np.arange(math.ceil(duration / 5.0) + 1) % 2 == 0, 1.0, -1.0), 5.0, dt, duration
     )
 
 
 def exponential(matrix: Array) -> Array:
-    """exp(matrix), shape (n, n), by scaling and a Taylor series."""
+    """Return exp(matrix), shape (n, n), by scaling and a Taylor series."""
     halvings = max(0, math.ceil(math.log2(max(1e-300, float(np.abs(matrix).sum())))) + 2)
     scaled = matrix / 2.0**halvings
     whole = term = np.eye(len(matrix))
@@ -109,11 +109,11 @@ def response(
     load: float = 0.0,
     start: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array]:
-    """Angle [rad] and velocity [rad/s] under a held input, exactly; one longer than `inputs`.
+    """Return angle [rad] and velocity [rad/s] for a piecewise constant input (exact), (n + 1,).
 
     Parameters
     ----------
-    load : constant acceleration beside the input [rad/s^2].
+    load : constant acceleration in addition to that of the input [rad/s^2].
     """
     ratio = example.Kv / example.J
     matrix = np.zeros((3, 3))
@@ -198,7 +198,7 @@ class Continuous(NamedTuple):
         return self.estimate - self.velocity
 
     def at(self, time: float) -> int:
-        """The row of this time [s]."""
+        """Return the row at this time [s]."""
         return round(time / RK4_STEP)
 
 
@@ -210,13 +210,13 @@ def continuous(
     injection_stays: bool = False,
     gamma: tuple[float, ...] | None = None,
 ) -> Continuous:
-    """Plant and observer together by Runge-Kutta 4, everything at zero first.
+    """Simulate plant and observer together by Runge-Kutta 4, from zero.
 
     Parameters
     ----------
-    inputs : held for one RK4_STEP each.
+    inputs : each is constant for one RK4_STEP.
     freeze : when the parameter law stops [s].
-    injection_stays : the last term of (13) is left on then.
+    injection_stays : keep the last term of (13) after `freeze`.
     """
     model, observer = _column(example.model_poles), _column(example.observer_poles)
     p = np.array(
@@ -241,5 +241,5 @@ def continuous(
 
 
 def _column(poles: tuple[float, float]) -> tuple[float, float]:
-    """First column of the companion matrix with these eigenvalues."""
+    """Return the first column of the companion matrix with these eigenvalues."""
     return poles[0] + poles[1], -poles[0] * poles[1]

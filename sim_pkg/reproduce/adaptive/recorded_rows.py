@@ -1,7 +1,7 @@
-"""Rows of the recorded pendulum: what the observer identifies of it, recording by recording.
+"""Rows of the recorded pendulum: the parameters that the observer identifies, per recording.
 
-The paper has no recordings, so the references are what we found, there as guards against change;
-what the rows show is which numbers agree between the recordings and which are not trusted.
+The paper has no recordings, so the references are our own results: they guard against change. The
+rows show which parameters agree between the recordings and which are not trusted.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ RECORDINGS = {
     'gravity_compensation': 'gravity_compensation_1000hz',
 }
 QUANTUM = 2.914e-3  # [rad] of the position column
-# Torque in; gravity is a known regressor and there is no spring. Where the joint sticks, or
-# somebody pushes it, nothing is learnt.
+# The input is a torque; gravity is a known regressor and there is no spring. Nothing is learnt
+# where the joint sticks or a hand pushes it.
 SETTINGS: dict[str, Any] = {
     'gravity': True,
     'known': ('b1=0', 'k/J=0'),
@@ -125,7 +125,7 @@ RECORDED = (
 
 
 def folder() -> Path | None:
-    """Where the recordings are; None: not here (they are no part of an installation)."""
+    """Return the folder of the recordings; None if it is missing (it is not installed)."""
     for place in (Path('bags'), Path(__file__).parents[3] / 'bags'):
         if (place / 'dfki_simple_pendulum').is_dir():
             return place / 'dfki_simple_pendulum'
@@ -134,7 +134,7 @@ def folder() -> Path | None:
 
 @lru_cache
 def identified(recording: str, linear: bool = False) -> Report:
-    """What the observer says at the end of a recording."""
+    """Return the observer's report at the end of a recording."""
     place = folder()
     assert place is not None
     with open_bag(place / RECORDINGS[recording]) as bag:
@@ -147,12 +147,12 @@ def identified(recording: str, linear: bool = False) -> Report:
     for stamp, angle, torque in zip(
         series.stamps_ns.tolist(), series.position.tolist(), series.effort.tolist()
     ):
-        joint.update(stamp, angle, torque)  # as live: a batch would end its blocks elsewhere
+        joint.update(stamp, angle, torque)  # as live: a batch would end its blocks differently
     return joint.report()
 
 
 def values() -> Values:
-    """The values of all rows."""
+    """Yield the values of all rows."""
     found = {recording: identified(recording) for recording in RECORDINGS}
     numbers = {
         recording: {item.name: item for item in report.parameters}
@@ -179,12 +179,12 @@ def values() -> Values:
 
 
 def _trusted(report: Report) -> int:
-    """How many of the parameters that had to be learnt are trusted."""
+    """Return the number of trusted parameters among those that had to be learnt."""
     return sum(item.trusted for item in report.parameters if item.stddev > 0.0)
 
 
 def table(rows: Sequence[Row]) -> list[str]:
-    """The recordings beside each other, as lines; none if the rows were not asked for."""
+    """Return the table of all recordings as lines; none if its rows were not computed."""
     value = {row.reference.id: row.value for row in rows}
     if not all(reference.id in value for reference in RECORDED):
         return []

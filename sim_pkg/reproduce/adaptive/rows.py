@@ -20,7 +20,7 @@ from sim_pkg.reproduce.adaptive.runs import gains, run
 from sim_pkg.reproduce.contract import ABSOLUTE, AT_MOST, PERCENT, Part, Reference, Values, family
 
 NAMES = ('l1', 'l2', 'b1', 'b2')
-FROZEN_FROM = 100.0  # [s] the parameters are held and the input changes
+FROZEN_FROM = 100.0  # when the parameters are frozen and the input changes [s]
 
 
 def rms(values: Array) -> float:
@@ -203,14 +203,14 @@ A2 = (
 
 
 def parallel_error(theta: Array) -> float:
-    """Rms of the angle between plant and identified model under another input, 100 s [rad]."""
+    """Return the rms angle error of the identified model under another input, 100 s [rad]."""
     example = IDENTIFICATION
     inputs = random_input(example, RK4_STEP, 100.0, seed=999)
     return rms(parallel(theta, inputs) - response(example, inputs, RK4_STEP)[0])
 
 
 def parallel(theta: Array, inputs: Array) -> Array:
-    """Angle of the identified model alone [rad], one longer than `inputs`."""
+    """Return the angle of the identified model alone [rad], one longer than `inputs`."""
     first, last = IDENTIFICATION.model_poles
     matrix = np.zeros((3, 3))
     matrix[:2] = [

@@ -1,4 +1,4 @@
-"""The observer `adaptive` on sampled signals, without the driver: what the rows are made of."""
+"""The observer `adaptive` on sampled signals, without the driver, for the rows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COMPILE_FROM = 50_000  # samples from which compiling pays
 
 
 class Run(NamedTuple):
-    """What was kept of a run, every so many samples; the first row is the first kept sample.
+    """A run, every n-th sample; the first row is the first kept sample.
 
     time : s. position : estimated [rad]. paper, full : velocity by (38) and by the full formula
     [rad/s]. theta : shape (n, m). phase : see `estimator_pkg.observers.adaptive.observer`.
@@ -36,7 +36,7 @@ class Run(NamedTuple):
 
 
 def gains(example: Example, **changes: Any) -> Gains:
-    """The paper's observer: the gradient in the sampled form, without gate or time to settle."""
+    """Return the paper's observer: gradient, sampled form, no gate, no settling time."""
     plain = Gains(
         law='gradient',
         observer_poles=example.observer_poles,
@@ -125,16 +125,16 @@ def run(
     leak: float = 0.0,
     dead_zone: float = 0.0,
 ) -> Run:
-    """The observer on these samples.
+    """Run the observer on these samples.
 
     Parameters
     ----------
-    angles : shape (n + 1,) [rad]; inputs : shape (n,), held between the samples.
-    every : how many samples pass between two that are kept.
-    from_zero : regressor and x start at zero, not settled on the first angle.
-    leak : the parameters fall back to where they started at this rate [1/s]. dead_zone : nothing is
-        learnt from an innovation below it [rad]. Both are others' remedies, which the observer
-        does not have; they need the sampled form, where x follows theta by itself.
+    angles : shape (n + 1,) [rad]; inputs : shape (n,), constant between the samples.
+    every : keep every n-th sample.
+    from_zero : start regressor and x at zero instead of at the first angle.
+    leak : rate at which the parameters return to their start values [1/s]. dead_zone : innovations
+        below it are ignored [rad]. Both are remedies of others that the observer does not have;
+        they need the sampled form, where x follows theta by itself.
     """
     functions = OBSERVER.build(settings, Circle(0.0))
     design = functions.design()

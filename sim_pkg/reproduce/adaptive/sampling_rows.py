@@ -1,4 +1,4 @@
-"""Rows of what the paper leaves open: sampling and noise (A3, A4)."""
+"""Rows on sampling and noise, which the paper leaves open (A3, A4)."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ A3 = (
 
 
 def _learnt(form: str, dt: float, seconds: float, scale: float | None = None) -> tuple[Run, Array]:
-    """(run, error of (38)); of example 4.1 with Gamma times `scale`, else of 4.2."""
+    """Return (run, error of (38)): example 4.1 with Gamma times `scale`, else example 4.2."""
     example = IDENTIFICATION if scale is None else VELOCITY
     inputs = random_input(example, dt, seconds)
     angles, speeds = response(example, inputs, dt)
@@ -174,7 +174,7 @@ def a3_values() -> Values:
 
 
 def _mapped_back(row: tuple[float, ...], dt: float) -> Values:
-    """The continuous plant whose exact step is the one that Euler identified."""
+    """Yield the poles' sum and product of the continuous plant that Euler's step represents."""
     step = np.eye(2) + dt * np.array([[row[0], 1.0], [row[1], 0.0]])
     poles, vectors = np.linalg.eig(step.astype(complex))
     matrix = (vectors @ np.diag(np.log(poles)) @ np.linalg.inv(vectors) / dt).real
@@ -257,7 +257,7 @@ A4 = (
 
 
 def _filtered_difference(angles: Array, dt: float) -> Array:
-    """What users have today: a difference with a 10 Hz low-pass [rad/s]."""
+    """Return a finite difference with a 10 Hz low-pass, a common baseline [rad/s]."""
     kept = math.exp(-20.0 * math.pi * dt)
     value = 0.0
     found = []

@@ -1,8 +1,8 @@
 """Figures 4 and 5 of the hybrid-angle paper: plant (1) and observer (3) with their jumps.
 
-Runge-Kutta of order four at a fixed step; jumps are tested after each step, in the order plant J1,
-observer J1, observer J2, until none is left (the paper leaves the order open). It runs as plain
-Python: compiling the loop for each injection takes as long as running it for all figures.
+Runge-Kutta of order four at a fixed step. Jumps are tested after each step, in the order plant J1,
+observer J1, observer J2, until none applies (the paper leaves the order open). The code runs as
+plain Python: compiling it for each injection takes as long as running it for all figures.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from sim_pkg.reproduce import splitmix
 Array = NDArray[np.floating[Any]]
 
 STEP = 1e-4  # integration step [s]
-DURATION = 8.0  # of Figures 4 and 5 [s]
+DURATION = 8.0  # duration of Figures 4 and 5 [s]
 STEPS = round(DURATION / STEP)
-NOISE_HOLD = 10  # steps for which a noise value is held: 1 ms
-NOISE_REACH = math.radians(15.0)
+NOISE_HOLD = 10  # steps for which a noise value is constant: 1 ms
+NOISE_REACH = math.radians(15.0)  # largest noise [rad]
 MARGIN = math.radians(5.0)  # delta_pi
 K1, K2 = 6.0, 5.0  # the paper's k_v and k_p
 
@@ -51,9 +51,9 @@ class Trace(NamedTuple):
     output_error : y minus the estimated position, wrapped [rad].
     position_error : true minus estimated position, wrapped [rad].
     lyapunov : V of the errors [rad^2].
-    flow_change : what V gained in step i while flowing [rad^2].
-    reset_change : what V gained at the observer's J2 jumps after step i; nan where none was.
-    wrap_change : what V gained at the J1 jumps after step i; nan where none was.
+    flow_change : change of V in step i while flowing [rad^2].
+    reset_change : change of V at the observer's J2 jumps after step i; nan without a jump.
+    wrap_change : change of V at the J1 jumps after step i; nan without a jump.
     resets : number of J2 jumps after step i.
     """
 
@@ -74,12 +74,12 @@ class Trace(NamedTuple):
         return self.true_velocity - self.velocity
 
     def reset_times(self) -> Array:
-        """When the observer jumped in J2 [s]."""
+        """Return the times of the observer's J2 jumps [s]."""
         return self.time[self.resets > 0] + STEP
 
 
 def make_simulation(name: str) -> Callable[..., None]:
-    """The loop over steps for the injection called `name`, in the subset that Numba compiles."""
+    """Return the loop over steps for the injection `name`, in the subset that Numba compiles."""
     flow = make_flow(injections.BUILT_IN[name])
     lyapunov = make_lyapunov(POTENTIALS[name])
 
@@ -98,10 +98,10 @@ def make_simulation(name: str) -> Callable[..., None]:
         wrap_change: Array,
         resets: Array,
     ) -> None:
-        """Fills the arrays from `velocity` on; all of shape (n,).
+        """Fill the arrays from `velocity` on; all of shape (n,).
 
         gains : l1, l2, saturation limit. speed : true velocity at half steps, shape (2 n + 1,).
-        noise : of the measurement in each step, shape (n,) [rad].
+        noise : measurement noise in each step, shape (n,) [rad].
         """
         half = 0.5 * step
         true, position, speed_hat = 0.0, 0.0, 0.0
@@ -151,22 +151,22 @@ def make_simulation(name: str) -> Callable[..., None]:
 
 @lru_cache
 def figure_4(injection: str, *, k1: float = K1, k2: float = K2, margin: float = MARGIN) -> Trace:
-    """Figure 4: no noise, epsilon 0.7 s, M = 1 rad.
+    """Simulate Figure 4: no noise, epsilon 0.7 s, M = 1 rad.
 
     Parameters
     ----------
-    margin : delta_pi [rad]; so small that no step ends inside it, it switches J2 off.
+    margin : delta_pi [rad]; if it is smaller than any step, J2 never applies.
     """
     return _run(injection, (*observer_gains(k1, k2, 0.7), 1.0), margin, np.zeros(STEPS))
 
 
 @lru_cache
 def figure_5(injection: str, seed: int) -> Trace:
-    """Figure 5: +-15 degrees of uniform noise held for 1 ms, epsilon 0.1 s, M = 0.03 rad.
+    """Simulate Figure 5: +-15 degrees of uniform noise, epsilon 0.1 s, M = 0.03 rad.
 
     Parameters
     ----------
-    seed : of the splitmix64 stream. The paper states neither distribution nor bandwidth.
+    seed : seed of the splitmix64 stream. The paper states neither distribution nor bandwidth.
     """
     held = splitmix.uniforms(seed, STEPS // NOISE_HOLD, NOISE_REACH)
     return _run(
@@ -179,6 +179,6 @@ def _run(injection: str, gains: tuple[float, float, float], margin: float, noise
     speed = profiles.figure_4()(half_steps)[1]
     out = [np.zeros(STEPS) for _ in range(5)]
     out += [np.full(STEPS, np.nan), np.full(STEPS, np.nan), np.zeros(STEPS)]
-    # lists hold Python's own numbers, which are several times faster than numpy's
+    # lists contain Python floats, which are several times faster than numpy's
     make_simulation(injection)(gains, margin, STEP, speed.tolist(), noise.tolist(), *out)
     return Trace(half_steps[:-1:2], speed[:-1:2], *out)

@@ -21,19 +21,19 @@ from sim_pkg.reproduce.hybrid_angle.continuous import K1, K2, STEP, Trace, figur
 from sim_pkg.reproduce.hybrid_angle.sampled import rms
 
 FOUR = ('sin', 'tan', 'saw', 'sat')
-SEEDS = (1, 2, 3)  # of the noise of Figure 5
+SEEDS = (1, 2, 3)  # random seeds of the noise of Figure 5
 TURNS_AT = 2.0  # the speed leaves 10 rad/s [s] ...
 SETTLES_AT = 2.05  # ... and has reached -20 rad/s [s]
-NO_RESET = 1e-12  # a delta_pi that no integration step ends in [rad]
+NO_RESET = 1e-12  # a delta_pi so small that J2 never applies [rad]
 
 
 def four(sin: float, tan: float, saw: float, sat: float) -> dict[str, float]:
-    """Values by injection, in the order of the specification's table."""
+    """Return values by injection, in the order of the specification's table."""
     return dict(zip(FOUR, (sin, tan, saw, sat)))
 
 
 def window(trace: Trace, start: float, end: float) -> slice:
-    """The rows with start <= time < end [s]."""
+    """Return the rows with start <= time < end [s]."""
     return slice(round(start / STEP), round(end / STEP))
 
 
@@ -100,7 +100,7 @@ FIGURE_4 = (
         {'sin': 1.0, 'sat': 1.0},
         kind=AT_LEAST,
     ),
-    # which of k_v and k_p is k1: with the two exchanged the prose of the paper no longer fits
+    # which of k_v and k_p is k1: with the two exchanged, the text of the paper no longer fits
     Reference(
         'F4 gains exchanged: max |e1| [0,2) saw', 'as above with k1 = 5, k2 = 6 [rad]', 1.037, 0.005
     ),
@@ -125,7 +125,7 @@ def figure_4_values() -> Values:
         yield f'F4 RMS e2 [0,2) {name}', rms(error[early])
         yield f'F4 RMS e2 [2,8) {name}', rms(error[late])
         yield f'F4 max |e1| [0,2) {name}', np.abs(trace.position_error[early]).max()
-        astray = trace.time[np.abs(error) > 1.0]  # never empty: the start is 10 rad/s off
+        astray = trace.time[np.abs(error) > 1.0]  # never empty: the error starts at 10 rad/s
         yield f'F4 settling {name}', astray[-1] + STEP - TURNS_AT
         yield f'F4 J2 resets {name}', trace.resets.sum()
         yield f'F4 |int e2| [2,8) {name}', abs(error[late].sum() * STEP)
@@ -151,7 +151,7 @@ def figure_4_values() -> Values:
 
 
 def gain_of_tan(tan: Trace, saw: Trace) -> float:
-    """By how much tan's RMS velocity error from 2 s on is below saw's [%]."""
+    """Return by how much tan's RMS velocity error from 2 s on is below saw's [%]."""
     late = window(saw, TURNS_AT, 8.0)
     return 100.0 * (1.0 - rms(tan.velocity_error[late]) / rms(saw.velocity_error[late]))
 
@@ -190,7 +190,7 @@ LYAPUNOV = (
 
 
 def lyapunov_values() -> Values:
-    """The values of LYAPUNOV, from Figure 4 outside the 50 ms in which d moves the plant."""
+    """Yield the values of LYAPUNOV: Figure 4 without the 50 ms in which d moves the plant."""
     l1 = observer_gains(K1, K2, 0.7)[0]
     for name in FOUR:
         trace = figure_4(name)

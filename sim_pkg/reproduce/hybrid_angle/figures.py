@@ -40,7 +40,7 @@ TRUTH: dict[str, Any] = {
 GREY = '#cfcfcf'
 SOFT = '#555555'
 BAND = '#e9e4d8'  # of the jump set J2
-THIN = 25  # every so many integration steps are drawn: 2.5 ms
+THIN = 25  # every n-th integration step is drawn: 2.5 ms
 
 
 def injection_curves() -> Figure:
@@ -135,8 +135,8 @@ def noisy() -> Figure:
 def sampled() -> Figure:
     """Figure 6: Algorithm 1 at 100 Hz on a motor's run-up and run-down.
 
-    The measurement is a simulation: 14 bits, uniform noise of +-2 mrad, and a run-down fast enough
-    (3000 rad/s^2) to part the injections. The dirty derivative is that of the unwrapped angle.
+    The measurement is simulated: 14 bits, uniform noise of +-2 mrad. The run-down is fast enough
+    (3000 rad/s^2) to separate the injections. The dirty derivative is that of the unwrapped angle.
     """
     time, velocity, exact = samples(profiles.figure_6(0.05), 8.0)
     angles = wrapped(exact + splitmix.uniforms(1, len(time), 0.002), QUANTUM)
@@ -200,7 +200,7 @@ def _circle(axes: Axes) -> None:
 
 
 def _line(name: str) -> dict[str, Any]:
-    """How a curve is drawn; tan is dashed and on top, where it would hide saw or be hidden."""
+    """Return the line style of a curve; tan is dashed and on top, because it nearly equals saw."""
     style = {'linestyle': (0, (4, 3)), 'zorder': 3.0} if name == 'tan' else {}
     return {'color': COLOURS[name], 'label': LABELS[name], 'linewidth': 1.5, **style}
 

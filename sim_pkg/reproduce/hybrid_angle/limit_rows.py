@@ -1,4 +1,4 @@
-"""Rows on where Algorithm 1 ends: ramps it cannot follow, starts that do not lock, tan."""
+"""Rows on the limits of Algorithm 1: ramps it cannot follow, starts that do not lock, tan."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ RAMPS = (
         four(995, 69.0, 69.0, 899),
         1.0,
     ),
-    # l2 max|phi| for sin and sat. Algorithm 1 tests J2 after the correction, so saw reaches l2 pi;
-    # tan's slope at the lag makes the discrete loop unstable above 4/(2 alpha + beta) = 3.2, long
-    # before its formula's 22900
+    # The capacity of sin and sat is l2 max|phi|. Algorithm 1 tests J2 after the correction, so saw
+    # reaches l2 pi. The slope of tan at the lag makes the discrete loop unstable above
+    # 4/(2 alpha + beta) = 3.2, long before the 22900 of its formula.
     *family(
         'ramp measured capacity',
         'largest acceleration tracked by Algorithm 1 [rad/s^2]',
@@ -80,16 +80,17 @@ def ramp_values() -> Values:
 
 
 def ramp_errors(run: Callable[[Array], Run], acceleration: float, duration: float) -> Array:
-    """Velocity errors [rad/s], shape (n,), at this acceleration [rad/s^2] from rest."""
+    """Return velocity errors [rad/s], shape (n,), at this acceleration [rad/s^2] from rest."""
     motion = profiles.pieces([(duration, 0.0, acceleration * duration)])
     _, velocity, angles = samples(motion, duration)
     return error_of(run(angles), velocity)
 
 
 def capacity(run: Callable[[Array], Run], high: float) -> float:
-    """The acceleration [rad/s^2] below `high` up to which a ramp of 10 s is tracked.
+    """Return the acceleration [rad/s^2] below `high` up to which a ramp of 10 s is tracked.
 
-    Tracked: the lag in the last second is the small-signal one, a T (alpha/beta - 1/2), to 0.1 %.
+    A ramp is tracked if its lag in the last second is that of small signals,
+    a T (alpha/beta - 1/2), to 0.1 %.
     """
     lag = EPSILON * K1 / K2 - 0.5 * PERIOD
     low = 0.0
@@ -104,7 +105,7 @@ def capacity(run: Callable[[Array], Run], high: float) -> float:
 
 
 COLD = tuple(range(10, 311, 10))  # speeds of the cold starts [rad/s]
-NO_RESET = 1e-6  # a delta_pi that no sample falls into [rad]
+NO_RESET = 1e-6  # a delta_pi so small that J2 never applies [rad]
 
 STARTS = (
     *family(
@@ -171,7 +172,7 @@ def start_values() -> Values:
 
 
 def locked(run: Callable[[Array], Run]) -> int:
-    """How many speeds of COLD are found within 6 s from angle 0: |e2| < 0.1 rad/s from 5.5 s on."""
+    """Return how many speeds of COLD lock within 6 s from angle 0: |e2| < 0.1 rad/s from 5.5 s."""
     count = 0
     for speed in COLD:
         _, velocity, angles = samples(profiles.constant(float(speed)), 6.0)
@@ -193,7 +194,7 @@ TAN = (
 
 
 def tan_values() -> Values:
-    """The values of TAN. J1 has taken one turn off the position that an update leaves."""
+    """Yield the values of TAN. J1 has reduced the position after an update by one turn."""
     for degrees in (150, 175):
         angle = math.radians(degrees)
         run = algorithm_1('tan', [angle])

@@ -12,8 +12,8 @@ REPRODUCTION = Reproduction(
     parts=(*continuous_rows.PARTS, *sampled_rows.PARTS, *limit_rows.PARTS, *stream_rows.PARTS),
     figures='sim_pkg.reproduce.hybrid_angle.figures',
     notes=(
-        'The paper prints curves and words, no numbers but the 150 rad/s: the references come '
+        'The paper prints curves and words, and only one number (150 rad/s): the references come '
         'from an independent implementation.',
-        'What each row shows, misprints and findings: docs/papers/hybrid_angle.md',
+        'Meaning of each row, misprints and findings: docs/papers/hybrid_angle.md',
     ),
 )

@@ -1,7 +1,7 @@
 """Runs the sampled forms of the project's own `hybrid_angle` over measured angles.
 
-The observer's core alone runs: the guard, the restart after a lost lock and the low-speed bound
-that the driver puts around every observer are no part of the paper.
+Only the observer's core runs. The paper has no guard, no restart after a lost lock and no low-speed
+bound, which the driver adds to every observer.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ class Run(NamedTuple):
 def algorithm_1(
     injection: str, angles: Numbers, periods: float | Numbers = PERIOD, **gains: float
 ) -> Run:
-    """Algorithm 1 (``form: paper``) from (0, 0); its first pass predicts over one sample time.
+    """Run Algorithm 1 (``form: paper``) from (0, 0); its first step predicts over one sample time.
 
     Parameters
     ----------
     injection : sin, tan, saw or sat.
     angles : measurements in [-pi, pi) [rad], shape (n,).
     periods : T [s], or the time before each sample, shape (n,).
-    gains : where they differ from Figure 6: epsilon [s], M, delta_pi [rad].
+    gains : those that differ from Figure 6: epsilon [s], M, delta_pi [rad].
     """
     return _run(
         angles, periods, start=0.0, form='paper', injection=injection, **{**FIGURE_6, **gains}
@@ -67,7 +67,7 @@ def robust(
     order: int = 2,
     **gains: float,
 ) -> Run:
-    """``form: robust``, started at the first sample; parameters as for `algorithm_1`."""
+    """Run ``form: robust`` from the first sample; parameters as for `algorithm_1`."""
     return _run(
         angles,
         periods,
@@ -96,13 +96,13 @@ def _run(angles: Numbers, periods: float | Numbers, *, start: float | None, **ga
         position, velocity, _ = core.estimate(state)
         positions.append(position)
         velocities.append(velocity)
-        # a reset leaves the position at the measurement, to the bit, although it was surprised
+        # a reset puts the position exactly at the measurement, in spite of a large innovation
         resets.append(position == angle and abs(innovation) > 1e-3)
     return Run(np.array(positions), np.array(velocities), np.array(resets))
 
 
 def wrapped(angles: Numbers, quantum: float = 0.0) -> Array:
-    """Angles [rad] in [-pi, pi), rounded to the nearest multiple of `quantum` where it is not 0."""
+    """Return angles [rad] in [-pi, pi), rounded to multiples of `quantum` if it is not 0."""
     exact = np.asarray(angles, float)
     if quantum > 0.0:
         exact = quantum * np.round(exact / quantum)
@@ -112,7 +112,7 @@ def wrapped(angles: Numbers, quantum: float = 0.0) -> Array:
 def samples(
     profile: Profile, duration: float, *, start: float = 0.0, quantum: float = 0.0
 ) -> tuple[Array, Array, Array]:
-    """A motion sampled every PERIOD.
+    """Sample a motion every PERIOD.
 
     Returns
     -------
@@ -129,10 +129,10 @@ def rms(values: Array) -> float:
 
 
 def rows(start: float, end: float) -> slice:
-    """The samples with start <= time < end [s]."""
+    """Return the samples with start <= time < end [s]."""
     return slice(round(start / PERIOD), round(end / PERIOD))
 
 
 def error_of(run: Run, velocity: Array) -> Array:
-    """True minus estimated velocity [rad/s]."""
+    """Return true minus estimated velocity [rad/s]."""
     return velocity - run.velocity

@@ -152,10 +152,10 @@ def stability_values() -> Values:
 
 
 def z_poles(epsilon: float) -> list[complex]:
-    """The poles of Algorithm 1 near zero error, from its response to one small angle.
+    """Return the poles of Algorithm 1 near zero error, from its response to one small angle.
 
-    The velocity's response h obeys h[k+2] = s h[k+1] - p h[k] with sum s and product p of the
-    poles, which four samples of it give.
+    The velocity's response h obeys h[k+2] = s h[k+1] - p h[k] with the sum s and the product p of
+    the poles, which follow from four samples.
     """
     h = algorithm_1('saw', [1e-3, 0.0, 0.0, 0.0, 0.0], epsilon=epsilon).velocity[1:]
     total, product = np.linalg.solve([[h[1], -h[0]], [h[2], -h[1]]], [h[2], h[3]])
@@ -163,10 +163,10 @@ def z_poles(epsilon: float) -> list[complex]:
 
 
 def unpredicted_bias(speed: float) -> float:
-    """Position error [rad] at `speed` [rad/s] if line 3 took the innovation before predicting.
+    """Return the position error [rad] at `speed` [rad/s] if line 3 compares before predicting.
 
-    The observer sees what that line would see if it is given the measurement plus T times its own
-    speed; the estimate is then compared with the true angle.
+    Adding T times the observer's own speed to the measurement has the same effect as that line; the
+    estimate is then compared with the true angle.
     """
     core = hybrid_angle.core(build(hybrid_angle.Gains, {'form': 'paper', **FIGURE_6}), Circle())
     design = core.design()
@@ -190,9 +190,12 @@ TRADE_OFF: dict[str, tuple[Callable[[Array], Run], float, float]] = {
 
 NOISE = (
     Reference('noise sigma_v/sigma_y', 'measured from the impulse response [1/s]', 5.5048, 0.001),
-    Reference('noise sigma_v/sigma_y told', 'as the observer tells it [1/s]', 5.5048, 0.001),
+    Reference('noise sigma_v/sigma_y told', 'as the observer reports it [1/s]', 5.5048, 0.001),
     Reference(
-        'noise sigma_v/sigma_y matched', 'robust form, as the observer tells it [1/s]', 4.51, 0.005
+        'noise sigma_v/sigma_y matched',
+        'robust form, as the observer reports it [1/s]',
+        4.51,
+        0.005,
     ),
     Reference('noise std xh2 14 bit', 'at 150 rad/s, quantisation alone [rad/s]', 0.00050, 0.00008),
     Reference(
@@ -210,7 +213,7 @@ NOISE = (
     ),
     *family(
         'noise RMS e2 [5,6) td=0.15',
-        'what each design costs in the run-down [rad/s]',
+        'velocity error of each design in the run-down [rad/s]',
         {name: row[2] for name, row in TRADE_OFF.items()},
         1.0,
         PERCENT,
@@ -226,15 +229,15 @@ def noise_values() -> Values:
         'noise sigma_v/sigma_y',
         math.sqrt(np.square(algorithm_1('saw', impulse).velocity / 1e-3).sum()),
     )
-    yield 'noise sigma_v/sigma_y told', told_noise({'form': 'paper', **FIGURE_6})
-    yield 'noise sigma_v/sigma_y matched', told_noise({'order': 2, 'epsilon': EPSILON})
+    yield 'noise sigma_v/sigma_y told', reported_noise({'form': 'paper', **FIGURE_6})
+    yield 'noise sigma_v/sigma_y matched', reported_noise({'order': 2, 'epsilon': EPSILON})
     time, _, angles = samples(profiles.constant(150.0), 30.0, quantum=QUANTUM)
     settled = rows(4, 30)
     yield 'noise std xh2 14 bit', algorithm_1('saw', angles).velocity[settled].std()
     noisy = [wrapped(150.0 * time + splitmix.uniforms(seed, len(time), 0.002)) for seed in SEEDS]
     _, velocity, angles = samples(profiles.figure_6(DECAYS[0]), 8.0, start=START)
     for name, (run, _, _) in TRADE_OFF.items():
-        std = float(np.mean([run(given).velocity[settled].std() for given in noisy]))
+        std = float(np.mean([run(angle).velocity[settled].std() for angle in noisy]))
         yield f'noise std xh2 2 mrad {name}', std
         if name == 'Algorithm 1 eps=0.1':
             yield 'noise std xh2 2 mrad', std
@@ -244,8 +247,8 @@ def noise_values() -> Values:
         )
 
 
-def told_noise(gains: dict[str, float | str]) -> float:
-    """sigma_v/sigma_y [1/s] from the observer's own noise gain, in the steady state."""
+def reported_noise(gains: dict[str, float | str]) -> float:
+    """Return sigma_v/sigma_y [1/s] from the observer's own noise gain in steady state."""
     core = hybrid_angle.core(build(hybrid_angle.Gains, gains), Circle())
     design = core.design()
     coefficients = core.prepare(design, PERIOD)

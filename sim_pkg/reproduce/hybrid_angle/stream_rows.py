@@ -1,8 +1,8 @@
-"""Rows on streams as they are: jitter, drops, gaps, duplicates and outliers at 150 rad/s, 14 bit.
+"""Rows on streams with faults: jitter, drops, gaps, duplicates and outliers at 150 rad/s, 14 bit.
 
-Three columns: Algorithm 1 told a fixed T, Algorithm 1 told the true sample times, the robust form
-told the true sample times. Deterministic rows are means over start angles (where the angle stands
-within a quantum moves the small numbers), random ones over seeds.
+Three columns: Algorithm 1 with a fixed T, Algorithm 1 with the true sample times, the robust form
+with the true sample times. Deterministic rows are means over start angles (the position within a
+quantum changes small errors), random ones over seeds.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from sim_pkg.reproduce.hybrid_angle.sampled import (
 
 SPEED = 150.0  # [rad/s]
 COUNT = 1001  # samples of a stream
-SETTLED = 400  # samples before which nothing happens
+SETTLED = 400  # samples before the first fault
 PLACE = 500  # sample of the gap or outlier
 ANGLES = tuple(0.0137 * SPEED * k for k in range(6))  # start angles [rad]
-JITTER = 0.001  # reach of the jitter [s]
+JITTER = 0.001  # largest jitter [s]
 COLUMNS = ('fixed T', 'true T', 'robust')
 
 
 def reference(
     name: str, column: str, value: float, tolerance: float = 0.0, kind: str = PERCENT
 ) -> Reference:
-    """A row of the table; the name ends in RMS or max."""
+    """Return a row of the table; the name ends in RMS or max."""
     what = {
-        'fixed T': 'Algorithm 1 told a fixed T',
-        'true T': 'Algorithm 1 told the true times',
+        'fixed T': 'Algorithm 1 with a fixed T',
+        'true T': 'Algorithm 1 with the true times',
         'robust': 'robust form, order 2',
     }[column]
     return Reference(
@@ -75,7 +75,7 @@ STREAMS = (
     reference('outlier 3 rad saw max', 'fixed T', 15.0, 1.0),
     reference('outlier 3.13 rad saw max', 'fixed T', 15.7, 1.0),
     reference('outlier 0.5 rad saw max', 'robust', 1.9, 2.0),
-    reference('outlier 3 rad saw max', 'robust', 11.2, kind=AT_MOST),  # it may hold its own
+    reference('outlier 3 rad saw max', 'robust', 11.2, kind=AT_MOST),  # ours may be better
     reference('outlier 3.13 rad saw max', 'robust', 0.001, 0.001, ABSOLUTE),
     reference('outlier 0.5 rad sat max', 'fixed T', 2.5, 1.0),
     reference('outlier 3 rad sat max', 'fixed T', 5.0, 1.0),
@@ -94,11 +94,11 @@ def columns(
     outlier: float = 0.0,
     injection: str = 'saw',
 ) -> dict[str, Array]:
-    """Velocity errors [rad/s] from the settled part on, by column.
+    """Return velocity errors [rad/s] from sample SETTLED on, by column.
 
     Parameters
     ----------
-    taken, stamped : when the angle was read and when the stamp says so [s], shape (n,).
+    taken, stamped : when the angle was read, and its stamp [s], shape (n,).
     start : angle at time 0 [rad].
     outlier : added to the reading at PLACE [rad].
     """
@@ -130,15 +130,15 @@ def largest(error: Array) -> float:
 
 def stream_values() -> Values:
     """The values of STREAMS."""
-    wanted = {row.id for row in STREAMS}
+    known = {row.id for row in STREAMS}
     for name, values in measured():
         for column, value in values.items():
-            if f'stream {name} {column}' in wanted:
+            if f'stream {name} {column}' in known:
                 yield f'stream {name} {column}', value
 
 
 def measured() -> Iterator[tuple[str, dict[str, float]]]:
-    """(defect and measure, values by column)."""
+    """Yield (fault and measure, values by column)."""
     time = PERIOD * np.arange(COUNT)
     jitter = {seed: splitmix.uniforms(seed, COUNT, JITTER) for seed in SEEDS}
     yield 'clean RMS', mean_of((columns(time, time, start=start) for start in ANGLES), rms)
@@ -176,7 +176,7 @@ def measured() -> Iterator[tuple[str, dict[str, float]]]:
 
 
 def dropped(seed: int) -> NDArray[np.bool_]:
-    """Which samples never arrive: 5 % of those after the start."""
+    """Return which samples never arrive: 5 % of those after the start."""
     lost = splitmix.uniforms(seed, COUNT, 1.0) >= 0.9
     lost[:SETTLED] = False
     return lost

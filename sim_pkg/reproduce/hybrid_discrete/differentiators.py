@@ -1,4 +1,4 @@
-"""Rows of the differentiators that the hybrid observer stands on (B5 of the specification)."""
+"""Rows of the differentiators on which the hybrid observer is built (B5 of the specification)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from estimator_pkg.observers.circle import Circle
 from sim_pkg.reproduce.adaptive.plant import Array, lcg
 from sim_pkg.reproduce.contract import PERCENT, Part, Reference, Values, family
 
-BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # of the test signal's acceleration, jerk, snap
-DURATION, FROM = 20.0, 5.0  # [s]; errors are judged from FROM on
+BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # bounds of the test signal's acceleration, jerk, snap
+DURATION, FROM = 20.0, 5.0  # [s]; errors count from FROM on
 COLUMNS = {
     'o1 explicit': ('explicit', 1),
     'o1 implicit': ('implicit', 1),
@@ -32,7 +32,7 @@ TOLERANCE = {'implicit': 1.0, 'matching': 5.0, 'taylor': 25.0, 'explicit': 25.0}
 
 
 def signal(t: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration of the test signal."""
+    """Return position, velocity and acceleration of the test signal."""
     w, u = math.pi, 2.6 * math.pi
     return (
         0.8 * np.sin(w * t) + 0.2 * np.sin(u * t),
@@ -63,14 +63,14 @@ def _loop(form: str, order: int) -> Callable:
 def estimated(
     form: str, order: int, dt: float, measured: Array, bound: float = 0.0
 ) -> tuple[Array, Array]:
-    """Velocity and acceleration, shape (n,), started at rest on the first sample.
+    """Return velocity and acceleration, shape (n,), started at rest at the first sample.
 
-    They are those before a sample is used, but for the implicit form, which uses it.
+    Both are predictions before a sample is used, except for the implicit form, which uses it.
     """
     gains = super_twisting.Gains(order=order, form=form, bound=bound or BOUND[order])
     design = super_twisting.build(gains, Circle(0.0)).design()[0]
     v, a = np.empty(len(measured)), np.empty(len(measured))
-    # one step before the first sample, at rest on it, so that the prediction is the start itself
+    # one step before the first sample, at rest there, so that the prediction is the start itself
     first = super_twisting.at_rest(float(measured[0]))
     compiled(_loop(form, order))(
         first, super_twisting.prepare(design, dt), dt, np.asarray(measured, float), v, a
@@ -184,7 +184,7 @@ def _tolerance(column: str) -> float:
 
 
 def _near(value: float, sample: int) -> float:
-    """Half the last digit printed for the first samples, a thousandth later."""
+    """Return half of the last printed digit for the first samples, a thousandth later."""
     return 1e-6 if sample <= 10 else 1e-3 * max(1.0, abs(value))
 
 
@@ -358,7 +358,7 @@ def _both(name: str, error: Array) -> Values:
 
 
 def _dirty(angles: Array, dt: float) -> Array:
-    """A difference with a low-pass of 20 Hz [rad/s]."""
+    """Return a finite difference with a low-pass of 20 Hz [rad/s]."""
     kept, value, found = math.exp(-40.0 * math.pi * dt), 0.0, [0.0]
     for change in np.diff(angles).tolist():
         value = kept * value + (1.0 - kept) * change / dt
@@ -367,7 +367,7 @@ def _dirty(angles: Array, dt: float) -> Array:
 
 
 def _cold_starts() -> Values:
-    """Order 1, started at rest on a shaft that turns at v0."""
+    """Yield rows for order 1, started at rest on a shaft that turns at v0."""
     for form in FIRST_ORDER:
         for bound, speed in STARTS:
             dt = 1e-4 * speed / bound
@@ -380,7 +380,7 @@ def _cold_starts() -> Values:
 
 
 def _jitter() -> Values:
-    """Implicit, order 1, samples 0.5 to 1.5 ms apart, taken to be 1 ms apart or as they are."""
+    """Yield rows for the implicit form of order 1, with jittered samples and nominal or true dt."""
     steps = 1e-3 * (1.0 + 0.5 * lcg(4242, 20_000) / math.sqrt(3.0))
     t = np.concatenate([[0.0], np.cumsum(steps)])
     position, velocity, _ = signal(t)

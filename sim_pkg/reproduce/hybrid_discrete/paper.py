@@ -14,6 +14,6 @@ REPRODUCTION = Reproduction(
     notes=(
         'The paper prints no gains, start values or results as numbers: the references come '
         'from an independent implementation.',
-        'What each row shows, misprints and findings: docs/papers/hybrid_discrete.md',
+        'Meaning of each row, misprints and findings: docs/papers/hybrid_discrete.md',
     ),
 )

@@ -23,7 +23,7 @@ GRIPS_AT = 2.0  # [s]
 class Run(NamedTuple):
     """A run on the example; row i at times[i], before an event if one is there.
 
-    zeta_error : (n, 4): of zeta2, of what ends the first chain, of zeta4, of the second chain.
+    zeta_error : (n, 4): errors of zeta2, end of the first chain, zeta4, end of the second chain.
     state, state_error : x and estimated minus true x, (n, 4). zeta, zeta_hat : (n, 4).
     z, z_hat : true and estimated Z after each event, (EVENTS + 1, 3).
     """
@@ -59,7 +59,7 @@ class Run(NamedTuple):
 def plant(
     dt: float, start: tuple[float, ...] = (), events: int = EVENTS
 ) -> tuple[SwitchedModel, Array, Array, Array]:
-    """(model, times, states, Z) of the example, sampled every dt [s]; `start` is another Z(0)."""
+    """Return (model, times, states, Z) of the example, sampled every dt [s]; `start` sets Z(0)."""
     model = load('example')
     if start:
         model = replace(model, start=(model.start[0], start))
@@ -74,12 +74,12 @@ def example(
     events: int = EVENTS,
     **changes: Any,
 ) -> Run:
-    """The observer on the example.
+    """Run the observer on the example.
 
     Parameters
     ----------
     noise : amplitude of uniform noise on both outputs.
-    start, events : as of `plant`.
+    start, events : as in `plant`.
     """
     model, times, states, z = plant(dt, start, events)
     functions = build(
@@ -153,13 +153,13 @@ def _gripper_plant() -> tuple[Array, list[tuple[float, ...]]]:
 
 @lru_cache
 def grip(counts: int, mode: str = 'close', virtual: float = 0.0, **changes: Any) -> Grip:
-    """The observer on the gripper joint.
+    """Run the observer on the gripper joint.
 
     Parameters
     ----------
-    counts : of the encoder; 0: exact.
-    mode : how the event at GRIPS_AT is announced.
-    virtual : between events that change nothing [s], for the inversion; 0: none.
+    counts : counts per revolution of the encoder; 0: exact.
+    mode : name of the event at GRIPS_AT.
+    virtual : time between events without effect, for the inversion [s]; 0: none.
     """
     states, torques = _gripper_plant()
     angles = states[:, 0]

@@ -1,11 +1,11 @@
-"""What a known torque is worth: one joint, observers with and without it, each at its best (G).
+"""The benefit of a known torque: one joint, observers with and without it, best tuning each (G).
 
 The specification names the torque (several sines, 0.3 to 5 Hz), the encoders, 1 kHz and Coulomb
 friction of 0.05 N m, "28 % of the rms torque"; it does not state inertia, damping, number and
-phases of the sines, or length. They are inferred here from the 36 numbers themselves: an inertia of
-0.02 kg m^2 follows from all of them, the bandwidths it prints are 30 to 320 rad/s in 16 equal
-ratios, the smallest errors of "u exact" limit the damping. How much rests on the draw of the phases
-is told in docs/papers/mechanical.md.
+phases of the sines, or length. They are inferred from the 36 printed numbers: an inertia of
+0.02 kg m^2 follows from all of them, the printed bandwidths are 30 to 320 rad/s in 16 equal ratios,
+and the smallest errors of "u exact" limit the damping. docs/papers/mechanical.md describes how the
+rows depend on the draw of the phases.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LATE = 20  # samples
 
 
 class Case(NamedTuple):
-    """An observer: with a disturbance state or without; how much of the torque, how late."""
+    """An observer: with or without a disturbance state; torque gain and delay [samples]."""
 
     extended: bool
     torque: float
@@ -77,11 +77,11 @@ def truth(friction: float, seed: int = PHASES) -> tuple[Array, Array]:
 def best(
     case: Case, friction: float, counts: int, seed: int = PHASES, known_friction: float = 0.0
 ) -> float:
-    """The least rms velocity error over the bandwidths [rad/s].
+    """Return the least rms velocity error over the bandwidths [rad/s].
 
     Parameters
     ----------
-    known_friction : Coulomb friction that the observer's model has [N m].
+    known_friction : Coulomb friction in the observer's model [N m].
     """
     q, v = truth(friction, seed)
     measured = quantise(q, 2.0 * math.pi / counts)
@@ -93,7 +93,7 @@ def best(
         'coulomb_speed': WIDTH,
     }
     if case.torque > 0.0:
-        model['damping'] = JOINT['damping']  # without the torque nothing of the model is used
+        model['damping'] = JOINT['damping']  # without the torque the model is not used
     found = []
     for omega in OMEGAS:
         poles = [3.0, 3.0, 1.0] if case.extended else [2.0, 1.0]  # all at -omega

@@ -1,7 +1,7 @@
-"""Runs of observers of mechanisms over simulated motions, as the rows of the table want them.
+"""Runs of observers of mechanisms over simulated motions, for the rows of the table.
 
-Every run steps the product's own observers (`MechanicalCore.advance`); what is the paper's alone,
-such as a start elsewhere than at the measurement, is put around them here.
+Every run steps the package's own observers (`MechanicalCore.advance`). Features of the paper alone,
+such as a start away from the measurement, are added here.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from estimator_pkg.parameters import build
 
 
 def make_motion(mechanics: Mechanics) -> Callable[..., None]:
-    """motion(values, q, v, inputs, dt, parts, positions, velocities): a whole run.
+    """Return motion(values, q, v, inputs, dt, parts, positions, velocities), which simulates a run.
 
-    `inputs` has shape (N, m), held from each sample to the next; row k of `positions` and
-    `velocities`, shape (N, n), is the state at sample k.
+    `inputs` has shape (N, m), constant between samples; row k of `positions` and `velocities`,
+    shape (N, n), is the state at sample k.
     """
     plant = make_plant(mechanics)
     vector, out = row_of(max(1, mechanics.inputs)), put_row(mechanics.degrees)
@@ -57,7 +57,7 @@ ONE_SIZE = Circle(0.0, False)  # no wrapping: the runs stay on one turn, or coun
 
 
 def quantise(values: Array, quantum: Any) -> Array:
-    """Q(x) = d floor(x/d + 1/2), for each column its d."""
+    """Return Q(x) = d floor(x/d + 1/2), with a d for each column."""
     d = np.asarray(quantum, float)
     return d * np.floor(values / d + 0.5)
 
@@ -65,7 +65,7 @@ def quantise(values: Array, quantum: Any) -> Array:
 def make(
     observer: str, model: str, parameters: dict[str, Any], **gains: Any
 ) -> MechanicalFunctions:
-    """An observer of a built-in model, on positions that do not wrap; forward Euler if not said."""
+    """Return an observer of a built-in model, on positions that do not wrap (forward Euler)."""
     record = observers.find(observer)
     values = {
         'form': 'paper',
@@ -82,12 +82,12 @@ def make(
 
 
 def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
-    """run(core, coefficients, design, measured, inputs, parts, velocities, single) -> core.
+    """Return run(core, coefficients, design, measured, inputs, parts, velocities, single) -> core.
 
-    Row k of `velocities` is the estimate that (p_k, y_k) gives, before y_k is injected; the input
-    of row k acts from sample k to k + 1. `parts` Euler steps are made per sample with the
-    measurement held; the coefficients are those of dt / parts. `single`: the state is kept in
-    single precision.
+    Row k of `velocities` is the estimate from (p_k, y_k), before y_k is injected; the input of
+    row k acts from sample k to k + 1. Each sample takes `parts` Euler steps with a constant
+    measurement; the coefficients are those of dt / parts. `single`: the state is stored in single
+    precision.
     """
     mechanics = functions.mechanics
     n = mechanics.degrees
@@ -127,7 +127,7 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
 
 
 def make_rounded(n: int) -> Callable[[tuple], tuple]:
-    """rounded(x): to single precision."""
+    """Return rounded(x), which rounds to single precision."""
     names: dict[str, Any] = {'single': np.float32}
     exec(
         'def rounded(x): return (' + ''.join(f'float(single(x[{i}])), ' for i in range(n)) + ')',
@@ -146,7 +146,7 @@ def observe(
     parts: int = 1,
     single: bool = False,
 ) -> Array:
-    """Estimated velocities, shape (N, n).
+    """Return estimated velocities, shape (N, n).
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def observe(
 def move(
     mechanics: Mechanics, q: Any, v: Any, inputs: Array, dt: float, parts: int
 ) -> tuple[Array, Array]:
-    """(positions, velocities), each of shape (N, n): row k at sample k, inputs held from it on."""
+    """Return (positions, velocities), shape (N, n): row k at sample k; input k acts from it on."""
     shape = (len(inputs), mechanics.degrees)
     positions, velocities = np.zeros(shape), np.zeros(shape)
     compiled(make_motion(mechanics))(
@@ -192,7 +192,7 @@ def move(
 
 
 def metrics(errors: Array) -> list[float]:
-    """ME x 1e2 and MSE x 1e4 of each column, in turn: (23)."""
+    """Return ME x 1e2 and MSE x 1e4 of each column, in turn: (23)."""
     values = []
     for column in errors.T:
         values += [float(np.mean(np.abs(column))) * 1e2, float(np.mean(column**2)) * 1e4]
@@ -218,5 +218,5 @@ def cart_of(b: float = 0.1) -> dict[str, float]:
 
 @lru_cache
 def leg() -> Mechanics:
-    """The leg of section 5.2, without the guard of its domain."""
+    """Return the leg of section 5.2, without the guard of its domain."""
     return robotic_leg.build(robotic_leg.Parameters(margin=1e-9))

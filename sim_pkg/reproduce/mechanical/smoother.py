@@ -21,17 +21,17 @@ from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
-SPAN = (-6.0, 7.0)  # log10 of the densities that are sought; it matters for H5.fixedR alone,
-#                          where the likelihood still grows at the end (0.44 rad/s without it)
-ENDS = 0.25  # s cut off at both ends
-SKIPPED = 5  # innovations that the start still shapes
+SPAN = (-6.0, 7.0)  # log10 of the searched densities; the limit matters for H5.fixedR only, where
+#                     the likelihood still grows at the end (0.44 rad/s without it)
+ENDS = 0.25  # ignored at both ends [s]
+SKIPPED = 5  # innovations that the start still affects
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-JITTER = 1e-3  # s, of the stamps (row H5)
+JITTER = 1e-3  # jitter of the stamps (row H5) [s]
 
 
 class Smoothed(NamedTuple):
-    """positions, velocities, predicted standard deviation of the velocities: shape (N,); the log of
-    the innovations' likelihood.
+    """Positions, velocities, predicted standard deviation of the velocities, shape (N,), and
+    log-likelihood of the innovations.
     """
 
     positions: Array
@@ -130,7 +130,7 @@ def backward(order, means, covariances, before, spread, gains, x, p, out):
 
 
 def smoothed(time: Array, reading: Array, noise: float, density: float, order: int) -> Smoothed:
-    """The smoother at this noise variance and density."""
+    """Run the smoother at this noise variance and density."""
     count = len(time)
     means, before = np.zeros((count, order)), np.zeros((count, order))
     covariances, spread, leading = (np.zeros((count, order, order)) for _ in range(3))
@@ -155,7 +155,7 @@ def smoothed(time: Array, reading: Array, noise: float, density: float, order: i
 
 
 def likelihood(time: Array, reading: Array, noise: float, density: float, order: int) -> float:
-    """The log-likelihood alone."""
+    """Return the log-likelihood only."""
     count = len(time)
     return float(
         compiled(forward)(
@@ -195,7 +195,7 @@ def most_likely(time: Array, reading: Array, noise: float, order: int = 3) -> Sm
 
 
 def spline(time: Array, reading: Array, mean_square: float) -> Smoothed:
-    """The cubic smoothing spline with this mean square residual: bisection of its density."""
+    """Return the cubic smoothing spline with this mean square residual (bisects its density)."""
     low, high = SPAN
     for _ in range(24):
         middle = 0.5 * (low + high)
@@ -208,7 +208,7 @@ def spline(time: Array, reading: Array, mean_square: float) -> Smoothed:
 
 
 def rms(values: Array, dt: float = DT) -> float:
-    """Root of the mean square, the ends cut off."""
+    """Return the root mean square without the ends."""
     cut = round(ENDS / dt)
     return math.sqrt(float(np.mean(values[cut:-cut] ** 2)))
 
@@ -232,7 +232,7 @@ def values() -> Values:
 
 
 def jitter_values() -> Values:
-    """Rows H5: stamps off by up to 1 ms."""
+    """Yield rows H5: stamps with errors of up to 1 ms."""
     q, v, _ = truth('nominal')
     time = DT * np.arange(len(q))
     y, true = quantise(q, QUANTA['HPM'])[:, 0], v[:, 0]

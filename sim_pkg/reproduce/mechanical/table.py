@@ -3,10 +3,9 @@
 The numbers come from an independent implementation, written from the paper alone. A tolerance is in
 the unit of the value, or in %; it is never narrower than half a unit of the last digit printed.
 
-A row of `TABLE` that stands alone is ``id: what it is; value; tolerance; the paper's``. A grid of
-rows has a line above it, ``id = columns``, with * for the name of a line and # for that of a
-column; a column may give a tolerance for all below it that say none. What these rows are is in
-`WORDS`, by family.
+A single row of `TABLE` is ``id: quantity; value; tolerance; value in the paper``. A grid of rows
+has a line above it, ``id = columns``, with * for the name of a line and # for that of a column. A
+column may give a default tolerance for the rows below it. `WORDS` describes the grids by family.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from collections.abc import Iterator
 
 from sim_pkg.reproduce.contract import ABSOLUTE, EXACT, PERCENT, Reference
 
-NONE = '-'  # a place of a grid where there is no row
+NONE = '-'  # an empty cell of a grid
 WORDS = {  # {rest} is the id after the family
     'B1': '5.1, true motion, sample and quantity {rest}',
     'B2': '5.1 without noise, error of dq1 at 0.2 s, {rest}',
@@ -197,7 +196,7 @@ H5.R: same, R = (1.17e-3)^2 (what joint ML finds); 0.0307318; 10 %
 
 
 def references(start: str) -> tuple[Reference, ...]:
-    """The rows whose id starts so, in their order."""
+    """Return the references whose id starts with `start`, in order."""
     return tuple(reference for reference in ALL if reference.id.startswith(start))
 
 
@@ -220,7 +219,7 @@ def _read(table: str) -> Iterator[Reference]:
 
 
 def _cell(text: str, count: int) -> list[str]:
-    """The first `count` parts of a text between semicolons; those that are missing are empty."""
+    """Return the first `count` parts of a text between semicolons; '' for missing ones."""
     return [part.strip() for part in (text + count * ';').split(';')[:count]]
 
 
@@ -233,7 +232,7 @@ def _reference(first: str, value: str, tolerance: str, paper: str) -> Reference:
     kind = PERCENT if percent else EXACT if float(number) == 0.0 else ABSOLUTE
     allowed = float(number) * (0.01 * abs(float(value)) if percent else 1.0)
     if 0.0 < allowed < _half_a_digit(value):
-        kind, number = ABSOLUTE, str(_half_a_digit(value))  # as exact as it is printed
+        kind, number = ABSOLUTE, str(_half_a_digit(value))  # at least the rounding of the reference
     printed: float | str | None = None
     if paper:
         try:
@@ -244,7 +243,7 @@ def _reference(first: str, value: str, tolerance: str, paper: str) -> Reference:
 
 
 def _half_a_digit(text: str) -> float:
-    """Half a unit of the last of the six digits that a reference is printed with."""
+    """Return half a unit of the last of the six printed digits of a reference."""
     value = abs(float(text))
     return 0.5 * 10.0 ** (math.floor(math.log10(value)) - 5) * (1.0 + 1e-9) if value else 0.0
 

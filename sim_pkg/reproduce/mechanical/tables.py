@@ -1,4 +1,4 @@
-"""Tables 1, 2, 5, 6 and 7 in the paper's layout, ours beside the printed numbers."""
+"""Tables 1, 2, 5, 6 and 7 in the paper's layout, our results next to the printed numbers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from sim_pkg.reproduce.contract import Row
 from sim_pkg.reproduce.mechanical.cart import cart_of
 from sim_pkg.reproduce.mechanical.runs import METRICS, make
 
-PLAIN_WIDTH = 160  # columns where the output is no terminal
+PLAIN_WIDTH = 160  # columns if the output is not a terminal
 
 
 def number(value: float) -> str:
-    """A number as the tables write it: at most five digits, no lonely exponents."""
+    """Return a number as text for the tables: at most five digits."""
     if not math.isfinite(value):
         return str(value)
     if value == int(value) and abs(value) < 1e6:
@@ -30,7 +30,7 @@ def number(value: float) -> str:
 
 
 def show(rows: Sequence[Row], console: Console | None = None) -> None:
-    """Print the table and one line that says how many rows hold."""
+    """Print the table and a line with the number of rows within their tolerance."""
     console = console or Console(file=terminal(sys.stdout))
     if not console.is_terminal:
         console = Console(file=console.file, width=PLAIN_WIDTH)
@@ -72,7 +72,7 @@ STEPS, REPEATS = 400, 5
 
 
 def lines(rows: Sequence[Row]) -> list[str]:
-    """The tables for which `rows` hold every entry."""
+    """Return, as lines, the tables whose entries are all in `rows`."""
     found = {row.reference.id: row for row in rows}
     first = [
         f'{name}{joint}{unit}' for joint in (1, 2) for name, unit in (('ME', 'e2'), ('MSE', 'e4'))
@@ -145,7 +145,7 @@ def _table(title: str, columns: list[str], body: dict[str, list[str]]) -> list[s
 
 
 def costs() -> dict[str, float]:
-    """Seconds of one forward Euler step of each observer, in plain Python: the least of several."""
+    """Return the time of one forward Euler step of each observer, plain Python, best of 5 [s]."""
     found = {}
     for name, (observer, gains) in OURS_7.items():
         functions = make(observer, 'cart_pendulum', cart_of(), **gains)

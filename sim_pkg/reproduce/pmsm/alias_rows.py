@@ -85,19 +85,19 @@ def noisy(rpm: float, seed: int) -> tuple[Signals, NDArray[np.float64]]:
 
 
 def count_fires(x: NDArray[np.float64]) -> int:
-    """Replacements of xi_hat: steps no flow could make within a sample."""
+    """Count the replacements of xi_hat: steps too large for the flow within a sample."""
     return int((np.abs(np.diff(x)) > 2.0 * math.sqrt(GAMMA)).sum())
 
 
 def outcome(
     gains: dict[str, Any], rpm: float, seeds: int, *, cold: bool = True
 ) -> tuple[list[float], list[int]]:
-    """Per seed: settling from the unknown start [ms, nan: never], fires from the settled one.
+    """Return, per seed, settling from the unknown start [ms, nan: never] and later replacements.
 
     Parameters
     ----------
-    cold : start as the observer does that has seen no sample; else at eta = 1 and xi_hat = 0, with
-        the rotor known to turn.
+    cold : start as an observer without samples; else at eta = 1 and xi_hat = 0, with a rotor that
+        is known to turn.
     """
     functions = functions_of(**gains)
     times, fires = [], []

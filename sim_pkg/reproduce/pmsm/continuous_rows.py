@@ -36,7 +36,7 @@ from sim_pkg.reproduce.pmsm.reference import (
 from sim_pkg.reproduce.pmsm.references import REFERENCE_RUNS, rows
 from sim_pkg.reproduce.pmsm.schemes import exponential_step
 
-NEVER = -1.0  # in place of a settling time
+NEVER = -1.0  # settling time of a run that never settles
 STARTS_DRAWN = 120
 SLACK = 1.0  # ms
 
@@ -78,7 +78,7 @@ UNITS = (
 
 def checkpoint_references() -> tuple[Reference, ...]:
     """T0."""
-    # the printed digits are 1e-6; zero stands for rounding residue
+    # the references have a resolution of 1e-6; a zero replaces a rounding residue
     return tuple(
         Reference(f'T0 {time:g} s {name}', 'exact signal of P1', value, 2e-6)
         for time, values in CHECKPOINTS.items()
@@ -130,7 +130,7 @@ def unit_values() -> Values:
 
 
 def exact_least_squares(omega: float) -> float:
-    """xi* from exact data at constant speed: N+1 ticks of 5 ms."""
+    """Return xi* from exact data at constant speed: N+1 ticks of 5 ms."""
     registers, period, chi = empty_registers(2), 5e-3, omega * FLUX
     for k in range(4):
         y = chi * cmath.exp(1j * omega * period * k)
@@ -153,7 +153,7 @@ def run_references() -> tuple[Reference, ...]:
         name = f'T2 {start} {observer}'
         for what, text in zip(('t_w', 't_th5', 't_th1', 't_xi', 't_h'), numbers):
             found.append(time_reference(f'{name} {what}', 'settling [ms]', text, 0.1))
-        late = start == 'G' and observer in ('cont', 'hyb')  # it wraps to the end: counts vary
+        late = start == 'G' and observer in ('cont', 'hyb')  # these never settle: counts vary
         if not late:
             found.append(Reference(f'{name} resets', 'of the frame', float(numbers[5]), kind=EXACT))
             found.append(
@@ -171,14 +171,14 @@ def run_references() -> tuple[Reference, ...]:
 
 
 def time_reference(name: str, what: str, text: str, tolerance: float) -> Reference:
-    """A settling time, or that it never settles."""
+    """Return the reference of a settling time; NEVER for a run that never settles."""
     if text == 'never':
         return Reference(name, f'{what}; -1: never', NEVER, kind=EXACT)
     return Reference(name, what, float(text), tolerance)
 
 
 def shown(time: float) -> float:
-    """A settling time as a row's value."""
+    """Return a settling time as a row's value; NEVER for nan."""
     return NEVER if math.isnan(time) else time
 
 
@@ -232,7 +232,7 @@ ORDER = (
 
 
 def drawn_times(count: int, seed: int = 12345) -> np.ndarray:
-    """t_th5 [ms, inf: never] of four observers from `count` random starts, shape (count, 4)."""
+    """Return t_th5 [ms, inf: never] of four observers, `count` random starts, shape (count, 4)."""
     random = np.random.default_rng(seed)
     found = np.empty((count, 4))
     for row in found:
@@ -257,7 +257,7 @@ def order_values() -> Values:
 
 
 def later(first: np.ndarray, second: np.ndarray) -> float:
-    """How often the first settles later than the second, never counting as the latest."""
+    """Return how often the first settles later than the second; 'never' is later than any time."""
     return float(((first > second + SLACK) & ~(np.isinf(first) & np.isinf(second))).sum())
 
 

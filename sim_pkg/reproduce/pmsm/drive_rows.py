@@ -1,4 +1,4 @@
-"""What is claimed of the observer in a drive: honest status, closed loop, wrong nominal flux."""
+"""Our own claims about the observer in a drive: correct status, closed loop, wrong nominal flux."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def status_references() -> tuple[Reference, ...]:
 
 
 def judged(profile: Profile, plant: dict[str, Any], seed: int = 1, **gains: Any) -> Verdict:
-    """The status of the default observer, but for `gains`, over a profile."""
+    """Judge the status of the default observer, with `gains` changed, over a profile."""
     record = Drive(PmsmParameters(**plant), seed, profile=profile).run(
         round(profile.duration * RATE)
     )
@@ -93,14 +93,14 @@ def status_values() -> Values:
 class Loop(NamedTuple):
     """A drive on the observer's own angle and speed, one row per ms, shape (n,).
 
-    angle_error [deg], speed_error [%], speed and wanted [rpm], i_q [A]; running: the observer
-    leads.
+    angle_error [deg], speed_error [%], speed and its reference [rpm], i_q [A]; running: True when
+    the observer controls the drive.
     """
 
     angle_error: NDArray[np.float64]
     speed_error: NDArray[np.float64]
     speed: NDArray[np.float64]
-    wanted: NDArray[np.float64]
+    reference: NDArray[np.float64]
     i_q: NDArray[np.float64]
     running: NDArray[np.bool_]
 
@@ -120,7 +120,7 @@ LOOPS: dict[str, tuple[bool, float, Profile, float]] = {
 
 @lru_cache
 def closed_loop(name: str) -> Loop:
-    """One of LOOPS, with 0.1 A of noise and a load step of half the rated torque."""
+    """Run one of LOOPS, with 0.1 A of noise and a load step of half the rated torque."""
     forced, start, profile, step_time = LOOPS[name]
     rated = PmsmParameters().rated_torque
     parameters = PmsmParameters(current_noise=0.1, load_step=0.5 * rated, load_step_time=step_time)
@@ -170,9 +170,7 @@ def loop_references() -> tuple[Reference, ...]:
                 f'loop {name}: least', 'lowest true speed by then [rpm]', 500.0, kind=AT_LEAST
             ),
             Reference(f'loop {name}: lead', 'the observer leads after [ms]', 300.0, kind=AT_MOST),
-            Reference(
-                f'loop {name}: end', 'speed off the wanted one in the end [%]', 1.0, kind=AT_MOST
-            ),
+            Reference(f'loop {name}: end', 'error of the final speed [%]', 1.0, kind=AT_MOST),
         ]
     return tuple(found)
 
@@ -186,7 +184,7 @@ def loop_values() -> Values:
         yield f'loop {name}: speed', float(np.abs(loop.speed_error[led]).max())
         yield f'loop {name}: least', float(loop.speed[led].min())
         yield f'loop {name}: lead', float(np.argmax(led)) if led.any() else math.inf
-        yield f'loop {name}: end', float(100.0 * abs(loop.speed[-1] / loop.wanted[-1] - 1.0))
+        yield f'loop {name}: end', float(100.0 * abs(loop.speed[-1] / loop.reference[-1] - 1.0))
 
 
 PARTS = (

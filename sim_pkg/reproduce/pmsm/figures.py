@@ -165,7 +165,7 @@ def loops() -> Figure:
         loop = closed_loop(name)
         time = 1e-3 * np.arange(1, len(loop.speed) + 1)
         top, middle, bottom = panels[:, column]
-        top.plot(time, loop.wanted, color=GREY, linewidth=1.5, label='wanted')
+        top.plot(time, loop.reference, color=GREY, linewidth=1.5, label='reference')
         top.plot(time, loop.speed, color=BLUE, linewidth=1.0, label='true')
         estimate = np.where(loop.running, loop.speed * (1.0 + 0.01 * loop.speed_error), np.nan)
         top.plot(time, estimate, color=RED, linewidth=1.0, label='estimate, once it leads')

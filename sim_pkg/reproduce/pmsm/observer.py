@@ -100,7 +100,7 @@ class Log(NamedTuple):
 
     @property
     def angle(self) -> NDArray[np.float64]:
-        """Rotor angle as the observer has it, whether it is shown or not [rad]."""
+        """Rotor angle of the observer, whether it is published or not [rad]."""
         return np.angle(self.z * np.where(self.x < 0.0, -1.0, 1.0))
 
 
@@ -112,12 +112,12 @@ def start_state(
     h: complex = 0j,
     seen: float = 0.0,
 ) -> Any:
-    """The observer's state at a chosen start.
+    """Return the observer's state at a chosen start.
 
     Parameters
     ----------
-    seen : electrical speed [rad/s] that its watch has seen for long; 0: it has seen nothing, and
-        the robust form will search for the rotor first.
+    seen : electrical speed [rad/s] that the watch has observed for long; 0: no observation, and
+        the robust form searches for the rotor first.
     """
     state: Any = functions.init(tuple(float(value) for value in first), functions.design())
     current = complex(first[0], first[1])
@@ -138,7 +138,7 @@ def run_log(
     *,
     fast: bool | None = None,
 ) -> Log:
-    """The observer over `samples`, shape (n + 1, 4), from the state at the first of them."""
+    """Run the observer over `samples`, shape (n + 1, 4), from the state at the first of them."""
     count = len(samples) - 1
     design = functions.design()
     log = Log(
@@ -160,7 +160,7 @@ def run_log(
 
 
 def table_of(samples: Samples) -> NDArray[np.float64]:
-    """Exact currents and mean voltages as rows, shape (n + 1, 4)."""
+    """Return exact currents and mean voltages as rows, shape (n + 1, 4)."""
     return np.column_stack(
         (
             samples.truth.current.real,
@@ -174,7 +174,7 @@ def table_of(samples: Samples) -> NDArray[np.float64]:
 def observer_run(
     functions: DriveFunctions, samples: Samples, rate: float, eta0_deg: float, xi0: float
 ) -> tuple[Run, Errors]:
-    """The observer on exact samples, as a run that can be judged like the reference runs."""
+    """Run the observer on exact samples; return it in the form of a reference run."""
     truth = samples.truth
     rows = table_of(samples)
     z = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
@@ -187,11 +187,11 @@ def observer_run(
 
 
 class Verdict(NamedTuple):
-    """How honest a run's status was [ms].
+    """How correct a run's status was [ms].
 
-    wrong : flagged tracking while the angle was wrong by more than 10 degrees.
-    withheld : flagged otherwise while the angle was right and the speed above 200 rpm.
-    tracking : in all; worst : largest angle error [deg] while tracking.
+    wrong : time in TRACKING with an angle error of more than 10 degrees.
+    withheld : time in another status with a correct angle and a speed above 200 rpm.
+    tracking : total time; worst : largest angle error in TRACKING [deg].
     """
 
     wrong: float
@@ -201,7 +201,7 @@ class Verdict(NamedTuple):
 
 
 def judge(log: Log, theta: NDArray[np.float64], speed: NDArray[np.float64], dt: float) -> Verdict:
-    """The verdict on a log against true electrical angle [rad] and mechanical speed [rad/s]."""
+    """Compare a log with the true electrical angle [rad] and mechanical speed [rad/s]."""
     error = np.abs(np.angle(np.exp(1j * (log.angle - theta))))
     tracking = log.status == TRACKING
     good = error <= math.radians(10.0)

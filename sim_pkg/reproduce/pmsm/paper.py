@@ -1,4 +1,4 @@
-"""The sensorless-motor paper: Figures 1 and 2, tables T0 to T7, and what is claimed in a drive."""
+"""The sensorless-motor paper: Figures 1 and 2, tables T0 to T7, and our claims about a drive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ REPRODUCTION = Reproduction(
     figures='sim_pkg.reproduce.pmsm.figures',
     notes=(
         'The paper prints curves and no results as numbers: the references come from an '
-        'independent implementation; rows "status" and "loop" are held to our own bounds.',
-        'What each row shows, misprints and limits: docs/papers/pmsm.md',
+        'independent implementation; rows "status" and "loop" have bounds of our own.',
+        'Meaning of each row, misprints and limits: docs/papers/pmsm.md',
     ),
 )

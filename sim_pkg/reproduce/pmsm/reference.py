@@ -57,14 +57,14 @@ def signals(
     profile: Profile | None = None,
     extra_iq: float | None = None,
 ) -> Signals:
-    """The exact steady solution of (1) along a profile, with i_d = 0.
+    """Return the exact steady solution of (1) along a profile, with i_d = 0.
 
     Parameters
     ----------
     times : s, shape (n,).
     direction : -1 negates every speed.
-    profile : P1 if none is given.
-    extra_iq : hold i_q [A] at this instead of what inertia and load ask for.
+    profile : None: P1.
+    extra_iq : constant i_q [A] instead of the one that inertia and load require.
     """
     motion = (profile or Profile(P1)).at(times)
     speed = direction * motion.speed
@@ -87,7 +87,7 @@ def signals(
 
 
 def thinned(exact: Signals, every: int) -> Signals:
-    """Every so-manieth row."""
+    """Return every n-th row (`every`)."""
     return Signals(
         exact.time[::every],
         exact.theta[::every],
@@ -98,17 +98,17 @@ def thinned(exact: Signals, every: int) -> Signals:
 
 
 def start_frame(theta0: float, omega0: float, eta0_deg: float) -> complex:
-    """z at the start: arg z = arg zeta_chi - eta0."""
+    """Return z at the start: arg z = arg zeta_chi - eta0."""
     turned = theta0 + (math.pi if omega0 < 0.0 else 0.0) - math.radians(eta0_deg)
     return cmath.exp(1j * turned)
 
 
 def tick(i, h, z, x, registers, integral, count, kind, threshold):
-    """One clock tick: (i, h, z, x, registers, jumped, fired).
+    """Apply a clock tick; return (i, h, z, x, registers, jumped, fired).
 
-    `count` is the number of ticks that were completed, this one included. The three readings of
-    (26): id_post decides after the registers shifted, id_pre before (and counts one tick less),
-    id_early as id_post one tick sooner.
+    `count` is the number of completed ticks, this one included. (26) can be read in three ways:
+    id_post decides after the registers shift, id_pre before (and counts one tick less), id_early
+    as id_post but one tick earlier.
     """
     fired = 0
     if kind >= 2:
@@ -152,7 +152,7 @@ def runge_kutta(
     out_z,
     out_x,
 ):
-    """RK4 with inputs exact at the stages; ticks at whole multiples of `period` steps.
+    """Run RK4 with inputs exact at the stages; ticks at integer multiples of `period` steps.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def runge_kutta(
 
 
 class Run(NamedTuple):
-    """A logged run: truth at the log times, the estimates, and what was counted."""
+    """A logged run: truth at the log times, estimates, numbers of reflections and replacements."""
 
     truth: Signals
     h: NDArray[np.complex128]
@@ -233,7 +233,7 @@ def reference_run(
     log_every: int = LOG_EVERY,
     clock: float = CLOCK,
 ) -> Run:
-    """One observer on exact signals given on a grid of half steps."""
+    """Run one observer on exact signals on a grid of half steps."""
     rows = (len(exact.time) - 1) // 2 // log_every + 1
     h, z, x = np.zeros(rows, complex), np.zeros(rows, complex), np.zeros(rows)
     z0 = start_frame(exact.theta[0], exact.omega[0], eta0_deg)
@@ -301,7 +301,10 @@ def errors(run: Run) -> Errors:
 def settling(
     times: NDArray[np.float64], error: NDArray[np.float64], bound: float, least: float = 0.020
 ) -> float:
-    """First log time [ms] after which |error| <= bound to the end (for `least` s); nan: never."""
+    """Return the first log time [ms] from which |error| <= bound to the end; nan: never.
+
+    nan also if that is less than `least` [s] before the end.
+    """
     with np.errstate(invalid='ignore'):
         outside = np.flatnonzero(~(np.abs(error) <= bound))
     first = 0 if len(outside) == 0 else outside[-1] + 1
@@ -311,7 +314,7 @@ def settling(
 
 
 def settle_times(run: Run) -> dict[str, float]:
-    """The five settling times of the tables [ms]; nan: never."""
+    """Return the five settling times of the tables [ms]; nan: never."""
     found, times = errors(run), run.truth.time
     return {
         't_w': settling(times, found.speed, 0.02),

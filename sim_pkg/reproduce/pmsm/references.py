@@ -48,7 +48,7 @@ G id_early 28.00 31.35 34.25 28.00 20.05 3 1 2495.3814 2490.4556 476.7420 526.22
 
 # sample rate [Hz], scheme; for the hybrid observer and the identifier each: settling of speed and
 # of angle (5 deg), largest errors of angle [deg] and speed [%] in the last 0.3 s. At 1 kHz (fewer
-# than two samples per turn at the top) none holds
+# than two samples per turn at top speed) no scheme works
 SCHEMES = """
 2000 Euler_inst-held never never nan nan never never nan nan
 2000 Euler_avg-u never never nan nan never never nan nan
@@ -119,7 +119,7 @@ G hyb never never never never never never never never
 G id_post 29.45 32.30 29.70 32.80 46.80 50.20 46.00 49.50
 """
 
-# rpm, i_q [A], relative error of R, of L; angle [deg] measured, by theory, xi [%]
+# rpm, i_q [A], relative errors of R and L; angle error [deg] measured and by theory, xi error [%]
 BIAS = """
 6000 5.0 +0.1 +0.0 +0.000 -0.000 +0.36
 6000 5.0 +0.3 +0.0 +0.000 -0.000 +1.09
@@ -167,5 +167,5 @@ rot id_post 30.45 33.75 30.45 0.226 0.063
 
 
 def rows(table: str) -> list[list[str]]:
-    """The lines of a table, split at blanks."""
+    """Return the lines of a table, split at blanks."""
     return [line.split() for line in table.strip().splitlines()]

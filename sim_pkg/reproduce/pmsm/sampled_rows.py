@@ -44,16 +44,16 @@ RPM = math.pi / 30.0
 KINDS = {'cont': CONTINUOUS, 'hyb': HYBRID, 'id_post': ID_POST}
 VARIANTS = {'cont': 'continuous', 'hyb': 'hybrid', 'id_post': 'identifier'}
 HOLDS = 'settles, below 2 deg and 2 % in the last 0.3 s: 1, else 0'
-ONE_SWING = 8.0  # ms, by which a late crossing of a bound may move
-# ms by rate [Hz]: how exactly the voltage is averaged moves slow starts by so much
+ONE_SWING = 8.0  # possible shift of a late crossing of a bound [ms]
+# rate [Hz]: shift of slow starts by the accuracy of the averaged voltage [ms]
 AVERAGING = {20000: 0.2, 10000: 0.6, 5000: 1.5, 2000: 2.2}
-# without bound the frame speed runs away here; ours is bounded and settles in the end
+# an unbounded frame speed diverges here; ours is bounded and settles
 BOUNDED = (2000, 'G', 'hyb')
 
 
 @lru_cache
 def exact_samples(rate: int, direction: int = 1) -> Samples:
-    """Exact signals of P1 as a drive would publish them."""
+    """Return the exact signals of P1 as a drive publishes them."""
     return drive_samples(float(rate), direction)
 
 
@@ -88,7 +88,7 @@ def scheme_references() -> tuple[Reference, ...]:
 
 
 def late_errors(run: Run) -> tuple[float, float]:
-    """Largest errors of angle [deg] and speed [%] in the last 0.3 s; nan if it diverged."""
+    """Return the largest errors of angle [deg] and speed [%] in the last 0.3 s; nan: diverged."""
     wrong = errors(run)
     late = run.truth.time >= run.truth.time[-1] - 0.3 - 1e-9
     return (math.degrees(np.abs(wrong.angle[late]).max()), 100.0 * np.abs(wrong.speed[late]).max())
@@ -159,7 +159,7 @@ def start_values() -> Values:
 
 
 def bias_name(row: list[str]) -> str:
-    """The name of a line of BIAS."""
+    """Return the name of a line of BIAS."""
     rpm, i_q, of_r, of_l = row[:4]
     return f'T5 {rpm} rpm {float(i_q):g} A R{float(of_r):+g} L{float(of_l):+g}'
 
@@ -172,10 +172,10 @@ def bias_references() -> tuple[Reference, ...]:
         found += [
             Reference(f'{name} angle', 'theta_hat - theta [deg]', float(row[4]), 0.02),
             Reference(
-                f'{name} theory', 'the same beside the closed form [deg]', float(row[5]), 0.01
+                f'{name} theory', 'same angle, reference in closed form [deg]', float(row[5]), 0.01
             ),
-            Reference(f'{name} xi', 'of xi_hat [%]', float(row[6]), 0.05),
-            Reference(f'{name} speed', 'of the speed [%]', 0.0, 0.01),
+            Reference(f'{name} xi', 'error of xi_hat [%]', float(row[6]), 0.05),
+            Reference(f'{name} speed', 'error of the speed [%]', 0.0, 0.01),
         ]
     return tuple(found)
 
@@ -231,7 +231,7 @@ def loop_references() -> tuple[Reference, ...]:
 
 
 def controlled_samples() -> Samples:
-    """P1 followed by the simulated drive with a sensor, without noise or quantisation."""
+    """Return P1 driven by the simulated drive with a sensor, without noise or quantisation."""
     record = Drive(PmsmParameters(adc_bits=0), profile=Profile(P1)).run(14001)
     truth = record.truth
     current = record.samples[:, 0] + 1j * record.samples[:, 1]

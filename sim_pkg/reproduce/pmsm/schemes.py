@@ -1,7 +1,7 @@
 """Ways to sample the observer, for the comparison: Euler, Runge-Kutta, and scheme X with variants.
 
 The observer itself uses `pmsm.scheme.advance` (X, voltage rotated, two passes); `exponential_step`
-here is the same with its choices open.
+here is the same function with these choices as arguments.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ NAMES = (
     'X rot-avg 1 pass',
 )
 DIVERGED = 1e6  # V or 1/Wb
-FINE = 200000.0  # Hz, of the sums that give mean voltages
+FINE = 200000.0  # rate of the sums for mean voltages [Hz]
 
 
 def _held_voltage(voltage, speed, turn, scheme):
-    """What a voltage that stands still in the static frame adds to i and h: exact.
+    """Return the exact effect on i and h of a voltage that is constant in the static frame.
 
     The integral of exp(A0 (dt - s)) exp(-j w s) is (A0 + j w)^-1 (E - exp(-j w dt)).
 
@@ -67,12 +67,12 @@ def _held_voltage(voltage, speed, turn, scheme):
 
 
 def exponential_step(i, h, z, x, before, now, voltage, scheme, k_eta, gamma, held, passes):
-    """`pmsm.scheme.advance` with its choices open.
+    """Step as `pmsm.scheme.advance`, with its choices as arguments.
 
     Parameters
     ----------
-    held : the mean voltage stands still in the static frame, instead of turning with the rotor.
-    passes : over the frame speed.
+    held : the mean voltage is constant in the static frame, instead of turning with the rotor.
+    passes : iterations over the frame speed.
     """
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
     back = z.conjugate()
@@ -136,11 +136,11 @@ def sampled(
     out_z,
     out_x,
 ):
-    """A run at one sample rate; (reflections, replacements of x). Rows after divergence are nan.
+    """Run at one sample rate; return (reflections, replacements of x). Diverged rows are nan.
 
     Parameters
     ----------
-    way : one of the ways above.
+    way : one of the schemes above.
     current, instant : at the samples, shape (n + 1,) [A], [V].
     mean : mean voltage over the interval before each sample [V].
     period : samples between clock ticks.
@@ -264,7 +264,7 @@ class Samples(NamedTuple):
 
 
 def drive_samples(rate: float, direction: int = 1, duration: float = 0.70) -> Samples:
-    """What a drive would publish of the exact signals at `rate` [Hz]."""
+    """Return the exact signals as a drive publishes them at `rate` [Hz]."""
     count = round(duration * rate)
     parts = max(1, round(FINE / rate))
     truth = signals(np.arange(count + 1, dtype=np.float64) / rate, direction)
@@ -276,7 +276,7 @@ def drive_samples(rate: float, direction: int = 1, duration: float = 0.70) -> Sa
 def sampled_run(
     samples: Samples, rate: float, way: int, kind: int, eta0_deg: float, xi0: float
 ) -> Run:
-    """One observer, sampled in one way."""
+    """Run one observer with one sampling scheme."""
     truth = samples.truth
     count = len(truth.time)
     h, z = np.full(count, np.nan + 0j), np.full(count, np.nan + 0j)
