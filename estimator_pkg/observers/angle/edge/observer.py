@@ -23,6 +23,7 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
     follow_band,
     follow_sway,
 )
+from estimator_pkg.observers.angle.edge.clock import UNEVEN, UNKNOWN, elapsed
 from estimator_pkg.observers.angle.edge.covariance import (
     corrected,
     manoeuvred,
@@ -89,7 +90,6 @@ CALM = 0.5  # of its variance the speed keeps at least, however small the innova
 
 UNIT = 1.0  # [rad] quantum while none is known: before the first step all is relative to it
 RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge for long
-LIE = 0.25  # of an innovation: a reading this close to an even clock has a wrong stamp
 SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of what was told
 PLAIN = 4.0 * BLUR * BLUR  # square quanta: a noise above it is more than the blur of the edges
 UNTOLD = 0.05  # of its variance an innovation has at least, were it to count in sigmas
@@ -137,7 +137,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     State: motion: (position [rad], velocity, acceleration, time since a reading told something
     [s]); covariance; band (see `bandwidth`); sensor, steps (see `sensor`); convention;
     lock: (status, samples since a start, a gap or a doubt, time [s] for which the readings were far
-    off); sway (see `bandwidth`); doubt (see `start`).
+    off); sway (see `bandwidth`); doubt (see `start`); clock (see `clock`).
     """
 
     def design() -> tuple:
@@ -164,6 +164,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             (INITIALISING, 1.0, 0.0),
             STEADY,
             START,
+            UNKNOWN,
         )
 
     def again(
@@ -173,6 +174,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         steps: tuple,
         convention: tuple,
         doubt: tuple,
+        clock: tuple,
     ) -> tuple:
         """A start after lock was lost: what is known of the sensor stays."""
         fresh = init(measurement, design)
@@ -186,6 +188,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             fresh[6],
             STEADY,
             doubt,
+            clock,
         )
 
     def told(
@@ -194,7 +197,6 @@ def build(gains: Gains, circle: Circle) -> Functions:
         half: float,
         off: float,
         ahead: float,
-        moved: float,
         p: tuple,
         band: tuple,
         sensor: tuple,
@@ -209,7 +211,6 @@ def build(gains: Gains, circle: Circle) -> Functions:
         Parameters
         ----------
         kind, centre, half, off, ahead : what it is worth, and from what; see `interval`.
-        moved : predicted motion over the sample [rad].
         noisy, flickers : the noise is more than the edges' blur; it crosses edges by itself.
         idle : time since the last one that told something [s].
 
@@ -225,14 +226,6 @@ def build(gains: Gains, circle: Circle) -> Functions:
         z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
         beyond = z > ALARM or z < -ALARM
         if beyond:
-            size, pace = abs(ahead), sensor[10]
-            if (
-                size > STRAY * quantum
-                and pace > 0.0
-                and abs(ahead + moved - moved * pace / dt) < LIE * size
-            ):
-                # the reading moved on as in a mean sample time: it is the stamp that is wrong
-                return (False, (0.0, 0.0, 0.0), p, band, sensor)
             z = ALARM if z > 0.0 else -ALARM
         least = (quantum * quantum + 12.0 * noise) / LONGEST**5
         if not flickers:
@@ -276,13 +269,27 @@ def build(gains: Gains, circle: Circle) -> Functions:
     def step(
         state: tuple, coefficients: tuple, design: tuple, measurement: float, given: float
     ) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway, doubt = state
+        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
         dt = coefficients[0]
         period, laws = design[0], design[4]
         change = measurement - convention[0]
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
-        quantum = sensor[0]
+        quantum, pace = sensor[0], sensor[10]
+        if clock[1] > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
+            dt, clock = elapsed(
+                clock,
+                dt,
+                pace,
+                change + convention[0] - motion[0],
+                motion[1],
+                motion[2],
+                p,
+                quantum,
+                sensor[1],
+            )
+            if dt != coefficients[0]:
+                coefficients = prepare(design, dt)
         doubted_so_far = doubt[1] > 0.0
         if doubted_so_far:
             doubt = later(doubt, dt)
@@ -347,6 +354,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 (status, count + 1.0, astray),
                 sway,
                 doubt,
+                clock,
             )
         x, v, a, idle = motion
         moved = v * dt + a * coefficients[1]
@@ -375,7 +383,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             # an eighth of a turn off: no reading of this shaft, or not of this speed
             astray += dt
             if astray > LOST_AFTER:
-                return again(measurement, design, sensor, steps, convention, doubt)
+                return again(measurement, design, sensor, steps, convention, doubt, clock)
             return (
                 (measurement - off, v, a, idle),
                 p,
@@ -386,6 +394,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 (COASTING if status != INITIALISING else status, 0.0, astray),
                 sway,
                 doubt,
+                clock,
             )
         ahead, half, calm = change - moved, 0.5 * quantum, sway
         if count > 0.0:
@@ -409,20 +418,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
         if kind != NOTHING:
             believed, shift, p, band, sensor = told(
-                kind,
-                centre,
-                half,
-                off,
-                ahead,
-                moved,
-                p,
-                band,
-                sensor,
-                noisy,
-                flickers,
-                idle,
-                dt,
-                laws,
+                kind, centre, half, off, ahead, p, band, sensor, noisy, flickers, idle, dt, laws
             )
             idle = 0.0
             if not believed:
@@ -440,6 +436,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                     (COASTING if status != INITIALISING else status, 0.0, astray),
                     calm,
                     doubt,
+                    clock,
                 )
             off -= shift[0]
             v += shift[1]
@@ -447,7 +444,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             turn = (v + v) * dt
             if (turn > period or turn < -period) and period > 0.0:
                 # faster than half a turn per sample: lock was lost
-                return again(measurement, design, sensor, steps, convention, doubt)
+                return again(measurement, design, sensor, steps, convention, doubt, clock)
         if doubted_so_far and change != 0.0:
             doubt = settled(doubt, v, change, rested, dt, square, noise)
         if status != TRACKING:
@@ -465,6 +462,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             lock,
             sway,
             doubt,
+            clock,
         )
 
     def bound(sensor: tuple) -> float:
@@ -503,7 +501,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         return math.sqrt(p[0] + floor if p[0] > 0.0 else floor), sigma
 
     def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway, doubt = state
+        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
         quantum = sensor[0]
         status = COASTING if lock[0] == TRACKING else lock[0]
         return (
@@ -516,6 +514,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             (status, 0.0, lock[2]),
             STEADY,
             (motion[1] * motion[1], SETTLES, doubt[2]),
+            (0.0, clock[1]),
         )
 
     def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
@@ -528,6 +527,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             steps,
             follow(state[5], measurement, design[0]),
             START,
+            UNKNOWN,
         )
 
     def why(state: tuple, design: tuple) -> str:
