@@ -33,15 +33,13 @@ $(STAMP): $(SOURCES)
 	@rm -rf build *.egg-info
 	@touch $@
 
-# Tests run on the installed package, not on the checkout beside it.
-# What needs no DDS runs side by side; nodes have the machine to themselves.
-ASIDE := -n 2 --dist loadfile
+# Tests run on the installed package, not on the checkout next to it.
+# One worker has the tests over DDS, which mostly wait; two take the rest, file by file.
 test: install check
-	$(BIN)/pytest -m "not dds and not slow" $(ASIDE); aside=$$?; \
-	$(BIN)/pytest -m "dds and not slow" && exit $$aside
+	$(BIN)/pytest -n 3 --dist loadgroup
 
 test-fast: install
-	$(BIN)/pytest -m "not dds and not slow and not page" $(ASIDE)
+	$(BIN)/pytest -m "not dds and not slow and not page" -n 2 --dist loadgroup
 
 test-slow: install
 	$(BIN)/pytest -m slow

@@ -15,17 +15,22 @@ for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
     os.environ.setdefault(name, str(Path(__file__).parent / 'discovery.xml'))
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """Mark the tests that use DDS: those with the probe, and those of modules that import `dds`.
 
-    They are run once more when they fail, and the summary says so: best-effort traffic may lose
-    messages on a busy machine, and a fault of ours fails twice.
+    They run again once when they fail, and the summary says so: best-effort traffic may lose
+    messages on a busy machine, and a fault of ours fails twice. In a parallel run they follow one
+    another in one worker, while the others take the rest file by file.
     """
     for item in items:
         if 'probe' in item.fixturenames or hasattr(item.module, 'dds'):
             item.add_marker(pytest.mark.dds)
         if item.get_closest_marker('dds'):
             item.add_marker(pytest.mark.flaky(reruns=1))
+            item.add_marker(pytest.mark.xdist_group('dds'))
+        else:
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.split('::')[0]))
 
 
 @pytest.fixture(scope='module')
