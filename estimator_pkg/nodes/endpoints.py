@@ -6,8 +6,8 @@ import importlib
 import inspect
 import warnings
 from collections.abc import Callable, Mapping
-from time import time_ns
-from typing import Any, NamedTuple
+from time import monotonic, time_ns
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import (
@@ -26,7 +26,11 @@ from rclpy.qos import (
     ReliabilityPolicy,
     qos_policy_name_from_kind,
 )
-from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.qos_overriding_options import (
+    InvalidQosOverridesError,
+    QoSOverridingOptions,
+    _declare_qos_parameters,
+)
 from rclpy.subscription import Subscription
 
 from estimator_pkg.errors import UsageError
@@ -42,13 +46,13 @@ def get_message(name: str) -> Any:
 
 
 def sensor_data() -> QoSProfile:
-    """Of measurements: best effort matches every publisher; 50 messages bridge a pause."""
-    return QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+    """QoS of inputs: best effort matches every publisher; depth 200 bridges 0.2 s at 1 kHz."""
+    return QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def estimates() -> QoSProfile:
-    """Of what a node gives."""
-    return QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+    """Of what a node gives: what is sent before a listener has connected is sent again."""
+    return QoSProfile(depth=500, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched() -> QoSProfile:
@@ -66,15 +70,75 @@ _OPEN = (
 )
 
 DEEPEST = 100_000  # messages of a queue
+SETTLED = 0.1  # [s] without a change among publishers and listeners: they know us, too
+AT_FIRST = 0.5  # [s] the same from our start: not all of them are known at once
+NOBODY = 10.0  # [s] without a publisher after which we subscribe all the same: some bridges
+# publish only what somebody has subscribed to
 UNNAMED = '_NODE_NAME_UNKNOWN_'  # what ROS calls a node of which it has not heard all yet
 
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
 
 
-class _Input(NamedTuple):
-    subscription: Subscription
-    callback: Callable[..., None]
-    loss: Loss
+class Input:
+    """A topic that a node reads, subscribed to while somebody publishes on it.
+
+    A publisher knows of a subscription up to 0.1 s before the subscription knows of the publisher,
+    and DDS drops the best-effort messages of that time unseen. A subscription that is made when the
+    publisher is known knows it from its beginning, before the publisher can know of it.
+
+    Parameters
+    ----------
+    topic_name : fully qualified. kind : message class.
+    make : makes the subscription.
+
+    Attributes
+    ----------
+    subscription : None while there is none.
+    callback : receives its messages. loss : counts those that are lost.
+    deserted : when somebody was last known to publish, by `monotonic` [s].
+    """
+
+    def __init__(self, topic_name: str, kind: type, make: Callable[[], Subscription]) -> None:
+        self.topic_name, self.kind, self._make = topic_name, kind, make
+        self.subscription: Subscription | None = None
+        self.callback: Callable[..., None]
+        self.loss = Loss(self.publishers)
+        self.deserted = monotonic()
+        self._served = False  # somebody has published since it was made
+
+    def publishers(self) -> int:
+        """The number of publishers that are connected."""
+        return 0 if self.subscription is None else self.subscription.get_publisher_count()
+
+    def connect(self, known: int, settled: bool, node: Node) -> None:
+        """Make the subscription, or destroy it after its last publisher.
+
+        Parameters
+        ----------
+        known : how many publish on the topic.
+        settled : those who are there have had time to know of us.
+        """
+        now = monotonic()
+        if known:
+            self.deserted = now
+        if self.subscription is None:
+            if settled if known else now - self.deserted >= NOBODY:
+                self.loss.begins(time_ns())
+                self._served = False
+                self.subscription = self._make()
+        elif known:
+            self._served = True
+        elif self._served:
+            self.drain()
+            node.destroy_subscription(self.subscription)
+            self.subscription = None
+            self.loss.forget()
+
+    def drain(self) -> None:
+        """Receive what still waits."""
+        if self.subscription is not None:
+            for raw, info in waiting(self.subscription):
+                self.callback(raw, info)
 
 
 class OnDemand:
@@ -107,18 +171,36 @@ class Endpoints:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.qos_mismatches = 0
-        self._inputs: list[_Input] = []
+        self._inputs: list[Input] = []
+        self._publishers: list[Publisher] = []
         self._on_demand: list[OnDemand] = []
+        self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
+        self._settled = monotonic() + AT_FIRST  # when all of them know us
 
     @property
     def inputs(self) -> list[str]:
-        """Names of the topics that are subscribed to."""
-        return [each.subscription.topic_name for each in self._inputs]
+        """Names of the topics that are read."""
+        return [each.topic_name for each in self._inputs]
 
     @property
     def lost(self) -> dict[str, int]:
         """Messages lost on the way to our subscriptions since they were made, by topic."""
-        return {each.subscription.topic_name: each.loss.lost for each in self._inputs}
+        return {each.topic_name: each.loss.lost for each in self._inputs}
+
+    def connect(self) -> None:
+        """Subscribe to topics on which somebody publishes; to be called often.
+
+        What listens to our outputs must know them before, or it would miss the first answers.
+        """
+        now, node = monotonic(), self._node
+        around = [node.count_publishers(each.topic_name) for each in self._inputs]
+        known = tuple(around)
+        if not all(each.subscription for each in self._inputs):
+            around += [node.count_subscribers(each.topic_name) for each in self._publishers]
+        if around != self._around:
+            self._around, self._settled = around, max(self._settled, now + SETTLED)
+        for each, publishers in zip(self._inputs, known):
+            each.connect(publishers, now >= self._settled, node)
 
     def of_other_types(self) -> list[str]:
         """Who publishes on our inputs what we do not read, each in words.
@@ -127,7 +209,7 @@ class Endpoints:
         """
         texts = []
         for each in self._inputs:
-            topic, wanted = each.subscription.topic_name, _type_name(each.subscription.msg_type)
+            topic, wanted = each.topic_name, _type_name(each.kind)
             texts += [
                 f'{found.node_name} publishes {found.topic_type} on {topic}, where this node '
                 f'reads {wanted}: they are not connected'
@@ -138,15 +220,31 @@ class Endpoints:
 
     def subscribe(
         self, kind: type, topic: str, receive: Receive, qos: QoSProfile | None = None
-    ) -> Subscription:
-        """A raw subscription: `receive` gets every message's bytes and info.
+    ) -> Input:
+        """A raw subscription, which `connect` makes: `receive` gets every message's bytes and info.
 
         Raises
         ------
         UsageError : a wrong ``qos_overrides`` parameter.
         """
-        holder: list[Subscription] = []
-        loss = Loss(lambda: holder[0].get_publisher_count(), time_ns())
+        name, profile = self._node.resolve_topic_name(topic), qos or sensor_data()
+
+        def make(**events: Any) -> Subscription:
+            return self._node.create_subscription(
+                kind,
+                topic,
+                callback,
+                profile,
+                raw=True,
+                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch, **events),
+            )
+
+        made = Input(
+            name,
+            kind,
+            lambda: self._made(topic, make, {'matched': matched, 'message_lost': reported}),
+        )
+        loss = made.loss
         saw = loss.saw
 
         def callback(*arguments: Any) -> None:
@@ -156,31 +254,28 @@ class Endpoints:
             receive(raw, info)
 
         callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
+        made.callback = callback
 
         def mismatch(event: Any) -> None:
-            self._mismatch(holder[0].topic_name, 'publisher', 'subscription', event)
+            self._mismatch(name, 'publisher', 'subscription', event)
 
         def matched(event: Any) -> None:
             if event.current_count_change < 0:
                 loss.forget()
 
         def reported(event: Any) -> None:
-            loss.reported = event.total_count
+            loss.reported += event.total_count_change
 
-        def make(**events: Any) -> Subscription:
-            return self._node.create_subscription(
-                kind,
-                topic,
-                callback,
-                qos or sensor_data(),
-                raw=True,
-                qos_overriding_options=_overriding(),
-                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch, **events),
-            )
-
-        holder.append(self._made(topic, make, {'matched': matched, 'message_lost': reported}))
-        self._inputs.append(_Input(holder[0], callback, loss))
-        return holder[0]
+        # Now, so that a wrong one ends the start.
+        self._made(
+            topic,
+            lambda **_: _declare_qos_parameters(
+                Subscription, self._node, name, profile, _overriding()
+            ),
+            {},
+        )
+        self._inputs.append(made)
+        return made
 
     def look(self) -> None:
         """See who listens, and receive what still waits; to be called now and then."""
@@ -190,9 +285,8 @@ class Endpoints:
 
     def _drain(self) -> None:
         """Receive what still waits on the subscriptions."""
-        for subscription, callback, _ in self._inputs:
-            for raw, info in waiting(subscription):
-                callback(raw, info)
+        for each in self._inputs:
+            each.drain()
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
         """A publisher; raises UsageError for a wrong ``qos_overrides`` parameter."""
@@ -211,6 +305,7 @@ class Endpoints:
             )
 
         holder.append(self._made(topic, make, {}))
+        self._publishers.append(holder[0])
         return holder[0]
 
     def on_demand(self, kind: type, topic: str) -> OnDemand:

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import suggestion
@@ -22,7 +21,7 @@ from estimator_pkg.nodes.diagnostics import (
     entry,
     joint_status,
 )
-from estimator_pkg.nodes.endpoints import Endpoints, latched
+from estimator_pkg.nodes.endpoints import Endpoints, Input, latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
 from estimator_pkg.streams.contract import Stream
@@ -44,7 +43,7 @@ class Health:
 
     Attributes
     ----------
-    input : the subscription to the measurement; set once it is made.
+    input : the topic of the measurement; set once it is known.
     WRONG : what is no good, in words, by the name of its counter.
     """
 
@@ -67,7 +66,7 @@ class Health:
         'lost_by_dds': 'messages lost by DDS',
     }
 
-    input: Subscription
+    input: Input
 
     def __init__(
         self, node: Node, stream: Stream, endpoints: Endpoints, ros: RosParameters
@@ -245,7 +244,7 @@ class Health:
         values: dict[str, Any] = {
             'rate_hz': new['messages_received'] / passed,
             **totals,
-            'publishers': self.input.get_publisher_count(),
+            'publishers': self.input.publishers(),
             'step_time_mean_us': 1e6 * self._step_time / decoded if decoded else 0.0,
             'step_time_max_us': 1e6 * self._longest_step,
         }
@@ -257,7 +256,12 @@ class Health:
                 f'({self._stream.complaint[1]})',
             )
         if not new['messages_received']:
-            wrong.insert(0, 'no input')
+            wrong.insert(
+                0,
+                'no input'
+                if self.input.subscription
+                else f'no input: waits for a publisher of {self.input.topic_name}',
+            )
         return entry(WARN if wrong else OK, name, ', '.join(wrong) or 'ok', values)
 
     def _totals(self) -> _Totals:
@@ -303,7 +307,7 @@ class Health:
                 f'and are dropped: {self._stream.NO_STAMP}',
             )
         if new['events.clock_jump']:
-            publishers = self.input.get_publisher_count()
+            publishers = self.input.publishers()
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
             self._say(
                 'jump',
@@ -374,7 +378,7 @@ class Health:
         if not sum(self._stream.received):
             texts.append(
                 f'nothing has been received on {self.input.topic_name} yet; publishers '
-                f'connected: {self.input.get_publisher_count()}'
+                f'connected: {self.input.publishers()}'
             )
         for text in texts:
             if text not in self._told:

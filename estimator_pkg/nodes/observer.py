@@ -25,6 +25,7 @@ from estimator_pkg.printable import PrintableLogger, printable
 from estimator_pkg.streams.contract import NO_NUMBERS, Action, Stream
 
 LOOK_AROUND = 0.1  # [s]
+CONNECT = 0.02  # [s] between looks for publishers
 
 
 class ObserverNode(Node):
@@ -104,13 +105,13 @@ class ObserverNode(Node):
         self._ros.watch(self._check, self._apply)
         stream.go_live()
         stream.wanted[:] = [not output.on_demand for output in stream.outputs]
-        self.create_timer(
-            LOOK_AROUND, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
-        # Last: from here on messages come, and wait in a queue that is not long.
-        subscriptions = [self._listen(port) for port in range(len(stream.inputs))]
-        self.health.input = subscriptions[0]
-        stream.topics = [each.topic_name for each in subscriptions]
+        inputs = [self._listen(port) for port in range(len(stream.inputs))]
+        self.health.input = inputs[0]
+        stream.topics = [each.topic_name for each in inputs]
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(LOOK_AROUND, self._look_around, clock=steady)
+        # It subscribes once the executor runs: the queues of subscriptions are not long.
+        self.create_timer(CONNECT, self._endpoints.connect, clock=steady)
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} of '
             f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}'

@@ -59,6 +59,10 @@ class Loss:
             if self._first is not None:
                 self._began(sequence, sent_ns)
 
+    def begins(self, since_ns: int) -> None:
+        """The subscription is made now [ns]."""
+        self._since_ns = since_ns
+
     def forget(self) -> None:
         """A publisher left: nobody can tell which number was its next."""
         self._expected.clear()

@@ -141,7 +141,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
         if rest:
             return _usage(program, rest[0])
         executor = make_executor()
-        gc.disable()  # a collection takes longer than a queue of 50 messages bridges at 1 kHz
+        gc.disable()  # a collection takes long, while messages wait in a queue
         node = make_node()
         executor.add_node(node)
         gc.freeze()  # nor is what has been imported looked through again

@@ -270,6 +270,9 @@ def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
     node = ObserverNode('angle', 'missed', namespace='/missed')
     try:
         with dds.Observer(probe, '/missed/missed', '/missed/joint_states') as live:
+            probe.until(
+                lambda: node._endpoints.connect() or live.publisher.get_subscription_count()
+            )
             live.connect()
             for raw in turning(live, ['a'], [1.0], 3):
                 live.publisher.publish(raw)

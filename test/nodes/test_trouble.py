@@ -63,11 +63,12 @@ class Own:
         before = {each for each in self._publishers if each.topic_name == f'/{topic}'}
         made = self.probe.node.create_publisher(kind, topic, 50)
         self._publishers.append(made)
-        self.probe.until(
-            lambda: (
-                made.get_subscription_count() and self.node.count_publishers(topic) > len(before)
-            )
-        )
+
+        def connected():
+            self.node._endpoints.connect()
+            return made.get_subscription_count() and self.node.count_publishers(topic) > len(before)
+
+        self.probe.until(connected)
         time.sleep(0.1)
         return made
 

@@ -1,0 +1,57 @@
+"""The first messages of a stream: what a relay next to the node gets, the node answers."""
+
+from __future__ import annotations
+
+import time
+
+import dds
+import pytest
+from stream_roles import MESSAGES, best_effort
+from stream_starts import ORDERS, start
+
+
+def check(probe, order, count):
+    """Start so often; fails if any start lost a message that the relay got, or did not count it."""
+    starts = [start(probe, order) for _ in range(count)]
+    worse = [found for found in starts if found['missed']]
+    assert not worse, f'{len(worse)} of {count} starts: {worse}'
+    assert all(found['received'] + found['counted'] == MESSAGES for found in starts), starts
+
+
+@pytest.mark.parametrize('order', ORDERS)
+def test_the_first_messages_of_a_stream_are_answered(probe, order):
+    check(probe, order, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('order', ORDERS)
+def test_of_100_starts_none_loses_a_message(probe, order):
+    check(probe, order, 100)
+
+
+def test_a_publisher_that_comes_back_is_subscribed_to_anew(probe):
+    """The subscription ends with the last publisher, and its count of losses does not."""
+    from sensor_msgs.msg import JointState
+
+    words = dds.ros_args(remap=('joint_states:=/returning',))
+    with (
+        dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', *words),
+        dds.Observer(probe, topic='/unused') as listener,
+    ):
+        probe.until(lambda: listener.reports)
+        entry = listener.diagnostics['/joint_observer']
+        assert entry.message == 'no input: waits for a publisher of /returning'
+        for done in range(3):
+            publisher = probe.node.create_publisher(JointState, '/returning', best_effort(50))
+            probe.until(publisher.get_subscription_count)
+            begun = time.time_ns()
+            for k in range(100):
+                publisher.publish(listener.encode(begun + k * 1_000_000, ['a'], [1e-3 * k]))
+                probe.spin(1e-3)
+            probe.until(lambda so_far=done: len(listener.answers) == 100 * (so_far + 1))
+            probe.node.destroy_publisher(publisher)
+            probe.until(lambda: not probe.node.count_subscribers('/returning'))
+        values = listener.next_report()['/joint_observer']
+        assert (values['lost_by_dds'], values['messages_received']) == ('0', '300')
+        # a bridge may publish only where somebody has subscribed
+        probe.until(lambda: probe.node.count_subscribers('/returning'))
