@@ -1,1 +1,1 @@
-"""Speed and accuracy beside named peers."""
+"""Benchmarks of speed and accuracy against named peers."""

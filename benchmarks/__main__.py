@@ -1,4 +1,4 @@
-"""``python -m benchmarks``: speed and accuracy next to named peers, from the checkout."""
+"""``python -m benchmarks``: speed and accuracy compared with named peers, from the checkout."""
 
 from __future__ import annotations
 
@@ -47,40 +47,40 @@ ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'drive')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument(
-        'group', nargs='?', choices=(SPEED, ACCURACY), help='which group; default: both'
+        'group', nargs='?', choices=(SPEED, ACCURACY), help='group to run (default: both)'
     )
     parser.add_argument(
         '--part',
         action='append',
         default=[],
         choices=tuple(dict.fromkeys((*SPEED_PARTS, *ACCURACY_PARTS))),
-        help=f'only this part (may be repeated); of speed: '
+        help=f'run only this part (may be repeated); of speed: '
         f'{", ".join(SPEED_PARTS)}; of accuracy: {", ".join(ACCURACY_PARTS)}',
     )
     parser.add_argument(
         '--draws',
         type=_positive,
         metavar='N',
-        help='of accuracy, also N random phases and speeds per column',
+        help='of accuracy: also N random phases and speeds per column',
     )
     parser.add_argument(
         '--bags',
         metavar='FOLDER',
         default='bags',
-        help='of accuracy, where the recordings are (default: bags)',
+        help='of accuracy: folder of the recordings (default: bags)',
     )
     parser.add_argument(
         '--plot',
         metavar='FILE',
-        help='draw the field, and beside it FILE with _recordings in its name',
+        help='draw the field into FILE, and the recordings into FILE with _recordings in its name',
     )
-    parser.add_argument('--markdown', action='store_true', help='the tables of the field as such')
+    parser.add_argument('--markdown', action='store_true', help='print the tables as Markdown')
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='a look, not a measurement: fewer rounds, shorter bags, no sweeps',
+        help='a quick check, not a measurement: fewer rounds, shorter bags, no sweeps',
     )
     parser.add_argument(
         '--messages',
@@ -91,7 +91,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Measures and prints part after part.
+    """Run and print part after part; return the results.
 
     Raises
     ------
@@ -113,12 +113,12 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         result[SPEED] = {'rows': rows, 'quick': parsed.quick}
         missed = [row['name'] for row in rows if row['ok'] is False]
         if missed:
-            print('required and not reached here: ' + '; '.join(missed))
+            print('requirement not met: ' + '; '.join(missed))
     return result
 
 
 def _chosen(parsed: argparse.Namespace) -> dict[str, list[str]]:
-    """The parts of each group that are to be run."""
+    """Return the parts to run, by group."""
     parts = {ACCURACY: list(ACCURACY_PARTS), SPEED: list(SPEED_PARTS)}
     if parsed.quick:
         parts[ACCURACY] = ['defaults', 'drive']
@@ -131,7 +131,10 @@ def _chosen(parsed: argparse.Namespace) -> dict[str, list[str]]:
                 found[group] = mine
     unknown = set(parsed.part) - {part for mine in found.values() for part in mine}
     if unknown:
-        raise UsageError(f"{parsed.group} has no part '{min(unknown)}'")
+        raise UsageError(
+            f"{parsed.group} has no part '{min(unknown)}': "
+            f'choose one of {", ".join(sorted(set(SPEED_PARTS) | set(ACCURACY_PARTS)))}'
+        )
     return found
 
 
@@ -144,19 +147,19 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
         print(accuracy.describe_spread(result['drawn']) + '\n', flush=True)
     if 'field' in parts:
         result['field'] = field.run(shared(), label=SHARED)
-        _tell(parsed, result['field'], SHARED, parsed.plot)
+        _print(parsed, result['field'], SHARED, parsed.plot)
     if 'recordings' in parts:
         beside = Path(parsed.plot) if parsed.plot else None
         try:
             columns, refused = recorded(Path(parsed.bags))
         except UserError as error:
-            why = f'{error} (say where they are with --bags)'
-            if 'recordings' in parsed.part:  # asked for by name
+            why = f'{error}: give their folder with --bags'
+            if 'recordings' in parsed.part:  # requested by name
                 raise UserError(why) from error
             print(f'{RECORDED}: not run: {why}\n')
         else:
             result['recordings'] = {**field.run(columns, label=RECORDED), 'refused': refused}
-            _tell(
+            _print(
                 parsed,
                 result['recordings'],
                 RECORDED,
@@ -165,10 +168,10 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
     if 'drive' in parts:
         rows = [row for row in drives(1) if row['unit'] in ERRORS or row['value'] is None]
         result['drive'] = {'rows': rows}
-        print(f'the sensorless drive beside motulator\n{describe(rows)}\n', flush=True)
+        print(f'the sensorless drive and motulator\n{describe(rows)}\n', flush=True)
 
 
-def _tell(parsed: argparse.Namespace, found: dict[str, Any], title: str, plot: str | None) -> None:
+def _print(parsed: argparse.Namespace, found: dict[str, Any], title: str, plot: str | None) -> None:
     print(field.describe(found, title, parsed.markdown) + '\n', flush=True)
     if plot:
         chart.draw(found, plot, title)
@@ -176,7 +179,7 @@ def _tell(parsed: argparse.Namespace, found: dict[str, Any], title: str, plot: s
 
 
 def describe(rows: list[dict[str, Any]]) -> str:
-    """The lines of one part as text."""
+    """Return the lines of one part as text."""
     lines = []
     for row in rows:
         if row['value'] is None:
@@ -194,7 +197,7 @@ def describe(rows: list[dict[str, Any]]) -> str:
 
 
 def machine() -> dict[str, str]:
-    """Where this was measured."""
+    """Return a description of this machine."""
     return {
         'Python': platform.python_version(),
         'on': f'{platform.system()} {platform.machine()}',
@@ -205,17 +208,17 @@ def machine() -> dict[str, str]:
 def _positive(text: str) -> int:
     value = int(text)
     if value < 4:
-        raise argparse.ArgumentTypeError('must be at least 4')
+        raise argparse.ArgumentTypeError(f'{text} is too small: it must be at least 4')
     return value
 
 
-COMMAND = Command('speed and accuracy next to named peers', arguments, run)
+COMMAND = Command('speed and accuracy compared with named peers', arguments, run)
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the benchmarks; returns the exit code."""
-    given = sys.argv[1:] if words is None else words
-    return cli.guarded(lambda: cli.run(COMMAND, given, PROGRAM), PROGRAM)
+    """Run the benchmarks; return the exit code."""
+    arguments = sys.argv[1:] if words is None else words
+    return cli.guarded(lambda: cli.run(COMMAND, arguments, PROGRAM), PROGRAM)
 
 
 if __name__ == '__main__':

@@ -1,7 +1,8 @@
 """``bench accuracy``: every observer on the shared signals, errors and delay.
 
-`run` gives each column once; `spread` draws each many times, at random phases and speeds, and tells
-the pooled error, the worst, and the worst beside a yardstick on the very same samples.
+`run` measures each column once. `spread` draws each column many times, with random phases and
+speeds; it reports the pooled error, the largest, and the largest ratio to a baseline on the same
+samples.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ from estimator_pkg.progress import progress
 
 ALL = SIGNALS + FURTHER
 DRAWS = 100
-# the textbook filter: our low-speed bound would throttle it where noise makes readings repeat
+# the textbook filter: with noise readings repeat, and our low-speed bound would limit its velocity
 YARDSTICK = Entry('kalman acceleration', 'kalman', (('low_speed_bound', False),))
 DRAWN = (YARDSTICK, Entry('edge_adaptive', 'edge_adaptive'))
-SHARE = 1.05  # worse than the yardstick by more than this counts
+SHARE = 1.05  # a draw counts as worse than the baseline above this ratio
 
 
 def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
-    """Velocity errors, delay and the share of samples that were published, after the first second.
+    """Return velocity errors, delay and fraction of published samples, after the first second.
 
     Returns
     -------
@@ -49,7 +50,7 @@ def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
 
 
 def run(rows: Iterable[Entry] | None = None, signals: tuple[Signal, ...] = ALL) -> dict[str, Any]:
-    """The table as data: one result per entry and signal."""
+    """Return the table as data: one result per entry and signal."""
     chosen = list(at_defaults() if rows is None else rows)
     results = []
     with progress('accuracy', len(chosen) * len(signals)) as advance:
@@ -69,7 +70,7 @@ def run(rows: Iterable[Entry] | None = None, signals: tuple[Signal, ...] = ALL) 
 
 
 def describe(found: dict[str, Any]) -> str:
-    """The table as text: rms and delay per signal."""
+    """Return the table as text: rms and delay per signal."""
     names = list(found['signals'])
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for result in found['results']:
@@ -84,8 +85,8 @@ def describe(found: dict[str, Any]) -> str:
     legend = '\n'.join(f'  {name}: {summary}' for name, summary in found['signals'].items())
     body = table(('observer', 'gains', *names), rows, left=2)
     return (
-        'velocity rms error [rad/s] and delay [ms] at 1 kHz, 4096 counts but where the column '
-        f'says otherwise; wrapped, first second skipped\n{legend}\n{body}'
+        'velocity rms error [rad/s] and delay [ms] at 1 kHz and 4096 counts unless the column '
+        f'states otherwise; wrapped, first second skipped\n{legend}\n{body}'
     )
 
 
@@ -97,7 +98,7 @@ def spread(
     *,
     fast: bool | None = None,
 ) -> dict[str, Any]:
-    """Each column `draws` times, each time at another phase or speed, the quantum given.
+    """Run each column `draws` times, each with another phase or speed; the quantum is known.
 
     Returns
     -------
@@ -142,7 +143,7 @@ def _quantum(entry: Entry, signal: Signal) -> dict[str, float]:
 
 
 def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, float]:
-    """(rms error of the velocity [rad/s], part covered by the 95 % interval)."""
+    """Return (rms error of the velocity [rad/s], fraction within the 95 % interval)."""
     joint.reset()
     out = joint.run(samples.stamps, samples.angle, fast=fast)
     counted = (samples.stamps - samples.stamps[0]) * 1e-9 >= SKIPPED
@@ -152,7 +153,7 @@ def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, flo
 
 
 def describe_spread(found: dict[str, Any]) -> str:
-    """The table of `spread` as text."""
+    """Return the table of `spread` as text."""
     rows = [
         (
             row['observer'],
@@ -168,8 +169,8 @@ def describe_spread(found: dict[str, Any]) -> str:
     ]
     draws = found['rows'][0]['draws'] if found['rows'] else 0
     return (
-        f'{draws} random phases and speeds per column, quantum given: velocity rms error '
-        f'[rad/s], coverage of the 95 % interval [%], and beside {YARDSTICK.label} on the same '
+        f'{draws} random phases and speeds per column, quantum known: velocity rms error '
+        f'[rad/s], coverage of the 95 % interval [%], and ratio to {YARDSTICK.label} on the same '
         f'samples\n'
         + table(
             (

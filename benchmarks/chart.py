@@ -1,4 +1,4 @@
-"""The picture of the field: a panel per column, a line per estimator."""
+"""The chart of the field: a panel per column, a line per estimator."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from estimator_pkg.evaluation.report.plot import check
 COLOURS = {OURS: '#1b6ca8', PEERS: '#c8553d', TOLD: '#3f8f5b', AHEAD: '#8a8a8a'}
 MEANING = {
     OURS: 'ours',
-    PEERS: 'installed libraries, looking at no future',
-    TOLD: 'told the torque too',
-    AHEAD: 'the referee: sees the future',
+    PEERS: 'installed libraries, causal',
+    TOLD: 'the torque is known too',
+    AHEAD: 'non-causal: uses future samples',
 }
-ACROSS = 7  # panels in a row at most
-NARROW = 30.0  # times: a narrower span has ticks between the powers of ten
-LEAST = 1e-5  # [rad/s] errors below are drawn there
-WIDTH, LINE = 2.15, 0.21  # [in] of a panel, and of a line in it
+ACROSS = 7  # largest number of panels in a row
+NARROW = 30.0  # a narrower span (as a ratio) has ticks between the powers of ten
+LEAST = 1e-5  # smaller errors are drawn here [rad/s]
+WIDTH, LINE = 2.15, 0.21  # width of a panel, height of a line [in]
 
 
 def draw(found: dict[str, Any], path: str, title: str) -> None:
-    """Writes the picture: a filled dot at the one setting, a ring at the best of the column.
+    """Write the chart: a filled dot at the one setting, a ring at the best of the column.
 
     Raises
     ------
-    UserError : matplotlib is missing, or knows no such kind of file.
+    UserError : matplotlib is missing, or does not support this file type.
     """
     check(path)
     from matplotlib.figure import Figure
@@ -78,19 +78,19 @@ def draw(found: dict[str, Any], path: str, title: str) -> None:
     ]
     if any(column['noise'] > 0.0 for column in found['columns'].values()):
         handles.append(
-            Line2D([], [], color='#e8e3d3', linewidth=8, label='below what the reference can tell')
+            Line2D([], [], color='#e8e3d3', linewidth=8, label="below the reference's own error")
         )
     figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False, fontsize=8.5)
     figure.suptitle(
         f'{title}: velocity rms error [rad/s]; in grey, at the one setting, its delay '
-        '[ms] and (how much is published)',
+        '[ms] and (published fraction)',
         fontsize=11,
     )
     figure.savefig(path, dpi=110)
 
 
 def _places(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """The height of each line, with room between the groups."""
+    """Return the height of each line, with gaps between the groups."""
     places, at, last = {}, -1.0, ''
     for row in rows:
         at += 1.0 if row['group'] in (last, '') or not last else 1.6
@@ -137,7 +137,7 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
     low = (
         LEAST if min(shown[1:], default=LEAST) <= 3.0 * LEAST else 10.0 ** (math.log10(low) - 0.25)
     )
-    # room for the delays at the right
+    # space for the delays at the right
     axis.set_xlim(0.6 * low, 10.0 ** (math.log10(high) + 0.22 * math.log10(high / low) + 0.15))
     axis.text(
         1.0,
@@ -164,7 +164,7 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
 
 
 def _ticks(axis: Any, span: float) -> None:
-    """Powers of ten; where there are too few of them, 1, 2 and 5 in plain numbers."""
+    """Set ticks at powers of ten; for a narrow span at 1, 2 and 5 in plain numbers."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
     if span < NARROW:

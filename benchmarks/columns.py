@@ -1,7 +1,7 @@
 """The columns of the field: readings of one joint with their true velocity.
 
-A column is a signal of the shared set, or a joint of a recording. Where the torque is known it
-carries that too, with the numbers of the joint on which it acts: for the observers that are told.
+A column is a signal of the shared set, or a joint of a recording. If the torque is known, the
+column also has it, with the parameters of the joint, for the observers that use an input.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from benchmarks.signals import SIGNALS, SKIPPED, Samples, Signal
 Array = NDArray[np.float64]
 
 DURATION = 6.0  # [s] of each signal
-EDGE = 0.1  # [s] left out at the end: what looks ahead does not see it whole
-FLOOR = 0.01  # [rad/s] errors below this are as good as none when one setting is chosen
-INERTIA = 0.1  # [kg m^2] of the joint that makes the signals' motion
+EDGE = 0.1  # [s] ignored at the end: non-causal estimators lack samples there
+FLOOR = 0.01  # errors below this count as zero when one setting is chosen [rad/s]
+INERTIA = 0.1  # of the joint that makes the signals' motion [kg m^2]
 
 
 class Cleaned(NamedTuple):
-    """What a peer takes: no repeated or late stamp, no nan, turns counted.
+    """Readings for a peer: increasing stamps, no nan, multi-turn angles.
 
-    rows : shape (m,), which samples these are. time [s], angle [rad] : shape (m,).
+    rows : shape (m,), indices of these samples. time [s], angle [rad] : shape (m,).
     """
 
     rows: NDArray[np.int64]
@@ -37,15 +37,15 @@ class Cleaned(NamedTuple):
 
 @dataclass(frozen=True)
 class Column:
-    """Readings of one joint and what is true of them.
+    """Readings of one joint and the truth about them.
 
     samples : as received; the velocity is nan where it is not known.
-    quantum : smallest step of the reading [rad].
-    skip : seconds at the beginning that do not count.
-    noise : what the reference may itself be wrong by [rad/s rms]; 0: it is the truth.
+    quantum : quantum of the reading [rad].
+    skip : time at the beginning that is not evaluated [s].
+    noise : error of the reference itself [rad/s rms]; 0: it is the ground truth.
     torque : shape (n,), mean over the interval that ends at the sample [N m]; None: not known.
-    joint : the numbers of `single_joint` on which it acts; empty: not known.
-    reference : what the velocity comes from.
+    joint : the parameters of `single_joint` for this joint; empty: not known.
+    reference : origin of the true velocity.
     """
 
     name: str
@@ -60,13 +60,13 @@ class Column:
 
     @property
     def time(self) -> Array:
-        """Of each sample since the first stamp that is one [s]."""
+        """Time of each sample since the first positive stamp [s]."""
         stamps = self.samples.stamps
         return (stamps - stamps[np.argmax(stamps > 0)]) * 1e-9
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Which samples are judged."""
+        """True for the samples that are evaluated."""
         time = self.time
         return (
             (time >= self.skip) & (time <= np.max(time) - EDGE) & np.isfinite(self.samples.velocity)
@@ -78,21 +78,21 @@ class Column:
         return max(FLOOR, self.noise)
 
     def cleaned(self) -> Cleaned:
-        """The readings for estimators that know no guard."""
+        """Return the readings for estimators without a guard."""
         stamps, angle = self.samples.stamps, self.samples.angle
         newest = np.concatenate([[0], np.maximum.accumulate(stamps)[:-1]])
         rows = np.flatnonzero((stamps > newest) & np.isfinite(angle))
         return Cleaned(rows, self.time[rows], np.unwrap(angle[rows]).astype(np.float64))
 
     def spread(self, rows: NDArray[np.int64], velocity: Array) -> Array:
-        """Velocities of some samples as those of all; nan elsewhere."""
+        """Return the velocities of `rows` as an array over all samples; nan elsewhere."""
         every = np.full(len(self.samples.stamps), np.nan)
         every[rows] = velocity
         return every
 
 
 def of_signal(signal: Signal, duration: float = DURATION) -> Column:
-    """A signal as the motion of a joint without friction, with the torque that makes it."""
+    """Return a signal as the motion of a frictionless joint, with the torque that causes it."""
     samples = signal.samples(duration=duration)
     steps = np.diff(samples.stamps) * 1e-9
     torque = np.concatenate([[0.0], INERTIA * np.diff(samples.velocity) / steps])
@@ -107,12 +107,12 @@ def of_signal(signal: Signal, duration: float = DURATION) -> Column:
 
 
 def shared(signals: Sequence[Signal] = SIGNALS, duration: float = DURATION) -> list[Column]:
-    """The shared set."""
+    """Return the columns of the shared set."""
     return [of_signal(signal, duration) for signal in signals]
 
 
 def driven_by(column: Column) -> Array | None:
-    """The acceleration that torque and gravity give at the measured angle [rad/s^2], or None."""
+    """Return the acceleration by torque and gravity at the measured angle [rad/s^2], or None."""
     if column.torque is None or 'inertia' not in column.joint:
         return None
     joint = column.joint

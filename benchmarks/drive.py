@@ -1,10 +1,10 @@
-"""``bench drive``: the sensorless observer beside motulator's, on the same simulated drive.
+"""``bench drive``: our sensorless observer and motulator's, on the same simulated drive.
 
-Both are given the true resistance and inductance, motulator the true flux as well (ours is told
-one that is wrong by a fifth), and motulator starts at the true angle and speed. Both speed outputs
-have their -3 dB frequency at `BANDWIDTH_HZ`; ours is tuned for little noise (`QUIET`), one tuning
-for all cases, as motulator's is. How motulator is to take the voltage is not obvious to a user, so
-it runs in each of `TIMINGS` and counts with the best one, chosen anew for each number.
+Both know the true resistance and inductance. motulator also knows the true flux (ours gets one that
+is wrong by a fifth) and starts at the true angle and speed. Both speed outputs have their -3 dB
+frequency at `BANDWIDTH_HZ`. Ours is tuned for low noise (`QUIET`), with one tuning for all cases,
+like motulator's. Users cannot know which voltage motulator expects, so it runs with each of
+`TIMINGS` and counts with the best one, chosen for each number separately.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from estimator_pkg.progress import progress
 Array = NDArray[np.float64]
 
 BANDWIDTH_HZ = 100.0
-NOISE = 0.1  # A
-SETTLED = 0.3  # s left out at the start
+NOISE = 0.1  # of the currents [A]
+SETTLED = 0.3  # ignored at the start [s]
 RATE = 20000.0  # Hz
-FASTER = 10.0  # our compiled cost per sample is to be so many times lower
-FLUX_ERROR = 1.2  # of the nominal flux that ours is told, over the true one
+FASTER = 10.0  # required ratio of motulator's cost per sample to our compiled one
+FLUX_ERROR = 1.2  # nominal flux that ours gets, over the true one
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 TOLD = FLUX_ERROR * MOTOR['flux']
-# The loop of the angle raises the gain at 100 Hz a little: with this low-pass all is -3 dB there.
+# The angle loop raises the gain at 100 Hz a little: with this low-pass the total is -3 dB there.
 QUIET = {
     'relative_bandwidth': 0.3,
     'k_eta': 0.8 / TOLD,
@@ -57,7 +57,7 @@ ALPHA = 2.0 * math.pi * BANDWIDTH_HZ / math.sqrt(math.sqrt(2.0) - 1.0)
 
 
 class Signal(NamedTuple):
-    """A drive's samples and their truth.
+    """Samples of a drive and their ground truth.
 
     stamps : shape (n,), int64 ns.
     samples : shape (n, 4) [A, V].
@@ -78,7 +78,7 @@ class Estimate(NamedTuple):
 
 
 def simulate(values: dict[str, Any], duration: float = 1.0, seed: int = 1) -> Signal:
-    """A run of the simulator ``pmsm``."""
+    """Return a run of the simulator ``pmsm``."""
     simulator = registry.find(registry.SIMULATORS, 'pmsm')
     parameters = build(
         simulator.parameters, {'current_noise': NOISE, 'sample_rate': RATE, **MOTOR, **values}
@@ -99,30 +99,30 @@ def simulate(values: dict[str, Any], duration: float = 1.0, seed: int = 1) -> Si
 
 
 def make_joint(fast: bool = True) -> DriveJoint:
-    """Our observer, told a wrong flux."""
+    """Return our observer with a wrong flux."""
     observer = registry.find(registry.OBSERVERS, 'pmsm')
     values = {**MOTOR, 'flux': TOLD, **QUIET}
     return DriveJoint(observer, *Configuration(observer, values).for_joint(''), fast=fast)
 
 
 def ours(signal: Signal) -> Estimate:
-    """Our estimate."""
+    """Return our estimate."""
     out = make_joint().take(signal.stamps, signal.samples)
     return Estimate(out.electrical_angle, out.electrical_speed)
 
 
 def _reported(i: Array, u: Array) -> tuple[Array, Array]:
-    """The voltage as it is reported: that of the interval which has ended."""
+    """Return the voltage as reported: that of the past interval."""
     return i, u
 
 
 def _ahead(i: Array, u: Array) -> tuple[Array, Array]:
-    """That of the coming interval, as the drive's own controller knows it."""
+    """Return the voltage of the coming interval, as the drive's own controller knows it."""
     return i, np.append(u[1:], u[-1])
 
 
 def _both(i: Array, u: Array) -> tuple[Array, Array]:
-    """The mean of the two: the voltage at the sample itself."""
+    """Return the mean of both: the voltage at the sample itself."""
     return i, 0.5 * (u + np.append(u[1:], u[-1]))
 
 
@@ -136,7 +136,7 @@ TIMINGS: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
 def motulator(
     signal: Signal, timing: str = 'reported', count: int | None = None, alpha: float = ALPHA
 ) -> Estimate:
-    """motulator's estimate; raises ImportError where it is not installed."""
+    """Return motulator's estimate; raise ImportError if it is not installed."""
     from motulator.drive.control.sm._common import Observer, ObserverCfg
     from motulator.drive.utils import SynchronousMachinePars
 
@@ -164,18 +164,18 @@ def motulator(
 
 
 def errors(signal: Signal, estimate: Estimate) -> tuple[float, float]:
-    """Rms error of the mechanical speed [rpm] and of the electrical angle [deg], once settled."""
+    """Return rms errors of mechanical speed [rpm] and electrical angle [deg], after settling."""
     late = (signal.stamps - signal.stamps[0]) * 1e-9 >= SETTLED
-    off = estimate.angle[late] - signal.angle[late]
-    off = np.degrees((off + math.pi) % (2.0 * math.pi) - math.pi)
+    error = estimate.angle[late] - signal.angle[late]
+    error = np.degrees((error + math.pi) % (2.0 * math.pi) - math.pi)
     speed = (estimate.speed[late] - signal.speed[late]) * 30.0 / math.pi / MOTOR['pole_pairs']
-    return float(np.sqrt(np.mean(speed**2))), float(np.sqrt(np.mean(off**2)))
+    return float(np.sqrt(np.mean(speed**2))), float(np.sqrt(np.mean(error**2)))
 
 
 def drives(rounds: int = 7) -> list[dict[str, Any]]:
-    """Errors of both in each case, ours limited by motulator's; and the cost per sample."""
+    """Return rows: errors in each case, ours limited by motulator's, and the cost per sample."""
     try:
-        import motulator as peer  # noqa: F401  (only to see whether it is there)
+        import motulator as peer  # noqa: F401  (checks that it is installed)
     except ImportError:
         return [not_run('motulator', 'motulator is not installed')]
     rows = []

@@ -1,8 +1,8 @@
-"""``bench accuracy``: ours and the peers, each at one setting and at its best per column.
+"""``bench accuracy``: our observers and the peers, each at one setting and at its best per column.
 
-Every estimator has one gain that is swept over a grid. "Best" is the lowest error of each column,
-"one setting" the grid point that is, in the geometric mean over the columns, the least above these.
-Errors are at zero shift and of what is published; the delay stands beside each.
+Every estimator has one gain that is swept over a grid. "Best" is the lowest error of each column.
+"One setting" is the grid point with the smallest geometric mean, over the columns, of error over
+best error. Errors are of the published samples at zero shift; the delay is a separate number.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from benchmarks.ours import (
     TOLD,
     Estimator,
     ours,
-    told,
+    with_input,
 )
 from benchmarks.peers import peers
 from estimator_pkg.evaluation.compare import metrics
@@ -33,21 +33,21 @@ from estimator_pkg.progress import progress
 Array = NDArray[np.float64]
 
 LEAST = 0.25  # an estimator that publishes less of a column has no error there
-WHOLE = 0.95  # one that publishes less than this is marked with its share
-FAILED = 1e3  # an error times this stands for none, when one setting is chosen
-TELLS = 1.1  # the reference tells errors above so many times its own
+WHOLE = 0.95  # below this published fraction the table shows it
+FAILED = 1e3  # ratio that a missing error counts as, when one setting is chosen
+TELLS = 1.1  # errors above this multiple of the reference's own error can be measured
 GROUPS = {
-    OURS: 'see the readings alone',
-    PEERS: 'installed libraries, looking at no future',
+    OURS: 'use the readings only',
+    PEERS: 'installed libraries, causal',
     TOLD: 'know the torque as well',
-    AHEAD: 'the referee: see the future too',
+    AHEAD: 'non-causal: use future samples too',
 }
 
 
 def everyone() -> tuple[list[Estimator], list[str]]:
-    """(all rows in the order of the groups, what is not installed)."""
+    """Return (all rows in the order of the groups, names of libraries that are not installed)."""
     others, missing = peers()
-    every = [*ours(), *told(), *others]
+    every = [*ours(), *with_input(), *others]
     return [each for group in GROUPS for each in every if each.group == group], missing
 
 
@@ -56,13 +56,13 @@ def run(
     estimators: Sequence[Estimator] | None = None,
     label: str = 'the field',
 ) -> dict[str, Any]:
-    """The table as data: one row per estimator.
+    """Return the table as data: one row per estimator.
 
     Returns
     -------
-    columns : name -> summary, reference, noise of the reference. rows : per estimator the setting
-    that serves all columns; `one` and `best` by column, each with rms, delay_s, published, setting,
-    cannot_tell; an rms of None where it has no estimate.
+    columns : name -> summary, reference, noise of the reference. rows : per estimator the one
+    setting for all columns; `one` and `best` by column, each with rms, delay_s, published, setting,
+    cannot_tell; rms is None without an estimate.
     """
     missing: list[str] = []
     if estimators is None:
@@ -112,12 +112,12 @@ def _row(estimator: Estimator, columns: Sequence[Column], advance: Any) -> dict[
 
 
 def choose(errors: Array, floors: Array) -> int:
-    """The setting that is in the geometric mean the least above the best of each column.
+    """Return the index of the setting with the least geometric mean of error over best error.
 
     Parameters
     ----------
-    errors : shape (settings, columns); inf where there is none.
-    floors : shape (columns,); errors below these are as good as none.
+    errors : shape (settings, columns); inf without an estimate.
+    floors : shape (columns,); errors below these count as zero.
     """
     judged = np.isfinite(np.min(errors, axis=0))
     over = (errors[:, judged] + floors[judged]) / (
@@ -133,7 +133,7 @@ def _estimate(estimator: Estimator, column: Column, value: Any) -> Array:
 
 
 def _error(velocity: Array, column: Column) -> tuple[float, float]:
-    """(rms error, part that is published); inf where it is too little, or diverged."""
+    """Return (rms error, published fraction); the error is inf if too few or diverged."""
     counted = column.counted
     error = (velocity - column.samples.velocity)[counted]
     error = error[~np.isnan(error)]
@@ -161,12 +161,12 @@ def _cell(velocity: Array, column: Column) -> dict[str, Any]:
 
 
 def describe(found: dict[str, Any], title: str, as_markdown: bool = False) -> str:
-    """Two tables: at one setting, and at the best of each column."""
+    """Return two tables as text: at one setting, and at the best of each column."""
     names = list(found['columns'])
     parts = [f'{title}: velocity rms error [rad/s], delay [ms]']
     for which, heading in (
-        ('one', 'each at one setting for all columns'),
-        ('best', 'each at its best per column'),
+        ('one', 'one setting per estimator for all columns'),
+        ('best', 'best setting of each estimator per column'),
     ):
         lines = []
         for group, meaning in GROUPS.items():
@@ -203,7 +203,7 @@ def _text(cell: dict[str, Any]) -> str:
 
 
 def milliseconds(seconds: float) -> str:
-    """A delay with one decimal [ms]; never -0.0."""
+    """Return a delay with one decimal [ms]; never -0.0."""
     return fixed(1e3 * seconds if abs(seconds) >= 5e-5 else 0.0, 1)
 
 
@@ -218,11 +218,11 @@ def _legend(found: dict[str, Any]) -> str:
         for name, column in found['columns'].items()
     ]
     if any(cell['cannot_tell'] for row in found['rows'] for cell in row['one'].values()):
-        lines.append('*: the reference cannot tell, the error is no larger than its own')
-    lines.append('(n %): so much of the column is published, and judged; -: less than a quarter')
-    lines += [f'{row["name"]} is told: {row["told"]}' for row in found['rows'] if row['told']]
+        lines.append("*: below the reference's own error")
+    lines.append('(n %): published and evaluated fraction of the column; -: less than a quarter')
+    lines += [f'{row["name"]} knows: {row["told"]}' for row in found['rows'] if row['told']]
     lines += [f'no row: {name}: {why}' for name, why in found['not_here'].items()]
-    lines += [f'not judged: {name}: {why}' for name, why in found.get('refused', {}).items()]
+    lines += [f'not evaluated: {name}: {why}' for name, why in found.get('refused', {}).items()]
     if found['not_installed']:
         lines.append('not run, not installed: ' + ', '.join(found['not_installed']))
     return '\n'.join(lines)

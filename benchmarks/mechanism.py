@@ -1,8 +1,8 @@
 """``bench speed --part mechanism``: one sample of GESO for two positions, in the exact form.
 
-The motion is that of a cart-pendulum under a force, at 1 kHz with jitter, so that the coefficients
-are made anew at every sample. In plain Python with the built-in model and with the same mechanism
-as a user would write it in numpy; compiled with the built-in one.
+The motion is that of a cart-pendulum under a force, at 1 kHz with jitter, so the coefficients are
+computed anew at every sample. In plain Python it runs with the built-in model and with a user's
+numpy model of the same mechanism; compiled with the built-in one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NUMPY = f'{__name__}:NumpyCartPendulum'
 
 
 class NumpyCartPendulum:
-    """The cart-pendulum as a user writes a mechanism (docs/own_model.md)."""
+    """The cart-pendulum as a user's model of a mechanism (docs/own_model.md)."""
 
     joints = ('pendulum', 'cart')
     periods = (2.0 * np.pi, 0.0)
@@ -42,16 +42,16 @@ class NumpyCartPendulum:
     actuated = (1,)
 
     def inertia(self, q: Array) -> Array:
-        """M(q)."""
+        """Return M(q)."""
         coupling = 0.105 * np.cos(q[0])
         return np.array([[0.0484, coupling], [coupling, 1.15]])
 
     def gradient(self, q: Array) -> Array:
-        """dV/dq."""
+        """Return dV/dq."""
         return np.array([-1.03 * np.sin(q[0]), 0.0])
 
     def inputs(self, q: Array) -> Array:
-        """G(q)."""
+        """Return G(q)."""
         return np.array([[0.0], [1.0]])
 
 
@@ -63,7 +63,7 @@ def _functions(model: str) -> MechanicalFunctions:
 
 
 def _samples(count: int) -> tuple[NDArray[np.int64], Array, Array]:
-    """(stamps [ns], readings, shape (N, 2), force, shape (N, 1))."""
+    """Return (stamps [ns], readings, shape (N, 2), force, shape (N, 1))."""
     random = np.random.default_rng(1)
     stamps = 10**12 + np.cumsum(np.round(1e6 * random.uniform(0.6, 1.4, count))).astype(np.int64)
     phase = (stamps - stamps[0]) * 1e-9
@@ -72,7 +72,7 @@ def _samples(count: int) -> tuple[NDArray[np.int64], Array, Array]:
 
 
 def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
-    """Steps and updates [us], compiled steps [million/s]."""
+    """Return rows: steps and updates [us], compiled steps [million/s]."""
     stamps, readings, force = _samples((rounds + 1) * STEPS)
     rows_of = [tuple(each) for each in readings.tolist()], [tuple(each) for each in force.tolist()]
     steps = np.diff(stamps, prepend=stamps[0] - 10**6) * 1e-9
@@ -139,7 +139,7 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
 
 
 def _compiled_times(rounds: int) -> list[float]:
-    """Seconds per step, for each round."""
+    """Return the seconds per step of each round."""
     functions = _functions(BUILT_IN)
     prepare, step, output = functions.prepare, functions.step, functions.output
     put = put_row(2)
@@ -148,9 +148,9 @@ def _compiled_times(rounds: int) -> list[float]:
         for k in range(len(steps)):
             coefficients = prepare(design, steps[k])
             measurement = (readings[k, 0], readings[k, 1])
-            given = (force[k, 0],)
-            state = step(state, coefficients, design, measurement, given)
-            velocity = output(state, coefficients, design, measurement, given)[1]
+            u = (force[k, 0],)
+            state = step(state, coefficients, design, measurement, u)
+            velocity = output(state, coefficients, design, measurement, u)[1]
             put(out, k, velocity)
         return state
 

@@ -1,7 +1,8 @@
 """Our rows of the field, each with one gain that is swept over a grid.
 
-Observers of an angle see what the peers see. The others are told more: the torque, and the joint on
-which it acts. They stand apart, because knowing is worth more than any filter.
+Observers of an angle use the same readings as the peers. The others also know the torque and the
+joint on which it acts. They are a group of their own, because this knowledge is worth more than any
+filter.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ Array = NDArray[np.float64]
 Run = Callable[[Column, Any], Array]
 
 OURS, TOLD, PEERS, AHEAD = 'ours', 'told more', 'peers', 'looks ahead'
-GRID = 13  # settings of an observer of an angle,
-TOLD_GRID = 7  # and of one that is told more, which runs as ordinary Python
+GRID = 13  # settings of an observer of an angle
+TOLD_GRID = 7  # settings of an observer with an input, which runs in plain Python
 PUBLISHED = (TRACKING, COASTING)
 
 NOT_HERE = {
-    'pmsm': 'takes stator currents and voltages: the drive beside motulator',
+    'pmsm': 'takes stator currents and voltages: compared with motulator in the part drive',
     'adaptive on pendulums': 'takes a linear joint; gravity is not linear in the angle',
 }
 
@@ -42,11 +43,11 @@ class Estimator:
     """A row of the field.
 
     run : (column, value of the gain) -> velocity of each sample [rad/s], shape (n,); nan where none
-        is published, and everywhere where the column lacks what it needs.
-    values : the grid; (None,) where there is nothing to set.
-    gain : what is swept.
+        is published, and everywhere if the column lacks an input.
+    values : the grid; (None,) without a gain.
+    gain : name of the swept gain.
     group : OURS, TOLD, PEERS or AHEAD.
-    told : what it knows beside readings and stamps.
+    told : what it knows in addition to readings and stamps.
     """
 
     name: str
@@ -58,12 +59,12 @@ class Estimator:
 
 
 def grid(low: float, high: float, count: int) -> tuple[float, ...]:
-    """Values at equal ratios."""
+    """Return `count` values at equal ratios."""
     return tuple(float(f'{each:.4g}') for each in np.geomspace(low, high, count))
 
 
 def ours() -> list[Estimator]:
-    """Every observer of an angle over the search of its first gain, and the raw difference."""
+    """Return every observer of an angle, swept over its first gain, and the raw difference."""
     found = [_angle(entry) for entry in at_defaults()]
     return [*found, Estimator(RAW.label, _runner(RAW, ''))]
 
@@ -91,11 +92,11 @@ def _published(velocity: Array, status: NDArray[np.int8], verdict: NDArray[np.in
     return np.where((verdict < DUPLICATE) & np.isin(status, PUBLISHED), velocity, np.nan)
 
 
-SWEPT = {'smo': ('mu', grid(1.0, 1000.0, TOLD_GRID))}  # it has no bandwidth
+SWEPT = {'smo': ('mu', grid(1.0, 1000.0, TOLD_GRID))}  # smo has no bandwidth
 
 
-def told() -> list[Estimator]:
-    """Observers of a joint whose torque is known."""
+def with_input() -> list[Estimator]:
+    """Return the observers that use a known torque."""
     found = []
     for name in _mechanisms():
         gain, values = SWEPT.get(name, ('bandwidth_hz', grid(0.5, 50.0, TOLD_GRID)))
@@ -106,7 +107,7 @@ def told() -> list[Estimator]:
                 values,
                 gain,
                 TOLD,
-                'torque and the numbers of the joint',
+                'torque and the parameters of the joint',
             )
         )
     return [

@@ -1,12 +1,12 @@
-"""The peers of the field: installed libraries, each fed with what it takes.
+"""The peers of the field: installed libraries, each with the input that it takes.
 
-All of them get clean stamps and counted turns, which ours find out for themselves. What needs even
-sample times gets them: the readings interpolated to a grid, the velocity interpolated back; or, for
-a recursive estimator, predictions without a correction where a sample is missing.
+All of them get clean stamps and multi-turn angles; our observers get the raw readings. Peers that
+need even sample times get readings interpolated to a grid, and their velocity is interpolated back.
+A recursive one predicts without a correction where a sample is missing.
 
-Of PyNumDiff, `kalman_filter` alone looks at no future. Not here: `splinediff`, whose measure of
-noise sees none in quantised readings, so that it interpolates them; `rbfdiff`, whose cost grows too
-fast for the long recordings; what needs CVXPY.
+Of PyNumDiff only `kalman_filter` is causal. Not included: `splinediff`, whose noise estimate finds
+none in quantised readings, so that it interpolates them; `rbfdiff`, whose cost grows too fast for
+the long recordings; methods that need CVXPY.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from benchmarks.ours import AHEAD, PEERS, TOLD, Estimator, Run, grid
 Array = NDArray[np.float64]
 
 JERK, ACCELERATION = 'variance of the jerk', 'variance of the acceleration'
-COUNT = 9  # settings of each
+COUNT = 9  # settings of each peer
 LOOSE = np.diag([1e-6, 1e3, 1e5])  # variances at the start
-LONGEST = 1000  # predictions without a correction in a hole
+LONGEST = 1000  # largest number of predictions without a correction in a gap
 
 
 def peers() -> tuple[list[Estimator], list[str]]:
-    """(what is installed, what is not)."""
+    """Return (estimators of the installed libraries, names of the missing ones)."""
     found, missing = [], []
     for make in (_filterpy, _control, _pynumdiff):
         try:
@@ -97,7 +97,7 @@ def _filterpy() -> list[Estimator]:
             grid(1e-4, 1e4, COUNT),
             ACCELERATION,
             TOLD,
-            'torque and the numbers of the joint',
+            'torque and the parameters of the joint',
         ),
     ]
 
@@ -123,7 +123,7 @@ def _control() -> list[Estimator]:
             disturbance_indices=1,
         )
         state = np.concatenate([[angle[0], 0.0, 0.0], LOOSE.ravel()])
-        # ticks that no sample came for; how far a sample is from its tick it cannot be told
+        # grid points without a sample; the peer has no input for the offset of a sample
         ticks = np.rint((time - time[0]) / h)
         missing = np.clip(np.diff(ticks).astype(int) - 1, 0, LONGEST).tolist()
         velocity, without, nothing = np.zeros(len(angle)), {'correct': False}, np.zeros(1)
@@ -138,7 +138,7 @@ def _control() -> list[Estimator]:
 
 
 def _even(column: Column, method: Callable[[Array, float], Array]) -> Array:
-    """A method for even sample times, by interpolation there and back."""
+    """Apply a method for even sample times, with interpolation to a grid and back."""
     rows, time, angle = column.cleaned()
     h = float(np.median(np.diff(time)))
     if np.max(np.abs(np.diff(time) - h)) < 1e-3 * h:
@@ -150,7 +150,7 @@ def _even(column: Column, method: Callable[[Array, float], Array]) -> Array:
 
 def _pynumdiff() -> list[Estimator]:
     with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # of what else could be installed
+        warnings.simplefilter('ignore')  # about optional packages
         import pynumdiff
 
     def even(call: Callable[[Array, float, Any], Any]) -> Run:
@@ -171,7 +171,7 @@ def _pynumdiff() -> list[Estimator]:
         return run
 
     def kalman(column: Column, variance: float, both_ways: bool) -> Array:
-        """PyNumDiff's forward pass, and its smoother of what that leaves."""
+        """Run PyNumDiff's forward pass, and with `both_ways` its smoother after it."""
         rows, time, angle = column.cleaned()
         steps = np.diff(time)
         moves = np.tile(np.eye(3), (len(steps), 1, 1))

@@ -4,9 +4,9 @@
     python -m benchmarks.recorded bags --markdown
     python -m benchmarks.recorded bags --print-bounds > test/recordings_bounds.yaml
 
-The truth of a recording is a sensor too: its own lag and bias are taken off as fitted, and where an
-error is no larger than its noise the row says so. Bounds guard against change: a case fails when it
-is worse than its bound or better than half of it.
+The truth of a recording is a sensor too: its fitted lag and bias are removed. The row is marked if
+an error is below the reference's noise. Bounds guard against change: a case fails if it is worse
+than its bound or better than half of it.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from estimator_pkg.evaluation.text import fixed, markdown, table
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 
-SKIPPED = 0.5  # [s] at the beginning that does not count
-MARGIN = 1.15  # a fresh bound is this many times what was measured
+SKIPPED = 0.5  # ignored at the beginning [s]
+MARGIN = 1.15  # a new bound over the measured value
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))
 MAIN = 'hybrid_angle'
 RIVALS = ('kalman acceleration', RAW.label)
 
 
 def recordings(folder: Path) -> list[Path]:
-    """The bags below `folder` that carry a measurement and a truth of their own.
+    """Return the bags below `folder` that contain a measurement and a truth.
 
     Raises
     ------
-    UserError : there is none.
+    UserError : there is no such bag.
     """
     found = []
     for metadata in sorted(folder.rglob(METADATA)):
@@ -49,29 +49,31 @@ def recordings(folder: Path) -> list[Path]:
             if MEASUREMENT in bag.topics and TRUTH in bag.topics:
                 found.append(metadata.parent)
     if not found:
-        raise UserError(f'{folder}: no bag with {MEASUREMENT} and {TRUTH}')
+        raise UserError(
+            f'{folder} contains no bag with {MEASUREMENT} and {TRUTH}: give another folder'
+        )
     return found
 
 
 def measure(bag: Path, entries: Sequence[Entry]) -> Comparison:
-    """The observers on one recording."""
+    """Run the observers on one recording."""
     return compare(
         str(bag), Options(observers=tuple(entries), skip=SKIPPED, correct_reference=True)
     )
 
 
 def case(bag: Path, joint: str) -> str:
-    """How a joint of a recording is called in the bounds."""
+    """Return the name of a joint of a recording in the bounds."""
     return f'{bag.name}/{joint}'
 
 
 def own_error(rms: float, noise: float) -> float:
-    """What is left of an rms error when the reference's noise is taken off; 0: nothing."""
+    """Return an rms error without the reference's noise; 0 if the noise is larger."""
     return math.sqrt(max(0.0, rms * rms - noise * noise))
 
 
 def rows(folder: Path, entries: Sequence[Entry] | None = None) -> list[dict[str, Any]]:
-    """One dictionary per recording, joint and observer."""
+    """Return one dictionary per recording, joint and observer."""
     chosen = list(entries if entries is not None else [*at_defaults(), RAW])
     bags = recordings(folder)
     result = []
@@ -95,7 +97,7 @@ def rows(folder: Path, entries: Sequence[Entry] | None = None) -> list[dict[str,
 
 
 def bounds(measured: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[float]]]:
-    """Fresh bounds: case -> observer -> [rms, largest error]."""
+    """Return new bounds: case -> observer -> [rms, largest error]."""
     fresh: dict[str, dict[str, list[float]]] = {}
     for row in measured:
         fresh.setdefault(row['case'], {})[row['observer']] = [
@@ -105,16 +107,16 @@ def bounds(measured: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[float
 
 
 def judge(value: float, bound: float) -> str:
-    """'' if `value` is at most `bound` and not better than half of it; else what is wrong."""
+    """Return '' if `value` is between half of `bound` and `bound`; else what is wrong."""
     if not value <= bound:
         return f'{value:.4g} is worse than its bound {bound:.4g}'
     if value < 0.5 * bound:
-        return f'{value:.4g} is better than half of its bound {bound:.4g}: print fresh bounds'
+        return f'{value:.4g} is better than half of its bound {bound:.4g}: print new bounds'
     return ''
 
 
 def describe(measured: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
-    """The table: rms error of each observer on each recording, and `MAIN`'s over its rivals'."""
+    """Return the table: rms error per observer and recording, and `MAIN`'s over its rivals'."""
     observers = list(dict.fromkeys(row['observer'] for row in measured))
     cases: dict[str, dict[str, dict[str, Any]]] = {}
     for row in measured:
@@ -142,17 +144,17 @@ def describe(measured: Sequence[dict[str, Any]], as_markdown: bool = False) -> s
     )
     text = (markdown if as_markdown else table)(header, lines)
     return (
-        f'{text}\n\nVelocity rms error [rad/s] at zero shift, the first {SKIPPED:g} s left '
-        "out, the reference's own lag and bias\ntaken off. *: the reference cannot tell: the "
-        'error is no larger than its own noise.'
+        f'{text}\n\nVelocity rms error [rad/s] at zero shift, without the first {SKIPPED:g} s; the '
+        "reference's own lag and bias\nare removed. *: the error is below the reference's own "
+        'noise.'
     )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints the table, or fresh bounds."""
+    """Print the table, or new bounds; return the exit code."""
     parser = argparse.ArgumentParser(description='all observers on recorded bags, in one table')
-    parser.add_argument('folder', type=Path, help='where the bags are')
-    parser.add_argument('--print-bounds', action='store_true', help='fresh bounds as YAML')
+    parser.add_argument('folder', type=Path, help='folder of the bags')
+    parser.add_argument('--print-bounds', action='store_true', help='print new bounds as YAML')
     parser.add_argument('--markdown', action='store_true')
     parsed = parser.parse_args(arguments)
     try:

@@ -1,10 +1,9 @@
 """The recordings as columns of the field.
 
-The reference is the truth that a bag carries, its own lag and bias taken off; a bag without one is
-judged by the off-line smoother. Where an error is no larger than what the reference may itself be
-wrong by, the field says so.
+The reference is the truth in a bag, without its own fitted lag and bias; for a bag without one it
+is the off-line smoother. The field marks errors below the reference's own error.
 
-The pendulum's torque was recorded: its numbers are identified on one bag, and serve on the others.
+The pendulum's torque was recorded: its parameters are identified on one bag and used on the others.
 """
 
 from __future__ import annotations
@@ -37,15 +36,15 @@ Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
 PENDULUM = 'dfki_simple_pendulum'
 IDENTIFIED_ON = 'system_identification_300hz'
-FRICTION_WIDTH = 0.05  # [rad/s] of the change of sign of the Coulomb friction
-# motion capture: bags, topic, number in its messages
+FRICTION_WIDTH = 0.05  # width of the smoothed sign of the Coulomb friction [rad/s]
+# motion capture: bags, topic, field of its messages
 CAPTURED = ('vicon/flybag', 'vicon/yawbag', 'vicon/yx2bag')
 POSE, YAW = '/vicon/Group466CF/Group466CF/pose', 'pose.orientation.yaw'
-JUDGES = 0.2  # of the motion: a smoother that may be off by more judges nobody
+JUDGES = 0.2  # a smoother with a larger error, as a fraction of the motion, is no reference
 
 
 def recorded(folder: Path) -> tuple[list[Column], dict[str, str]]:
-    """A column per joint of each bag below `folder`, and why other bags are none.
+    """Return a column per joint of each bag below `folder`, and why other bags have none.
 
     Raises
     ------
@@ -65,14 +64,13 @@ def recorded(folder: Path) -> tuple[list[Column], dict[str, str]]:
             continue
         column = _captured(folder / captured)
         speeds = np.abs(column.samples.velocity)
-        motion = float(np.nanpercentile(speeds, 90.0))  # single wild ones are its own mistakes
+        motion = float(np.nanpercentile(speeds, 90.0))  # single large ones are its own errors
         if column.noise <= JUDGES * motion:
             found.append(column)
         else:
             refused[column.name] = (
-                f'the smoother may itself be wrong by {column.noise:.2g} '
-                f'rad/s; nine tenths of the speeds are below '
-                f'{motion:.2g} rad/s'
+                f"the smoother's own error is {column.noise:.2g} rad/s, too large for a motion of "
+                f'which 90 % is below {motion:.2g} rad/s'
             )
     return found, refused
 
@@ -107,7 +105,7 @@ def _of_bag(path: Path, bag: Bag, joint: dict[str, float], delay: float) -> list
 
 
 def _pendulum(folder: Path) -> tuple[dict[str, float], float]:
-    """(numbers of the recorded pendulum, delay of its torque [s]); empty where it is not there."""
+    """Return (parameters of the recorded pendulum, delay of its torque [s]); empty if missing."""
     path = folder / PENDULUM / IDENTIFIED_ON
     if not path.is_dir():
         return {}, 0.0
@@ -122,14 +120,14 @@ def _pendulum(folder: Path) -> tuple[dict[str, float], float]:
 
 
 def _torque(series: Series, delay: float) -> Array:
-    """What was reported `delay` [s] before, held from sample to sample."""
+    """Return the torque that was reported `delay` [s] earlier, constant between samples."""
     late = np.searchsorted(series.stamps_ns, series.stamps_ns - round(delay * 1e9), 'right') - 1
     torque: Array = np.nan_to_num(series.effort[np.maximum(late, 0)])
     return torque
 
 
 def _captured(path: Path) -> Column:
-    """The yaw that motion capture saw."""
+    """Return the yaw measured by motion capture."""
     with open_bag(path) as bag:
         setup = settled(AngleStream, bag, {}, Request(angle=f'{POSE}:{YAW}'))
         ((stamp, angle, *_),) = measured(bag, setup).values()

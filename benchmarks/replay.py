@@ -1,8 +1,8 @@
-"""``bench speed``, part 3: a bag of JointStates read and estimated, beside rosbags reading it.
+"""``bench speed``, part 3: read a bag of JointStates and estimate, compared with rosbags' reading.
 
-Every run is a process of its own, so start-up and compiling count, and its peak memory is known.
-Rates are per second of CPU time, which other work on the machine does not stretch, and which a
-second thread would not shorten; the shortest wall-clock time stands beside them in the JSON.
+Every run is its own process, so start-up and compiling count, and its peak memory is known. Rates
+are per second of CPU time, which does not depend on other load or on threads; the JSON also has the
+shortest wall-clock time.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from estimator_pkg.progress import progress
 MESSAGES = 1_000_000
 JOINTS = 7
 ROUNDS = 2
-READ_FACTOR = 3.0  # reading and estimating against rosbags' reading
+READ_FACTOR = 3.0  # required speed of reading and estimating over rosbags' reading
 WRITE_FACTOR = 1.0  # the same with --out
-FLAT = 1.1  # peak memory at full length against that at a quarter of it
+FLAT = 1.1  # largest ratio of peak memory at full length to that at a quarter of it
 CHUNK = 10_000
 
 PEER = """
@@ -45,7 +45,7 @@ with AnyReader([Path(sys.argv[1])], default_typestore=get_typestore(Stores.ROS2_
     for connection, _, raw in reader.messages():
         reader.deserialize(raw, connection.msgtype)
 """
-# What wait4 says of memory counts what the parent had when it forked, so the child tells itself.
+# The memory that wait4 reports includes the parent's at the fork, so the child measures its own.
 WEIGHED_FILE = 'VELOCITY_ESTIMATOR_WEIGHED'
 WEIGHED = """
 def weigh():
@@ -66,7 +66,7 @@ REPLAY = 'import sys; from estimator_pkg.cli import main; sys.exit(main(sys.argv
 
 
 class Cost(NamedTuple):
-    """What a process took: wall-clock time [s], CPU time [s], peak memory [MB]."""
+    """Resources of a process: wall-clock time [s], CPU time [s], peak memory [MB]."""
 
     wall: float
     cpu: float
@@ -74,7 +74,7 @@ class Cost(NamedTuple):
 
 
 def write_bag(path: Path, messages: int, joints: int = JOINTS) -> None:
-    """A bag of `messages` JointStates at 1 kHz, sampled with jitter."""
+    """Write a bag of `messages` JointStates at 1 kHz, sampled with jitter."""
     names = [f'joint_{i}' for i in range(joints)]
     motion = sine(5.0, 2.0)
     random = np.random.default_rng(1)
@@ -95,34 +95,34 @@ def write_bag(path: Path, messages: int, joints: int = JOINTS) -> None:
 
 
 def run_process(code: str, *arguments: str) -> Cost:
-    """Runs this Python code, with these in `sys.argv`, in a process of its own to its end.
+    """Run this Python code, with these arguments in `sys.argv`, in its own process to its end.
 
     Raises
     ------
-    UserError : it failed; with the last line of what it said.
+    UserError : it failed; the message contains its last line of output.
     """
     begun = time.perf_counter()
-    with tempfile.TemporaryFile() as said, tempfile.NamedTemporaryFile('r') as weighed:
+    with tempfile.TemporaryFile() as errors, tempfile.NamedTemporaryFile('r') as weighed:
         child = subprocess.Popen(
             [sys.executable, '-c', WEIGHED + code, *arguments],
             stdout=subprocess.DEVNULL,
-            stderr=said,
+            stderr=errors,
             env={**os.environ, WEIGHED_FILE: weighed.name},
         )
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         wall = time.perf_counter() - begun
         if child.returncode:
-            said.seek(0)
-            lines = said.read().decode('utf-8', 'replace').strip().splitlines()
-            raise UserError(f'a benchmarked process failed: {lines[-1] if lines else "silently"}')
+            errors.seek(0)
+            lines = errors.read().decode('utf-8', 'replace').strip().splitlines()
+            raise UserError(f'a benchmarked process failed: {lines[-1] if lines else "no output"}')
         return Cost(wall, used.ru_utime + used.ru_stime, float(weighed.read()) * 1e-6)
 
 
 def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, Any]]:
-    """Messages per second of CPU without and with --out, beside rosbags; memory at two lengths."""
+    """Return messages per second of CPU with and without --out, compared with rosbags; memory."""
     if importlib.util.find_spec('resource') is None:
-        return [not_run('replay', 'this platform does not tell what a process took')]
+        return [not_run('replay', 'this platform does not report resources of a process')]
     with tempfile.TemporaryDirectory(prefix='velocity_estimator_bench') as name:
         folder = Path(name)
         bag, quarter = folder / 'bag', folder / 'quarter'

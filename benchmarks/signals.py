@@ -1,8 +1,8 @@
 """The shared set of motions on which observers are compared, in closed form.
 
-Every column is one encoder, read as an angle in [-pi, pi): 1 kHz and 4096 counts per turn but where
-the column says otherwise. With jitter the samples are taken at uneven times, and their stamps say
-when. Each column can also be drawn at random: another phase, another start, a speed near by.
+Every column is one encoder, read as an angle in [-pi, pi), at 1 kHz and 4096 counts per turn unless
+the column states otherwise. With jitter the samples are taken at uneven times and stamped
+correctly. Each column can also be drawn at random: another phase, another start, a similar speed.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ Draw = Callable[[np.random.Generator], Motion]
 
 RATE = 1000.0  # [Hz]
 COUNTS = 4096
-SKIPPED = 1.0  # [s] at the beginning that does not count
+SKIPPED = 1.0  # ignored at the beginning [s]
 DURATION = 11.0  # [s]
 START_NS = 1_700_000_000_123_456_789
 START_ANGLE = 0.3  # [rad]
 
 
 class Samples(NamedTuple):
-    """What an encoder gave and what was true; arrays of shape (n,)."""
+    """Readings of an encoder and the true velocity; arrays of shape (n,)."""
 
     stamps: NDArray[np.int64]
     angle: Array
@@ -40,9 +40,9 @@ class Signal:
     """A column of the comparison.
 
     motion : (time [s]) -> (position [rad], velocity [rad/s]).
-    jitter : sampling times are off by up to this part of a sample time.
-    dropped : this part of the samples, at random, never arrives.
-    rate, counts, noise : sampling [Hz], counts per turn, white noise before the counter [rad].
+    jitter : largest error of a sampling time, as a fraction of the sample time.
+    dropped : fraction of the samples, at random, that never arrive.
+    rate, counts, noise : sampling [Hz], counts per turn, white noise before quantisation [rad].
     draw : the motion with a random phase or speed; None: always the same, with a random start.
     """
 
@@ -58,15 +58,15 @@ class Signal:
 
     @property
     def quantum(self) -> float:
-        """Smallest step of the reading [rad]."""
+        """Quantum of the reading [rad]."""
         return 2.0 * math.pi / self.counts
 
     def samples(self, seed: int = 1, duration: float = DURATION) -> Samples:
-        """`duration` [s] of it; the same for the same seed."""
+        """Return `duration` [s] of the signal; the same for the same seed."""
         return self._sampled(self.motion, START_ANGLE, np.random.default_rng(seed), duration)
 
     def drawn(self, number: int, duration: float = DURATION) -> Samples:
-        """As `samples`, with a random start, and a random phase or speed where it has one."""
+        """Return `samples` with a random start and, if `draw` is set, a random phase or speed."""
         random = np.random.default_rng((number, len(self.name)))
         start = random.uniform(0.0, 2.0 * math.pi)
         motion = self.motion if self.draw is None else self.draw(random)
@@ -87,18 +87,18 @@ class Signal:
 
 
 def encoder(position: Array, counts: int = COUNTS) -> Array:
-    """The position [rad] as an encoder reads it: whole counts, in [-pi, pi)."""
+    """Return the position [rad] as an encoder reads it: counts in rad, in [-pi, pi)."""
     count = np.floor(position * (counts / (2.0 * math.pi)))
     return ((count + counts / 2) % counts - counts / 2) * (2.0 * math.pi / counts)
 
 
 def constant(speed: float) -> Motion:
-    """Constant speed [rad/s]."""
+    """Return a motion at constant speed [rad/s]."""
     return lambda time: (speed * time, np.full(len(time), speed))
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Motion:
-    """A velocity of this amplitude [rad/s], frequency [Hz] and phase [rad]."""
+    """Return a motion whose velocity is a sine: amplitude [rad/s], frequency [Hz], phase [rad]."""
     pulsation = 2.0 * math.pi * frequency
     return lambda time: (
         -amplitude / pulsation * np.cos(pulsation * time + phase),
@@ -107,9 +107,9 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Motion:
 
 
 def trapezoid(speed: float, acceleration: float, hold: float, phase: float = 0.0) -> Motion:
-    """Again and again from rest to `speed` [rad/s] and back, both held for `hold` [s].
+    """Return a motion from rest to `speed` [rad/s] and back, both for `hold` [s], repeated.
 
-    phase : part of a period by which it is ahead.
+    phase : lead, as a fraction of a period.
     """
     rise = speed / acceleration
     corners = np.cumsum([0.0, hold, rise, hold, rise])
@@ -131,27 +131,27 @@ def trapezoid(speed: float, acceleration: float, hold: float, phase: float = 0.0
 
 
 def some_speed(speed: float) -> Draw:
-    """Constant, within 20 % of `speed` [rad/s]."""
+    """Return a draw of constant speeds within 20 % of `speed` [rad/s]."""
     return lambda random: constant(speed * random.uniform(0.8, 1.2))
 
 
 def some_sine(amplitude: float, frequency: float) -> Draw:
-    """The sine at any phase."""
+    """Return a draw of the sine at any phase."""
     return lambda random: sine(amplitude, frequency, random.uniform(0.0, 2.0 * math.pi))
 
 
 def some_trapezoid(speed: float, acceleration: float, hold: float) -> Draw:
-    """The trapezoid at any phase."""
+    """Return a draw of the trapezoid at any phase."""
     return lambda random: trapezoid(speed, acceleration, hold, random.uniform())
 
 
-def beat(whole: int, over: int, off: float) -> Motion:
-    """A constant speed of whole/over counts per sample (1 kHz, 4096 counts), but for `off`."""
-    return constant((whole / over + off) * RATE * 2.0 * math.pi / COUNTS)
+def beat(numerator: int, denominator: int, offset: float) -> Motion:
+    """Return a constant speed of n/d counts per sample plus `offset` (1 kHz, 4096 counts)."""
+    return constant((numerator / denominator + offset) * RATE * 2.0 * math.pi / COUNTS)
 
 
 def some_beat(least: float, most: float) -> Draw:
-    """Within 4 % of a sixth to a whole count per sample, the whole part between two bounds."""
+    """Return a draw within 4 % of p/q counts per sample, q <= 6, p/q between two bounds."""
 
     def draw(random: np.random.Generator) -> Motion:
         over = int(random.integers(1, 7))
@@ -175,7 +175,7 @@ SIGNALS = (
     Signal('jitter', 'the sine, sampled with +-40 % jitter', SINE, jitter=0.4, draw=SOME_SINE),
     Signal('drops', 'the sine, 10 % of the samples lost', SINE, dropped=0.1, draw=SOME_SINE),
 )
-# What tells observers apart beyond the shared set: very low speeds, other encoders and rates.
+# Signals beyond the shared set that distinguish observers: low speeds, other encoders and rates.
 FURTHER = (
     Signal('creep', '0.005 rad/s', constant(0.005), draw=some_speed(0.005)),
     Signal('reversal', '0.1 rad/s sine at 0.5 Hz', sine(0.1, 0.5), draw=some_sine(0.1, 0.5)),
@@ -193,7 +193,7 @@ FURTHER = (
     Signal('noise', 'the sine with 1 mrad of white noise', SINE, noise=1e-3, draw=SOME_SINE),
     Signal(
         'beat',
-        'beside p/q <= 1 count per sample, q <= 6',
+        'close to p/q <= 1 count per sample, q <= 6',
         beat(1, 1, 0.01),
         draw=some_beat(0.0, 1.0),
     ),

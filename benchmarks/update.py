@@ -1,7 +1,7 @@
-"""``bench speed``, parts 1 and 2: one update in plain Python, and batches of compiled ones.
+"""``bench speed``, parts 1 and 2: one update in plain Python, and compiled batches.
 
-Guard, low-speed bound and standard deviation are included; stamps are whole nanoseconds with
-jitter, so that the coefficients are made anew at nearly every sample.
+Guard, low-speed bound and standard deviation are included. Stamps are integer nanoseconds with
+jitter, so the coefficients are computed anew at nearly every sample.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ UPDATES = 4000  # per round
 BATCH = 2_000_000  # samples per round
 UPDATE_LIMIT = 2.5  # [us]
 FILTERPY_FACTOR = 10.0
-ADAPTIVE = 'edge_adaptive'  # it may cost more, in exchange for what need not be tuned:
+ADAPTIVE = 'edge_adaptive'  # it may cost more, because it needs no tuning:
 ADAPTIVE_UPDATE = 4.0  # [us]
 SAME_WORK = 'filterpy, same work'
 BARE = 'filterpy, bare'
 TURN = 2.0 * math.pi
-MAIN = 'hybrid_angle'  # the observer of which the batch's speed is required
+MAIN = 'hybrid_angle'  # the observer with a required batch speed
 BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 4.0}  # million samples/s
 
 
 def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
-    """One update, estimate and standard deviation of each observer [us], beside filterpy."""
+    """Return rows: one update, estimate and standard deviation per observer [us], and filterpy."""
     samples = SIGNAL.samples(duration=(rounds + 1) * UPDATES / RATE)
     stamps, angles = samples.stamps.tolist(), samples.angle.tolist()
 
@@ -104,11 +104,11 @@ def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
 
 
 def _filterpy(chunk: Callable[[int], tuple[list[int], list[float]]]) -> dict[str, Side]:
-    """The same samples through filterpy's KalmanFilter with position and velocity; {}: not there.
+    """Return filterpy's KalmanFilter (position, velocity) on the same samples; {}: not installed.
 
-    Once doing the same work: transition and process noise for the true sample time, the innovation
-    wrapped, velocity and its standard deviation read. Once bare: the true sample time written into
-    the transition, `predict` and `update`, nothing else.
+    'same work': transition and process noise for the true sample time, wrapped innovation, velocity
+    and its standard deviation read. 'bare': only the true sample time in the transition, `predict`
+    and `update`.
     """
     try:
         from filterpy.common import Q_discrete_white_noise
@@ -157,7 +157,7 @@ def _filterpy(chunk: Callable[[int], tuple[list[int], list[float]]]) -> dict[str
 
 
 def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
-    """Compiled batches on one core [million samples/s], beside `scipy.signal.lfilter`."""
+    """Return rows: compiled batches on one core [million samples/s], and `scipy.signal.lfilter`."""
     if not compiled.available():
         return [not_run('compiled batch', needs('numba'))]
     signal = SIGNAL.samples(duration=samples / RATE)
@@ -209,7 +209,7 @@ def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
 
 
 def _lfilter(angle: np.ndarray) -> Side | None:
-    """A second-order low-pass of the differenced angle: no guard, no wrap, no true sample time."""
+    """Return a second-order low-pass of the differenced angle: no guard, wrap or sample times."""
     try:
         from scipy.signal import butter, lfilter
     except ImportError:

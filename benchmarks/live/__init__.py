@@ -1,1 +1,1 @@
-"""``bench speed``: the live nodes over real DDS, beside a node that only republishes."""
+"""``bench speed``: the live nodes over real DDS, compared with a node that only republishes."""

@@ -1,4 +1,4 @@
-"""CPU per message of the live node beside that of a node that only receives and republishes.
+"""CPU per message of the live node, compared with a node that only receives and republishes.
 
 Both run at the same time, as processes of their own, on the same stream and the same executor.
 
@@ -24,17 +24,17 @@ from benchmarks.live.processes import (
 )
 from estimator_pkg.ros.domain import free_domain
 
-ALLOWED = 1.5  # times the null node
+ALLOWED = 1.5  # largest ratio to the null node
 
 
 def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float = 10.0) -> dict:
-    """CPU per message [us] of both nodes, their ratio, and how many messages each answered.
+    """Return CPU per message [us] of both nodes, their ratio, and the number of answers of each.
 
     Parameters
     ----------
     name : one of `NODES`.
     rate : messages per second.
-    seconds : length of the measured window; the first second of the stream is not in it.
+    seconds : length of the measured window, which excludes the first second of the stream.
     """
     domain = free_domain()
     with ExitStack() as stack:

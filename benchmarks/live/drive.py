@@ -1,4 +1,4 @@
-"""What `pmsm_observer` costs and how late its estimates are, on batches of 200 samples.
+"""Cost of `pmsm_observer` and latency of its estimates, on batches of 200 samples.
 
 python -m benchmarks.live.drive
 """
@@ -31,17 +31,17 @@ MODULE = 'estimator_pkg.nodes.executables pmsm_observer'
 FEEDER = 'benchmarks.live.drive'
 ROWS = 200
 EMPTY = 50  # batches without a row that are sent first
-LATENCY = 2.0  # [ms] from a batch's arrival to its estimates, at the median
-# (sample rate [Hz], compiled, part of a core that it may take)
+LATENCY = 2.0  # allowed median time from a batch's arrival to its estimates [ms]
+# (sample rate [Hz], compiled, allowed fraction of a core)
 CASES = ((20000.0, True, 0.10), (5000.0, False, 0.20), (20000.0, False, 0.45))
 
 
 def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> dict:
-    """Load of the node on one core, and how long after a batch's arrival its estimate leaves.
+    """Return the node's load of a core, and the time from a batch's arrival to its estimate.
 
-    `leaves_ms` is the median time from sending a batch to having its estimate (`round_trip_ms`)
-    less that of batches without a row (`transport_ms`), which the node answers at once. `step_ms`
-    is the mean that the node itself measures in its callback, with whatever interrupts it.
+    `leaves_ms` is the median time from sending a batch to receiving its estimate (`round_trip_ms`)
+    minus that of batches without a row (`transport_ms`), which the node answers at once. `step_ms`
+    is the mean that the node itself measures in its callback, interruptions included.
     """
     domain = free_domain()
     values = {**MOTOR, 'compile': fast}
@@ -57,33 +57,33 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
             process('node', domain=domain, module=FEEDER, extra=('feed', str(rate), str(seconds)))
         )
         assert feeder.stdout is not None
-        feeder.stdout.readline()  # it has begun
+        feeder.stdout.readline()  # it has started
         before, begun = cpu(meter), time.perf_counter()
         time.sleep(0.9 * seconds)
         load = (cpu(meter) - before) / (time.perf_counter() - begun)
-        said = result(feeder)
+        answers = result(feeder)
     return {
         'rate_hz': rate,
         'compiled': fast,
         'load': load,
         'allowed': allowed,
-        **said,
-        'ok': load <= allowed and said['answered'] == said['sent'],
-        'in_time': said['leaves_ms'] <= LATENCY,
+        **answers,
+        'ok': load <= allowed and answers['answered'] == answers['sent'],
+        'in_time': answers['leaves_ms'] <= LATENCY,
     }
 
 
 class Feeder(Node):
-    """Publishes batches as a drive would, and notes when each leaves and when its answer comes.
+    """Publishes batches as a drive does, and records when each leaves and when its answer arrives.
 
     Parameters
     ----------
-    rate : of the samples [Hz]. seconds : how long.
+    rate : rate of the samples [Hz]. seconds : duration.
 
     Attributes
     ----------
     sent, answered : times, batch by batch [s]; the first `EMPTY` ones have no row.
-    steps : the node's own mean times of a step [ms], as in its diagnostics.
+    steps : the node's own mean times of a step [ms], from its diagnostics.
     """
 
     def __init__(self, rate: float, seconds: float) -> None:
@@ -141,7 +141,7 @@ class Feeder(Node):
 
 
 def feed(rate: float, seconds: float) -> None:
-    """Feeds a node; ends with how many batches were answered and how soon."""
+    """Feed a node; print the number of answered batches and their latency."""
     made: list[Feeder] = []
 
     def make() -> Feeder:

@@ -1,7 +1,7 @@
-"""How late an observer node's answers are, from the stamp to the receipt by another process.
+"""Latency of an observer node's answers, from the stamp to the receipt by another process.
 
-The stamp is the time at which the message was sent. Beside a node that only republishes: what the
-two differ by is the observer's. They take turns, each with the machine for itself.
+The stamp is the time at which the message was sent. The difference to a node that only republishes
+is the observer's. The two run in turn, each with the machine to itself.
 
     python -m benchmarks.live.latency [ROUNDS]
 """
@@ -26,13 +26,13 @@ from benchmarks.live.processes import (
 from estimator_pkg.ros.domain import free_domain
 
 RATE = 1000.0  # [Hz]
-SECONDS = 5.0  # of which the first quarter does not count
+SECONDS = 5.0  # of which the first quarter is ignored
 ROUNDS = 3
 KEYS = ('median_ms', 'late_ms')
 
 
 def once(name: str, rate: float = RATE, seconds: float = SECONDS) -> dict[str, float]:
-    """Median and 99 % of the latency [ms], and how many answers came."""
+    """Return median and 99 % of the latency [ms], and the number of answers."""
     domain = free_domain()
     with ExitStack() as stack:
         stack.enter_context(observer(name, domain))
@@ -47,7 +47,7 @@ def once(name: str, rate: float = RATE, seconds: float = SECONDS) -> dict[str, f
 
 
 def measure(rounds: int = ROUNDS) -> dict:
-    """Of each node: medians over the rounds, and of the difference and ratio to the null node."""
+    """Return for each node: medians over the rounds, difference and ratio to the null node."""
     names = (NULL, *NODES)
     found: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     for _ in range(rounds):

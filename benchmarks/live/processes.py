@@ -1,4 +1,4 @@
-"""Processes that are measured, or stand around what is measured, on a ROS domain of their own."""
+"""Processes of the live benchmarks, in their own ROS domain."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from estimator_pkg.ros.runtime import settle_environment
 JOINTS = 7  # in each message
 MODULE = 'estimator_pkg.nodes.executables {}'
 NULL = 'null_node'
-# The observer nodes that take joint states, with the parameters that they need for these joints.
+# The observer nodes with input joint_states, and the parameters that they need for these joints.
 # `mechanical_observer` and `switched_observer` take one of the joints, the others all.
 NODES: dict[str, tuple[str, ...]] = {
     'joint_observer': (),
@@ -34,7 +34,7 @@ def process(
     extra: tuple[str, ...] = (),
     module: str = MODULE.format('joint_observer'),
 ) -> Iterator[subprocess.Popen]:
-    """A role of `roles`, or 'node' for `module`, as a process that ends with the block."""
+    """Run a role of `roles`, or 'node' for `module`, as a process that ends with the block."""
     settle_environment()
     environment = {
         **os.environ,
@@ -65,7 +65,7 @@ def process(
 
 @contextmanager
 def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
-    """One of `NODES`, or the null node, as a process that ends with the block."""
+    """Run one of `NODES`, or the null node, as a process that ends with the block."""
     if name == NULL:
         with process('null', domain=domain) as child:
             yield child
@@ -78,12 +78,12 @@ def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
 
 
 def result(child: subprocess.Popen, timeout: float = 60.0) -> dict:
-    """What a role printed as its last line, once it has ended."""
+    """Return the JSON in the last line that a role printed, after it has ended."""
     output, _ = child.communicate(timeout=timeout)
     return json.loads(output.splitlines()[-1])
 
 
 def cpu(meter: psutil.Process) -> float:
-    """CPU time that a process has used [s]."""
+    """Return the CPU time that a process has used [s]."""
     times = meter.cpu_times()
     return times.user + times.system

@@ -1,4 +1,4 @@
-"""Roles that stand around a node while it is measured: each as a process of its own.
+"""Roles of the live benchmarks around a measured node, each in its own process.
 
 python -m benchmarks.live.roles publish RATE SECONDS JOINTS [SUBSCRIBERS]
 python -m benchmarks.live.roles feed RATE
@@ -18,11 +18,11 @@ from typing import Any
 from benchmarks.live.processes import JOINTS
 from estimator_pkg.ros.runtime import run as run_node
 
-PERIOD = 6.0  # [s] of the motion that is published
+PERIOD = 6.0  # period of the published motion [s]
 
 
 def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> None:
-    """JointStates at `rate` by absolute deadlines; ends with how many were published."""
+    """Publish JointStates at `rate` by absolute deadlines; print how many at the end."""
     import math
 
     import rclpy
@@ -37,7 +37,7 @@ def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> Non
     names = [f'joint_{i}' for i in range(joints)]
     while publisher.get_subscription_count() < subscriptions:
         time.sleep(0.02)
-    time.sleep(1.0)  # for the connections between the others
+    time.sleep(1.0)  # until the other processes are connected
     print('started', flush=True)
     count = int(rate * seconds)
     begun, begun_ns = time.perf_counter(), time.time_ns()
@@ -61,7 +61,7 @@ def publish(rate: float, seconds: float, joints: int, subscriptions: int) -> Non
 
 
 def feed(rate: float) -> None:
-    """JointStates with efforts at `rate`, stamped as they are sent, until SIGINT."""
+    """Publish JointStates with efforts at `rate`, stamped when sent, until SIGINT."""
     import math
     import threading
 
@@ -97,7 +97,7 @@ def feed(rate: float) -> None:
                             [-0.1 * turning * turning * angle] * JOINTS,
                         )
                     )
-                except Exception:  # the context ended under it
+                except Exception:  # the context ended meanwhile
                     if rclpy.ok():
                         raise
                     return
@@ -109,10 +109,10 @@ def feed(rate: float) -> None:
 
 
 def time_answers(topic: str) -> None:
-    """Says when the first message and the first estimate came; ends on SIGINT with the latencies.
+    """Print when the first message and the first estimate arrive, and on SIGINT the latencies.
 
     A line of JSON each: {"message": ns}, {"estimate": ns} (a message with a joint in it), and at
-    the end the answers with their times from stamp to receipt [ms].
+    the end the number of answers with their times from stamp to receipt [ms].
     """
     import statistics
 
@@ -121,10 +121,10 @@ def time_answers(topic: str) -> None:
     from estimator_pkg.messages.joint_state import Decoder
 
     late: list[int] = []
-    said: set[str] = set()
+    printed: set[str] = set()
 
     def say(what: str, now: int) -> None:
-        said.add(what)
+        printed.add(what)
         print(json.dumps({what: now}), flush=True)
 
     def make():
@@ -133,12 +133,12 @@ def time_answers(topic: str) -> None:
         node = rclpy.create_node('benchmark_clock')
         layout = Decoder().layout
 
-        def take(raw: Any) -> None:  # the bytes: the subscription is raw
+        def take(raw: Any) -> None:  # bytes: the subscription is raw
             now = time.time_ns()
             found = layout(raw)
             late.append(now - found.stamp_ns(raw))
-            if 'estimate' not in said:
-                if 'message' not in said:
+            if 'estimate' not in printed:
+                if 'message' not in printed:
                     say('message', now)
                 if found.names:
                     say('estimate', now)
@@ -148,7 +148,7 @@ def time_answers(topic: str) -> None:
         return node
 
     run_node(make, [])
-    settled = sorted(late[len(late) // 4 :])  # the connection is young before
+    settled = sorted(late[len(late) // 4 :])  # without the time after the connection
     print(
         json.dumps(
             {
@@ -168,7 +168,7 @@ def time_answers(topic: str) -> None:
 
 
 def listen(topic: str) -> None:
-    """Counts JointStates on `topic`; ends on SIGINT with the count and the stamps seen."""
+    """Count JointStates on `topic`; print the count and the stamps on SIGINT."""
     from sensor_msgs.msg import JointState
 
     from estimator_pkg.messages.joint_state import Decoder
@@ -181,7 +181,7 @@ def listen(topic: str) -> None:
         node = rclpy.create_node('benchmark_listener')
         layout = Decoder().layout
 
-        def take(raw: Any) -> None:  # the bytes: the subscription is raw
+        def take(raw: Any) -> None:  # bytes: the subscription is raw
             seen.append(layout(raw).stamp_ns(raw))
 
         node.create_subscription(JointState, topic, take, 5000, raw=True)
@@ -192,7 +192,7 @@ def listen(topic: str) -> None:
 
 
 def diagnose() -> None:
-    """Ends on SIGINT with the newest counters that joint_observer reported."""
+    """Print, on SIGINT, the newest counters that joint_observer reported."""
     from diagnostic_msgs.msg import DiagnosticArray
 
     newest: dict[str, str] = {}
@@ -214,7 +214,7 @@ def diagnose() -> None:
 
 
 def null() -> None:
-    """Receives and republishes JointStates, typed, as any rclpy node would: the floor of costs."""
+    """Receive and republish JointStates, typed, as any rclpy node would: the minimum cost."""
     from sensor_msgs.msg import JointState
 
     def make():

@@ -1,6 +1,6 @@
-"""What the programs beside this one measure, as rows of ``bench speed``.
+"""Results of the live programs in this folder, as rows of ``bench speed``.
 
-They need ROS and psutil, and run as processes of their own.
+The programs need ROS and psutil, and run in their own processes.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ Reader = Callable[[dict[str, Any]], list[dict[str, Any]]]
 
 
 def live() -> list[dict[str, Any]]:
-    """CPU per message beside a node that only republishes, and losses beside those reported."""
+    """Return rows: CPU per message compared with the null node, losses and reported losses."""
     return _rows(COST, _cost) + _rows(LOSS, _loss)
 
 
 def starts(rounds: int) -> list[dict[str, Any]]:
-    """Time from a process's start to its first estimate, beside that of the null node."""
+    """Return rows: time from process start to first estimate, compared with the null node."""
     return _rows(START, _start, str(rounds))
 
 
 def latencies(rounds: int) -> list[dict[str, Any]]:
-    """Time from a stamp to the receipt of its estimate, beside that of the null node."""
+    """Return rows: time from a stamp to the receipt of its estimate, and of the null node."""
     return _rows(LATENCY, _latency, str(rounds))
 
 
@@ -47,7 +47,7 @@ def _rows(program: str, reader: Reader, *words: str) -> list[dict[str, Any]]:
 
 
 def _run(program: str, *words: str) -> tuple[dict[str, Any] | None, str]:
-    """(what the program found, why it did not)."""
+    """Return (result of the program or None, why there is none)."""
     try:
         done = subprocess.run(
             [sys.executable, '-m', program, *words], capture_output=True, text=True, timeout=LONGEST
@@ -57,7 +57,7 @@ def _run(program: str, *words: str) -> tuple[dict[str, Any] | None, str]:
         return None, f'it took longer than {LONGEST:g} s'
     except json.JSONDecodeError:
         lines = done.stderr.strip().splitlines()
-        return None, lines[-1] if lines else 'it said nothing'
+        return None, lines[-1] if lines else 'it printed nothing'
 
 
 def _start(found: dict[str, Any]) -> list[dict[str, Any]]:
@@ -71,9 +71,7 @@ def _start(found: dict[str, Any]) -> list[dict[str, Any]]:
                 rows.append(
                     not_run(
                         name,
-                        'none came within 8 s: it learns longer'
-                        if what == 'estimate'
-                        else 'none came',
+                        'none within 8 s: it learns longer' if what == 'estimate' else 'no message',
                     )
                 )
                 continue
@@ -89,11 +87,11 @@ def _latency(found: dict[str, Any]) -> list[dict[str, Any]]:
         for key, title in (('median_ms', 'median'), ('late_ms', '99 %')):
             name = f'{item["node"]}: stamp to receipt, {title}'
             if key not in item:
-                rows.append(not_run(name, 'no answer came'))
+                rows.append(not_run(name, 'no answer'))
                 continue
             rows.append(row(name, item[key], 'ms'))
             if item['node'] != NULL:
-                rows.append(row(f'{name}, less the null node', item[f'{key}_more'], 'ms'))
+                rows.append(row(f'{name}, minus the null node', item[f'{key}_more'], 'ms'))
                 rows.append(row(f'{name} / null node', item[f'{key}_ratio'], 'times'))
     return rows
 

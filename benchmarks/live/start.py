@@ -1,8 +1,8 @@
-"""How long an observer node takes from its process's start to its first estimate.
+"""Time of an observer node from its process's start to its first estimate.
 
-Beside a node that only republishes; both find a stream that runs already, and both are seen by a
-listener that runs already. They take turns. CPU time until the first message stands beside: other
-work on the machine does not stretch it.
+It is compared with a node that only republishes. Both join a running stream, with a running
+listener, in turn. CPU time until the first message is reported too: other load on the machine
+does not change it.
 
     python -m benchmarks.live.start [ROUNDS]
 """
@@ -28,9 +28,9 @@ ROUNDS = 5
 
 
 def once(name: str) -> dict[str, float]:
-    """Seconds to the node's first message, CPU seconds till then, and to the first estimate.
+    """Return seconds to the node's first message and first estimate, and CPU seconds till then.
 
-    An estimate is a message with a joint in it; what does not come is left out.
+    An estimate is a message with a joint in it; a missing one has no key.
     """
     domain = free_domain()
     with ExitStack() as stack:
@@ -38,17 +38,17 @@ def once(name: str) -> dict[str, float]:
         listener = stack.enter_context(process('time', f'/{name}/estimate', domain=domain))
         assert listener.stdout is not None
         listener.stdout.readline()
-        time.sleep(1.0)  # the stream runs
+        time.sleep(1.0)  # until the stream runs
         begun = time.time_ns()
         node = stack.enter_context(observer(name, domain))
-        found = _said(listener, psutil.Process(node.pid))
+        found = _times(listener, psutil.Process(node.pid))
         return {what: at if what == 'cpu' else 1e-9 * (at - begun) for what, at in found.items()}
 
 
-def _said(listener: subprocess.Popen, node: psutil.Process) -> dict[str, float]:
-    """When the first message and the first estimate came [ns], and the node's CPU time then [s].
+def _times(listener: subprocess.Popen, node: psutil.Process) -> dict[str, float]:
+    """Return when the first message and estimate arrived [ns], and the node's CPU time then [s].
 
-    Waits for both, but not for ever.
+    Waits for both, at most `LONGEST` seconds.
     """
     found: dict[str, float] = {}
     both = threading.Event()
@@ -70,7 +70,7 @@ def _said(listener: subprocess.Popen, node: psutil.Process) -> dict[str, float]:
 
 
 def measure(rounds: int = ROUNDS) -> dict:
-    """Median seconds of each node, and their ratio to those of the null node round by round."""
+    """Return median seconds of each node, and the median ratio to the null node in each round."""
     names = (NULL, *NODES)
     times: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     for _ in range(rounds):
@@ -80,7 +80,7 @@ def measure(rounds: int = ROUNDS) -> dict:
     for name in names:
         row: dict = {'node': name, 'rounds': rounds}
         for what in ('message', 'cpu', 'estimate'):
-            same = 'message' if what == 'estimate' else what  # all that the null node gives
+            same = 'message' if what == 'estimate' else what  # the null node has no estimate
             pairs = [
                 (each[what], other[same])
                 for each, other in zip(times[name], times[NULL])

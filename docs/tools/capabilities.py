@@ -2,8 +2,8 @@
 
     python -m docs.tools.capabilities docs/choosing.md
 
-simulates a recording for each kind of observer, runs all observers on theirs, prints what came out,
-and puts cost and delay into the last two columns of the matrix in the file that is named.
+simulates a recording for each kind of observer, runs all observers on it, prints the results, and
+writes cost and delay into the last two columns of the matrix in the named file.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.text import markdown, number
 
-ROUNDS = 2  # of which the fastest counts
-SETTLED = 0.3  # part of a recording that is left out at its beginning
+ROUNDS = 2  # the fastest counts
+SETTLED = 0.3  # fraction of a recording that is ignored at its beginning
 LINE = re.compile(r'^\| \[(\w+)\].*\|$')
 HEADER = ('observer', 'microseconds per sample', 'delay [ms]', 'rms error [rad/s]', 'recording')
 
 
 class Case(NamedTuple):
-    """Observers and what they are run on.
+    """Observers and the recording they run on.
 
     plant : simulator; simulated : its parameters. values : parameters of the observers.
     """
@@ -66,7 +66,7 @@ CASES = (
         10.0,
         (),
         JOINT,
-        'driven pendulum, its model known, 4096 counts, 500 Hz',
+        'driven pendulum, known model, 4096 counts, 500 Hz',
     ),
     Case(
         ('adaptive',),
@@ -74,7 +74,7 @@ CASES = (
         30.0,
         (),
         (),
-        'servo motor, its parameters learnt, 4096 counts, 1 kHz',
+        'servo motor, parameters learnt, 4096 counts, 1 kHz',
     ),
     Case(('pmsm',), 'pmsm', 2.0, (), MOTOR, 'drive at 20 kHz, no encoder'),
     Case(('switched',), 'gripper', 10.0, (), (), 'joint whose load changes, 65536 counts, 1 kHz'),
@@ -82,7 +82,7 @@ CASES = (
 
 
 class Result(NamedTuple):
-    """What one observer costs [us per sample], its delay [s] and rms error [rad/s]."""
+    """Cost of one observer [us per sample], its delay [s] and rms error [rad/s]."""
 
     observer: str
     cost: float
@@ -92,7 +92,7 @@ class Result(NamedTuple):
 
 
 def measure(case: Case, folder: Path) -> list[Result]:
-    """Every observer of a case, at its defaults but for the plant's numbers."""
+    """Run every observer of a case at its defaults, with the plant's parameters."""
     path = folder / case.plant
     words = ['simulate', case.plant, '--out', str(path), '--duration', str(case.seconds)]
     for each in case.simulated:
@@ -134,7 +134,7 @@ def measure(case: Case, folder: Path) -> list[Result]:
 
 
 def filled(text: str, results: list[Result]) -> str:
-    """The matrix in a page with the last two cells of each observer's row measured."""
+    """Return the page with the last two cells of each observer's row measured."""
     known = {each.observer: each for each in results}
     lines = text.split('\n')
     for i, line in enumerate(lines):
@@ -142,14 +142,14 @@ def filled(text: str, results: list[Result]) -> str:
         if row and row.group(1) in known:
             result = known[row.group(1)]
             cells = line.split('|')
-            late = round(result.delay * 1e3, 1) + 0.0  # no minus before a zero
+            late = round(result.delay * 1e3, 1) + 0.0  # avoids -0.0
             cells[-3:-1] = [f' {number(result.cost, 2)} ', f' {late} ']
             lines[i] = '|'.join(cells)
     return '\n'.join(lines)
 
 
 def main() -> None:
-    """The command."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('page', type=Path, nargs='?', help='Markdown file with the matrix')
     page = parser.parse_args().page

@@ -1,4 +1,4 @@
-"""The pictures of docs/observers/edge_adaptive.md.
+"""The figures of docs/observers/edge_adaptive.md.
 
 python -m docs.tools.edge_adaptive_figures docs/figures
 """
@@ -57,7 +57,7 @@ DRAWS = 4
 
 @contextmanager
 def constants(**values: Any) -> Iterator[None]:
-    """The observer's module with other constants, or another function, for a while."""
+    """Replace constants or functions of the observer's module within the block."""
     before = {name: getattr(edge_adaptive, name) for name in values}
     for name, value in values.items():
         setattr(edge_adaptive, name, value)
@@ -69,7 +69,7 @@ def constants(**values: Any) -> Iterator[None]:
 
 
 def scaled(name: str, factor: float) -> Any:
-    """A constant times `factor`."""
+    """Return a constant times `factor`."""
     value = getattr(edge_adaptive, name)
     if isinstance(value, dict):
         return {key: factor * one for key, one in value.items()}
@@ -79,12 +79,12 @@ def scaled(name: str, factor: float) -> Any:
 def cells_alone(
     off: float, ahead: float, quantum: float, variance: float, noise: float, hold: float
 ) -> tuple[int, float, float]:
-    """What a reading would be worth if it were its cell and nothing else."""
+    """Return a reading's weight if only its cell counted."""
     return INTERVAL, off, 0.5 * quantum
 
 
 def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
-    """Estimate, standard deviation, density, cumulative sums, vibration and sway, by samples."""
+    """Return estimate, standard deviation, density, cumulative sums, vibration and sway."""
     rows = []
     for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
         joint.update(stamp, angle)
@@ -123,7 +123,7 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
 
 
 def signal(motion: Motion, **more: Any) -> Signal:
-    """A signal that is in no table."""
+    """Return a signal that is in no table."""
     return Signal('figure', '', motion, **more)
 
 
@@ -133,7 +133,7 @@ def seconds(samples: Samples) -> Array:
 
 
 def _edges(plt: Any) -> Any:
-    """Creep, and a beat beside one count per sample: the same in a frame that moves along."""
+    """Draw creep, and a beat near one count per sample, the same in a moving frame."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.2))
     for axis, speed, frame, title in (
         (axes[0], 0.1, 0.0, '0.1 counts per sample'),
@@ -154,7 +154,7 @@ def _edges(plt: Any) -> Any:
         axis.step(sample, count - base, where='post', color='0.6', label='count: lower end of cell')
         axis.step(sample, count - base + 1.0, where='post', color='0.8', label='upper end')
         axis.plot(sample, true / quantum - back - base, 'k-', lw=1, label='true angle')
-        # what is published stands for the middle of the reading's cell
+        # the published position is the middle of the reading's cell
         shown = np.unwrap(found['position'])[part] / quantum + 0.5
         shown += np.round((true / quantum - shown)[0] / 4096.0) * 4096.0
         axis.plot(sample, shown - back - base, '.', color='tab:red', ms=4, label='estimate')
@@ -165,7 +165,7 @@ def _edges(plt: Any) -> Any:
                 color='tab:blue',
                 lw=4,
                 solid_capstyle='butt',
-                label='where the edge puts it'
+                label='position of the edge'
                 if k == np.flatnonzero(np.diff(count))[0] + 1
                 else None,
             )
@@ -175,7 +175,7 @@ def _edges(plt: Any) -> Any:
 
 
 def _beats(plt: Any) -> Any:
-    """A beat, with the reading as a cell and as what two cells have in common."""
+    """Draw a beat, with the reading as a cell and as the intersection of two cells."""
     one = signal(beat(1, 1, 0.025))
     samples = one.samples(duration=4.0)
     figure, axes = plt.subplots(2, 1, figsize=(9, 5.5), sharex=True)
@@ -184,8 +184,8 @@ def _beats(plt: Any) -> Any:
         cells = traced(ENTRY.joint(quantum=one.quantum), samples)
     edges = traced(ENTRY.joint(quantum=one.quantum), samples)
     for found, color, label in (
-        (cells, 'tab:orange', 'every reading its cell'),
-        (edges, 'tab:blue', 'edges in a frame that moves along'),
+        (cells, 'tab:orange', 'reading as a cell'),
+        (edges, 'tab:blue', 'edges in a moving frame'),
     ):
         error = np.abs(found['velocity'] - samples.velocity)
         axes[0].semilogy(time, np.maximum(error, 1e-8), color=color, lw=0.8, label=label)
@@ -199,7 +199,7 @@ def _beats(plt: Any) -> Any:
 
 
 def _bandwidth(plt: Any) -> Any:
-    """The trapezoid: density and alarms."""
+    """Draw the trapezoid: density and alarms."""
     one = signal(trapezoid(20.0, 100.0, 0.8))
     samples = one.samples(duration=4.2)
     found = traced(ENTRY.joint(quantum=one.quantum), samples)
@@ -251,7 +251,7 @@ def shaking(quanta: float) -> Motion:
 
 
 def _vibration(plt: Any) -> Any:
-    """Vibrations of a few samples' period: what tells that they are there, and what it does."""
+    """Draw vibrations with a period of a few samples: how they are detected, and the effect."""
     figure, axes = plt.subplots(2, 2, figsize=(12, 6), sharex=True)
     for (above, below), quanta in zip(axes.T, (4.0, 1.3)):
         one = signal(shaking(quanta), rate=200.0, counts=2048)
@@ -279,7 +279,7 @@ def _vibration(plt: Any) -> Any:
             np.where(least > 0.0, least, np.nan),
             color='tab:green',
             lw=0.8,
-            label='least, by the third differences that last',
+            label='lower bound, from persistent third differences',
         )
         sway = found['sway'][part] / one.quantum**2
         below.semilogy(
@@ -289,9 +289,7 @@ def _vibration(plt: Any) -> Any:
             lw=0.8,
             label='sway [quanta^2]',
         )
-        below.axhline(
-            1.0 / 6.0, color='tab:purple', ls=':', lw=0.8, label='from which on it is believed'
-        )
+        below.axhline(1.0 / 6.0, color='tab:purple', ls=':', lw=0.8, label='detection threshold')
         below.set(xlabel='time [s]', ylim=(1e-4, 1e10))
     axes[0, 0].set(ylabel='velocity [rad/s]')
     axes[0, 0].legend(fontsize=8, loc='lower left')
@@ -300,7 +298,7 @@ def _vibration(plt: Any) -> Any:
 
 
 def _sigma(plt: Any) -> Any:
-    """Error and standard deviation where speed reverses slowly, and on the sine."""
+    """Draw error and standard deviation for a slow reversal, and for the sine."""
     figure, axes = plt.subplots(2, 1, figsize=(9, 6))
     for axis, motion, title, span in (
         (axes[0], sine(0.1, 0.5), '0.1 rad/s at 0.5 Hz', (3.0, 6.0)),
@@ -327,7 +325,7 @@ def _sigma(plt: Any) -> Any:
 
 
 def _constants(plt: Any) -> Any:
-    """Each constant at a quarter to four times its value, all columns."""
+    """Draw the effect of each constant at a quarter to four times its value, all columns."""
     chosen = tuple(one for one in ALL if one.name in COLUMNS)
     figure, axes = plt.subplots(3, 4, figsize=(13, 8), sharex=True, sharey=True)
 
@@ -376,7 +374,7 @@ PICTURES = {
 
 
 def draw(folder: Path, names: Sequence[str] = tuple(PICTURES)) -> list[Path]:
-    """Writes edge_adaptive_<name>.png into `folder`."""
+    """Write edge_adaptive_<name>.png into `folder`; return the paths."""
     import matplotlib
 
     matplotlib.use('Agg')
@@ -394,9 +392,9 @@ def draw(folder: Path, names: Sequence[str] = tuple(PICTURES)) -> list[Path]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draws the pictures that are asked for, all by default."""
+    """Draw the requested figures, all by default."""
     parser = argparse.ArgumentParser(description='pictures of the edge-aware adaptive observer')
-    parser.add_argument('folder', type=Path, help='where to')
+    parser.add_argument('folder', type=Path, help='output folder')
     parser.add_argument('--only', action='append', choices=tuple(PICTURES), default=[])
     parsed = parser.parse_args(arguments)
     for path in draw(parsed.folder, parsed.only or tuple(PICTURES)):

@@ -1,19 +1,19 @@
-"""The numbers of the pages, made or checked by the commands that give them.
+"""Write or check the numbers on the pages with the commands that produce them.
 
     make figures                                    # writes all of figures.yaml into the pages
-    python -m docs.tools.figures --check --quick    # only says what differs
+    python -m docs.tools.figures --check --quick    # only prints what differs
     python -m docs.tools.figures README.md          # one page
 
 An entry of docs/tools/figures.yaml names a page, the commands to run and one of
 
-- ``text``: a text of the page, in which ``{{expression:format}}`` stands for a number;
-- ``lines: true``: each line of the output that is also on the page, its numbers aside, in the same
-  order; ``lines: expression``: the same with the lines of that.
+- ``text``: a text of the page, in which ``{{expression:format}}`` replaces a number;
+- ``lines: true``: each line of the output that is also on the page, except for its numbers, in the
+  same order; ``lines: expression``: the same with the lines of the expression.
 
 Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of the last printed
-digit; at tolerance 0 they are equal. In expressions ``r`` is the JSON of the last command, ``runs``
-that of each, ``rms(observer, run)`` [rad/s] and ``delay(observer, run)`` [ms] are of ``evaluate``,
-of the last run if unset.
+digit; at tolerance 0 they must be equal. In expressions ``r`` is the JSON of the last command and
+``runs`` a list of all. ``rms(observer, run)`` [rad/s] and ``delay(observer, run)`` [ms] come from
+``evaluate``; ``run`` is the last one if unset.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ BENCHMARKS = ['python', '-m', 'benchmarks']
 
 
 def entries() -> list[dict]:
-    """What docs/tools/figures.yaml lists."""
+    """Return the entries of docs/tools/figures.yaml."""
     return yaml.safe_load((Path(__file__).with_name('figures.yaml')).read_text())
 
 
 @lru_cache
 def outcome(commands: tuple[str, ...]) -> tuple[str, list]:
-    """(output of the last command, JSON of each that wrote it), run in a folder of their own."""
+    """Run commands in a new folder; return (output of the last, JSON of each that wrote it)."""
     printed, results, before = '', [], Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
@@ -84,7 +84,7 @@ def outcome(commands: tuple[str, ...]) -> tuple[str, list]:
 
 
 def names(results: list) -> dict:
-    """What expressions may use."""
+    """Return the names that expressions may use."""
 
     def velocity(observer: str, run: int) -> dict:
         bag = next(iter(results[run]['bags'].values()))
@@ -102,7 +102,7 @@ def names(results: list) -> dict:
 
 
 def shared(bench: dict, columns: str = 'slow sine trapezoid fast jitter drops') -> str:
-    """The Markdown rows of the observers at their defaults: rms [rad/s], and delay where told."""
+    """Return Markdown rows of the observers at defaults: rms [rad/s], and delay if known."""
     cells: dict[str, dict] = defaultdict(dict)
     for row in bench['accuracy']['results']:
         delay = row['delay_s']
@@ -116,7 +116,7 @@ def shared(bench: dict, columns: str = 'slow sine trapezoid fast jitter drops') 
 
 
 def drawn(bench: dict) -> str:
-    """The Markdown rows of edge_adaptive over many draws, with the yardstick beside it."""
+    """Return Markdown rows of edge_adaptive over many draws, compared with the baseline."""
     rows = {(row['observer'], row['signal']): row for row in bench['drawn']['rows']}
     return '\n'.join(
         f'| {signal} | {row["pooled"]:.3g} | {row["median"]:.3g} | {row["worst"]:.3g} '
@@ -129,7 +129,7 @@ def drawn(bench: dict) -> str:
 
 
 def close(old: str, new: float, tolerance: float, units: float) -> bool:
-    """True if a printed number agrees with a fresh one, or is `units` of its last digit away."""
+    """Return True if `old` is within tolerance, or `units` of its last digit, of `new`."""
     digits, _, power = old.partition('e')
     unit = 10.0 ** (int(power or 0) - len(digits.partition('.')[2]))
     return abs(float(old) - new) <= (
@@ -138,7 +138,7 @@ def close(old: str, new: float, tolerance: float, units: float) -> bool:
 
 
 def filled(page: str, entry: dict) -> tuple[str, list[str]]:
-    """(the page with fresh numbers, what differed)."""
+    """Return (the page with new numbers, descriptions of the differences)."""
     printed, results = outcome(tuple(entry.get('run', ())))
     tolerance = entry.get('tolerance', TOLERANCE)
     lines = entry.get('lines')
@@ -165,12 +165,12 @@ def filled(page: str, entry: dict) -> tuple[str, list[str]]:
 
 
 def _literal(text: str) -> str:
-    """A pattern for this text, in which lines may be broken elsewhere."""
+    """Return a pattern for this text that accepts other line breaks."""
     return r'\s+'.join(re.escape(word) for word in re.split(r'\s+', text))
 
 
 def skeleton(line: str) -> str:
-    """A line without its numbers, marks and widths."""
+    """Return a line without its numbers, asterisks and widths."""
     return re.sub(r'[\s*]+', ' ', NUMBER.sub('#', line)).strip()
 
 
@@ -198,11 +198,11 @@ def _lines(page: str, printed: str, tolerance: float) -> tuple[str, list[str]]:
 
 
 def main() -> int:
-    """Write the figures, or with --check only say what differs; 1 if something does."""
+    """Write the figures, or with --check only print differences; return 1 if there are any."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('pages', nargs='*', help='pages, as README.md; none: all')
+    parser.add_argument('pages', nargs='*', help='pages, for example README.md (default: all)')
     parser.add_argument('--check', action='store_true', help='write nothing; exit code 1 if wrong')
-    parser.add_argument('--quick', action='store_true', help='leave out what takes minutes')
+    parser.add_argument('--quick', action='store_true', help='skip entries that take minutes')
     parsed = parser.parse_args()
     wrong = False
     for entry in entries():

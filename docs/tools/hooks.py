@@ -1,8 +1,8 @@
-"""What pages are given when the site is built (mkdocs hook).
+"""Additions to the pages when the site is built (mkdocs hook).
 
-``{{ parameters NAME }}`` becomes the table that the code declares. A block of mathematics, written
-in LaTeX behind three backquotes and ``math`` (which GitHub typesets by itself), becomes MathML, so
-that a browser needs neither a script nor a network for it.
+``{{ parameters NAME }}`` becomes the table of an observer's declared parameters. A block of LaTeX
+after three backquotes and ``math`` (which GitHub typesets by itself) becomes MathML, so a browser
+needs neither a script nor a network for it.
 """
 
 import re
@@ -17,7 +17,7 @@ MATHEMATICS = re.compile(r'^```math\n(.*?)\n```$', re.DOTALL | re.MULTILINE)
 
 
 def parameter_table(name):
-    """The Markdown table of an observer's parameters."""
+    """Return the Markdown table of an observer's parameters."""
     gains = registry.find(registry.OBSERVERS, name).gains
     return markdown(
         ('name', 'default', 'unit', 'range', 'meaning'),
@@ -29,14 +29,14 @@ def parameter_table(name):
 
 
 def typeset(latex):
-    """A formula on lines of its own, as HTML."""
+    """Return a displayed formula as HTML."""
     from latex2mathml.converter import convert
 
     return f'<div class="mathematics">{convert(latex, display="block")}</div>'
 
 
 def on_page_markdown(markdown, page=None, **_):
-    """Called by mkdocs with the text of each page; an observer's page always has its table."""
+    """Return a page's text with tables and formulas; mkdocs calls this for each page."""
     folder, _, name = page.file.src_uri.removesuffix('.md').partition('/') if page else ('', '', '')
     if folder == 'observers' and not PLACE.search(markdown):
         markdown += f'\n\n## Parameters\n\n{{{{ parameters {name} }}}}\n'

@@ -80,7 +80,7 @@ def test_an_error_that_the_reference_cannot_tell_is_marked():
 
 
 def test_every_observer_has_a_row_or_a_reason():
-    rows = {each.name for each in [*ours.ours(), *ours.told()]}
+    rows = {each.name for each in [*ours.ours(), *ours.with_input()]}
     for name in (
         'edge_adaptive',
         'hybrid_angle',
@@ -116,7 +116,7 @@ def test_the_torque_is_the_one_that_makes_the_motion():
 
 @pytest.mark.parametrize('name', ['geso', 'hgo', 'ehgo', 'smo', 'adaptive'])
 def test_who_is_told_the_torque_uses_it(name):
-    each = next(each for each in ours.told() if each.name == name)
+    each = next(each for each in ours.with_input() if each.name == name)
     column = of_signal(SINE, 6.0 if name == 'adaptive' else 2.5)
     without = Column('x', '', column.samples, column.quantum)
     right = field._error(each.run(column, each.values[1]), column)
@@ -162,7 +162,7 @@ def test_recordings_are_columns_with_their_reference():
     assert pendulum.torque is not None and 0.1 < pendulum.joint['inertia'] < 0.25
     assert by_name['system_identification_300hz/pendulum'].torque is None  # it was made from it
     assert by_name['yx2bag/yaw'].reference == 'the off-line smoother'
-    assert 'wrong by' in refused['yawbag/yaw']
+    assert 'own error' in refused['yawbag/yaw']
     raw = ours.ours()[-1]
     error = field._error(raw.run(elbow, None), elbow)
     assert error[0] == pytest.approx(0.2, rel=0.1) and error[1] > 0.99
