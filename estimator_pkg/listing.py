@@ -104,6 +104,7 @@ class Item:
                 p.name: {
                     'type': TYPE_NAMES[p.kind],
                     'default': p.default,
+                    'automatic': p.text(None) if p.automatic is not None else None,
                     'unit': p.unit,
                     'minimum': p.minimum,
                     'maximum': p.maximum,
@@ -186,8 +187,10 @@ def _further_settings() -> list[Item]:
 def default_text(parameter: Parameter) -> str:
     """The default as one would write it."""
     value = parameter.default
+    if parameter.automatic is not None:
+        return f'{parameter.automatic_text} ({parameter.text(value)})'
     if value is None:
-        return 'unset'
+        return 'required'
     if isinstance(value, bool):
         return 'true' if value else 'false'
     if isinstance(value, float):
@@ -229,7 +232,7 @@ def overview(item: Item, width: int) -> str:
     lines = [f'{item.name}: {item.summary}']
     # a value stays with its name and its unit
     given = [
-        f'{p.name} = {"unset" if p.default is None else _with_unit(p)}'.replace(' ', '\0')
+        f'{p.name} = {default_text(p) if p.default is None else _with_unit(p)}'.replace(' ', '\0')
         for p in item.parameters
     ]
     lines += [
@@ -255,9 +258,10 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
         'change them there.',
         '',
         'In a parameter file of a node (`/**` or its name, then `ros__parameters`) each has '
-        'its plain name; `joints.<joint>.<parameter>` overrides one for one joint. On the '
-        'command line it is `--set name=value`. "unset" follows from the others or from the '
-        'data.',
+        'its plain name; `per_joint.<joint>.<parameter>` overrides one for one joint. On the '
+        'command line it is `--set name=value`. An "automatic" one follows from the others or from '
+        'the data; the value in parentheses says so in a parameter file, and stands for nothing '
+        'else. A "required" one has no default: set it.',
     ]
     for kind, items in kinds.items():
         with_parameters = [item for item in items if item.parameters]

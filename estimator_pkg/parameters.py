@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -30,7 +31,9 @@ class Parameter:
     """What is declared of one parameter.
 
     ``kind`` is float, int, bool, str, tuple (a list of texts) or list (of numbers, checked into a
-    tuple of floats). ``default`` None means: follows from the others.
+    tuple of floats). ``default`` None means: follows from the others or from the data. ROS and YAML
+    have no None: there ``automatic`` stands for it, a value of the kind that is outside the range;
+    where None is the default and there is no ``automatic``, a user must set the parameter.
     ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner
     varies, and between which numbers; ``among`` does so for a choice. ``formerly`` maps words that
     choices had in the last release to those of today. The default is valid next to the choices.
@@ -41,6 +44,7 @@ class Parameter:
     default: Any
     unit: str
     description: str
+    automatic: Any = None
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[str, ...] = ()
@@ -52,7 +56,7 @@ class Parameter:
     formerly: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def check(self, value: Any) -> Any:
-        """`value` as this parameter's type.
+        """`value` as this parameter's type; the default for the automatic value.
 
         Raises
         ------
@@ -64,6 +68,8 @@ class Parameter:
             if self.default is None:
                 return None
             raise UsageError(f"parameter '{self.name}' needs a value")
+        if self.is_automatic(value):
+            return self.default
         if self.kind is bool:
             if isinstance(value, Word):
                 value = value.truth
@@ -87,6 +93,7 @@ class Parameter:
             ):
                 raise UsageError(
                     f"parameter '{self.name}': '{value}' is not one of {', '.join(self.choices)}"
+                    + self._or_automatic()
                 )
             return str(value)
         if self.kind is tuple:
@@ -97,7 +104,7 @@ class Parameter:
                 )
             return tuple(map(str, value))
         if self.kind is list:
-            one = dataclasses.replace(self, kind=float, default=0.0)
+            one = dataclasses.replace(self, kind=float, default=0.0, automatic=None)
             many = isinstance(value, Iterable) and not isinstance(value, str)
             return tuple(one.check(number) for number in (value if many else (value,)))
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -114,6 +121,42 @@ class Parameter:
         if (low is not None and value < low) or (high is not None and value > high):
             raise UsageError(f"parameter '{self.name}' = {value:g} is outside {self.range_text()}")
         return value
+
+    def plain(self, value: Any) -> Any:
+        """`value`, as `check` returns it, for ROS and YAML: the automatic value stands for None.
+
+        None remains where a user must set the parameter.
+        """
+        if self.automatic is not None and value in (None, ()):
+            value = self.automatic
+        return list(value) if isinstance(value, tuple) else value
+
+    def text(self, value: Any) -> str:
+        """`value`, as `check` returns it, as it is written in a parameter file."""
+        return yaml_text.scalar(self.plain(value))
+
+    @property
+    def automatic_text(self) -> str:
+        """What the automatic value means, for a person; '' where there is none."""
+        if self.automatic is None:
+            return ''
+        return 'automatic' if self.default is None else 'none'
+
+    def _or_automatic(self) -> str:
+        """The automatic value and what it means, as the end of a sentence."""
+        if self.automatic is None:
+            return ''
+        return f'; {self.text(self.automatic)}: {self.automatic_text}'
+
+    def is_automatic(self, value: Any) -> bool:
+        """True if this is the value that stands for the automatic one, as ROS and YAML have it."""
+        many = isinstance(value, Iterable) and not isinstance(value, str)
+        if not isinstance(self.automatic, tuple):
+            return self.automatic is not None and not many and _same(value, self.automatic)
+        if not many and self.kind is tuple:
+            return False
+        items = list(value) if many else [value]
+        return not items or (len(items) == 1 and _same(items[0], self.automatic[0]))
 
     def _open_choice(self, value: str) -> bool:
         """Choices that end in 'package.module:name' also admit a user's own."""
@@ -145,6 +188,10 @@ class Parameter:
 
     def range_text(self) -> str:
         """The admitted values, for a person."""
+        return self._true_range() + self._or_automatic()
+
+    def _true_range(self) -> str:
+        """The admitted values apart from the automatic one."""
         if self.choices:
             return ' | '.join(self.choices)
         if self.kind is bool:
@@ -173,15 +220,24 @@ def parameter(
     among: tuple[str, ...] = (),
     kind: type | None = None,
     formerly: Mapping[str, str] | None = None,
+    required: bool = False,
 ) -> Any:
     """A dataclass field that carries its declaration (see `Parameter`).
 
     ``kind`` is needed only where the default is None (a value that follows from others).
+    ``required``: None is the default and a user must set it.
+
+    Raises
+    ------
+    ValueError : the default is None, and the range leaves no number that stands for it.
     """
     low, high = range or (None, None)
+    kind = kind or (float if default is None else type(default))
+    automatic = None if required or default not in (None, ()) else _automatic(kind, low)
     declared = {
-        'kind': kind or (float if default is None else type(default)),
+        'kind': kind,
         'default': default,
+        'automatic': automatic,
         'unit': unit,
         'description': description,
         'minimum': low,
@@ -226,6 +282,26 @@ def build(cls: type[T], values: Mapping[str, Any], *, owner: str = '') -> T:
             raise UsageError(f"unknown parameter '{name}'{of}: {suggestion(name, known)}")
         checked[name] = known[name].check(value)
     return cls(**checked)
+
+
+def _automatic(kind: type, low: float | None) -> Any:
+    """The value of this kind that stands for None, or for an empty list.
+
+    It is 0, or -1 where the range has a 0, '', [''], or [nan].
+    """
+    texts: dict[type, Any] = {str: '', tuple: ('',), list: (math.nan,)}
+    if kind in texts:
+        return texts[kind]
+    if low is None or low < 0.0 or kind is bool:
+        raise ValueError('a parameter whose range has -1, or a boolean, needs a default')
+    return kind(-1 if low == 0.0 else 0)
+
+
+def _same(value: Any, other: Any) -> bool:
+    """Whether both are equal, or both NaN."""
+    if isinstance(value, bool):
+        return False
+    return bool(value == other or (value != value and other != other))
 
 
 def _text_of(value: bool | float) -> str:

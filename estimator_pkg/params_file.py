@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Mapping
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +12,11 @@ import yaml
 
 from estimator_pkg import yaml_text
 from estimator_pkg.errors import UsageError, UserError, first_line
+from estimator_pkg.printable import show
 
 KEY = 'ros__parameters'
-OVERRIDES = 'joints'
+OVERRIDES = 'per_joint'
+FORMERLY = 'joints'  # read for one release: it is the name of a parameter, too
 OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
@@ -79,26 +83,92 @@ def _content(path: str | Path, node_name: str) -> Mapping:
     return content
 
 
-def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """(common values, joint -> values): what is called ``joints.<joint>.<parameter>`` apart.
+def override(name: str, prefix: str = OVERRIDES) -> tuple[str, str] | None:
+    """(joint, parameter) of ``per_joint.<joint>.<parameter>``; None for any other name.
 
     A joint's name may contain dots; parameter names have none.
     """
+    first, _, rest = name.partition('.')
+    joint, _, parameter = rest.rpartition('.')
+    return (joint, parameter) if first == prefix and joint and parameter else None
+
+
+def today(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """(`values` under the names of this release, what to do about each old name).
+
+    ``joints.<joint>.<parameter>`` of the last release is ``per_joint.<joint>.<parameter>``; where
+    both are set, the latter wins.
+    """
+    new: dict[str, Any] = {}
+    notes = []
+    for name, value in values.items():
+        old = override(name, FORMERLY)
+        if old is None:
+            new[name] = value
+            continue
+        now = '.'.join((OVERRIDES, *old))
+        if now in values:
+            notes.append(f"'{name}' is ignored because '{now}' is set")
+        else:
+            new[now] = value
+            line = now if value is None else f'{now}: {yaml_text.scalar(value)}'
+            notes.append(f"write '{line}' instead of '{name}'")
+    return new, notes
+
+
+def warning(notes: Iterable[str]) -> str:
+    """The warning about old names, from the notes of `today`; '' where there is no note."""
+    said = '; '.join(dict.fromkeys(notes))
+    return said and (
+        f"'{FORMERLY}.<joint>.<parameter>' is called '{OVERRIDES}.<joint>.<parameter>' now, and "
+        f'the next release does not read the old name: {said}'
+    )
+
+
+def modern(*sources: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The values of each source under the names of this release; one warning for all on stderr."""
+    found = [today(values) for values in sources]
+    said = warning(note for _, notes in found for note in notes)
+    if said:
+        show(f'warning: {said}', file=sys.stderr)
+    return [values for values, _ in found]
+
+
+def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """(common values, joint -> values): ``per_joint.<joint>.<parameter>`` apart from the others.
+
+    Raises
+    ------
+    UsageError : a name would be that of a value and of a group of values.
+    """
     common: dict[str, Any] = {}
     overrides: dict[str, dict[str, Any]] = {}
+    (values,) = modern(values)
     for name, value in values.items():
-        first, _, rest = name.partition('.')
-        joint, _, parameter = rest.rpartition('.')
-        if first == OVERRIDES and joint and parameter:
+        joint, parameter = override(name) or ('', '')
+        if joint:
             overrides.setdefault(joint, {})[parameter] = value
         else:
             common[name] = value
+    check_names(values)
     return common, overrides
 
 
+def check_names(names: Iterable[str]) -> None:
+    """Raise UsageError where a name is a leaf and a branch: ROS could not write such a file."""
+    names = {name for name in names if override(name)}
+    for name in names:
+        for group in list(accumulate(name.split('.'), '{}.{}'.format))[:-1]:
+            if group in names:
+                raise UsageError(
+                    f"parameters '{group}' and '{name}' cannot be in one file: rename the joint"
+                )
+
+
 def parameter_of(name: str) -> str:
-    """The parameter of ``joints.<joint>.<parameter>``; any other name is that of a parameter."""
-    return name.rpartition('.')[2] if name.startswith(f'{OVERRIDES}.') else name
+    """The parameter of ``per_joint.<joint>.<parameter>``; any other name is that of a parameter."""
+    found = override(name) or override(name, FORMERLY)
+    return found[1] if found else name
 
 
 def of_this_node(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections.abc import Callable
 from typing import Any
 
@@ -167,6 +168,7 @@ def _quoted(dumper: _Dumper, text: str) -> yaml.Node:
 _Dumper.add_multi_representer(str, _quoted)
 _Dumper.add_representer(str, _quoted)
 _Dumper.add_representer(tuple, yaml.SafeDumper.represent_list)
+_Dumper.add_representer(array, yaml.SafeDumper.represent_list)  # numbers of a ROS message
 
 
 def scalar(value: Any) -> str:

@@ -90,7 +90,7 @@ def test_tune_writes_names_as_names(name):
         'observer': 'pll',
         'angle_joint': name,
         'joints': [name],
-        f'joints.{name}': {'bandwidth_hz': 20.0},
+        f'per_joint.{name}': {'bandwidth_hz': 20.0},
     }
 
 
@@ -169,7 +169,7 @@ def test_ros_reads_what_is_written(tmp_path):
     """The parser of rcl takes our quotes and escapes as PyYAML does."""
     path = tmp_path / 'x.yaml'
     lines = [f'    p{number}: {yaml_text.scalar(name)}' for number, name in enumerate(NAMES)]
-    lines += [f'    all: {yaml_text.scalar(NAMES)}', f'    {yaml_text.key("joints.y")}: {{a: 1}}']
+    lines += [f'    all: {yaml_text.scalar(NAMES)}', f'    {yaml_text.key("per_joint.y")}: {{a: 1}}']
     path.write_text('/**:\n  ros__parameters:\n' + '\n'.join(lines) + '\n')
     done = subprocess.run(
         [sys.executable, '-c', RCL, str(path)], capture_output=True, text=True, timeout=100
@@ -181,7 +181,7 @@ def test_ros_reads_what_is_written(tmp_path):
         == {
             **{f'p{number}': name for number, name in enumerate(NAMES)},
             'all': NAMES,
-            'joints.y.a': 1,
+            'per_joint.y.a': 1,
         }
     )
 
@@ -283,7 +283,7 @@ def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
     assert r'evil\x1b[2J' in told
     text = (tmp_path / 'g.yaml').read_text()
     values = holds_only(text, ['/**'])['/**']['ros__parameters']
-    assert set(values) == {'observer', f'joints.{EVIL}', 'joints.b'}
+    assert set(values) == {'observer', f'per_joint.{EVIL}', 'per_joint.b'}
     ran('replay', hostile, '--params', tmp_path / 'g.yaml')
 
 

@@ -182,8 +182,8 @@ def test_admitted_values_are_said_for_people():
         'count': '[1, 9]',
         'on': 'true | false',
         'form': 'one | two | package.module:name',
-        'scale': '[1e-06, 1]',
-        'names': 'a list of texts',
+        'scale': '[1e-06, 1]; 0.0: automatic',
+        'names': "a list of texts; ['']: none",
     }
 
 

@@ -25,7 +25,7 @@ joint_observer: {ros__parameters: {order: 2}}
     form: robust
     bandwidth_hz: 1e1
     quantum: 1.5e-3
-    joints:
+    per_joint:
       arm.left: {noise: 0.1, low_speed_bound: false}
 other: {ros__parameters: {order: 7}}
 """,
@@ -36,8 +36,8 @@ other: {ros__parameters: {order: 7}}
         'form': 'robust',
         'bandwidth_hz': 10.0,
         'quantum': 0.0015,
-        'joints.arm.left.noise': 0.1,
-        'joints.arm.left.low_speed_bound': False,
+        'per_joint.arm.left.noise': 0.1,
+        'per_joint.arm.left.low_speed_bound': False,
     }
     assert split(values) == (
         {'order': 2, 'form': 'robust', 'bandwidth_hz': 10.0, 'quantum': 0.0015},
@@ -68,7 +68,7 @@ def test_namespaces_may_be_nested(tmp_path):
 
 
 def test_a_list_of_joints_is_no_override():
-    assert split({'joints': ['a', 'b'], 'joints.a.order': 2}) == (
+    assert split({'joints': ['a', 'b'], 'per_joint.a.order': 2}) == (
         {'joints': ['a', 'b']},
         {'a': {'order': 2}},
     )

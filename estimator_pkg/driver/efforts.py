@@ -80,7 +80,7 @@ class DrivenSettings(JointSettings):
         choices=(COMMANDED, MEASURED),
         structural=True,
         description='commanded: an effort acts from its stamp until that of the next one; '
-        'measured: it acted from the stamp before until its own. Unset: measured in '
+        'measured: it acted from the stamp before until its own. Automatic: measured in '
         'joint_states, commanded in effort_command',
     )
     input_unit: str = parameter(

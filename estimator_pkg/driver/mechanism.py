@@ -34,7 +34,7 @@ class MechanismSettings(DrivenSettings):
         kind=tuple,
         structural=True,
         description="names of the mechanism's joints in the topics, in the order of the model's "
-        "positions; unset: the model's own names",
+        "positions; automatic: the model's own names",
     )
     pair_tolerance: float = parameter(
         0.0,
@@ -219,7 +219,7 @@ class _Partial:
 
 
 class MechanismConfiguration(Configuration):
-    """Gains and settings: common values, and `joints.<mechanism>.<parameter>` for one mechanism."""
+    """Gains and settings: common values, and `per_joint.<mechanism>.<parameter>` for one."""
 
     @property
     def _settings(self) -> type[MechanismSettings]:
@@ -265,7 +265,7 @@ class MechanismBank(Received):
                 if joint in of_joint:
                     raise UsageError(
                         f"mechanisms '{of_joint[joint]}' and '{name}' both have the "
-                        f"joint '{joint}': name theirs with 'joints.{name}.joints'"
+                        f"joint '{joint}': name theirs with 'per_joint.{name}.joints'"
                     )
                 of_joint[joint] = name
             self.joints[name] = made

@@ -54,7 +54,8 @@ class Parameters:
         range=(0.0, 1e7),
         structural=True,
         equation='Gv = g l_m m_p',
-        description='largest torque of gravity on the pendulum; unset: 9.81 m/s^2 times the moment',
+        description='largest torque of gravity on the pendulum; automatic: 9.81 m/s^2 times '
+        'the moment',
     )
     force_constant: float = parameter(
         1.0,

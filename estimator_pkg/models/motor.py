@@ -22,6 +22,7 @@ class MotorData:
 
     resistance: float | None = parameter(
         None,
+        required=True,
         unit='ohm',
         range=(1e-6, 1e4),
         structural=True,
@@ -30,6 +31,7 @@ class MotorData:
     )
     inductance: float | None = parameter(
         None,
+        required=True,
         unit='H',
         range=(1e-9, 10.0),
         structural=True,
@@ -38,6 +40,7 @@ class MotorData:
     )
     flux: float | None = parameter(
         None,
+        required=True,
         unit='Wb',
         range=(1e-7, 100.0),
         structural=True,
@@ -47,6 +50,7 @@ class MotorData:
     )
     pole_pairs: int | None = parameter(
         None,
+        required=True,
         unit='',
         range=(1, 200),
         structural=True,

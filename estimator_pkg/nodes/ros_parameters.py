@@ -4,7 +4,10 @@ Typing is dynamic, so that 20 and 20.0 are the same; type, finiteness and range 
 because rclpy checks no range for an integer given to a float. A set is checked in the on-set
 callback, which can refuse it with the reason, and takes effect in the post-set callback.
 
-A node that lets parameters be overridden per joint (``joints.<joint>.<parameter>``) is made with
+Every parameter has a type and a value: what is left to the observer has its automatic value, so
+that ``ros2 param dump`` writes a file that ``--params-file`` reads.
+
+A node that lets parameters be overridden per joint (``per_joint.<joint>.<parameter>``) is made with
 ``allow_undeclared_parameters=True``: a joint may be named before it appears.
 """
 
@@ -13,18 +16,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.parameters import Parameter, build, declared
+from estimator_pkg.params_file import OVERRIDES, check_names, override, today, warning
 from estimator_pkg.printable import printable
 
 T = TypeVar('T')
 Values = dict[str, Any]
-PREFIX = 'joints.'
 QOS = 'qos_overrides.'
 
 _TYPES = {
@@ -37,17 +46,6 @@ _TYPES = {
 }
 
 
-def split_override(name: str) -> tuple[str, str] | None:
-    """(joint, parameter) of ``joints.<joint>.<parameter>``; None if `name` is none.
-
-    A joint's name may contain dots, a parameter's never does.
-    """
-    if not name.startswith(PREFIX):
-        return None
-    joint, dot, parameter = name[len(PREFIX) :].rpartition('.')
-    return (joint, parameter) if dot and joint and parameter else None
-
-
 class RosParameters:
     """The declared parameters of a node.
 
@@ -55,8 +53,8 @@ class RosParameters:
 
     Attributes
     ----------
-    values : checked value by name; None where it is not set and has no default.
-    overrides : joint -> checked value by name.
+    values : checked value by name; None where it is automatic.
+    overrides : joint -> checked value by name; None where it is automatic for this joint.
     """
 
     def __init__(self, node: Node) -> None:
@@ -72,7 +70,7 @@ class RosParameters:
         self._check: Callable[[Values, dict[str, Values]], None] | None = None
         self._apply: Callable[[], None] | None = None
         self._being_set: frozenset[str] = frozenset()
-        self._fresh: list[str] = []  # overrides declared for the set that is being checked
+        self._wrong: UsageError | None = None  # of the set that is being checked
         self._declaring = False
 
     def declare(self, cls: type[T]) -> T:
@@ -95,15 +93,18 @@ class RosParameters:
         return instance
 
     def allow_overrides(self, names: Iterable[str]) -> None:
-        """Take ``joints.<joint>.<parameter>`` for these declared parameters, now and later.
+        """Take ``per_joint.<joint>.<parameter>`` for these declared parameters, now and later.
 
         Raises
         ------
-        UsageError : a given override has a wrong value.
+        UsageError : a given override has a wrong value, or its name is that of a group of others.
         """
         self._overridable = {name: self._known[name] for name in names}
+        self._given, notes = today(self._given)
+        self._warn_of_old(notes)
+        check_names(self._given)
         for name, value in self._given.items():
-            joint, parameter = split_override(name) or ('', '')
+            joint, parameter = override(name) or ('', '')
             if parameter in self._overridable and value is not None:
                 checked = self._checked(name, self._overridable[parameter], value)
                 self.overrides.setdefault(joint, {})[parameter] = checked
@@ -132,21 +133,29 @@ class RosParameters:
                 wrong[name] = self._hint(name)
         return wrong
 
+    def _warn_of_old(self, notes: Iterable[str]) -> None:
+        said = warning(notes)
+        if said:
+            self._node.get_logger().warning(said)
+
     def _hint(self, name: str) -> str:
-        override = split_override(name)
-        if override and self._overridable:
-            return suggestion(override[1], self._overridable)
+        found = override(name)
+        if found and self._overridable:
+            return suggestion(found[1], self._overridable)
+        joint_and_parameter = name.partition('.')[2]
+        if joint_and_parameter.rpartition('.')[2] in self._overridable:
+            return f"did you mean '{OVERRIDES}.{joint_and_parameter}'?"
         if name.startswith(QOS):
             declared_here = self._node.list_parameters([QOS.rstrip('.')], 0).names
             return suggestion(name, declared_here)
         return suggestion(name, self._known)
 
     def _declare(self, name: str, parameter: Parameter, value: Any) -> None:
-        if isinstance(value, tuple):
-            value = list(value)
         self._declaring = True
         try:
-            self._node.declare_parameter(name, value, _descriptor(parameter), ignore_override=True)
+            self._node.declare_parameter(
+                name, parameter.plain(value), _descriptor(parameter), ignore_override=True
+            )
         finally:
             self._declaring = False
 
@@ -161,8 +170,8 @@ class RosParameters:
     def _find(self, name: str) -> Parameter | None:
         if name in self._known:
             return self._known[name]
-        override = split_override(name)
-        return self._overridable.get(override[1]) if override else None
+        found = override(name)
+        return self._overridable.get(found[1]) if found else None
 
     def _after(self, changes: list[RosParameter]) -> tuple[Values, dict[str, Values]]:
         """(values, overrides) after `changes`; raises UsageError for a wrong one."""
@@ -178,7 +187,7 @@ class RosParameters:
                     value = parameter.default  # deleted: back to the default
                 values[change.name] = parameter.check(value)
                 continue
-            joint, name = split_override(change.name) or ('', '')
+            joint, name = override(change.name) or ('', '')
             own = overrides.setdefault(joint, {})
             if value is None:
                 own.pop(name, None)  # deleted: follows the common value again
@@ -186,21 +195,20 @@ class RosParameters:
                 own[name] = self._checked(change.name, parameter, value)
             if not own:
                 del overrides[joint]
+        check_names(
+            f'{OVERRIDES}.{joint}.{name}' for joint, own in overrides.items() for name in own
+        )
         return values, overrides
 
     def _before_set(self, changes: list[RosParameter]) -> list[RosParameter]:
         """Numbers get the declared type, so that 20 is stored and read back as 20.0."""
-        self._fresh = []
-        for change in changes:
-            parameter = self._find(change.name)
-            if (
-                parameter is not None
-                and not parameter.structural
-                and not self._node.has_parameter(change.name)
-            ):
-                self._declare(change.name, parameter, None)  # an override gets its descriptor
-                self._fresh.append(change.name)
+        if self._overridable:
+            values, notes = today({change.name: change.value for change in changes})
+            if notes:
+                self._warn_of_old(notes)
+                changes = ros_values(values)
         self._being_set = frozenset(change.name for change in changes)
+        self._wrong = None
         return [self._typed(change) for change in changes]
 
     def _typed(self, change: RosParameter) -> RosParameter:
@@ -208,10 +216,11 @@ class RosParameters:
         if parameter is None or change.value is None:
             return change
         try:
-            value = parameter.check(change.value)
-        except UsageError:
-            return change  # refused in a moment, with the reason
-        return RosParameter(change.name, value=list(value) if isinstance(value, tuple) else value)
+            value = self._checked(change.name, parameter, change.value)
+        except UsageError as error:
+            self._wrong = self._wrong or error
+            value = parameter.default  # passes rclpy's check of the range; ours gives the reason
+        return RosParameter(change.name, value=parameter.plain(value))
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
         if self._declaring:
@@ -220,12 +229,11 @@ class RosParameters:
         try:
             for change in changes:
                 self._settable(change.name, change.name in being_set)
+            if self._wrong is not None:
+                raise self._wrong
             if self._check is not None and any(self._find(change.name) for change in changes):
                 self._check(*self._after(changes))
         except UserError as error:
-            for name in self._fresh:
-                self._node.undeclare_parameter(name)
-            self._fresh = []
             return SetParametersResult(successful=False, reason=printable(error))
         return SetParametersResult(successful=True)
 
@@ -245,15 +253,31 @@ class RosParameters:
             return
         self.values, self.overrides = self._after(changes)
         for name in known:
-            if name in self._known and not self._node.has_parameter(name):
-                self._declare(name, self._known[name], self.values[name])  # deleting undeclared it
+            if not self._node.has_parameter(name):  # deleting undeclared it
+                if name in self._known:
+                    self._declare(name, self._known[name], self.values[name])
+            elif name not in self._known:  # an override may be new
+                parameter = self._find(name)
+                assert parameter is not None
+                self._node.set_descriptor(name, _descriptor(parameter))
         if self._apply is not None:
             self._apply()
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     unit = f' [{parameter.unit}]' if parameter.unit else ''
+    ranges: dict[str, Any] = {}
+    low, high = parameter.minimum, parameter.maximum
+    if parameter.kind in (int, float) and low is not None and high is not None:
+        if parameter.automatic is not None:
+            low = min(low, parameter.automatic)
+        bounds = {'from_value': parameter.kind(low), 'to_value': parameter.kind(high)}
+        if parameter.kind is float:
+            ranges['floating_point_range'] = [FloatingPointRange(**bounds)]
+        else:
+            ranges['integer_range'] = [IntegerRange(**bounds)]
     return ParameterDescriptor(
+        **ranges,
         type=_TYPES[parameter.kind],
         description=parameter.description + unit,
         additional_constraints=parameter.range_text(),

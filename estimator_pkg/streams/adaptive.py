@@ -32,7 +32,7 @@ class AdaptiveSettings(EffortSettings):
         unit='',
         kind=tuple,
         structural=True,
-        description='names of the joints to estimate; unset: every joint that appears',
+        description='names of the joints to estimate; automatic: every joint that appears',
     )
     joints_max: int = parameter(
         512,

@@ -260,7 +260,10 @@ class Stream(ABC):
                     f'{suggestion(name, {**known, **declared(cls.SETTINGS)})}'
                 )
         if overrides and not cls.OVERRIDES:
-            raise UsageError(f"'joints.<joint>.<parameter>': {cls.NODE} has one set of parameters")
+            raise UsageError(
+                f"'{params_file.OVERRIDES}.<joint>.<parameter>': {cls.NODE} has one set of "
+                'parameters'
+            )
         return cls.start(settings, cls.configure(observer, settings, common, overrides))
 
     # Messages

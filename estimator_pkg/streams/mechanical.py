@@ -35,8 +35,8 @@ class MechanicalSettings(EffortSettings):
         ('mechanism',),
         unit='',
         structural=True,
-        description='a name for each mechanism; joints.<mechanism>.<parameter> sets a parameter of '
-        'one of them',
+        description='a name for each mechanism; per_joint.<mechanism>.<parameter> sets a parameter '
+        'of one of them',
     )
 
     def find_observer(self) -> Observer:

@@ -33,8 +33,8 @@ class SwitchedSettings(EffortSettings):
         unit='',
         kind=tuple,
         structural=True,
-        description="names of the joints in the topic, in the order of the model's outputs; unset: "
-        "the model's own names",
+        description="names of the joints in the topic, in the order of the model's outputs; "
+        "automatic: the model's own names",
     )
 
     def find_observer(self) -> Observer:

@@ -478,7 +478,7 @@ def refused():
         (['--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
         (['--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
-        (['--set', 'joints.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
+        (['--set', 'per_joint.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
         (['--set', 'observer=[a]'], "'observer' must be text", 2),
         (['--name', 'my node'], "--name 'my node'", 2),
         (['--set', 'stamp_source=clock'], "'clock' is not one of header, publisher", 2),
@@ -524,7 +524,7 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
 
 
 def test_overrides_of_joints_that_never_come_are_told(recording, capsys):
-    replay(recording, '--set', 'joints.zz.bandwidth_hz=3', '--observer', 'finite_difference')
+    replay(recording, '--set', 'per_joint.zz.bandwidth_hz=3', '--observer', 'finite_difference')
     assert "a joint 'zz' that never came" in capsys.readouterr().err
 
 

@@ -275,9 +275,9 @@ def test_a_file_without_an_observer_goes_to_the_kind_that_knows_its_parameters(t
     params = tmp_path / 'identified.yaml'  # as identify writes it
     for parameters, observer in (
         ('model_parameters: [inertia=0.05]', 'geso'),
-        ('joints.joint: {gravity: true}', 'adaptive'),
+        ('per_joint.joint: {gravity: true}', 'adaptive'),
         ('bandwidth_hz: 20.0', 'hybrid_angle'),
-        ('joints.joint: {bandwidth_hz: 20.0}', 'hybrid_angle'),
+        ('per_joint.joint: {bandwidth_hz: 20.0}', 'hybrid_angle'),
     ):
         params.write_text(f'/**:\n  ros__parameters:\n    {parameters}\n')
         found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--params', params)

@@ -128,7 +128,7 @@ def test_efforts_as_an_array_of_numbers(probe):
         'input_unit:=N m',
         'effort_command_type:=Float64MultiArray',
         'stamp_source:=publisher',
-        'joints.right.input_scale:=[-1.0]',
+        'per_joint.right.input_scale:=[-1.0]',
     ) as (node, efforts):
         raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
         assert not node.feed([raw] * 3)[-1].names
@@ -144,9 +144,9 @@ def test_efforts_as_an_array_of_numbers(probe):
         left = report['/adaptive_observer: left']
         assert (left['dropped.non_finite'], left['used']) == ('3', '20')
         assert dds.value(node.statuses['left'], 'input_unit') == 'N m'
-        refused = node.set(joints__right__input_scale=[1.0, 2.0])
+        refused = node.set(per_joint__right__input_scale=[1.0, 2.0])
         assert not refused.successful and "'right': 'input_scale' has 2 numbers" in refused.reason
-        assert node.set(joints__right__input_scale=[2.0]).successful
+        assert node.set(per_joint__right__input_scale=[2.0]).successful
 
 
 def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):

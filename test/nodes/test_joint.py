@@ -221,7 +221,7 @@ def test_a_gain_changes_live_and_the_state_is_kept(live):
 
 
 def test_an_override_of_one_joint_before_it_appears_and_back(live):
-    assert live.set(joints__eager__bandwidth_hz=200).successful
+    assert live.set(per_joint__eager__bandwidth_hz=200).successful
     bank = offline({}, {'eager': {'bandwidth_hz': 200.0}})
     for i, sample in enumerate(uneven(300)):
         stamp = BEGIN + i * MS
@@ -229,9 +229,9 @@ def test_an_override_of_one_joint_before_it_appears_and_back(live):
         expected = valid(bank, stamp, ['eager', 'calm'], [sample, sample])
         assert list(zip(answer.names, answer.positions, answer.velocities)) == expected
     assert answer.velocities[0] != answer.velocities[1]
-    assert live.get('joints.eager.bandwidth_hz') == 200.0
-    assert live.set(joints__eager__bandwidth_hz=None).successful  # follows the common value again
-    assert live.get('joints.eager.bandwidth_hz') is None
+    assert live.get('per_joint.eager.bandwidth_hz') == 200.0
+    assert live.set(per_joint__eager__bandwidth_hz=None).successful  # follows the common value
+    assert live.get('per_joint.eager.bandwidth_hz') is None
 
 
 @pytest.mark.parametrize(
@@ -242,9 +242,9 @@ def test_an_override_of_one_joint_before_it_appears_and_back(live):
         ({'bandwidth_hz': math.nan}, 'must be finite'),
         ({'bandwidth_hz': 'fast'}, "must be a number, not 'fast'"),
         ({'bandwith_hz': 20.0}, "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?"),
-        ({'joints__a__nose': 0.1}, "did you mean 'noise'?"),
-        ({'joints__a__noise': 'loud'}, "'joints.a.noise' must be a number"),
-        ({'joints__a__order': 2}, 'structural'),
+        ({'per_joint__a__nose': 0.1}, "did you mean 'noise'?"),
+        ({'per_joint__a__noise': 'loud'}, "'per_joint.a.noise' must be a number"),
+        ({'per_joint__a__order': 2}, 'structural'),
         ({'order': 2}, 'read-only'),
         ({'observer': 'kalman'}, 'read-only'),
         ({'gap_max': 0.5, 'low_speed_bound': 3}, "'low_speed_bound' must be true or false"),
@@ -259,12 +259,12 @@ def test_a_wrong_value_is_refused_with_the_reason_and_nothing_changes(live, give
     assert [live.get(name) for name in names] == before
 
 
-def test_unset_parameters_can_be_set_and_unset(live):
-    assert live.get('noise') is None
+def test_automatic_parameters_can_be_set_and_left_to_the_node_again(live):
+    assert live.get('noise') == 0.0
     assert live.set(noise=0.001).successful
     assert live.get('noise') == 0.001
-    assert live.set(noise=None).successful
-    assert live.get('noise') is None
+    assert live.set(noise=None).successful  # deleted: back to the default
+    assert live.get('noise') == 0.0
     assert live.set(gap_max=0.4).successful and live.set(gap_max=None).successful
     assert live.get('gap_max') == 0.2  # the default, not gone
 

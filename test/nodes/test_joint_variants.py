@@ -45,8 +45,8 @@ def processes():
             'qos_overrides./misspelt/joint_states.subscription.reliability:=reliable',
             'qos_overrides./mispelt/joint_states.subscription.depth:=9',
             'bandwith_hz:=20.0',
-            'joints.sholder.noise:=0.001',
-            'joints.arm.nose:=1.0',
+            'per_joint.sholder.noise:=0.001',
+            'per_joint.arm.nose:=1.0',
         ],
         'paper': ['form:=paper', 'bandwidth_hz:=5.0'],
         'wall': ['stamp_source:=publisher', 'joints:=[a]'],
@@ -121,7 +121,7 @@ def test_incompatible_qos_and_misspelt_names_are_told(processes, observe, probe)
         "did you mean 'qos_overrides./misspelt/joint_states.subscription.depth'?"
     )
     process.prints("unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?")
-    process.prints("unknown parameter 'joints.arm.nose': did you mean 'noise'?")
+    process.prints("unknown parameter 'per_joint.arm.nose': did you mean 'noise'?")
     process.prints(
         "joint 'sholder' was named in the parameters and never seen: did you mean 'shoulder'?"
     )
@@ -327,7 +327,7 @@ def test_an_interrupt_waits_for_an_import_and_a_second_one_changes_nothing(tmp_p
 WRONG_STARTS = [
     (['-p', 'bandwidth_hz:=-3.0'], "parameter 'bandwidth_hz' = -3 is outside [0.001, 1e+06]"),
     (['-p', 'noise:=.nan'], "parameter 'noise' must be finite, not nan"),
-    (['-p', 'joints.a.gap_max:=long'], "parameter 'joints.a.gap_max' must be a number"),
+    (['-p', 'per_joint.a.gap_max:=long'], "parameter 'per_joint.a.gap_max' must be a number"),
     (['-p', 'observer:=hybrid_angel'], "did you mean 'hybrid_angle'?"),
     (['-p', 'observer:=geso'], 'run the node mechanical_observer'),
     (['-p', 'input:=angle', '-p', 'angle_type:=Int32'], "set 'counts_per_revolution'"),

@@ -25,9 +25,9 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         JointState,
         'mechanisms:=[arm, lab]',
         'bandwidth_hz:=20.0',
-        'joints.arm.joints:=[elbow]',
-        'joints.lab.model:=cart_pendulum',
-        'joints.lab.joints:=[p, c]',
+        'per_joint.arm.joints:=[elbow]',
+        'per_joint.lab.model:=cart_pendulum',
+        'per_joint.lab.joints:=[p, c]',
     ) as (node, command):
         encode, start = Encoder().encode, 10**15
         for k in range(300):
@@ -55,10 +55,10 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         for key in ('poles', 'slowest_pole_over_range', 'guaranteed_rate', 'dt_K_below_L'):
             assert dds.value(entry, key)
         assert not node.set(bandwidth_hz=-3.0).successful
-        assert "mechanism 'leg'" in node.set(joints__leg__bandwidth_hz=3.0).reason
+        assert "mechanism 'leg'" in node.set(per_joint__leg__bandwidth_hz=3.0).reason
         assert (
             "'arm': 'input_scale' has 2 numbers"
-            in node.set(joints__arm__input_scale=[1.0, 2.0]).reason
+            in node.set(per_joint__arm__input_scale=[1.0, 2.0]).reason
         )
         assert node.set(disturbance_hz=3.0).successful and node.set(disturbance_hz=0.0).successful
         assert node.set(bandwidth_hz=25.0).successful

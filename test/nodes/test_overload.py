@@ -208,7 +208,7 @@ def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
 
 @pytest.mark.parametrize('kind', [AngleStream, AdaptiveStream])
 def test_joints_expire_unless_they_are_named(still, kind, capfd):
-    live = still(kind, joints_max=2, expiry=0.02, **{'joints.kept.wrap_period': 0.0})
+    live = still(kind, joints_max=2, expiry=0.02, **{'per_joint.kept.wrap_period': 0.0})
     for k in range(3):
         live.feed(['kept', 'old', f'new_{k}'], k)
     live.look()

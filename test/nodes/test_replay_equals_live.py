@@ -28,7 +28,7 @@ FAULTS = [
     'eccentricity=0.002',
 ]
 SETS = {  # what the parameter file says beside the observer
-    'hybrid_angle': 'quantum: 0.0015339\n    joints.b: {bandwidth_hz: 100, unwrap: true}',
+    'hybrid_angle': 'quantum: 0.0015339\n    per_joint.b: {bandwidth_hz: 100, unwrap: true}',
     'kalman': 'noise: 0.001\n    gap_max: 0.1',
     'finite_difference': 'joints: [b]\n    low_speed_bound: false',
 }

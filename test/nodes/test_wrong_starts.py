@@ -54,7 +54,7 @@ WRONG = {
         ({'model': 'robotic_leg', 'operating_point': [0.0, 0.0, 0.0]}, 'operating point'),
         ({'joints': ['a', 'b']}, "has 1 joints (joint), but 'joints' names 2"),
         ({'mechanisms': ['a', 'b']}, "both have the joint 'joint'"),
-        ({'mechanisms': ['a'], 'joints.b.bandwidth_hz': 3.0}, "a mechanism 'b'"),
+        ({'mechanisms': ['a'], 'per_joint.b.bandwidth_hz': 3.0}, "a mechanism 'b'"),
         ({'observer': 'pll'}, 'take geso, hgo, ehgo or smo'),
     ],
     'adaptive': [

@@ -36,11 +36,10 @@ def simulated(name, seconds, **values):
 
 
 @pytest.mark.parametrize('name', registry.names(registry.SIMULATORS))
-def test_the_examples_in_its_config_can_be_used(name, tmp_path):
-    """Keys with '#' before them show an example; the command in the head observes this plant."""
-    text = (CONFIG / f'{name}_sim.yaml').read_text()
-    path = tmp_path / 'all.yaml'
-    path.write_text(re.sub(r'^( +)#(?=\w+:)', r'\1', text, flags=re.MULTILINE))
+def test_the_examples_in_its_config_can_be_used(name):
+    """The command in the head observes this plant."""
+    path = CONFIG / f'{name}_sim.yaml'
+    text = path.read_text()
     simulator = registry.find(registry.SIMULATORS, name)
     values = {
         key: value

@@ -41,7 +41,8 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
             )
         return []
     by_observer = {name: _known(name) for name in wanted}
-    from_file = {name: _from_file(params, name) for name in wanted}
+    given, *of_each = params_file.modern(given, *(_from_file(params, name) for name in wanted))
+    from_file = dict(zip(wanted, of_each))
     for names_of in (given, *from_file.values()):
         _check(names_of, by_observer)
     return [

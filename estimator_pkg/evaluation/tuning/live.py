@@ -8,10 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import record
+from estimator_pkg.parameters import Parameter
+from estimator_pkg.params_file import parameter_of
 
 
 @contextmanager
@@ -35,12 +38,14 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
         yield path
 
 
-def apply(node: str, gains: Mapping[str, Any]) -> list[str]:
+def apply(
+    node: str, gains: Mapping[str, Any], declared: Mapping[str, Parameter] = MappingProxyType({})
+) -> list[str]:
     """Sets parameters of a running node; its state goes on.
 
     Parameters
     ----------
-    gains : by the node's own parameter names.
+    gains : by the node's own parameter names. declared : what is declared of them, by plain name.
 
     Returns
     -------
@@ -59,13 +64,19 @@ def apply(node: str, gains: Mapping[str, Any]) -> list[str]:
         before = remote.get(list(gains))
         remote.set(gains)
         after = remote.get(list(gains))
-    return [f'{name}: {_text(before[name])} -> {_text(after[name])}' for name in gains]
+    found = []
+    for name in gains:
+        parameter = declared.get(parameter_of(name))
+        found.append(f'{name}: {_text(before[name], parameter)} -> {_text(after[name], parameter)}')
+    return found
 
 
-def _text(value: Any) -> str:
+def _text(value: Any, parameter: Parameter | None = None) -> str:
     """A value as one would write it; None: the parameter was not set."""
     if value is None:
-        return 'unset'
+        return 'not set'
+    if parameter is not None and parameter.is_automatic(value):
+        return parameter.automatic_text
     if isinstance(value, float):
         return f'{value:.6g}'
     if isinstance(value, str):

@@ -24,7 +24,7 @@ def worse(each: Mapping[str, Any]) -> bool:
 
 
 def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The gains by the node's parameter names: common ones, and ``joints.<joint>.<gain>``."""
+    """The gains by the node's parameter names: common ones, and ``per_joint.<joint>.<gain>``."""
     found: dict[str, Any] = {}
     for each in tuned:
         prefix = f'{params_file.OVERRIDES}.{each["joint"]}.' if each['joint'] else ''
@@ -59,7 +59,11 @@ def as_yaml(
     lines += ['/**:', '  ros__parameters:']
     if 'observer' in declared(stream.SETTINGS):
         lines.append(f'    observer: {scalar(observer)}')
-    lines += [f'    {yaml_text.key(name)}: {scalar(value)}' for name, value in held.items()]
+    known = {**stream.parameters(observer), **declared(stream.SETTINGS)}
+    lines += [
+        f'    {yaml_text.key(name)}: {known[params_file.parameter_of(name)].text(value)}'
+        for name, value in held.items()
+    ]
     for each in tuned:
         indent = '    '
         if each['joint']:
@@ -76,7 +80,7 @@ def _about(gain: Parameter) -> str:
     unit = f'[{gain.unit}] ' if gain.unit else ''
     default = single(gain.default)
     text = (
-        'what follows from the others'
+        f'{gain.text(None)} (automatic)'
         if default is None
         else (default if isinstance(default, str) else f'{default:g}')
     )

@@ -55,7 +55,7 @@ class Gains:
         kind=list,
         range=(-1e6, -1e-6),
         structural=True,
-        description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; unset: '
+        description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; automatic: '
         'from bandwidth_hz',
     )
     bandwidth_hz: float = parameter(
@@ -64,8 +64,8 @@ class Gains:
         range=(1e-3, 1e4),
         search=(0.5, 100.0),
         structural=True,
-        description='magnitude of the observer poles where observer_poles is unset; well above the '
-        'frequencies of the motion, and as low as the noise asks',
+        description='magnitude of the observer poles where observer_poles is automatic; well above '
+        'the frequencies of the motion, and as low as the noise asks',
     )
     model_poles: tuple[float, ...] | None = parameter(
         None,
@@ -74,7 +74,7 @@ class Gains:
         range=(-1e6, -1e-6),
         structural=True,
         description='eigenvalues of A_c, one per order: the plant as it is taken to be before '
-        'anything is learnt; unset: half the observer poles',
+        'anything is learnt; automatic: half the observer poles',
         equation='(2), (40)',
     )
     gamma: tuple[float, ...] = parameter(
@@ -102,7 +102,7 @@ class Gains:
         structural=True,
         advanced=True,
         description='diagonal of P of least squares at the start, where the reading has unit '
-        'variance: one number, or one for each free parameter; unset: 1e4 times the '
+        'variance: one number, or one for each free parameter; automatic: 1e4 times the '
         'square of what the observer poles make natural',
     )
     load: bool = parameter(
@@ -138,8 +138,8 @@ class Gains:
         unit='',
         kind=list,
         structural=True,
-        description='parameters to start with, l1.. then b1.. (then d<order>, s<order>); unset: '
-        'zero',
+        description='parameters to start with, l1.. then b1.. (then d<order>, s<order>); '
+        'automatic: zero',
     )
     adapt: bool = parameter(
         True,
@@ -201,8 +201,8 @@ class Gains:
         kind=float,
         range=(0.0, 1e6),
         advanced=True,
-        description='no adaptation for so long after a start or a gap; unset: five time constants '
-        'of the slowest observer pole',
+        description='no adaptation for so long after a start or a gap; automatic: five time '
+        'constants of the slowest observer pole',
     )
     torque_constant: float | None = parameter(
         None,
@@ -210,7 +210,7 @@ class Gains:
         kind=float,
         range=(1e-9, 1e9),
         description='Kv, where it is known: then J, b and k are reported too (1 where the input is '
-        'a torque)',
+        'a torque); automatic: not known',
     )
     quantum: float = parameter(
         0.0,
@@ -222,7 +222,7 @@ class Gains:
         None,
         unit='rad',
         range=(1e-12, 10.0),
-        description='standard deviation of the measurement noise, quantisation apart; unset: '
+        description='standard deviation of the measurement noise, quantisation apart; automatic: '
         'estimated from third differences',
     )
 

@@ -68,7 +68,7 @@ class AngleGains:
         unit='rad',
         range=(1e-12, 10.0),
         description='standard deviation of the measurement noise, quantisation apart; '
-        'unset: estimated from the innovation',
+        'automatic: estimated from the innovation',
     )
     low_speed_bound: bool = parameter(
         True,

@@ -85,7 +85,7 @@ class Gains(AngleGains):
         range=(0.001, 1e5),
         search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity; set, it takes the place of '
-        'the density; unset: follows from density and noise',
+        'the density; automatic: follows from density and noise',
         equation='q = w0^(2n) R dt, w0 = 2 pi f / (1 or 1.69966), n = 2 or 3',
     )
 

@@ -42,7 +42,7 @@ class Gains(MechanicalGains, BandwidthGains):
         kind=list,
         range=(0.0, 1e9),
         advanced=True,
-        description="the paper's h1, h2, h3, with epsilon; unset: three equal poles",
+        description="the paper's h1, h2, h3, with epsilon; automatic: three equal poles",
         equation='(h1/epsilon, h2/epsilon^2, h3/epsilon^3)',
     )
     epsilon: float = parameter(

@@ -57,7 +57,7 @@ class Gains(MechanicalGains, LoopGains):
         advanced=True,
         description='gain of the momenta: one number, one per position, or a symmetric positive '
         'definite matrix row by row; the gain of the innovation is '
-        'calM Gamma calM^T',
+        'calM Gamma calM^T; automatic: from K, or from bandwidth_hz and damping',
         equation="ph' = ... + Gamma calM^T (y - qh)",
     )
     K: tuple[float, ...] | None = parameter(
@@ -66,7 +66,8 @@ class Gains(MechanicalGains, LoopGains):
         kind=list,
         range=(-1e12, 1e12),
         advanced=True,
-        description='gain of the innovation at the operating point, instead of Gamma',
+        description='gain of the innovation at the operating point, instead of Gamma; automatic: '
+        'from Gamma, or from bandwidth_hz and damping',
         equation='Gamma = calM^-1 K calM^-T',
     )
 

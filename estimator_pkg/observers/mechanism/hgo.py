@@ -42,7 +42,8 @@ class Gains(MechanicalGains, LoopGains):
         kind=list,
         range=(-1e12, 1e12),
         advanced=True,
-        description='gain of the velocity: one number, one per position, or a matrix row by row',
+        description='gain of the velocity: one number, one per position, or a matrix row by row; '
+        'automatic: from h, or from bandwidth_hz and damping',
     )
     h: tuple[float, ...] | None = parameter(
         None,
@@ -50,7 +51,7 @@ class Gains(MechanicalGains, LoopGains):
         kind=list,
         range=(0.0, 1e9),
         advanced=True,
-        description="the paper's h1, h2, with epsilon, instead of L and K",
+        description="the paper's h1, h2, with epsilon, instead of L and K; automatic: not used",
         equation='L = h1/epsilon, K = h2/epsilon^2',
     )
     epsilon: float = parameter(

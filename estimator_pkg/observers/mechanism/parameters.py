@@ -71,7 +71,7 @@ class MechanicalGains:
         unit='rad or m',
         kind=list,
         range=(1e-12, 10.0),
-        description='standard deviation of the measurement noise of each position; unset: '
+        description='standard deviation of the measurement noise of each position; automatic: '
         'estimated from the innovation',
     )
     quantum: tuple[float, ...] | None = parameter(
@@ -79,7 +79,7 @@ class MechanicalGains:
         unit='rad or m',
         kind=list,
         range=(0.0, 10.0),
-        description='smallest step of each measurement; unset: not known',
+        description='smallest step of each measurement; automatic: not known',
     )
 
 
@@ -100,7 +100,7 @@ class BandwidthGains:
         unit='rad or m',
         kind=list,
         range=(-1e6, 1e6),
-        description='positions at which bandwidth and damping hold; unset: the middle of the '
+        description='positions at which bandwidth and damping hold; automatic: the middle of the '
         "model's range",
     )
 
@@ -123,7 +123,8 @@ class LoopGains(BandwidthGains):
         kind=list,
         range=(-1e9, 1e9),
         advanced=True,
-        description='gain of the position: one number, one per position, or a matrix row by row',
+        description='gain of the position: one number, one per position, or a matrix row by row; '
+        'automatic: from bandwidth_hz and damping',
         equation="qh' = vh + L (y - qh)",
     )
     disturbance_hz: float = parameter(

@@ -51,8 +51,8 @@ class Gains(MotorData):
         unit='s',
         range=(1e-6, 0.1),
         advanced=True,
-        description='time constant of current and back-EMF estimation; unset: 0.374 over the top '
-        'electrical speed, 85 us where speed_max is unset',
+        description='time constant of current and back-EMF estimation; automatic: 0.374 over the '
+        'top electrical speed, 85 us where speed_max is automatic',
         equation='(17)',
     )
     speed_max: float | None = parameter(
@@ -60,14 +60,14 @@ class Gains(MotorData):
         unit='rad/s',
         range=(0.1, 1e5),
         description='top mechanical speed; the sample rate is refused where the rotor turns more '
-        'than half a turn (electrical) per sample at it',
+        'than half a turn (electrical) per sample at it; automatic: not known',
     )
     k_p: float | None = parameter(
         None,
         unit='1/s',
         range=(1e-3, 1e9),
         advanced=True,
-        description='current correction; unset: 2/epsilon - R/L',
+        description='current correction; automatic: 2/epsilon - R/L',
         equation='kp in (5), (17)',
     )
     k_i: float | None = parameter(
@@ -75,7 +75,7 @@ class Gains(MotorData):
         unit='V/(A s)',
         range=(1e-9, 1e12),
         advanced=True,
-        description='back-EMF correction; unset: 2 L/epsilon^2',
+        description='back-EMF correction; automatic: 2 L/epsilon^2',
         equation='ki in (5), (17)',
     )
     k_eta: float | None = parameter(
@@ -83,7 +83,7 @@ class Gains(MotorData):
         unit='1/Wb',
         range=(0.0, 1e9),
         advanced=True,
-        description='alignment of the frame; unset: sqrt(2 gamma) (damping 0.707)',
+        description='alignment of the frame; automatic: sqrt(2 gamma) (damping 0.707)',
         equation='k_eta in (5)',
     )
     gamma: float | None = parameter(
@@ -91,7 +91,7 @@ class Gains(MotorData):
         unit='1/Wb^2',
         range=(0.0, 1e15),
         advanced=True,
-        description='adaptation of the flux; unset: (relative_bandwidth/flux)^2',
+        description='adaptation of the flux; automatic: (relative_bandwidth/flux)^2',
         equation='gamma in (5)',
     )
     clock_rate: float = parameter(
@@ -151,21 +151,21 @@ class Gains(MotorData):
         advanced=True,
         description='carrier frequency of the drive: over a period the voltage stands still while '
         'the rotor turns, and the current leaves the line between its samples; allowed '
-        'for where given (angle: omega R/(12 L f^2))',
+        'for where it is known (angle: omega R/(12 L f^2)); automatic: not known',
     )
     initial_flux: float | None = parameter(
         None,
         unit='Wb',
         range=(0.0, 1e3),
         advanced=True,
-        description='flux linkage to start from; unset: the nominal one; 0: unknown',
+        description='flux linkage to start from; automatic: the nominal one; 0: unknown',
     )
     flux_min: float | None = parameter(
         None,
         unit='Wb',
         range=(1e-9, 1e3),
         advanced=True,
-        description='smallest flux linkage to believe; unset: nominal / 2.5',
+        description='smallest flux linkage to believe; automatic: nominal / 2.5',
         equation='sat, below (5)',
     )
     flux_max: float | None = parameter(
@@ -173,7 +173,7 @@ class Gains(MotorData):
         unit='Wb',
         range=(1e-9, 1e3),
         advanced=True,
-        description='largest flux linkage to believe; unset: nominal x 2.5',
+        description='largest flux linkage to believe; automatic: nominal x 2.5',
         equation='sat, below (5)',
     )
     emf_min: float | None = parameter(
@@ -181,7 +181,7 @@ class Gains(MotorData):
         unit='V',
         range=(0.0, 1e4),
         description='back-EMF below which the rotor is not observable, noise and resistance apart; '
-        'unset: nominal flux times 75 rad/s (electrical)',
+        'automatic: nominal flux times 75 rad/s (electrical)',
     )
     resistance_error: float = parameter(
         0.2,
@@ -195,8 +195,8 @@ class Gains(MotorData):
         None,
         unit='A',
         range=(1e-9, 1e3),
-        description='standard deviation of the noise of each measured current; unset: estimated '
-        'from the innovation',
+        description='standard deviation of the noise of each measured current; automatic: '
+        'estimated from the innovation',
     )
     speed_filter_hz: float = parameter(
         1000.0,

@@ -119,5 +119,5 @@ class Gains:
         None,
         unit='rad',
         range=(1e-12, 10.0),
-        description='standard deviation of the measurement noise; unset: estimated',
+        description='standard deviation of the measurement noise; automatic: estimated',
     )

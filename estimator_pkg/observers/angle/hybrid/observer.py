@@ -36,7 +36,7 @@ class Gains(AngleGains):
         kind=int,
         range=(2, 3),
         structural=True,
-        description='3 also gives acceleration and has no ramp lag; unset: 3 (form paper: 2)',
+        description='3 also gives acceleration and has no ramp lag; automatic: 3 (form paper: 2)',
     )
     form: str = parameter(
         'robust',
@@ -61,7 +61,7 @@ class Gains(AngleGains):
         kind=float,
         range=(1e-6, 1e9),
         description='speed limit: at a sample time T every speed + n 2 pi/T fits the samples as '
-        'well; unset: none',
+        'well; automatic: none',
     )
     epsilon: float | None = parameter(
         None,
@@ -69,7 +69,7 @@ class Gains(AngleGains):
         kind=float,
         range=(1e-9, 1e6),
         advanced=True,
-        description='high-gain scale; set, it goes before bandwidth_hz; unset: follows from it',
+        description='high-gain scale; set, it goes before bandwidth_hz; automatic: follows from it',
         equation='L = (k1/eps, k2/eps^2)',
     )
     k1: float | None = parameter(
@@ -78,7 +78,7 @@ class Gains(AngleGains):
         kind=float,
         range=(1e-6, 1e6),
         advanced=True,
-        description="the position equation's gain (k_v); unset: 6 (order 3: 3)",
+        description="the position equation's gain (k_v); automatic: 6 (order 3: 3)",
         equation='(3)',
     )
     k2: float | None = parameter(
@@ -87,7 +87,7 @@ class Gains(AngleGains):
         kind=float,
         range=(1e-6, 1e6),
         advanced=True,
-        description="the velocity equation's gain (k_p); unset: 5 (order 3: 3)",
+        description="the velocity equation's gain (k_p); automatic: 5 (order 3: 3)",
         equation='(3)',
     )
     k3: float | None = parameter(
@@ -96,7 +96,7 @@ class Gains(AngleGains):
         kind=float,
         range=(1e-6, 1e6),
         advanced=True,
-        description="the acceleration equation's gain, order 3 only; unset: 1",
+        description="the acceleration equation's gain, order 3 only; automatic: 1",
     )
     delta_pi: float = parameter(
         math.radians(5.0),
@@ -125,7 +125,7 @@ def order_of(gains: Gains) -> int:
     UsageError : the paper's form of the third order, which the paper does not have.
     """
     if gains.form == 'paper' and gains.order == 3:
-        raise UsageError("form 'paper' is of second order: leave 'order' unset or set it to 2")
+        raise UsageError("form 'paper' is of second order: set 'order' to 2 or to 0 (automatic)")
     if gains.order is None:
         return 2 if gains.form == 'paper' else 3
     return gains.order
@@ -214,7 +214,7 @@ def _paper(
     gains: Gains, design: Design, injection: injections.Injection, margin: float, period: float
 ) -> AngleCore:
     if gains.max_speed is not None:
-        raise UsageError("form 'paper' has no speed limit: leave 'max_speed' unset")
+        raise UsageError("form 'paper' has no speed limit: leave 'max_speed' automatic (0.0)")
     l1, l2 = design.k[0] / design.epsilon, design.k[1] / design.epsilon**2
     values = (l1, l2, margin, gains.M, float(period))
     ratio = paper_limit(design.k)
