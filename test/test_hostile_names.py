@@ -169,7 +169,10 @@ def test_ros_reads_what_is_written(tmp_path):
     """The parser of rcl takes our quotes and escapes as PyYAML does."""
     path = tmp_path / 'x.yaml'
     lines = [f'    p{number}: {yaml_text.scalar(name)}' for number, name in enumerate(NAMES)]
-    lines += [f'    all: {yaml_text.scalar(NAMES)}', f'    {yaml_text.key("per_joint.y")}: {{a: 1}}']
+    lines += [
+        f'    all: {yaml_text.scalar(NAMES)}',
+        f'    {yaml_text.key("per_joint.y")}: {{a: 1}}',
+    ]
     path.write_text('/**:\n  ros__parameters:\n' + '\n'.join(lines) + '\n')
     done = subprocess.run(
         [sys.executable, '-c', RCL, str(path)], capture_output=True, text=True, timeout=100
