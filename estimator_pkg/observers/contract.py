@@ -61,8 +61,8 @@ class Functions:
     """
 
     design: Callable[[], tuple]
-    prepare: Callable[[tuple, float], tuple]
-    init: Callable[[Any, tuple], tuple]
+    prepare: Callable[[Any, float], tuple]
+    init: Callable[[Any, Any], tuple]
     step: Callable[[tuple, tuple, tuple, Any, Any], tuple]
     output: Callable[[tuple, tuple, tuple, Any, Any], tuple[float, float, float, int]]
     stddev: Callable[[tuple, tuple, tuple], tuple[float, float]]

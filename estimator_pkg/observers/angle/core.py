@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from estimator_pkg.observers.angle.late_stamps import (
     BEYOND,
@@ -16,40 +17,61 @@ from estimator_pkg.observers.angle.late_stamps import (
     follow_clock,
     make_retake,
 )
+from estimator_pkg.observers.angle.starts import (
+    BAND,
+    LEARNT,
+    RECENT,
+    RESTED,
+    NoiseGains,
+    Pace,
+    StartFunctions,
+    first_start,
+    linear_pace,
+    make_start,
+)
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
 MEMORY = 400.0  # samples over which the innovation's power is averaged
-RECENT = 32.0  # the same for the low-speed bound, which must soon know of a change
 STILL = 8.0  # after so many equal readings the noise is surely less than a quantum
 SURELY = 4.0  # standard deviations of noise that may have held a reading back
 FRESH = 4.0  # samples that the power weighs when a start has settled
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
-LARGEST = 1e9  # beyond it [rad] a double does not tell 1e-7 rad apart: no reading, but garbage
+LARGEST = 1e9  # beyond it [rad] a double does not resolve 1e-7 rad: no reading, but garbage
 CONFIRMED = 3.5  # a lock takes more samples than these
-RESTED = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
-START = 0.25  # [s] that a start lasts at least, ...
-DECAYED = 10.0  # ... and until the errors of the core have decayed by so many nepers
-PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
 LAG_3 = 0.2  # a fifth of what a ramp's begin or end errs by, in acceleration/pace: order 3
 LAG_2 = 0.36  # the same of order 2, which lags throughout
-TAIL = 1.18  # of these nepers, where the polynomial before the exponential is generous
-LEARNT = 6.0  # nepers after which innovations of a start speak of noise again
 ENOUGH = 8.0  # changed readings after which a start has shown its noise
 SHORT = 32.0  # samples over which they are averaged until the start is over
-BEGUN = 0.75  # sample times by which motion may have begun after the last reading at rest
-BAND = 10.0  # (3.2)^2: times the power of the innovations, off by more is no rest
-LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
-SLOW = 0.125  # a joint at rest does not leave the noise in this part of the rest's time
 UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
 GAP = 0.2  # [s] a gap is at least so long
 RESIDUE = 1e-9  # [rad] a smaller step is rounding, no quantum
 COARSEST = 2.0**-23  # resolution of a float32, of its value: a reading is no finer than known
 FINEST = 2.0**-52  # the same of a double
-LOST_AFTER = 0.5  # in doubt, and off for this long [s] in all (never less than it takes to
-# settle): the observer starts again
+# in doubt, and outside for this long [s] in all (never less than it takes to settle): the observer
+# starts again
+LOST_AFTER = 0.5
+
+# (size of the last change [rad], time since it [s], smallest change seen [rad], recent power of the
+# innovation [rad^2])
+Reading = tuple[float, float, float, float]
+# (status, time since the last doubt [s], time outside since the lock was in doubt [s], speed before
+# the doubt [rad/s], 0 at a start)
+Lock = tuple[int, float, float, float]
+
+
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is."""
+
+    core: tuple  # of the core
+    quantum: float  # [rad]; 0: not known
+    variance: float  # of the measurement noise and the quantisation [rad^2]; 0: estimated
+    floor: float  # variance of the quantisation [rad^2]
+    settle: float  # time without a doubt after which a start, or a doubt, has settled [s]
+    low_speed_bound: float  # 1.0: the speed is clamped to the low-speed bound; else 0.0
+    lost_after: float  # time astray until the observer starts again [s]
 
 
 @dataclass(frozen=True)
@@ -81,7 +103,7 @@ class AngleGains:
 class AngleCore:
     """The part that differs between angle-only observers. All but `design` compile.
 
-    design : () -> design of the core (a tuple of floats).
+    design : () -> design of the core, a NamedTuple.
     settle : time after which a start, or a doubt, has settled [s].
     prepare : (design, dt) -> coefficients of the core.
     init : (measurement, design) -> state of the core.
@@ -101,158 +123,185 @@ class AngleCore:
 
     design: Callable[[], tuple]
     settle: float
-    prepare: Callable[[tuple, float], tuple]
-    init: Callable[[float, tuple], tuple]
+    prepare: Callable[[Any, float], tuple]
+    init: Callable[[float, Any], tuple]
     correct: Callable[[tuple, tuple, float], tuple]
     estimate: Callable[[tuple], tuple[float, float, float]]
     resume: Callable[[tuple, float], tuple]
-    noise_gains: Callable[[tuple, tuple], tuple[float, float, float]]
+    noise_gains: NoiseGains
     limits: Callable[[float], str | None]
     group_delay: Callable[[float], float]
     restarts: bool = True
-    pace: Callable[[tuple, tuple, float], float] | None = None
+    pace: Pace | None = None
     lag: float = LAG_3
 
 
 def is_angle(measurement: float) -> bool:
-    """False for NaN, infinities and numbers that no encoder gives [rad or m]."""
+    """Return False for NaN, infinities and numbers that no encoder gives [rad or m]."""
     return -LARGEST < measurement < LARGEST
 
 
 def variance_floor(quantum: float) -> float:
-    """Variance of a uniform quantisation error [rad^2]."""
+    """Return the variance of a uniform quantisation error [rad^2]."""
     return quantum * quantum / 12.0
 
 
 def low_speed_bound(change: float, since: float, quantum: float, variance: float) -> float:
-    """The largest speed [rad/s] that a reading unchanged for `since` [s] allows; inf: no bound.
+    """Return the largest speed [rad/s] that a reading unchanged for `since` [s] allows; inf: any.
 
     A shaft turning faster would have changed the reading by now, unless noise held it back: so much
-    is added. Off where the noise is larger than a quantum, because then an unchanged reading says
-    nothing. A stream that repeats every second sample is not slowed while it is not recognised yet:
-    its change spans two samples.
+    is added. No bound where the noise is larger than a quantum, because then an unchanged reading
+    says nothing. A stream that repeats every second sample is not slowed while it is not recognised
+    yet: its change spans two samples.
 
     Parameters
     ----------
     change : size of the last change of the reading [rad].
     quantum : smallest step of the reading [rad]; 0: none is known, and there is no bound.
-    variance : of the measurement noise, quantisation apart [rad^2].
+    variance : of the measurement noise, without quantisation [rad^2].
     """
     if since <= 0.0 or quantum <= 0.0 or variance > quantum * quantum:
         return math.inf
     return ((change if change > quantum else quantum) + SURELY * math.sqrt(variance)) / since
 
 
-def _watch(
-    lock: tuple[int, float, float, float],
-    size: float,
-    outside: float,
-    dt: float,
-    settle: float,
-    lost: float,
-) -> tuple[int, float, float, float]:
-    """The lock after one sample; what `around` says of its four fields holds.
+def follow_lock(lock: Lock, size: float, outside: float, dt: float, design: Design) -> Lock:
+    """Return the lock after an innovation of this `size` [rad], `dt` [s] after the last.
 
-    An innovation of this `size` [rad] beyond `outside` [rad] throws doubt on the lock; `settle` [s]
-    and four samples without another one restore it. Off for longer than `lost` [s], it is lost.
+    One beyond `outside` [rad] throws doubt on the lock; `design.settle` and four samples without
+    another one restore it. Outside for longer than `design.lost_after`, it is lost.
     """
     status, clear, astray, trusted = lock
     if size == math.inf:
         return (INITIALISING, 0.0, 0.0, 0.0)
     if size > outside:
         astray += dt
-        if astray > lost:
+        if astray > design.lost_after:
             return (INITIALISING, 0.0, astray, 0.0)
         return (COASTING if status != INITIALISING else INITIALISING, 0.0, astray, trusted)
     clear += dt
-    if clear >= settle and clear > CONFIRMED * dt:
+    if clear >= design.settle and clear > CONFIRMED * dt:
         return (TRACKING, clear, 0.0, trusted)
     return (status, clear, astray, trusted)
 
 
-def linear_pace(
-    noise_gains: Callable[[tuple, tuple], tuple[float, float, float]],
-) -> Callable[[tuple, tuple, float], float]:
-    """How fast the errors of a tracking loop decay [1/s], from what it makes of noise.
+def least_variance(reading: Reading, last: float, dt: float, noisy_start: bool) -> float:
+    """Return the least variance of the noise [rad^2] where no quantum is known.
 
-    A loop whose poles are all at w lets through a velocity variance of 1/4 (order 2) to 7/4 (order
-    3) of w^3 dt per unit variance of white noise.
+    Parameters
+    ----------
+    last : the last reading [rad].
+    noisy_start : a start is in force that has not shown its noise yet.
     """
-
-    def pace(inner: tuple, coefficients: tuple, dt: float) -> float:
-        return PACE * (noise_gains(inner, coefficients)[1] / dt) ** (1.0 / 3.0)
-
-    return pace
+    change, since, smallest, _ = reading
+    if smallest == 0.0:
+        return variance_floor(COARSEST * (1.0 + abs(last)))
+    if noisy_start:
+        return variance_floor(smallest if smallest > RESIDUE else change)
+    if since <= STILL * dt:
+        return variance_floor(FINEST * (smallest + abs(last)))
+    return smallest * smallest / MEMORY
 
 
 def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
-    """The contract's functions for an angle-only observer made of `core`.
+    """Return the contract's functions for an angle-only observer made of `core`.
 
-    State: core's state; convention; reading: (size of its last change [rad], time since it [s],
-    smallest change seen [rad], recent power of the innovation [rad^2]); noise: (power of the
-    innovation [rad^2], samples it stands for); lock: (status, time since the last doubt [s], time
-    it was off since the lock was in doubt [s], speed before the doubt [rad/s], 0 at a start);
-    start: (clock [s], anchor: angle of the rest before [rad], nepers by which the core's errors
-    decayed since then, angle travelled [rad], speed that was kept across a gap [rad/s]); stamps
-    (see `late_stamps`).
-
-    A start is the time after a shaft at rest began to move, or after a gap. The core still carries
-    the old speed, so it errs by more than noise explains until its errors have decayed. `unsettled`
-    is what this adds to the standard deviation; docs/coverage.md derives it. The clock is the time
-    since the motion began while a start is in force, 0 in motion, and below 0 while the readings
-    stay within the noise of one angle: minus the time at rest until the last change.
+    State: (core's state; convention; reading, see `Reading`; noise: (power of the innovation
+    [rad^2], samples it stands for); lock, see `Lock`; start, see `starts`; stamps, see
+    `late_stamps`). Coefficients: (those of the core, dt [s]).
 
     A core that was astray for too long starts again. So does one whose lock returned at another
     speed: every speed + n 2 pi/dt fits the samples as well, and a shaft does not change by half of
     that while the lock is in doubt; nor does a start know of more than pi/dt.
     """
-    prepare_core, init_core, correct = core.prepare, core.init, core.correct
-    estimate, resume_core, noise_gains = core.estimate, core.resume, core.noise_gains
-    restarts = core.restarts
-    pace = core.pace if core.pace is not None else linear_pace(noise_gains)
-    bent = 2.0 * core.lag
-    half = 0.5 * circle.period if circle.period > 0.0 else math.inf
-    period = float(circle.period)
+    prepare_core, noise_gains, period = core.prepare, core.noise_gains, float(circle.period)
 
-    def design() -> tuple:
+    def prepare(design: Design, dt: float) -> tuple:
+        return (prepare_core(design.core, dt), dt)
+
+    start = make_start(
+        core.estimate, noise_gains, core.pace or linear_pace(noise_gains), core.lag, period
+    )
+    init = _make_init(core)
+    clamped = _make_clamped(noise_gains)
+    return Functions(
+        _make_design(core, gains),
+        prepare,
+        init,
+        _make_step(core, start, prepare, period),
+        _make_output(core.estimate, clamped, period, float(circle.unwrap)),
+        _make_stddev(core, start, prepare, clamped),
+        _make_resume(core, period),
+        core.limits,
+        core.group_delay,
+        is_angle,
+        restart=_make_restart(init, period),
+    )
+
+
+def _make_design(core: AngleCore, gains: AngleGains) -> Callable[[], Design]:
+    def design() -> Design:
         floor = variance_floor(gains.quantum)
-        known = gains.noise * gains.noise + floor if gains.noise is not None else 0.0
-        outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
-        return (
-            core.design(),
-            float(circle.period),
-            float(circle.unwrap),
-            float(gains.quantum),
-            known,
-            floor,
-            float(core.settle),
-            outside,
-            float(gains.low_speed_bound),
-            max(LOST_AFTER, float(core.settle)),
+        return Design(
+            core=core.design(),
+            quantum=float(gains.quantum),
+            variance=gains.noise * gains.noise + floor if gains.noise is not None else 0.0,
+            floor=floor,
+            settle=float(core.settle),
+            low_speed_bound=float(gains.low_speed_bound),
+            lost_after=max(LOST_AFTER, float(core.settle)),
         )
 
-    def prepare(design: tuple, dt: float) -> tuple:
-        return (prepare_core(design[0], dt), dt)
+    return design
 
-    def init(measurement: float, design: tuple) -> tuple:
-        inner = init_core(measurement, design[0])
+
+def _make_init(core: AngleCore) -> Callable[[float, Design], tuple]:
+    init_core = core.init
+
+    def init(measurement: float, design: Design) -> tuple:
+        inner = init_core(measurement, design.core)
         return (
             inner,
             begin(measurement),
-            (0.0, 0.0, 0.0, design[5]),
-            (design[5], 1.0),
+            (0.0, 0.0, 0.0, design.floor),
+            (design.floor, 1.0),
             (INITIALISING, 0.0, 0.0, 0.0),
-            (-RESTED, measurement, 0.0, 0.0, 0.0),
+            first_start(measurement),
             begin_clock(inner),
         )
 
-    retake = make_retake(prepare, correct)
+    return init
+
+
+def _half_turn(period: float) -> float:
+    """Return half a turn [rad]; inf without a circle."""
+    return 0.5 * period if period > 0.0 else math.inf
+
+
+def _outside(period: float) -> float:
+    """Return the innovation [rad] beyond which the lock is doubted; inf without a circle."""
+    return OUTSIDE * period if period > 0.0 else math.inf
+
+
+def _make_step(
+    core: AngleCore,
+    starts: StartFunctions,
+    prepare: Callable[[Any, float], tuple],
+    period: float,
+) -> Callable[..., tuple]:
+    correct, retake, relock = (
+        core.correct,
+        make_retake(prepare, core.correct),
+        _make_relock(core, period),
+    )
+    at_rest, in_force = starts.at_rest, starts.in_force
+    half, outside = _half_turn(period), _outside(period)
 
     def step(
-        state: tuple, coefficients: tuple, design: tuple, measurement: float, given: float
+        state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
         (
-            inner,
+            before,
             convention,
             (change, since, smallest, recent),
             (power, count),
@@ -260,242 +309,231 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
             start,
             stamps,
         ) = state
-        before, clock = recent, start[0]
-        inner, innovation = correct(inner, coefficients[0], measurement)
-        if coefficients[1] != stamps[0] or stamps[1] != 0.0:
-            if stamps[2] == 0.0 and innovation * innovation <= BEYOND * recent:
-                stamps = follow_clock(stamps, coefficients[1])
+        of_core, dt = coefficients
+        last, _, _, _, _ = convention
+        status, _, _, _ = lock
+        clock, _, decay, _, _ = start
+        mean_dt, taken_dt, late, _ = stamps
+        inner, innovation = correct(before, of_core, measurement)
+        if dt != mean_dt or taken_dt != 0.0:
+            if late == 0.0 and innovation * innovation <= BEYOND * recent:
+                stamps = follow_clock(stamps, dt)
             else:
                 inner, innovation, coefficients, stamps = retake(
                     stamps,
-                    recent if lock[0] != INITIALISING else math.inf,
-                    state[0],
+                    recent if status != INITIALISING else math.inf,
+                    before,
                     design,
                     measurement,
                     inner,
                     innovation,
                     coefficients,
                 )
-        square = innovation * innovation
-        size = abs(innovation)
-        outside = design[7]
-        if size <= outside:
+                of_core, dt = coefficients
+        square, size, usual = innovation * innovation, abs(innovation), recent
+        inside = size <= outside
+        if inside:
             recent += (square - recent) / RECENT
-        if measurement == convention[0]:
-            reading = (change, since + coefficients[1], smallest, recent)
+        if measurement == last:
             if clock > 0.0:
-                start = started(start, 0.0, since, before, coefficients, inner)
+                start = in_force(start, 0.0, since, usual, coefficients, inner)
+            since += dt
         else:
-            moved = measurement - convention[0]
+            moved = measurement - last
             if not -half <= moved < half:
                 moved = wrap(moved, period)
             if clock > 0.0:
-                start = started(start, moved, 0.0, before, coefficients, inner)
-            elif clock < 0.0 or since >= RESTED or moved * moved <= BAND * before:
-                start = resting(start, measurement, moved, since, before, coefficients, inner)
-            change = abs(moved)
+                start = in_force(start, moved, 0.0, usual, coefficients, inner)
+            elif clock < 0.0 or since >= RESTED or moved * moved <= BAND * usual:
+                start = at_rest(start, measurement, moved, since, usual, coefficients, inner)
+            change, since = abs(moved), 0.0
             if 0.0 < change < smallest or smallest == 0.0:
                 smallest = change
-            reading = (change, 0.0, smallest, recent)
             convention = follow(convention, measurement, period)
-        if lock[0] == TRACKING and size <= outside:
-            if start[0] > 0.0:
-                if start[2] < LEARNT:
+        reading = (change, since, smallest, recent)
+        if inside and status == TRACKING:
+            clock, _, decayed, _, _ = start
+            if clock > 0.0:
+                if decayed < LEARNT:
                     return (inner, convention, reading, (power, count), lock, start, stamps)
-                if state[5][2] < LEARNT:
+                if decay < LEARNT:
                     count = ENOUGH
-                if reading[1] > 0.0:
+                if since > 0.0:
                     count = max(ENOUGH, 0.75 * count)  # coarse: the readings show no noise
                 elif count < SHORT:
                     count += 1.0
             elif count < MEMORY:
                 count += 1.0
-            return (
-                inner,
-                convention,
-                reading,
-                (power + (square - power) / count, count),
-                lock,
-                start,
-                stamps,
-            )
-        if lock[0] == INITIALISING:
-            if size <= outside:
+            power += (square - power) / count
+            return (inner, convention, reading, (power, count), lock, start, stamps)
+        if status == INITIALISING:
+            if inside:
                 power += (square - power) / FRESH
             count = FRESH
-        elif lock[0] == TRACKING:
-            lock = (TRACKING, 0.0, 0.0, estimate(state[0])[1])
-        lock = _watch(lock, size, outside, coefficients[1], design[6], design[9])
-        if restarts:
-            lost = lock[2] > design[9]
-            if lock[0] == TRACKING:
-                lost = abs(estimate(inner)[1] - lock[3]) * coefficients[1] > half
-            if lost:
-                inner = init_core(measurement, design[0])
-                lock = (INITIALISING, 0.0, 0.0, 0.0)
+        inner, lock = relock(lock, before, inner, size, dt, design, measurement)
         return (inner, convention, reading, (power, count), lock, start, stamps)
 
-    def resting(
-        start: tuple,
-        measurement: float,
-        moved: float,
-        since: float,
-        power: float,
-        coefficients: tuple,
+    return step
+
+
+def _make_relock(core: AngleCore, period: float) -> Callable[..., tuple[tuple, Lock]]:
+    init_core, estimate, restarts = core.init, core.estimate, core.restarts
+    half, outside = _half_turn(period), _outside(period)
+
+    def relock(
+        lock: Lock,
+        before: tuple,
         inner: tuple,
-    ) -> tuple:
-        """The start after a reading that `moved` [rad], `since` [s] unchanged; none is in force.
+        size: float,
+        dt: float,
+        design: Design,
+        measurement: float,
+    ) -> tuple[tuple, Lock]:
+        """Return the core's state and the lock, where it is in doubt or not settled yet.
 
-        power : recent one of the innovations [rad^2]; BAND times it is the noise of a rest.
+        Parameters
+        ----------
+        before, inner : the core's state before and after this sample.
+        size : of the innovation [rad].
         """
-        clock, anchor, _, _, _ = start
-        if clock == 0.0:
-            anchor = measurement - moved
-        off = measurement - anchor
-        if not -half <= off < half:
-            off = wrap(off, period)
-        square, band, rested = off * off, BAND * power, since - clock
-        if rested < RESTED:
-            if square > band:
-                return (0.0, measurement, 0.0, 0.0, 0.0)
-        # of noise alone the innovations have more power than the readings
-        elif (
-            LARGEST_GAIN * square > band and square * noise_gains(inner, coefficients[0])[2] > band
-        ):
-            return (coefficients[1], anchor, 0.0, off, 0.0)
-        return (-rested - coefficients[1], anchor + off / RECENT, 0.0, 0.0, 0.0)
+        status, _, _, _ = lock
+        if status == TRACKING:
+            _, speed, _ = estimate(before)
+            lock = (TRACKING, 0.0, 0.0, speed)
+        lock = follow_lock(lock, size, outside, dt, design)
+        if restarts:
+            status, _, astray, trusted = lock
+            lost = astray > design.lost_after
+            if status == TRACKING:
+                _, speed, _ = estimate(inner)
+                lost = abs(speed - trusted) * dt > half
+            if lost:
+                return init_core(measurement, design.core), (INITIALISING, 0.0, 0.0, 0.0)
+        return inner, lock
 
-    def started(
-        start: tuple, moved: float, since: float, power: float, coefficients: tuple, inner: tuple
-    ) -> tuple:
-        """As `resting`, while a start is in force. It is over when it is old and its errors have
-        decayed, when the shaft rests again, and when it only swayed.
-        """
-        clock, anchor, decay, travelled, kept = start
-        if moved != 0.0:
-            travelled += moved
-            square, band = travelled * travelled, BAND * power
-            if kept == 0.0 and square <= band:  # back where it was ...
-                pushed = SLOW * RESTED * estimate(inner)[1]
-                if decay < 1.0 or pushed * pushed <= band:  # ... and slow: it rests still
-                    return (-RESTED, anchor, 0.0, 0.0, 0.0)
-        elif since >= RESTED and decay >= LEARNT:
-            return (0.0, anchor, 0.0, 0.0, 0.0)
-        dt = coefficients[1]
-        clock += dt
-        decay += pace(inner, coefficients[0], dt) * dt
-        if clock >= START and decay >= DECAYED:
-            return (0.0, anchor, 0.0, 0.0, 0.0)
-        return (clock, anchor, decay, travelled, kept)
+    return relock
 
-    def unsettled(state: tuple, dt: float) -> float:
-        """Standard deviation of the speed that a start adds [rad/s]: equations (1) and (2) of
-        docs/coverage.md.
-        """
-        clock, _, decay, travelled, kept = state[5]
-        mean = travelled / (clock - BEGUN * dt)
-        scale = 2.0 * abs(mean)
-        if kept > scale:
-            scale = kept
-        left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
-        bend = bent * abs(estimate(state[0])[1] - mean)
-        if decay > 1.0:
-            bend /= decay
-        return math.sqrt(left * left + bend * bend)
 
-    def bounded(state: tuple, coefficients: tuple, design: tuple, value: float) -> float:
-        """`value` [rad/s] held within the low-speed bound."""
-        change, since, smallest, recent = state[2]
-        if abs(value) * since <= change:
-            return value
-        quantum = design[3] if design[3] > 0.0 else smallest
-        if design[4] > 0.0:
-            variance = design[4] - design[5]
-        elif since > STILL * coefficients[1]:
+def _make_clamped(noise_gains: NoiseGains) -> Callable[..., float]:
+    def clamped(
+        speed: float, inner: tuple, reading: Reading, coefficients: tuple, design: Design
+    ) -> float:
+        """Return `speed` [rad/s] clamped to the low-speed bound."""
+        change, since, smallest, recent = reading
+        if abs(speed) * since <= change:
+            return speed
+        of_core, dt = coefficients
+        quantum = design.quantum if design.quantum > 0.0 else smallest
+        if design.variance > 0.0:
+            variance = design.variance - design.floor
+        elif since > STILL * dt:
             variance = 0.0
         else:
-            variance = recent / noise_gains(state[0], coefficients[0])[2] - variance_floor(quantum)
+            _, _, of_innovation = noise_gains(inner, of_core)
+            variance = recent / of_innovation - variance_floor(quantum)
             variance = variance if variance > 0.0 else 0.0
         bound = low_speed_bound(change, since, quantum, variance)
-        return bound if value > bound else -bound if value < -bound else value
+        return bound if speed > bound else -bound if speed < -bound else speed
 
+    return clamped
+
+
+def _make_output(
+    estimate: Callable[[tuple], tuple[float, float, float]],
+    clamped: Callable[..., float],
+    period: float,
+    unwrap: float,
+) -> Callable[..., tuple]:
     def output(
-        state: tuple, coefficients: tuple, design: tuple, measurement: float, given: float
+        state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
-        position, velocity, acceleration = estimate(state[0])
-        if state[2][1] > 0.0 and design[8] > 0.0:
-            velocity = bounded(state, coefficients, design, velocity)
-        return (
-            present(state[1], position, design[1], design[2]),
-            velocity,
-            acceleration,
-            state[4][0],
-        )
+        inner, convention, (change, since, smallest, recent), _, (status, _, _, _), _, _ = state
+        position, velocity, acceleration = estimate(inner)
+        if since > 0.0 and design.low_speed_bound > 0.0:
+            reading = (change, since, smallest, recent)
+            velocity = clamped(velocity, inner, reading, coefficients, design)
+        return (present(convention, position, period, unwrap), velocity, acceleration, status)
 
-    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
-        if state[6][1] != 0.0:
-            coefficients = prepare(design, state[6][1])
-        of_position, of_velocity, of_innovation = noise_gains(state[0], coefficients[0])
-        reading = state[2]
-        variance = design[4]
+    return output
+
+
+def _make_stddev(
+    core: AngleCore,
+    starts: StartFunctions,
+    prepare: Callable[[Design, float], tuple],
+    clamped: Callable[..., float],
+) -> Callable[..., tuple[float, float]]:
+    noise_gains, estimate, of_start = core.noise_gains, core.estimate, starts.deviation
+
+    def stddev(state: tuple, coefficients: tuple, design: Design) -> tuple[float, float]:
+        inner, convention, reading, (power, count), _, start, (_, taken_dt, _, _) = state
+        _, since, _, recent = reading
+        clock, _, decay, _, _ = start
+        if taken_dt != 0.0:
+            coefficients = prepare(design, taken_dt)
+        of_core, dt = coefficients
+        of_position, of_velocity, of_innovation = noise_gains(inner, of_core)
+        variance = design.variance
         if variance == 0.0:
-            variance = state[3][0] / of_innovation
-            if variance < design[5]:
-                variance = design[5]
-            elif design[5] == 0.0:
-                least = reading[2] * reading[2] / MEMORY
-                if reading[2] == 0.0:
-                    least = variance_floor(COARSEST * (1.0 + abs(state[1][0])))
-                elif state[5][0] > 0.0 and (state[5][2] < LEARNT or state[3][1] < 2.0 * ENOUGH):
-                    least = variance_floor(reading[2] if reading[2] > RESIDUE else reading[0])
-                elif reading[1] <= STILL * coefficients[1]:
-                    least = variance_floor(FINEST * (reading[2] + abs(state[1][0])))
+            variance = power / of_innovation
+            if variance < design.floor:
+                variance = design.floor
+            elif design.floor == 0.0:
+                last, _, _, _, _ = convention
+                noisy_start = clock > 0.0 and (decay < LEARNT or count < 2.0 * ENOUGH)
+                least = least_variance(reading, last, dt, noisy_start)
                 if variance < least:
                     variance = least
         of_position *= variance
         of_velocity *= variance
-        if state[5][0] > 0.0:
-            of_position += reading[3]
-            of_velocity += unsettled(state, coefficients[1]) ** 2
+        if clock > 0.0:
+            of_position += recent
+            _, speed, _ = estimate(inner)
+            of_velocity += of_start(start, speed, dt) ** 2
         sigma = math.sqrt(of_velocity)
-        if reading[1] > 0.0 and design[8] > 0.0:
-            sigma = bounded(state, coefficients, design, sigma)
+        if since > 0.0 and design.low_speed_bound > 0.0:
+            sigma = clamped(sigma, inner, reading, coefficients, design)
         return math.sqrt(of_position), sigma
 
-    def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        inner, convention, reading, power, lock, start, stamps = state
-        speed = estimate(inner)[1]
-        if lock[0] == TRACKING:
+    return stddev
+
+
+def _make_resume(core: AngleCore, period: float) -> Callable[..., tuple]:
+    estimate, noise_gains, resume_core = core.estimate, core.noise_gains, core.resume
+
+    def resume(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
+        inner, convention, (_, _, smallest, recent), noise, lock, start, stamps = state
+        of_core, dt = coefficients
+        last, _, _, _, _ = convention
+        status, _, astray, trusted = lock
+        mean_dt, _, _, other = stamps
+        _, speed, _ = estimate(inner)
+        if status == TRACKING:
             lock = (COASTING, 0.0, 0.0, speed)
         else:
-            lock = (lock[0], 0.0, lock[2], lock[3])
-        moved = wrap(measurement - convention[0], design[1])
-        if noise_gains(inner, coefficients[0])[1] < UNBOUNDED:
-            start = (coefficients[1], measurement, 0.0, 0.0, abs(speed) + abs(moved) / GAP)
+            lock = (status, 0.0, astray, trusted)
+        moved = wrap(measurement - last, period)
+        _, of_velocity, _ = noise_gains(inner, of_core)
+        if of_velocity < UNBOUNDED:
+            start = (dt, measurement, 0.0, 0.0, abs(speed) + abs(moved) / GAP)
         return (
             resume_core(inner, measurement),
-            follow(convention, measurement, design[1]),
-            (0.0, 0.0, reading[2], reading[3]),
-            power,
+            follow(convention, measurement, period),
+            (0.0, 0.0, smallest, recent),
+            noise,
             lock,
             start,
-            (stamps[0], 0.0, 0.0, stamps[3]),
+            (mean_dt, 0.0, 0.0, other),
         )
 
-    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        fresh = init(measurement, design)
-        return (fresh[0], follow(state[1], measurement, design[1]), *fresh[2:])
+    return resume
 
-    return Functions(
-        design,
-        prepare,
-        init,
-        step,
-        output,
-        stddev,
-        resume,
-        core.limits,
-        core.group_delay,
-        is_angle,
-        restart=restart,
-    )
+
+def _make_restart(init: Callable[[float, Design], tuple], period: float) -> Callable[..., tuple]:
+    def restart(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
+        _, convention, _, _, _, _, _ = state
+        inner, _, reading, noise, lock, start, stamps = init(measurement, design)
+        convention = follow(convention, measurement, period)
+        return (inner, convention, reading, noise, lock, start, stamps)
+
+    return restart

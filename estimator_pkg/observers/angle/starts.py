@@ -1,0 +1,175 @@
+"""A start: the time after a shaft at rest began to move, or after a gap.
+
+The core still carries the old speed, so it errs by more than noise explains until its errors have
+decayed. `deviation` is what this adds to the standard deviation of the speed; docs/coverage.md
+derives it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from estimator_pkg.observers.circle import wrap
+
+RECENT = 32.0  # samples over which a rest is averaged, and the power of recent innovations
+RESTED = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
+LASTS = 0.25  # [s] that a start lasts at least, ...
+DECAYED = 10.0  # ... and until the errors of the core have decayed by so many nepers
+PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
+TAIL = 1.18  # of these nepers, where the polynomial before the exponential is generous
+LEARNT = 6.0  # nepers after which innovations of a start show the noise again
+BEGUN = 0.75  # sample times by which motion may have begun after the last reading at rest
+BAND = 10.0  # (3.2)^2: times the power of the innovations; a larger distance is no rest
+LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
+SLOW = 0.125  # a joint at rest does not leave the noise in this part of the rest's time
+
+# (clock [s], anchor [rad], decay, travelled [rad], kept [rad/s])
+#
+# clock: the time since the motion began while a start is in force, 0 in motion, and below 0 while
+# the readings stay within the noise of one angle: minus the time at rest until the last change.
+# anchor: angle of the rest before. decay: nepers by which the core's errors decayed since then.
+# travelled: angle since then. kept: speed that was kept across a gap.
+Start = tuple[float, float, float, float, float]
+
+NoiseGains = Callable[[tuple, tuple], tuple[float, float, float]]
+Pace = Callable[[tuple, tuple, float], float]
+
+
+class StartFunctions(NamedTuple):
+    """Functions of the start of one observer.
+
+    at_rest : (start, measurement, moved, since, power, coefficients, inner) -> start, after a
+        reading that `moved` [rad], unchanged for `since` [s] before, while no start is in force.
+    in_force : (start, moved, since, power, coefficients, inner) -> start, while one is in force.
+    deviation : (start, speed, dt) -> standard deviation of the speed that a start adds [rad/s].
+
+    `power` is the recent one of the innovations [rad^2], `inner` the state of the core,
+    `coefficients` is (those of the core, dt [s]).
+    """
+
+    at_rest: Callable[..., Start]
+    in_force: Callable[..., Start]
+    deviation: Callable[[Start, float, float], float]
+
+
+def first_start(measurement: float) -> Start:
+    """Return the start of a shaft at rest at its first sample [rad]."""
+    return (-RESTED, measurement, 0.0, 0.0, 0.0)
+
+
+def linear_pace(noise_gains: NoiseGains) -> Pace:
+    """Return the function that gives how fast the errors of a tracking loop decay [1/s].
+
+    It follows from what the loop makes of noise. A loop whose poles are all at w lets through a
+    velocity variance of 1/4 (order 2) to 7/4 (order 3) of w^3 dt per unit variance of white noise.
+    """
+
+    def pace(inner: tuple, coefficients: tuple, dt: float) -> float:
+        _, of_velocity, _ = noise_gains(inner, coefficients)
+        return PACE * (of_velocity / dt) ** (1.0 / 3.0)
+
+    return pace
+
+
+def make_start(
+    estimate: Callable[[tuple], tuple[float, float, float]],
+    noise_gains: NoiseGains,
+    pace: Pace,
+    lag: float,
+    period: float,
+) -> StartFunctions:
+    """Return the functions of the start of one core.
+
+    Parameters
+    ----------
+    estimate, noise_gains, pace, lag : of the core; see `AngleCore`.
+    period : wrap period [rad]; 0: none.
+    """
+    return StartFunctions(
+        _make_at_rest(noise_gains, period), _make_in_force(estimate, pace), _make_deviation(lag)
+    )
+
+
+def _make_at_rest(noise_gains: NoiseGains, period: float) -> Callable[..., Start]:
+    half = 0.5 * period if period > 0.0 else math.inf
+
+    def at_rest(
+        start: Start,
+        measurement: float,
+        moved: float,
+        since: float,
+        power: float,
+        coefficients: tuple,
+        inner: tuple,
+    ) -> Start:
+        clock, anchor, _, _, _ = start
+        of_core, dt = coefficients
+        if clock == 0.0:
+            anchor = measurement - moved
+        distance = measurement - anchor
+        if not -half <= distance < half:
+            distance = wrap(distance, period)
+        square, band, rested = distance * distance, BAND * power, since - clock
+        if rested < RESTED:
+            if square > band:
+                return (0.0, measurement, 0.0, 0.0, 0.0)
+        # of noise alone the innovations have more power than the readings
+        elif LARGEST_GAIN * square > band:
+            _, _, of_innovation = noise_gains(inner, of_core)
+            if square * of_innovation > band:
+                return (dt, anchor, 0.0, distance, 0.0)
+        return (-rested - dt, anchor + distance / RECENT, 0.0, 0.0, 0.0)
+
+    return at_rest
+
+
+def _make_in_force(
+    estimate: Callable[[tuple], tuple[float, float, float]], pace: Pace
+) -> Callable[..., Start]:
+    def in_force(
+        start: Start, moved: float, since: float, power: float, coefficients: tuple, inner: tuple
+    ) -> Start:
+        """Return the start, over when it is old and its errors have decayed, when the shaft rests
+        again, and when it only swayed.
+        """
+        clock, anchor, decay, travelled, kept = start
+        if moved != 0.0:
+            travelled += moved
+            square, band = travelled * travelled, BAND * power
+            if kept == 0.0 and square <= band:  # back where it was ...
+                _, speed, _ = estimate(inner)
+                pushed = SLOW * RESTED * speed
+                if decay < 1.0 or pushed * pushed <= band:  # ... and slow: it rests still
+                    return (-RESTED, anchor, 0.0, 0.0, 0.0)
+        elif since >= RESTED and decay >= LEARNT:
+            return (0.0, anchor, 0.0, 0.0, 0.0)
+        of_core, dt = coefficients
+        clock += dt
+        decay += pace(inner, of_core, dt) * dt
+        if clock >= LASTS and decay >= DECAYED:
+            return (0.0, anchor, 0.0, 0.0, 0.0)
+        return (clock, anchor, decay, travelled, kept)
+
+    return in_force
+
+
+def _make_deviation(lag: float) -> Callable[[Start, float, float], float]:
+    bent = 2.0 * lag
+
+    def deviation(start: Start, speed: float, dt: float) -> float:
+        clock, _, decay, travelled, kept = start
+        mean = travelled / (clock - BEGUN * dt)
+        scale = 2.0 * abs(mean)
+        if kept > scale:
+            scale = kept
+        # docs/coverage.md (1): what is left of a step of the speed
+        left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
+        # docs/coverage.md (2): what a ramp of the speed leaves
+        bend = bent * abs(speed - mean)
+        if decay > 1.0:
+            bend /= decay
+        return math.sqrt(left * left + bend * bend)
+
+    return deviation
