@@ -73,7 +73,7 @@ def law(gains: Gains, made: Structure, motion: Motion) -> Law:
             if bounded:
                 theta = clip_m(theta, design.low, design.high)
         else:
-            theta, p, spread = update(theta, p, psi, e, forget, design.p_start)
+            theta, p, _ = update(theta, p, psi, e, forget, design.p_start)
         return theta, p
 
     def variance(scatter: tuple, design: Any) -> float:

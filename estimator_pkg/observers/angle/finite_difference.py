@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from estimator_pkg.observers.angle.core import AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle, wrap
@@ -28,23 +29,33 @@ class Gains(AngleGains):
     )
 
 
-def prepare(design: tuple, dt: float) -> tuple:
-    """(1/dt, weight of the newest difference, dt, wrap period), with the pole matched to dt."""
-    return (1.0 / dt, -math.expm1(-design[0] * dt), dt, design[1])
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is."""
+
+    pole: float  # of the low-pass [rad/s]
+    period: float  # wrap period [rad]; 0: none
 
 
-def init(measurement: float, design: tuple) -> tuple:
-    """(last measurement [rad], velocity [rad/s], 1 after the second sample)."""
+def prepare(design: Design, dt: float) -> tuple:
+    """Return (1/dt, weight of the newest difference, dt, wrap period); the pole matched to dt."""
+    return (1.0 / dt, -math.expm1(-design.pole * dt), dt, design.period)
+
+
+def init(measurement: float, design: Design) -> tuple:
+    """Return (last measurement [rad], velocity [rad/s], 1 after the second sample)."""
     return (measurement, 0.0, 0.0)
 
 
 def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-    """One sample further; the innovation is that of the last measurement carried by the speed."""
+    """Return the state one sample further, and the innovation [rad].
+
+    The prediction is the last measurement moved on by the speed.
+    """
     last, velocity, started = state
     rate, weight, dt, period = coefficients
     change = wrap(measurement - last, period)
     if started == 0.0:
-        return (measurement, change * rate, 1.0), 0.0  # the speed was not known: no surprise
+        return (measurement, change * rate, 1.0), 0.0  # the speed was not known: no innovation
     return (
         (measurement, velocity + weight * (change * rate - velocity), 1.0),
         change - velocity * dt,
@@ -52,17 +63,19 @@ def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
 
 
 def estimate(state: tuple) -> tuple[float, float, float]:
-    """Position (the measurement itself), velocity; no acceleration."""
-    return state[0], state[1], math.nan
+    """Return position [rad] (the measurement itself), velocity [rad/s], no acceleration."""
+    last, velocity, _ = state
+    return last, velocity, math.nan
 
 
 def resume(state: tuple, measurement: float) -> tuple:
-    """After a gap the speed is kept."""
-    return (measurement, state[1], state[2])
+    """Return the state after a gap: at the measurement [rad], with the speed as it was."""
+    _, velocity, started = state
+    return (measurement, velocity, started)
 
 
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Variances per unit variance of white noise.
+    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise.
 
     v is a first-order low-pass (pole z = 1 - w) of (y_k - y_{k-1})/dt: the autocovariance 2, -1 of
     the difference gives 2 w^2/dt^2 (1 - z)/(1 - z^2) = 2 w^2/((1 + z) dt^2).
@@ -75,11 +88,11 @@ def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions of the finite difference at these gains."""
+    """Return the functions of the finite difference at these gains."""
     pole = 2.0 * math.pi * gains.bandwidth_hz
 
-    def design() -> tuple:
-        return (pole, float(circle.period))
+    def design() -> Design:
+        return Design(pole, float(circle.period))
 
     def group_delay(dt: float) -> float:
         # of the low-pass, z/(1 - z) samples, and half a sample of the difference

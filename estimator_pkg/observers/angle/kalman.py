@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from estimator_pkg.observers.angle.core import (
     LAG_2,
@@ -45,7 +45,7 @@ from estimator_pkg.parameters import parameter
 
 VELOCITY, ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
-REACH = {VELOCITY: 1.0, ACCELERATION: 1.6996647}
+BANDWIDTH_RATIO = {VELOCITY: 1.0, ACCELERATION: 1.6996647}
 SETTLING = 4.0  # times 1/w0: the start's gains have come down to the steady ones
 USUAL_DT = 1e-3  # [s] where a number is needed before the first sample (the sixth root of it)
 FIRST_2 = (1.0, 0.0, 0.0)  # P/R after one sample: the rest is set by the second
@@ -90,69 +90,79 @@ class Gains(AngleGains):
     )
 
 
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is."""
+
+    density: float  # q of the white jerk or acceleration, per R where that is known
+    period: float  # wrap period [rad]; 0: none
+    per_dt: float  # 1.0 where the density is per R dt
+    estimated: float  # 1.0 where R is estimated
+
+
 def make_prepare(of_noise: Any) -> Any:
-    """`prepare`: (dt, wrap period, process noise over dt per R, 1 where R is estimated).
+    """Return `prepare`: (dt, wrap period, Q over dt per R, 1 where R is estimated)."""
 
-    Design: (density, wrap period, 1 where it is per R dt, 1 where R is estimated).
-    """
-
-    def prepare(design: tuple, dt: float) -> tuple:
-        density = design[0]
-        if design[2] > 0.0:
+    def prepare(design: Design, dt: float) -> tuple:
+        density = design.density
+        if design.per_dt > 0.0:
             density *= dt
-        return (dt, design[1], of_noise(density, dt), design[3])
+        return (dt, design.period, of_noise(density, dt), design.estimated)
 
     return prepare
 
 
-def init_2(measurement: float, design: tuple) -> tuple:
-    """(position [rad], velocity [rad/s], P/R, 1 after the second sample, scatter)."""
+def init_2(measurement: float, design: Design) -> tuple:
+    """Return (position [rad], velocity [rad/s], P/R, 1 after the second sample, scatter)."""
     return (measurement, 0.0, FIRST_2, 0.0, begin_scatter(measurement))
 
 
-def init_3(measurement: float, design: tuple) -> tuple:
-    """(position, velocity, acceleration [rad/s^2], P/R, 1 after the second sample, scatter)."""
+def init_3(measurement: float, design: Design) -> tuple:
+    """Return the same with the acceleration [rad/s^2] after the velocity."""
     return (measurement, 0.0, 0.0, FIRST_3, 0.0, begin_scatter(measurement))
 
 
 def correct_2(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-    """One sample further, and the innovation [rad]: constant velocity."""
+    """Return the state one sample further, and the innovation [rad]: constant velocity."""
     x, v, p, started, scatter = state
-    dt, period, added, estimated = coefficients
+    dt, period, q, estimated = coefficients
     scale = 1.0
     if estimated > 0.0:
         scatter = follow_scatter(scatter, measurement, dt, period)
-        scale = 1.0 / scatter[0]
+        variance, _, _, _, _, _, _ = scatter
+        scale = 1.0 / variance
     innovation = measurement - x - v * dt
     if innovation + innovation >= period or innovation + innovation < -period:
         innovation = wrap(innovation, period)
     if started == 0.0:
         return (measurement, v + innovation / dt, start_2(dt), 1.0, scatter), 0.0
-    p, left = step_2(p, dt, scale, added)
-    # prediction + gain e, but written from the measurement: so it stays on the measurement's turn
-    return (measurement - left * innovation, v + p[1] * innovation, p, 1.0, scatter), innovation
+    p, of_s = step_2(p, dt, scale, q)
+    _, K1, _ = p
+    # prediction + K0 e is measurement - e/S, which stays on the measurement's turn
+    return (measurement - of_s * innovation, v + K1 * innovation, p, 1.0, scatter), innovation
 
 
 def correct_3(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-    """One sample further, and the innovation [rad]: constant acceleration."""
+    """Return the state one sample further, and the innovation [rad]: constant acceleration."""
     x, v, a, p, started, scatter = state
-    dt, period, added, estimated = coefficients
+    dt, period, q, estimated = coefficients
     scale = 1.0
     if estimated > 0.0:
         scatter = follow_scatter(scatter, measurement, dt, period)
-        scale = 1.0 / scatter[0]
+        variance, _, _, _, _, _, _ = scatter
+        scale = 1.0 / variance
     gained = a * dt
     innovation = measurement - x - (v + 0.5 * gained) * dt
     if innovation + innovation >= period or innovation + innovation < -period:
         innovation = wrap(innovation, period)
     if started == 0.0:
         return (measurement, v + innovation / dt, 0.0, start_3(dt), 1.0, scatter), 0.0
-    p, left = step_3(p, dt, scale, added)
+    p, of_s = step_3(p, dt, scale, q)
+    _, K1, K2, _, _, _ = p
     return (
         (
-            measurement - left * innovation,
-            v + gained + p[1] * innovation,
-            a + p[2] * innovation,
+            measurement - of_s * innovation,
+            v + gained + K1 * innovation,
+            a + K2 * innovation,
             p,
             1.0,
             scatter,
@@ -162,60 +172,68 @@ def correct_3(state: tuple, coefficients: tuple, measurement: float) -> tuple[tu
 
 
 def estimate_2(state: tuple) -> tuple[float, float, float]:
-    """Position [rad], velocity [rad/s]; no acceleration."""
-    return state[0], state[1], math.nan
+    """Return position [rad], velocity [rad/s], no acceleration."""
+    x, v, _, _, _ = state
+    return x, v, math.nan
 
 
 def estimate_3(state: tuple) -> tuple[float, float, float]:
-    """Position [rad], velocity [rad/s], acceleration [rad/s^2]."""
-    return state[0], state[1], state[2]
+    """Return position [rad], velocity [rad/s], acceleration [rad/s^2]."""
+    x, v, a, _, _, _ = state
+    return x, v, a
 
 
 def resume_2(state: tuple, measurement: float) -> tuple:
-    """After a gap: as at a start, but the kept speed tells which turn the next sample is on."""
-    return (measurement, state[1], FIRST_2, 0.0, resume_scatter(state[4], measurement))
+    """Return the state after a gap: a start, whose kept speed finds the next sample's turn."""
+    _, v, _, _, scatter = state
+    return (measurement, v, FIRST_2, 0.0, resume_scatter(scatter, measurement))
 
 
 def resume_3(state: tuple, measurement: float) -> tuple:
-    """As `resume_2`; the acceleration is forgotten."""
-    return (measurement, state[1], 0.0, FIRST_3, 0.0, resume_scatter(state[5], measurement))
+    """Return the same as `resume_2`; the acceleration is forgotten."""
+    _, v, _, _, _, scatter = state
+    return (measurement, v, 0.0, FIRST_3, 0.0, resume_scatter(scatter, measurement))
 
 
 def noise_of_third(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
-    """As `noise_gains_2`, after the third sample: a line through two, corrected by their second
-    difference. Its gains, if they stayed, could be those of an unstable observer.
+    """Return the same as `noise_gains_2`, after the third sample.
+
+    That is a line through two, corrected by the second difference of all three. Its gains, if they
+    stayed, could be those of an unstable observer.
     """
     return alpha, (2.0 - 6.0 * beta * (1.0 - beta)) / (dt * dt), 6.0
 
 
 def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Variances that white noise alone causes at the present gains, per R.
+    """Return the variances that white noise alone causes at the present gains, per R.
 
     P itself also holds the motion that the model allows for: at constant speed it is several times
     what is really there.
     """
-    p, dt = state[2], coefficients[0]
-    if state[3] == 0.0:
+    _, _, (K0, K1, _), started, _ = state
+    dt, _, _, _ = coefficients
+    if started == 0.0:
         return 1.0, 2.0 / (dt * dt), 2.0  # as the second sample will leave it
-    alpha, beta = p[0], p[1] * dt
+    alpha, beta = K0, K1 * dt
     if 2.0 * alpha + beta < 4.0:
         return noise_of_two(alpha, beta, dt)
     return noise_of_third(alpha, beta, dt)
 
 
 def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """As `noise_gains_2`."""
-    p, dt = state[3], coefficients[0]
-    if state[4] == 0.0:
+    """Return the same as `noise_gains_2`."""
+    _, _, _, (K0, K1, K2, _, _, _), started, _ = state
+    dt, _, _, _ = coefficients
+    if started == 0.0:
         return 1.0, 2.0 / (dt * dt), 2.0
-    alpha, beta, gamma = p[0], p[1] * dt, p[2] * dt * dt
+    alpha, beta, gamma = K0, K1 * dt, K2 * dt * dt
     if 2.0 * alpha + beta < 4.0 and alpha * (2.0 * beta + gamma) > 2.0 * gamma:
         return noise_of_three(alpha, beta, gamma, dt)
     return noise_of_third(alpha, beta, dt)
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions of the filter at these gains."""
+    """Return the functions of the filter at these gains."""
     order = 2 if gains.model == VELOCITY else 3
     density = gains.acceleration_psd if order == 2 else gains.jerk_psd
     variance = variance_floor(gains.quantum)
@@ -223,7 +241,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         variance += gains.noise * gains.noise
     per_dt, estimated = 0.0, 0.0
     if gains.bandwidth_hz is not None:
-        radius = 2.0 * math.pi * gains.bandwidth_hz / REACH[gains.model]
+        radius = 2.0 * math.pi * gains.bandwidth_hz / BANDWIDTH_RATIO[gains.model]
         density = radius ** (2 * order)
         per_dt = 1.0
     else:
@@ -235,8 +253,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
             usual = density
         radius = (usual / USUAL_DT) ** (0.5 / order)
 
-    def design() -> tuple:
-        return (density, float(circle.period), per_dt, estimated)
+    def design() -> Design:
+        return Design(density, float(circle.period), per_dt, estimated)
 
     def group_delay(dt: float) -> float:
         if order == 3:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from estimator_pkg.observers.angle.core import LAG_2, AngleCore, AngleGains, around
 from estimator_pkg.observers.circle import Circle, wrap
@@ -43,19 +44,27 @@ class Gains(AngleGains):
     )
 
 
-def prepare(design: tuple, dt: float) -> tuple:
-    """(alpha, beta/dt, dt, wrap period)."""
-    alpha, beta = matched(design[0], design[1], dt)
-    return (alpha, beta / dt, dt, design[2])
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is: poles at -decay +- sqrt(discriminant)."""
+
+    decay: float  # zeta w0 [1/s]
+    discriminant: float  # (zeta^2 - 1) w0^2 [1/s^2]
+    period: float  # wrap period [rad]; 0: none
 
 
-def init(measurement: float, design: tuple) -> tuple:
-    """(position [rad], velocity [rad/s])."""
+def prepare(design: Design, dt: float) -> tuple:
+    """Return (alpha, beta/dt [1/s], dt [s], wrap period [rad])."""
+    alpha, beta = matched(design.decay, design.discriminant, dt)
+    return (alpha, beta / dt, dt, design.period)
+
+
+def init(measurement: float, design: Design) -> tuple:
+    """Return (position [rad], velocity [rad/s])."""
     return (measurement, 0.0)
 
 
 def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-    """One sample further, and the innovation [rad]."""
+    """Return the state one sample further, and the innovation [rad]."""
     position, velocity = state
     alpha, rate, dt, period = coefficients
     innovation = measurement - position - velocity * dt
@@ -66,33 +75,35 @@ def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tupl
 
 
 def estimate(state: tuple) -> tuple[float, float, float]:
-    """Position [rad], velocity [rad/s]; no acceleration."""
-    return state[0], state[1], math.nan
+    """Return position [rad], velocity [rad/s], no acceleration."""
+    position, velocity = state
+    return position, velocity, math.nan
 
 
 def resume(state: tuple, measurement: float) -> tuple:
-    """After a gap: at the measurement, with the speed as it was."""
-    return (measurement, state[1])
+    """Return the state after a gap: at the measurement [rad], with the speed as it was."""
+    _, velocity = state
+    return (measurement, velocity)
 
 
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Variances of position, velocity and innovation per unit variance of white noise."""
+    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
     alpha, rate, dt, period = coefficients
     return noise_of_two(alpha, rate * dt, dt)
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions of the loop at these gains."""
+    """Return the functions of the loop at these gains."""
     natural = natural_frequency(gains.bandwidth_hz, gains.damping)
     decay = gains.damping * natural
-    spread = (gains.damping * gains.damping - 1.0) * natural * natural
-    slow = decay - math.sqrt(spread) if spread > 0.0 else decay
+    discriminant = (gains.damping * gains.damping - 1.0) * natural * natural
+    slow = decay - math.sqrt(discriminant) if discriminant > 0.0 else decay
 
-    def design() -> tuple:
-        return (decay, spread, float(circle.period))
+    def design() -> Design:
+        return Design(decay, discriminant, float(circle.period))
 
     def group_delay(dt: float) -> float:
-        alpha, beta = matched(decay, spread, dt)
+        alpha, beta = matched(decay, discriminant, dt)
         return dt * (alpha / beta - 0.5)
 
     return around(

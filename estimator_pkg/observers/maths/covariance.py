@@ -1,10 +1,13 @@
 """Covariances of position, velocity and acceleration, unrolled, in units of the noise variance.
 
 The upper triangle of the symmetric P/R is kept, row by row: 3 numbers for (x, v), 6 for (x, v, a).
-With R = 1 the first row of P after a measurement *is* the Kalman gain, and the update multiplies
-that row by 1/(1 + p00) instead of subtracting from it: nothing cancels there, and the rest loses
-digits only where a measurement takes nearly all of an uncertainty away, which is done in closed
-form. White process noise keeps P regular, so the recursion runs for hours without a Joseph form.
+
+    P- = F P F' + Q,   S = H P- H' + 1,   K = P- H'/S,   P = P- - K H P-,   H = (1, 0[, 0])
+
+With R = 1 the first row of P after a measurement *is* the Kalman gain K, and the update multiplies
+that row by 1/S instead of subtracting from it: nothing cancels there, and the rest loses digits
+only where a measurement takes nearly all of an uncertainty away, which is done in closed form.
+White process noise keeps P regular, so the recursion runs for hours without a Joseph form.
 """
 
 from __future__ import annotations
@@ -21,12 +24,12 @@ BLIND = 1e-9
 
 
 def of_noise_2(density: float, dt: float) -> tuple[float, float, float]:
-    """What white acceleration of this `density` (of the noise variance) adds within dt [s]."""
+    """Return Q of white acceleration of this `density` (per noise variance) over dt [s]."""
     return (density * dt * dt * dt / 3.0, density * dt * dt / 2.0, density * dt)
 
 
 def of_noise_3(density: float, dt: float) -> tuple[float, float, float, float, float, float]:
-    """What white jerk of this `density` (of the noise variance) adds within dt [s]."""
+    """Return Q of white jerk of this `density` (per noise variance) over dt [s]."""
     square = dt * dt
     return (
         density * square * square * dt / 20.0,
@@ -39,12 +42,12 @@ def of_noise_3(density: float, dt: float) -> tuple[float, float, float, float, f
 
 
 def start_2(dt: float) -> tuple[float, float, float]:
-    """After two samples dt [s] apart and no other knowledge: a straight line through both."""
+    """Return P after two samples, dt [s] after each other: a straight line through both."""
     return (1.0, 1.0 / dt, 2.0 / (dt * dt))
 
 
 def start_3(dt: float) -> tuple[float, float, float, float, float, float]:
-    """As `start_2`, with an acceleration of which next to nothing is known."""
+    """Return the same, with an acceleration of which next to nothing is known."""
     square = dt * dt
     return (
         1.0,
@@ -59,7 +62,7 @@ def start_3(dt: float) -> tuple[float, float, float, float, float, float]:
 def step_2(
     p: tuple[float, float, float], dt: float, scale: float, added: tuple[float, float, float]
 ) -> tuple[tuple[float, float, float], float]:
-    """Prediction over dt [s] and update; (P, 1/(1 + p00 of the prediction)).
+    """Return (P, 1/S) after a prediction over dt [s] and an update; K is the first row of P.
 
     Parameters
     ----------
@@ -68,14 +71,14 @@ def step_2(
     """
     p00, p01, p11 = p
     q00, q01, q11 = added
-    n01 = p01 + dt * p11
+    n01 = p01 + dt * p11  # n: P- = F P F' + Q
     n00 = p00 + dt * (p01 + n01) + scale * q00
     n01 += scale * q01
-    left = 1.0 / (1.0 + n00)
-    if left < BLIND:
-        return start_2(dt), left
-    p01 = n01 * left
-    return (n00 * left, p01, p11 + scale * q11 - p01 * n01), left
+    of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
+    if of_s < BLIND:
+        return start_2(dt), of_s
+    K1 = n01 * of_s
+    return (n00 * of_s, K1, p11 + scale * q11 - K1 * n01), of_s
 
 
 def step_3(
@@ -84,7 +87,7 @@ def step_3(
     scale: float,
     added: tuple[float, float, float, float, float, float],
 ) -> tuple[tuple[float, float, float, float, float, float], float]:
-    """As `step_2`, with the acceleration."""
+    """Return the same as `step_2`, with the acceleration."""
     p00, p01, p02, p11, p12, p22 = p
     q00, q01, q02, q11, q12, q22 = added
     half = 0.5 * dt * dt
@@ -94,23 +97,22 @@ def step_3(
     n00 = p00 + dt * p01 + half * p02 + dt * r01 + half * r02 + scale * q00
     n01 = r01 + dt * r02 + scale * q01
     n02 = r02 + scale * q02
-    left = 1.0 / (1.0 + n00)
-    if left < BLIND:
-        return start_3(dt), left
-    p01 = n01 * left
-    p02 = n02 * left
+    of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
+    if of_s < BLIND:
+        return start_3(dt), of_s
+    K1, K2 = n01 * of_s, n02 * of_s
     return (
-        n00 * left,
-        p01,
-        p02,
-        p11 + dt * (p12 + r12) + scale * q11 - p01 * n01,
-        r12 + scale * q12 - p01 * n02,
-        p22 + scale * q22 - p02 * n02,
-    ), left
+        n00 * of_s,
+        K1,
+        K2,
+        p11 + dt * (p12 + r12) + scale * q11 - K1 * n01,
+        r12 + scale * q12 - K1 * n02,
+        p22 + scale * q22 - K2 * n02,
+    ), of_s
 
 
 def steady_gains_2(density: float, dt: float) -> tuple[float, float]:
-    """(alpha, beta) to which `step_2` converges at a constant dt [s].
+    """Return (alpha, beta) to which `step_2` converges at a constant dt [s].
 
     From the spectral factors of the second difference of the measurement, an MA(2) process with
     autocovariances 6 + 2 tau/3, -4 + tau/6, 1 where tau = density dt^3.

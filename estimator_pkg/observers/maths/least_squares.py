@@ -18,16 +18,19 @@ TRACE = 1e-13  # of the covariance at the start
 
 
 def kept(dt: float, memory: float) -> float:
-    """What is left after dt [s] of what was known, at a memory of so many seconds; 0: for ever."""
+    """Return the part of the information that is kept after dt [s], at this memory [s]; 0: all."""
     return max(math.exp(-dt / memory), LEAST_KEPT) if memory > 0.0 else 1.0
 
 
 def make_update(size: int) -> Callable[..., tuple]:
-    """update(theta, p, psi, error, forget, most) -> (theta, p, spread), for `size` parameters.
+    """Return update(theta, p, psi, e, forget, most) -> (theta, p, s), for `size` parameters.
 
-    One equation psi . theta = ... more, which theta misses by `error`. `forget` is of `kept`,
-    `most` the covariance p at the start, a diagonal one; error^2/spread has the variance of the
-    noise.
+    Recursive least squares with forgetting, for one measurement psi . theta of unit noise variance:
+
+        s = forget + psi' P psi,   K = P psi/s,   theta += K e,   P = (P - K psi' P)/forget
+
+    `e` is the innovation, s its variance in units of that of the noise; `forget` is from `kept`,
+    `most` the covariance P at the start, a diagonal one.
     """
     free = algebra(size)
     apply, dot, add, rank_one = free.apply, free.dot, free.add, free.rank_one
@@ -35,15 +38,15 @@ def make_update(size: int) -> Callable[..., tuple]:
     nothing = ((0.0,) * size,) * size
 
     def update(
-        theta: tuple, p: tuple, psi: tuple, error: float, forget: float, most: tuple
+        theta: tuple, p: tuple, psi: tuple, e: float, forget: float, most: tuple
     ) -> tuple[tuple, tuple, float]:
-        direction = apply(p, psi)
+        direction = apply(p, psi)  # P psi
         if forget < 1.0 and (wider(nothing, p) or dot(psi, direction) < 0.0):
             p = most
             direction = apply(p, psi)
-        spread = forget + dot(psi, direction)
-        theta = add(theta, error / spread, direction)
-        p = rank_one(p, 1.0 / forget, -1.0 / (forget * spread), direction)
-        return theta, limited(p, most, TRACE) if forget < 1.0 else p, spread
+        s = forget + dot(psi, direction)
+        theta = add(theta, e / s, direction)  # K = direction/s
+        p = rank_one(p, 1.0 / forget, -1.0 / (forget * s), direction)
+        return theta, limited(p, most, TRACE) if forget < 1.0 else p, s
 
     return update

@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def settled(step: NDArray[np.float64], entering: NDArray[np.float64]) -> NDArray[np.float64]:
-    """P = step P step^T + entering: the covariance that white disturbances lead to.
+def steady_covariance(
+    step: NDArray[np.float64], entering: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return P = step P step^T + entering: the covariance that white disturbances lead to.
 
-    Summed by doubling. Infinite where `step` is not stable.
+    All of shape (n, n). Summed by doubling. Infinite where `step` is not stable.
     """
     if max(abs(np.linalg.eigvals(step))) >= 1.0:
         return np.full_like(entering, np.inf)
@@ -26,7 +28,7 @@ def settled(step: NDArray[np.float64], entering: NDArray[np.float64]) -> NDArray
 def steady_variances(
     transition: NDArray[np.float64], gain: NDArray[np.float64]
 ) -> tuple[float, float, float]:
-    """Variances of position, velocity and innovation per unit variance of white noise.
+    """Return variances of position, velocity and innovation per unit variance of white noise.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ def steady_variances(
     """
     kept = np.eye(len(gain))
     kept[:, 0] -= gain
-    covariance = settled(kept @ transition, gain[:, None] * gain)
+    covariance = steady_covariance(kept @ transition, gain[:, None] * gain)
     if not np.all(np.isfinite(covariance)):
         raise ValueError('the observer is unstable')
     before = transition @ covariance @ transition.T

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 
-def reach(damping: float) -> float:
-    """The -3 dB frequency of w0^2/(s^2 + 2 damping w0 s + w0^2), over w0."""
+def bandwidth_ratio(damping: float) -> float:
+    """Return the -3 dB frequency of w0^2/(s^2 + 2 damping w0 s + w0^2), over w0."""
     middle = 1.0 - 2.0 * damping * damping
     # the root of u^2 - 2 middle u - 1 that is positive, without a difference of large numbers
     power = (
@@ -23,12 +23,12 @@ def reach(damping: float) -> float:
 
 
 def natural_frequency(bandwidth_hz: float, damping: float) -> float:
-    """w0 [rad/s] of such a loop that is 3 dB down at `bandwidth_hz` [Hz]."""
-    return 2.0 * math.pi * bandwidth_hz / reach(damping)
+    """Return w0 [rad/s] of such a loop that is 3 dB down at `bandwidth_hz` [Hz]."""
+    return 2.0 * math.pi * bandwidth_hz / bandwidth_ratio(damping)
 
 
-def matched(decay: float, spread: float, dt: float) -> tuple[float, float]:
-    """(alpha, beta) with the poles exp(p dt) of the continuous ones p = -decay +- sqrt(spread).
+def matched(decay: float, discriminant: float, dt: float) -> tuple[float, float]:
+    """Return (alpha, beta) with poles exp(p dt), where p = -decay +- sqrt(discriminant).
 
     alpha = 1 - z1 z2 and beta = (1 - z1)(1 - z2), written without the differences of nearly equal
     numbers that a slow loop at a high rate would bring.
@@ -36,22 +36,22 @@ def matched(decay: float, spread: float, dt: float) -> tuple[float, float]:
     Parameters
     ----------
     decay : [1/s], positive.
-    spread : [1/s^2]; negative for a complex pair. Less than decay^2.
+    discriminant : [1/s^2]; negative for a complex pair. Less than decay^2.
     dt : sample time [s].
     """
     alpha = -math.expm1(-2.0 * decay * dt)
-    if spread < 0.0:
+    if discriminant < 0.0:
         size = math.exp(-decay * dt)
-        half = math.sin(0.5 * math.sqrt(-spread) * dt)
+        half = math.sin(0.5 * math.sqrt(-discriminant) * dt)
         return alpha, (1.0 - size) * (1.0 - size) + 4.0 * size * half * half
-    apart = math.sqrt(spread)
-    return alpha, math.expm1((apart - decay) * dt) * math.expm1(-(apart + decay) * dt)
+    root = math.sqrt(discriminant)
+    return alpha, math.expm1((root - decay) * dt) * math.expm1(-(root + decay) * dt)
 
 
 def noise_of_two(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
-    """Variances of position, velocity [1/s^2] and innovation per unit variance of white noise.
+    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise.
 
-    The solution of P = A P A' + K K' with A = (1 - K C) F, for x and v.
+    The noise is white. The solution of P = A P A' + K K' with A = (1 - K C) F, for x and v.
     """
     scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
     return (
@@ -64,7 +64,7 @@ def noise_of_two(alpha: float, beta: float, dt: float) -> tuple[float, float, fl
 def noise_of_three(
     alpha: float, beta: float, gamma: float, dt: float
 ) -> tuple[float, float, float]:
-    """As `noise_of_two`, for x, v and a."""
+    """Return the same as `noise_of_two`, for x, v and a."""
     scale = 1.0 / ((4.0 - 2.0 * alpha - beta) * (2.0 * alpha * beta + alpha * gamma - 2.0 * gamma))
     position = (
         4.0 * alpha * alpha * beta

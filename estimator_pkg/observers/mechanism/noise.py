@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.maths.steady_noise import settled
+from estimator_pkg.observers.maths.steady_noise import steady_covariance
 
 Array = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ def noise_gains(
     gains = np.zeros((3, n, n))
     for joint in range(n):
         column = entering[:, joint : joint + 1]
-        covariance = settled(transition, column @ column.T)
+        covariance = steady_covariance(transition, column @ column.T)
         for kind, rows in enumerate((inward, velocity, offset)):
             gains[kind, :, joint] = np.einsum('ij,jk,ik->i', rows, covariance, rows)
     of_position, of_velocity, of_innovation = gains

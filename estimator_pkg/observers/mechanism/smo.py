@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.describing import Describing, describing
-from estimator_pkg.observers.maths.steady_noise import settled
+from estimator_pkg.observers.maths.steady_noise import steady_covariance
 from estimator_pkg.observers.maths.twisting import implicit_step, injections
 from estimator_pkg.observers.maths.unroll import written_out
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
@@ -182,11 +182,11 @@ def scatter(
     per_noise = np.zeros((3, n, n))
     for joint in range(n):
         came = arrival[:, joint]
-        covariance = settled(step, came[:, None] * came)
+        covariance = steady_covariance(step, came[:, None] * came)
         per_noise[0, :, joint] = variances(shown, covariance)
         per_noise[1, :, joint] = variances(speeds, covariance)
         per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2
-    chatter = settled(step, remnant)
+    chatter = steady_covariance(step, remnant)
     return NoiseGains(
         per_noise[0],
         per_noise[1],

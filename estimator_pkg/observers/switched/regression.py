@@ -54,8 +54,8 @@ def learn(
         filters.append(own)
         if state.deaf <= 0.0:
             residual = target - system.free.dot(rows, z)
-            z, p, spread = system.update(z, p, rows, residual, keep, most)
-            power += 0.02 * (residual * residual / spread - power)
+            z, p, s = system.update(z, p, rows, residual, keep, most)
+            power += 0.02 * (residual * residual / s - power)
     return state._replace(z=z, p=p, power=power, filters=tuple(filters), last_columns=now)
 
 
