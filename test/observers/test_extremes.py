@@ -10,7 +10,7 @@ from estimator_pkg import observers
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import robust as hybrid_robust
-from estimator_pkg.observers.angle.hybrid.design import settle
+from estimator_pkg.observers.angle.hybrid.design import continuous_design
 from estimator_pkg.observers.angle.super_twisting.gains import matched_1, roots
 from estimator_pkg.observers.contract import MISCONFIGURED
 from estimator_pkg.observers.maths.covariance import steady_gains_2
@@ -131,8 +131,8 @@ def test_steady_gains_of_a_joint_that_may_do_anything(tau):
 def test_a_slow_hybrid_loop_at_a_high_rate_has_the_gains_of_its_design(order, k):
     """One hour's time constant at 20 kHz: T l1, T^2 l2, T^3 l3 to eight digits."""
     epsilon, dt = 3600.0, 5e-5
-    design = settle(order, 1.0, *(*k, None)[:3], epsilon)
-    values = hybrid_robust.design_values(design, math.pi, 1.0, math.inf)
+    design = continuous_design(order, 1.0, *(*k, None)[:3], epsilon)
+    values = hybrid_robust.sampled_design(design, math.pi, 1.0, math.inf)
     prepare = hybrid_robust.prepare_2 if order == 2 else hybrid_robust.prepare_3
     alpha, *rates = prepare(values, dt)[:order]
     assert alpha / dt == pytest.approx(k[0] / epsilon, rel=1e-7)
@@ -141,8 +141,8 @@ def test_a_slow_hybrid_loop_at_a_high_rate_has_the_gains_of_its_design(order, k)
 
 
 def test_general_poles_and_the_triple_one_agree():
-    design = settle(3, 20.0, None, None, None, None)
-    values = hybrid_robust.design_values(design, math.pi, 1.0, math.inf)
+    design = continuous_design(3, 20.0, None, None, None, None)
+    values = hybrid_robust.sampled_design(design, math.pi, 1.0, math.inf)
     for dt in (1e-5, 1e-3, 0.02, 1.0):
         assert hybrid_robust.prepare_3(values, dt) == pytest.approx(
             hybrid_robust.prepare_triple(values, dt), rel=1e-9
@@ -167,9 +167,8 @@ def test_super_twisting_far_from_its_bound_keeps_its_gains():
     """At a speed s of the error dynamics the gains are those of the continuous design: 1.5 s and
     1.1 s^2, however small s is.
     """
-    design = (1.0, 1.0, 1.5, 1.1, 0.0, 0.0, *roots(1))
     for s in (1e-4, 1e-9, 1e-16):
-        k0, k1, k2, k3 = matched_1(s, design)
+        k0, k1, k2, k3 = matched_1(s, roots(1))
         assert (k0, k1) == pytest.approx((1.5 * s, 1.1 * s * s), rel=1e-3)
 
 

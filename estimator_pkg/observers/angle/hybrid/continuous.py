@@ -43,8 +43,9 @@ def make_flow(injection: Injection) -> Flow:
 
         gains : l1 [1/s], l2 [1/s^2], saturation limit M [rad] of the injection.
         """
-        corrected = injection(measurement - position, TURN, gains[2])
-        return velocity + gains[0] * corrected, gains[1] * corrected
+        l1, l2, limit = gains
+        corrected = injection(measurement - position, TURN, limit)
+        return velocity + l1 * corrected, l2 * corrected  # (3a)
 
     return flow
 

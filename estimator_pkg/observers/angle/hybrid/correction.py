@@ -12,7 +12,8 @@ Against Algorithm 1 of Brentari et al. (2018):
   carry the speed to another that fits the samples as well (v + n 2 pi/T). The speed is held. If
   the next samples fit again it was an outlier; if they do not, a new start is made from them.
 
-State and coefficients are those of `robust`.
+State and coefficients are those of `robust`. The innovation is the error that the last correction
+left plus the motion that was not predicted.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ HOLD_SAMPLES = 3  # ... and for so many of them, before a new start
 Correct = Callable[[tuple, tuple, float], tuple[tuple, float]]
 
 
-def held(velocity: float, fastest: float) -> float:
-    """`velocity` within +-fastest [rad/s]."""
+def clamped(velocity: float, fastest: float) -> float:
+    """Return `velocity` clamped to +-fastest [rad/s]."""
     if velocity > fastest:
         return fastest
     if velocity < -fastest:
@@ -40,7 +41,7 @@ def held(velocity: float, fastest: float) -> float:
 
 
 def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct:
-    """`correct` of the second order.
+    """Return `correct` of the second order.
 
     Parameters
     ----------
@@ -50,84 +51,85 @@ def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct
     doubtful = DOUBTFUL * period if period > 0.0 else math.inf
 
     def start(
-        state: tuple, coefficients: tuple, measurement: float, error: float
+        state: tuple, coefficients: tuple, measurement: float, innovation: float
     ) -> tuple[tuple, float]:
-        """The expanding memory of a straight line: one sample further."""
+        """Return the state one sample further: expanding memory of a straight line."""
         last, _, velocity, phase = state
         alpha, beta, dt, _, _, fastest = coefficients
-        if phase > 1.0 and not -doubtful <= error <= doubtful:
+        if phase > 1.0 and not -doubtful <= innovation <= doubtful:
             velocity = wrap(measurement - last, period) / dt
-            return (measurement, 0.0, held(velocity, fastest), 2.0), error
+            return (measurement, 0.0, clamped(velocity, fastest), 2.0), innovation
         phase += 1.0
         rate = 6.0 / (phase * (phase + 1.0) * dt)
         if rate < beta:
             phase = 0.0
         else:
             alpha, beta = (4.0 * phase - 2.0) / (phase * (phase + 1.0)), rate
-        velocity = held(velocity + beta * error, fastest)
+        velocity = clamped(velocity + beta * innovation, fastest)
         if phase == 2.0:
-            return (measurement, 0.0, velocity, phase), 0.0  # the speed was not known: no surprise
-        return (measurement, error - alpha * error, velocity, phase), error
+            # the speed was not known: no innovation
+            return (measurement, 0.0, velocity, phase), 0.0
+        return (measurement, innovation - alpha * innovation, velocity, phase), innovation
 
     def hold(
-        state: tuple, coefficients: tuple, measurement: float, unforeseen: float, error: float
+        state: tuple, coefficients: tuple, measurement: float, unpredicted: float, innovation: float
     ) -> tuple[tuple, float]:
-        """A sample far off, or one after it: the speed is held."""
-        velocity, phase = state[2], state[3]
-        dt, fastest = coefficients[2], coefficients[5]
-        error = wrap(error, period)
-        if -doubtful <= error <= doubtful and -doubtful <= unforeseen <= doubtful:
-            return (measurement, error, velocity, 0.0), error
+        """Return the state after an outlier, or the sample after one: the speed is held."""
+        last, _, velocity, phase = state
+        _, _, dt, _, _, fastest = coefficients
+        innovation = wrap(innovation, period)
+        if -doubtful <= innovation <= doubtful and -doubtful <= unpredicted <= doubtful:
+            return (measurement, innovation, velocity, 0.0), innovation
         phase -= 1.0
         if -phase > HOLD_SAMPLES and -phase * dt > HOLD:
-            velocity = held(wrap(measurement - state[0], period) / dt, fastest)
+            velocity = clamped(wrap(measurement - last, period) / dt, fastest)
             return (measurement, 0.0, velocity, 2.0), math.inf
-        return (measurement, error, velocity, phase), error
+        return (measurement, innovation, velocity, phase), innovation
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
         last, error, velocity, phase = state
-        alpha, beta, dt, reach, saturation, fastest = coefficients
-        unforeseen = measurement - last - velocity * dt
+        alpha, beta, dt, reset_from, saturation, fastest = coefficients
+        unpredicted = measurement - last - velocity * dt
         strange = False
-        if not -doubtful <= unforeseen <= doubtful:
-            unforeseen = wrap(unforeseen, period)
-            strange = not -doubtful <= unforeseen <= doubtful
-        error += unforeseen
-        if phase > 0.0:
-            return start(state, coefficients, measurement, error)
-        if strange or phase < 0.0:
-            return hold(state, coefficients, measurement, unforeseen, error)
-        if not -reach < error < reach:
-            return (measurement, 0.0, velocity, 0.0), error
-        push = error
+        if not -doubtful <= unpredicted <= doubtful:
+            unpredicted = wrap(unpredicted, period)
+            strange = not -doubtful <= unpredicted <= doubtful
+        innovation = error + unpredicted
+        if strange or phase != 0.0:
+            if phase > 0.0:
+                return start(state, coefficients, measurement, innovation)
+            return hold(state, coefficients, measurement, unpredicted, innovation)
+        if not -reset_from < innovation < reset_from:
+            return (measurement, 0.0, velocity, 0.0), innovation
+        injected = innovation
         if not linear:
-            push = injection(error, period, saturation)
-            if abs(push) * alpha > abs(error):
-                push = error / alpha
-        velocity += beta * push
+            injected = injection(innovation, period, saturation)
+            if abs(injected) * alpha > abs(innovation):
+                injected = innovation / alpha
+        velocity += beta * injected
         if not -fastest <= velocity <= fastest:
-            velocity = held(velocity, fastest)
-        return (measurement, error - alpha * push, velocity, 0.0), error
+            velocity = clamped(velocity, fastest)
+        return (measurement, innovation - alpha * injected, velocity, 0.0), innovation
 
     return correct
 
 
 def make_correct_3(injection: Injection, linear: bool, period: float) -> Correct:
-    """`correct` of the third order; parameters as for `make_correct_2`."""
+    """Return `correct` of the third order; parameters as for `make_correct_2`."""
     doubtful = DOUBTFUL * period if period > 0.0 else math.inf
 
     def start(
-        state: tuple, coefficients: tuple, measurement: float, error: float
+        state: tuple, coefficients: tuple, measurement: float, innovation: float
     ) -> tuple[tuple, float]:
-        """The expanding memory: a straight line through two samples, then a parabola."""
+        """Return the same: a straight line through two samples, then a parabola."""
         last, _, velocity, acceleration, phase = state
         alpha, beta, gamma, dt, _, _, fastest, _ = coefficients
         if phase < 2.0:
-            velocity = held(velocity + error / dt, fastest)
-            return (measurement, 0.0, velocity, 0.0, 2.0), 0.0  # speed not known: no surprise
-        if not -doubtful <= error <= doubtful:
-            velocity = held(wrap(measurement - last, period) / dt, fastest)
-            return (measurement, 0.0, velocity, 0.0, 2.0), error
+            velocity = clamped(velocity + innovation / dt, fastest)
+            return (measurement, 0.0, velocity, 0.0, 2.0), 0.0  # speed not known: no innovation
+        if not -doubtful <= innovation <= doubtful:
+            velocity = clamped(wrap(measurement - last, period) / dt, fastest)
+            return (measurement, 0.0, velocity, 0.0, 2.0), innovation
         phase += 1.0
         part = 1.0 / (phase * (phase + 1.0) * (phase + 2.0))
         slope = 60.0 * part / (dt * dt)
@@ -137,55 +139,61 @@ def make_correct_3(injection: Injection, linear: bool, period: float) -> Correct
             alpha = (9.0 * phase * (phase - 1.0) + 6.0) * part
             beta = (36.0 * phase - 18.0) * part / dt
             gamma = slope
-        velocity = held(velocity + acceleration * dt + beta * error, fastest)
+        velocity = clamped(velocity + acceleration * dt + beta * innovation, fastest)
         return (
-            (measurement, error - alpha * error, velocity, acceleration + gamma * error, phase),
-            error,
+            (
+                measurement,
+                innovation - alpha * innovation,
+                velocity,
+                acceleration + gamma * innovation,
+                phase,
+            ),
+            innovation,
         )
 
     def hold(
-        state: tuple, coefficients: tuple, measurement: float, unforeseen: float, error: float
+        state: tuple, coefficients: tuple, measurement: float, unpredicted: float, innovation: float
     ) -> tuple[tuple, float]:
-        """A sample far off, or one after it: the speed is held."""
-        velocity, acceleration, phase = state[2], state[3], state[4]
-        dt, fastest = coefficients[3], coefficients[6]
-        error = wrap(error, period)
-        velocity = held(velocity + acceleration * dt, fastest)
-        if -doubtful <= error <= doubtful and -doubtful <= unforeseen <= doubtful:
-            return (measurement, error, velocity, acceleration, 0.0), error
+        """Return the state after an outlier, or the sample after one: the speed is held."""
+        last, _, velocity, acceleration, phase = state
+        _, _, _, dt, _, _, fastest, _ = coefficients
+        innovation = wrap(innovation, period)
+        velocity = clamped(velocity + acceleration * dt, fastest)
+        if -doubtful <= innovation <= doubtful and -doubtful <= unpredicted <= doubtful:
+            return (measurement, innovation, velocity, acceleration, 0.0), innovation
         phase -= 1.0
         if -phase > HOLD_SAMPLES and -phase * dt > HOLD:
-            velocity = held(wrap(measurement - state[0], period) / dt, fastest)
+            velocity = clamped(wrap(measurement - last, period) / dt, fastest)
             return (measurement, 0.0, velocity, 0.0, 2.0), math.inf
-        return (measurement, error, velocity, 0.0, phase), error
+        return (measurement, innovation, velocity, 0.0, phase), innovation
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
         last, error, velocity, acceleration, phase = state
-        alpha, beta, gamma, dt, reach, saturation, fastest, _ = coefficients
+        alpha, beta, gamma, dt, reset_from, saturation, fastest, _ = coefficients
         gained = acceleration * dt
-        unforeseen = measurement - last - (velocity + 0.5 * gained) * dt
+        unpredicted = measurement - last - (velocity + 0.5 * gained) * dt
         strange = False
-        if not -doubtful <= unforeseen <= doubtful:
-            unforeseen = wrap(unforeseen, period)
-            strange = not -doubtful <= unforeseen <= doubtful
-        error += unforeseen
-        if phase > 0.0:
-            return start(state, coefficients, measurement, error)
-        if strange or phase < 0.0:
-            return hold(state, coefficients, measurement, unforeseen, error)
+        if not -doubtful <= unpredicted <= doubtful:
+            unpredicted = wrap(unpredicted, period)
+            strange = not -doubtful <= unpredicted <= doubtful
+        innovation = error + unpredicted
+        if strange or phase != 0.0:
+            if phase > 0.0:
+                return start(state, coefficients, measurement, innovation)
+            return hold(state, coefficients, measurement, unpredicted, innovation)
         velocity += gained
-        if not -reach < error < reach:
-            return (measurement, 0.0, held(velocity, fastest), acceleration, 0.0), error
-        push = error
+        if not -reset_from < innovation < reset_from:
+            return (measurement, 0.0, clamped(velocity, fastest), acceleration, 0.0), innovation
+        injected = innovation
         if not linear:
-            push = injection(error, period, saturation)
-            if abs(push) * alpha > abs(error):
-                push = error / alpha
-        velocity += beta * push
-        acceleration += gamma * push
+            injected = injection(innovation, period, saturation)
+            if abs(injected) * alpha > abs(innovation):
+                injected = innovation / alpha
+        velocity += beta * injected
+        acceleration += gamma * injected
         if not -fastest <= velocity <= fastest:
-            velocity = held(velocity, fastest)
+            velocity = clamped(velocity, fastest)
             acceleration = 0.0
-        return (measurement, error - alpha * push, velocity, acceleration, 0.0), error
+        return (measurement, innovation - alpha * injected, velocity, acceleration, 0.0), innovation
 
     return correct

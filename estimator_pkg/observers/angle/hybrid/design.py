@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.maths.tracking import reach
+from estimator_pkg.observers.maths.tracking import bandwidth_ratio
 
 PAPER = (6.0, 5.0)  # k1, k2 of the paper's simulations and experiments: poles -1, -5
 TRIPLE = (3.0, 3.0, 1.0)  # k1, k2, k3 of the third order: a triple pole at -1
@@ -24,7 +24,7 @@ LEAST_DECAY = 1e-6  # of the slowest pole, in the fastest
 
 
 class Design(NamedTuple):
-    """A settled continuous design.
+    """A continuous design.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Design(NamedTuple):
         return self.k == TRIPLE
 
 
-def settle(
+def continuous_design(
     order: int,
     bandwidth_hz: float,
     k1: float | None,
@@ -58,7 +58,7 @@ def settle(
     k3: float | None,
     epsilon: float | None,
 ) -> Design:
-    """The design that these parameters mean; what is None follows.
+    """Return the design that these parameters mean; what is None follows.
 
     Parameters
     ----------
@@ -76,13 +76,15 @@ def settle(
     k = tuple(
         float(default if given is None else given) for given, default in zip((k1, k2, k3), usual)
     )
-    if order == 3 and k[0] * k[1] <= k[2]:
-        raise UsageError(
-            f'k1 k2 = {k[0] * k[1]:g} must exceed k3 = {k[2]:g}, '
-            'or the third-order observer is unstable'
-        )
+    if order == 3:
+        k_1, k_2, k_3 = k
+        if k_1 * k_2 <= k_3:  # Routh and Hurwitz
+            raise UsageError(
+                f'k1 k2 = {k_1 * k_2:g} must exceed k3 = {k_3:g}, '
+                'or the third-order observer is unstable'
+            )
     roots = [1.0 + 0.0j] * 3 if k == TRIPLE else [-complex(r) for r in np.roots((1.0, *k))]
-    require_settling(k, roots)
+    require_damping(k, roots)
     unit = unit_bandwidth(k)
     if epsilon is None:
         epsilon = unit / (2.0 * math.pi * bandwidth_hz)
@@ -91,8 +93,8 @@ def settle(
     )
 
 
-def require_settling(k: tuple[float, ...], roots: list[complex]) -> None:
-    """Refuse poles that no run would see settle: hardly damped, or decades slower than others.
+def require_damping(k: tuple[float, ...], roots: list[complex]) -> None:
+    """Refuse poles that are hardly damped, or decades slower than others.
 
     Raises
     ------
@@ -109,13 +111,14 @@ def require_settling(k: tuple[float, ...], roots: list[complex]) -> None:
 
 
 def unit_bandwidth(k: tuple[float, ...]) -> float:
-    """The -3 dB frequency [rad/s] from true to estimated velocity at epsilon = 1 s.
+    """Return the -3 dB frequency [rad/s] from true to estimated velocity at epsilon = 1 s.
 
     Order 2: k2/(s^2 + k1 s + k2). Order 3: (k2 s + k3)/(s^3 + k1 s^2 + k2 s + k3).
     """
     if len(k) == 2:
-        natural = math.sqrt(k[1])
-        return natural * reach(0.5 * k[0] / natural)
+        k1, k2 = k
+        natural = math.sqrt(k2)
+        return natural * bandwidth_ratio(0.5 * k1 / natural)
     k1, k2, k3 = k
     # |D|^2 - 2 |N|^2 in u = w^2
     power = (1.0, k1 * k1 - 2.0 * k2, -k2 * k2 - 2.0 * k1 * k3, -k3 * k3)
@@ -128,7 +131,7 @@ def unit_bandwidth(k: tuple[float, ...]) -> float:
 
 
 def paper_limit(k: tuple[float, ...]) -> float:
-    """The largest stable T/epsilon of Algorithm 1.
+    """Return the largest stable T/epsilon of Algorithm 1.
 
     Its z-polynomial z^2 - (2 - a - b) z + 1 - a, with a = k1 r, b = k2 r^2, r = T/epsilon, leaves
     the unit circle at z = -1: k2 r^2 + 2 k1 r - 4 = 0.

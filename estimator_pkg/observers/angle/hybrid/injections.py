@@ -97,10 +97,10 @@ def check_assumption_1(function: Callable[[float], float], margin: float, name: 
 
     if not callable(function):
         raise UsageError(f"injection '{name}' is no function of one angle")
-    reach = math.pi - margin
+    inner = math.pi - margin
     previous = None
     for i in range(-CHECKS, CHECKS + 1):
-        error = reach * i / CHECKS
+        error = inner * i / CHECKS
         value = value_at(error)
         if not math.isfinite(value):
             fail(1, f'not finite at {error:.3f} rad')
@@ -113,7 +113,7 @@ def check_assumption_1(function: Callable[[float], float], margin: float, name: 
             fail(1, f'jumps near {error:.3f} rad')
         previous = error
     for i in range(1, BEYOND):  # the rest of (-pi, pi), where it need not be continuous
-        for error in (reach + margin * i / BEYOND, -reach - margin * i / BEYOND):
+        for error in (inner + margin * i / BEYOND, -inner - margin * i / BEYOND):
             if not error * value_at(error) > 0.0:
                 fail(2, f'error times injection is not positive at {error:.3f} rad')
     step = 1e-5

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.core import LAG_2, AngleCore, AngleGains, around
 from estimator_pkg.observers.angle.hybrid import correction, injections, paper, robust
-from estimator_pkg.observers.angle.hybrid.design import Design, paper_limit
-from estimator_pkg.observers.angle.hybrid.design import settle as settle_design
+from estimator_pkg.observers.angle.hybrid.design import Design, continuous_design, paper_limit
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.parameters import parameter
@@ -138,7 +137,7 @@ def design_of(gains: Gains) -> Design:
     ------
     UsageError : an unstable design, or gains of another order.
     """
-    return settle_design(
+    return continuous_design(
         order_of(gains), gains.bandwidth_hz, gains.k1, gains.k2, gains.k3, gains.epsilon
     )
 
@@ -173,14 +172,14 @@ def core(gains: Gains, circle: Circle) -> AngleCore:
 def _robust(
     gains: Gains, design: Design, injection: injections.Injection, margin: float, period: float
 ) -> AngleCore:
-    reach = 0.5 * period - margin if period > 0.0 else math.inf
+    reset_from = 0.5 * period - margin if period > 0.0 else math.inf
     fastest = math.inf if gains.max_speed is None else gains.max_speed
-    values = robust.design_values(design, reach, gains.M, fastest)
+    values = robust.sampled_design(design, reset_from, gains.M, fastest)
     linear = gains.injection == 'saw'
     if len(design.k) == 2:
 
         def group_delay(dt: float) -> float:
-            alpha, rate = robust.prepare_2(values, dt)[:2]
+            alpha, rate, _, _, _, _ = robust.prepare_2(values, dt)
             return alpha / rate - 0.5 * dt
 
         return AngleCore(
@@ -215,8 +214,9 @@ def _paper(
 ) -> AngleCore:
     if gains.max_speed is not None:
         raise UsageError("form 'paper' has no speed limit: leave 'max_speed' automatic (0.0)")
-    l1, l2 = design.k[0] / design.epsilon, design.k[1] / design.epsilon**2
-    values = (l1, l2, margin, gains.M, float(period))
+    k1, k2 = design.k
+    l1, l2 = k1 / design.epsilon, k2 / design.epsilon**2  # L = (k1/eps, k2/eps^2), section III
+    values = paper.Design(l1, l2, margin, gains.M, float(period))
     ratio = paper_limit(design.k)
 
     def limits(dt: float) -> str | None:

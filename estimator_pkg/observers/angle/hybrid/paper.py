@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from estimator_pkg.observers.angle.hybrid.injections import Injection
 from estimator_pkg.observers.circle import wrap
@@ -14,6 +15,16 @@ UNSTABLE = 1e300  # a noise gain that nothing bounds; unlike inf, it may be mult
 Algorithm = Callable[
     [float, float, float, float, float, float, float, float], tuple[float, float, float]
 ]
+
+
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is."""
+
+    l1: float  # [1/s]
+    l2: float  # [1/s^2]
+    margin: float  # delta_pi [rad]
+    saturation: float  # M [rad]
+    period: float  # of the circle [rad]
 
 
 def make_algorithm_1(injection: Injection, period: float = 2.0 * math.pi) -> Algorithm:
@@ -38,62 +49,65 @@ def make_algorithm_1(injection: Injection, period: float = 2.0 * math.pi) -> Alg
         saturation: float,
     ) -> tuple[float, float, float]:
         predicted = position + dt * velocity  # line 3
-        surprise = measurement - predicted
-        push = injection(surprise, period, saturation)
-        position = predicted + dt * l1 * push
-        velocity += dt * l2 * push
+        innovation = measurement - predicted
+        injected = injection(innovation, period, saturation)
+        position = predicted + dt * l1 * injected
+        velocity += dt * l2 * injected
         if abs(abs(measurement - position) - half) <= margin:  # line 4: in J2
             position = measurement
         if abs(position) >= half + margin:  # line 7: in J1
             position -= math.copysign(period, position)
-        return position, velocity, surprise
+        return position, velocity, innovation
 
     return algorithm_1
 
 
-def init(measurement: float, design: tuple) -> tuple:
-    """At the first sample, at rest: (position [rad], velocity [rad/s])."""
-    return (wrap(measurement, design[4]), 0.0)
+def init(measurement: float, design: Design) -> tuple:
+    """Return (position [rad], velocity [rad/s]) at the first sample, at rest."""
+    return (wrap(measurement, design.period), 0.0)
 
 
-def prepare(design: tuple, dt: float) -> tuple:
-    """(dt, l1 [1/s], l2 [1/s^2], margin, saturation, period [rad]): nothing depends on dt."""
-    return (dt, design[0], design[1], design[2], design[3], design[4])
+def prepare(design: Design, dt: float) -> tuple:
+    """Return (dt, l1 [1/s], l2 [1/s^2], margin, saturation, period [rad]): all but dt constant."""
+    return (dt, design.l1, design.l2, design.margin, design.saturation, design.period)
 
 
 def make_correct(algorithm_1: Algorithm) -> Callable[[tuple, tuple, float], tuple[tuple, float]]:
-    """`correct` made of Algorithm 1; the measurement is wrapped on entry, in any convention."""
+    """Return `correct`, made of Algorithm 1; a measurement of any convention is wrapped."""
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
         dt, l1, l2, margin, saturation, period = coefficients
-        position, velocity, surprise = algorithm_1(
-            state[0], state[1], wrap(measurement, period), dt, l1, l2, margin, saturation
+        position, velocity = state
+        position, velocity, innovation = algorithm_1(
+            position, velocity, wrap(measurement, period), dt, l1, l2, margin, saturation
         )
-        return (position, velocity), wrap(surprise, period)
+        return (position, velocity), wrap(innovation, period)
 
     return correct
 
 
 def estimate(state: tuple) -> tuple[float, float, float]:
-    """Position [rad], velocity [rad/s], no acceleration."""
-    return state[0], state[1], math.nan
+    """Return position [rad], velocity [rad/s], no acceleration."""
+    position, velocity = state
+    return position, velocity, math.nan
 
 
 def make_resume(period: float) -> Callable[[tuple, float], tuple]:
-    """`resume`: at the measurement, with the speed as it was."""
+    """Return `resume`: at the measurement [rad], with the speed as it was."""
 
     def resume(state: tuple, measurement: float) -> tuple:
-        return (wrap(measurement, period), state[1])
+        _, velocity = state
+        return (wrap(measurement, period), velocity)
 
     return resume
 
 
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Of the loop of `tracking.noise_of_two` with alpha = T l1 and beta = T^2 l2.
+    """Return what `tracking.noise_of_two` gives for alpha = T l1 and beta = T^2 l2.
 
     As good as infinite where this one sample time is beyond the stability limit.
     """
-    dt, l1, l2 = coefficients[0], coefficients[1], coefficients[2]
+    dt, l1, l2, _, _, _ = coefficients
     alpha, beta = dt * l1, dt * dt * l2
     if 2.0 * alpha + beta >= 4.0:
         return UNSTABLE, UNSTABLE, 1.0
