@@ -51,8 +51,7 @@ def _loop(form: str, order: int) -> Callable:
         state: tuple, coefficients: tuple, dt: float, measured: Array, v: Array, a: Array
     ) -> None:
         for k in range(len(measured)):
-            before = step(state, dt)
-            v[k], a[k] = before[1], before[2]
+            _, v[k], a[k], _ = step(state[:4], dt)
             state = correct(state, coefficients, measured[k])[0]
             if implicit:
                 v[k], a[k] = state[1], state[2]
@@ -385,9 +384,13 @@ def _jitter() -> Values:
     t = np.concatenate([[0.0], np.cumsum(steps)])
     position, velocity, _ = signal(t)
     correct = super_twisting.correction('implicit', 1)
-    design = super_twisting.build(
-        super_twisting.Gains(order=1, form='implicit', bound=BOUND[1]), Circle(0.0)
-    ).design()[0]
+    design = (
+        super_twisting.build(
+            super_twisting.Gains(order=1, form='implicit', bound=BOUND[1]), Circle(0.0)
+        )
+        .design()
+        .core
+    )
     for name in ('nominal', 'true'):
         state, found = super_twisting.at_rest(float(position[0])), [0.0]
         for dt, angle in zip(steps.tolist(), position[1:].tolist()):

@@ -37,15 +37,14 @@ def predictions(form, order, dt, measured, bound=None):
     """
     gains = Gains(order=order, form=form, bound=bound or BOUND[order])
     functions = OBSERVER.build(gains, Circle(0.0))
-    design = functions.design()[0]
+    design = functions.design().core
     correct = super_twisting.correction(form, order)
     step = super_twisting.euler if form == 'explicit' else super_twisting.taylor
 
     def run(first, coefficients, dt, measured, v, a):
         state = first
         for k in range(len(measured)):
-            before = step(state, dt)
-            v[k], a[k] = before[1], before[2]
+            _, v[k], a[k], _ = step(state[:4], dt)
             state = correct(state, coefficients, measured[k])[0]
             if implicit:
                 v[k], a[k] = state[1], state[2]

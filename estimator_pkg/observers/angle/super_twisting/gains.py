@@ -10,11 +10,12 @@ from __future__ import annotations
 import cmath
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator_pkg.observers.maths.describing import describing
-from estimator_pkg.observers.maths.steady_noise import settled, steady_variances
+from estimator_pkg.observers.maths.steady_noise import steady_covariance, steady_variances
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.observers.maths.twisting import implicit_step
 
@@ -27,37 +28,59 @@ TABLE_FROM = -3.0  # log10 of the smallest speed of the error dynamics in it
 TABLE_STEP = 0.1
 
 
-def matched_1(s: float, design: tuple) -> tuple[float, float, float, float]:
-    """Gains (of position, velocity dt, acceleration dt^2, jerk dt^3) of order 1.
+# Roots p_i of p^m + c_1 p^(m-1) + ..., in units of (L/|e|)^(1/(n+1)): the real one (order 2), real
+# and imaginary part of the pair, and of the second pair (order 3).
+Roots = tuple[float, float, float, float, float]
+
+
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is."""
+
+    order: float  # n
+    scale: float  # L^(1/(n+1))
+    c1: float  # of the differentiator; those beyond n + 1 are 0
+    c2: float
+    c3: float
+    c4: float
+    roots: Roots
+    period: float  # wrap period [rad]; 0: none
+    table: tuple[tuple[float, ...], ...]  # logarithms of noise gains, shape (TABLE, 3), if needed
+
+
+def matched_1(s: float, roots: Roots) -> tuple[float, float, float, float]:
+    """Return the gains (of position, velocity dt, acceleration dt^2, jerk dt^3) of order 1.
 
     s : dt times the speed (L/|e|)^(1/2) of the error dynamics.
     """
-    total, product = pair(s, design[7], design[8])
+    _, real, imaginary, _, _ = roots
+    total, product = pair(s, real, imaginary)
     return total - product, product, 0.0, 0.0
 
 
-def matched_2(s: float, design: tuple) -> tuple[float, float, float, float]:
-    """The same of order 2, with `pair` written out: the default deserves the speed."""
-    short = -math.expm1(design[7] * s)
-    half = math.sin(0.5 * design[8] * s)
+def matched_2(s: float, roots: Roots) -> tuple[float, float, float, float]:
+    """Return the same of order 2, with `pair` written out: the default deserves the speed."""
+    single, real, imaginary, _, _ = roots
+    short = -math.expm1(real * s)
+    half = math.sin(0.5 * imaginary * s)
     turned = 4.0 * (1.0 - short) * half * half
     total, product = 2.0 * short + turned, short * short + turned
-    d = -math.expm1(design[6] * s)
+    d = -math.expm1(single * s)
     e2, e3 = product + total * d, product * d
     return total + d - e2 + e3, e2 - 1.5 * e3, e3, 0.0
 
 
-def matched_3(s: float, design: tuple) -> tuple[float, float, float, float]:
-    """The same of order 3."""
-    total, product = pair(s, design[7], design[8])
-    total_2, product_2 = pair(s, design[9], design[10])
+def matched_3(s: float, roots: Roots) -> tuple[float, float, float, float]:
+    """Return the same of order 3."""
+    _, real, imaginary, real_2, imaginary_2 = roots
+    total, product = pair(s, real, imaginary)
+    total_2, product_2 = pair(s, real_2, imaginary_2)
     e2, e3 = product + product_2 + total * total_2, total * product_2 + total_2 * product
     e4 = product * product_2
     return (total + total_2 - e2 + e3 - e4, e2 - 1.5 * e3 + 11.0 / 6.0 * e4, e3 - 2.0 * e4, e4)
 
 
 def pair(s: float, real: float, imaginary: float) -> tuple[float, float]:
-    """Sum and product of 1 - z for the eigenvalues z = exp(s (real +- i imaginary)).
+    """Return sum and product of 1 - z for the eigenvalues z = exp(s (real +- i imaginary)).
 
     Made of 1 - |z| and of 2 (|z| - Re z), so that no digits are lost where s is small.
     """
@@ -71,26 +94,30 @@ MATCHED = {1: matched_1, 2: matched_2, 3: matched_3}
 
 
 def equivalent(power: float, coefficients: tuple) -> float:
-    """dt times the speed of the error dynamics at innovations of this mean square [rad^2]."""
+    """Return dt times the speed of the error dynamics at this mean square innovation [rad^2]."""
+    _, design, _, _, _, _, _, pace = coefficients
     if power < SMALLEST:
         power = SMALLEST
-    return coefficients[5] / power ** (0.5 / (coefficients[1][0] + 1.0))
+    return pace / power ** (0.5 / (design.order + 1.0))
 
 
 def noise_gains_1(power: float, coefficients: tuple) -> tuple[float, float, float]:
-    """Variances of position, velocity and innovation per unit variance of white noise."""
-    k0, k1, k2, k3 = matched_1(equivalent(power, coefficients), coefficients[1])
-    return noise_of_two(k0, k1, coefficients[0])
+    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
+    dt, _, roots, _, _, _, _, _ = coefficients
+    k0, k1, _, _ = matched_1(equivalent(power, coefficients), roots)
+    return noise_of_two(k0, k1, dt)
 
 
 def noise_gains_2(power: float, coefficients: tuple) -> tuple[float, float, float]:
-    """The same of order 2."""
-    k0, k1, k2, k3 = matched_2(equivalent(power, coefficients), coefficients[1])
-    return noise_of_three(k0, k1, k2, coefficients[0])
+    """Return the same of order 2."""
+    dt, _, roots, _, _, _, _, _ = coefficients
+    k0, k1, k2, _ = matched_2(equivalent(power, coefficients), roots)
+    return noise_of_three(k0, k1, k2, dt)
 
 
 def noise_gains_tabled(power: float, coefficients: tuple) -> tuple[float, float, float]:
-    """The same where there is no short closed form, from a table."""
+    """Return the same where there is no short closed form, from a table."""
+    _, design, _, _, _, rate_2, _, _ = coefficients
     at = (math.log10(equivalent(power, coefficients)) - TABLE_FROM) / TABLE_STEP
     if at < 0.0:
         at = 0.0
@@ -98,19 +125,20 @@ def noise_gains_tabled(power: float, coefficients: tuple) -> tuple[float, float,
         at = TABLE - 1.001
     i = int(at)
     part = at - i
-    here, next_one = coefficients[1][12][i], coefficients[1][12][i + 1]
+    position, velocity, innovation = design.table[i]
+    next_position, next_velocity, next_innovation = design.table[i + 1]
     return (
-        math.exp(here[0] + part * (next_one[0] - here[0])),
-        math.exp(here[1] + part * (next_one[1] - here[1])) * coefficients[3],
-        math.exp(here[2] + part * (next_one[2] - here[2])),
+        math.exp(position + part * (next_position - position)),
+        math.exp(velocity + part * (next_velocity - velocity)) * rate_2,
+        math.exp(innovation + part * (next_innovation - innovation)),
     )
 
 
 NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_tabled}
 
 
-def roots(order: int) -> tuple[float, float, float, float, float]:
-    """Roots of p^m + c_1 p^(m-1) + ...: the real one (order 2), then one or two complex pairs."""
+def roots(order: int) -> Roots:
+    """Return the roots of p^m + c_1 p^(m-1) + ..., with the c_i of this order."""
     found = np.roots((1.0, *COEFFICIENTS[order]))
     pairs = [complex(root) for root in sorted(found, key=cmath.phase) if root.imag > 1e-9]
     reals = [float(root.real) for root in found if abs(root.imag) <= 1e-9]
@@ -119,8 +147,11 @@ def roots(order: int) -> tuple[float, float, float, float, float]:
     return real, pairs[0].real, pairs[0].imag, second.real, second.imag
 
 
-def noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
-    """Logarithms of the noise gains of order 3 at dt = 1 over the speed of the error dynamics."""
+def noise_table(roots: Roots) -> tuple[tuple[float, ...], ...]:
+    """Return logarithms of the noise gains of order 3 at dt = 1, shape (TABLE, 3).
+
+    One row for each speed of the error dynamics.
+    """
     chain = np.array(
         [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(4)] for i in range(4)]
     )
@@ -128,7 +159,7 @@ def noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
         tuple(
             math.log(gain)
             for gain in steady_variances(
-                chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), design))
+                chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), roots))
             )
         )
         for point in range(TABLE)
@@ -137,9 +168,10 @@ def noise_table(design: tuple) -> tuple[tuple[float, ...], ...]:
 
 @lru_cache
 def implicit_table() -> tuple[tuple[float, ...], ...]:
-    """As `noise_table`, of the implicit form of order 1, by statistical linearisation.
+    """Return the same as `noise_table`, of the implicit form of order 1.
 
-    While it slides it is the backward difference, however small the innovation is.
+    It is found by statistical linearisation, see `maths.describing`. While the form slides it is
+    the backward difference, however small the innovation is.
     """
     first, second = COEFFICIENTS[1]
     chain = np.array([[1.0, 1.0], [0.0, 1.0]])
@@ -157,10 +189,12 @@ def implicit_table() -> tuple[tuple[float, ...], ...]:
         gain = np.array([1.0 - found.position, found.velocity])
         kept = np.eye(2)
         kept[:, 0] -= gain
-        of_noise = settled(kept @ chain, np.outer(gain, gain))
-        of_remnant = settled(kept @ chain, turned @ found.remnant @ turned)
-        ahead = [float((chain @ each @ chain.T)[0, 0]) for each in (of_noise, of_remnant)]
-        innovation = (1.0 + ahead[0]) / max(1.0 - ahead[1], 1e-3)
+        of_noise = steady_covariance(kept @ chain, np.outer(gain, gain))
+        of_remnant = steady_covariance(kept @ chain, turned @ found.remnant @ turned)
+        by_noise, by_remnant = (
+            float((chain @ each @ chain.T)[0, 0]) for each in (of_noise, of_remnant)
+        )
+        innovation = (1.0 + by_noise) / max(1.0 - by_remnant, 1e-3)
         whole = of_noise + innovation * of_remnant
         rows.append(tuple(math.log(each) for each in (whole[0, 0], whole[1, 1], innovation)))
     return tuple(rows)

@@ -25,6 +25,7 @@ from estimator_pkg.observers.angle.super_twisting.gains import (
     MATCHED,
     NOISE_GAINS,
     SMALLEST,
+    Design,
     implicit_table,
     noise_gains_tabled,
     noise_table,
@@ -37,7 +38,7 @@ from estimator_pkg.parameters import parameter
 
 EXPLICIT = ('taylor', 'explicit')
 PACE = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
-REFRESH = 8.0  # samples between two looks at what noise makes of the gains
+REFRESH = 8.0  # samples after which the noise gains are computed again
 NEWEST = 0.15  # weight of the mean square of the newest REFRESH samples: 50 samples in all
 CALM = 16.0  # times less than the mean square: a transient is over, ...
 HALVED = 0.5  # ... and is forgotten by this factor every REFRESH samples
@@ -75,9 +76,9 @@ class Gains(AngleGains):
     )
 
 
-def taylor(state: tuple, dt: float) -> tuple[float, float, float, float]:
-    """Position and its derivatives dt later, the highest one constant."""
-    x, v, a, j = state[0], state[1], state[2], state[3]
+def taylor(chain: tuple, dt: float) -> tuple[float, float, float, float]:
+    """Return position and its derivatives dt later, the highest one constant."""
+    x, v, a, j = chain
     return (
         x + dt * (v + dt * (0.5 * a + dt * (j / 6.0))),
         v + dt * (a + 0.5 * dt * j),
@@ -86,63 +87,75 @@ def taylor(state: tuple, dt: float) -> tuple[float, float, float, float]:
     )
 
 
-def euler(state: tuple, dt: float) -> tuple[float, float, float, float]:
-    """The same by forward Euler: every state moves with the next one only."""
-    x, v, a, j = state[0], state[1], state[2], state[3]
+def euler(chain: tuple, dt: float) -> tuple[float, float, float, float]:
+    """Return the same by forward Euler: every derivative moves with the next one only."""
+    x, v, a, j = chain
     return (x + dt * v, v + dt * a, a + dt * j, j)
 
 
 def taylor_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
-    """The correction that a predictor's gain times innovation `k` is before the step: A^-1 k."""
+    """Return the correction before the step of a predictor's correction `k` after it: A^-1 k."""
     return taylor(k, -dt)
 
 
 def euler_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
-    """The same of `euler`."""
-    j = k[3]
-    a = k[2] - dt * j
-    v = k[1] - dt * a
-    return (k[0] - dt * v, v, a, j)
+    """Return the same for `euler`."""
+    k0, k1, k2, j = k
+    a = k2 - dt * j
+    v = k1 - dt * a
+    return (k0 - dt * v, v, a, j)
 
 
-def power_terms(innovation: float, design: tuple, dt: float) -> tuple[float, float, float, float]:
-    """dt times the right-hand sides of the differentiator (explicit forms)."""
+def power_terms(innovation: float, design: Design, dt: float) -> tuple[float, float, float, float]:
+    """Return dt times the right-hand sides of the differentiator (explicit forms)."""
     size = abs(innovation)
     if size < SMALLEST:
         return (0.0, 0.0, 0.0, 0.0)
-    order, root, c1, c2, c3, c4 = design[0], design[1], design[2], design[3], design[4], design[5]
     signed = dt * size if innovation > 0.0 else -dt * size
-    pace = root / size ** (1.0 / (order + 1.0))  # (L/|e|)^(1/(n+1)) [1/s]
+    pace = design.scale / size ** (1.0 / (design.order + 1.0))  # (L/|e|)^(1/(n+1)) [1/s]
     fast = pace * signed
-    second = c2 * pace * fast
-    third = c3 * pace * pace * fast
-    return (c1 * fast, second, third, c4 * pace * pace * pace * fast)
+    second = design.c2 * pace * fast
+    third = design.c3 * pace * pace * fast
+    return (design.c1 * fast, second, third, design.c4 * pace * pace * pace * fast)
 
 
-def prepare(design: tuple, dt: float) -> tuple:
-    """(dt, design, powers of 1/dt, dt times the speed of the error dynamics at |e| = 1 rad).
+def prepare(design: Design, dt: float) -> tuple:
+    """Return (dt, design, roots, period, 1/dt, 1/dt^2, 1/dt^3, pace).
+
+    `pace` is dt times the speed of the error dynamics at an innovation of 1 rad.
 
     The gains depend on the innovation, so no more can be made beforehand.
     """
     rate = 1.0 / dt
-    return (dt, design, rate, rate * rate, rate * rate * rate, dt * design[1])
+    return (
+        dt,
+        design,
+        design.roots,
+        design.period,
+        rate,
+        rate * rate,
+        rate * rate * rate,
+        dt * design.scale,
+    )
 
 
-def init(measurement: float, design: tuple) -> tuple:
-    """(position, velocity, acceleration, jerk, sum of the squared innovations since the noise gains
-    were looked at, samples since then (0: only one sample has come), noise gains, mean square
-    innovation).
+def init(measurement: float, design: Design) -> tuple:
+    """Return the state after the first sample [rad].
+
+    (position, velocity, acceleration, jerk, sum of the squared innovations since the noise gains
+    were computed, samples since then (0: only one sample has come), noise gains, mean square
+    innovation)
     """
     return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0)
 
 
 def at_rest(measurement: float) -> tuple:
-    """The state of a shaft that is known to rest at this angle [rad]."""
+    """Return the state of a shaft that is known to rest at this angle [rad]."""
     return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
 
 
 def averaged(power: float, total: float) -> float:
-    """The mean square innovation, after REFRESH samples whose squares make this `total`.
+    """Return the mean square innovation, after REFRESH samples whose squares make this `total`.
 
     What noise makes of the gains follows from it, so a transient must not stay in it for long.
     """
@@ -153,42 +166,35 @@ def averaged(power: float, total: float) -> float:
 
 
 def correction(form: str, order: int) -> Callable[..., tuple]:
-    """The function of the core that takes one sample in: (state, innovation)."""
-    noise_gains = noise_gains_tabled if form == 'implicit' else NOISE_GAINS[order]
+    """Return `correct` of the core for this form."""
+    of_power = noise_gains_tabled if form == 'implicit' else NOISE_GAINS[order]
 
     def begin(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        """The second sample gives the speed, whatever it is below half a turn a sample."""
-        dt, design = coefficients[0], coefficients[1]
-        change = wrap(measurement - state[0], design[11])
-        return (
-            measurement,
-            change / dt,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            noise_gains(0.0, coefficients),
-            0.0,
-        ), 0.0
+        """Return the state after the second sample, which gives the speed.
 
-    def moved(state: tuple, k: tuple, innovation: float, coefficients: tuple) -> tuple:
-        """The predicted state plus the correction; the position is kept on the circle."""
-        total, tick, noise, power = state[4:]
+        It is right below half a turn per sample.
+        """
+        first, _, _, _, _, _, _, _ = state
+        dt, _, _, period, _, _, _, _ = coefficients
+        speed = wrap(measurement - first, period) / dt
+        noise = of_power(0.0, coefficients)
+        return (measurement, speed, 0.0, 0.0, 0.0, 1.0, noise, 0.0), 0.0
+
+    def moved(
+        predicted: tuple, k: tuple, innovation: float, averages: tuple, coefficients: tuple
+    ) -> tuple:
+        """Return the predicted chain plus the correction `k`; the position is on the circle."""
+        x, v, a, j = predicted
+        k0, k1, k2, k3 = k
+        total, tick, noise, power = averages
+        _, _, _, period, _, _, _, _ = coefficients
         total += innovation * innovation
         tick += 1.0
         if tick > REFRESH:
             power = averaged(power, total)
-            total, tick, noise = 0.0, 1.0, noise_gains(power, coefficients)
-        return (
-            wrap(state[0] + k[0], coefficients[1][11]),
-            state[1] + k[1],
-            state[2] + k[2],
-            state[3] + k[3],
-            total,
-            tick,
-            noise,
-            power,
-        ), innovation
+            total, tick, noise = 0.0, 1.0, of_power(power, coefficients)
+        x = wrap(x + k0, period)
+        return (x, v + k1, a + k2, j + k3, total, tick, noise, power), innovation
 
     if form == 'matching':
         return _matching(order, begin)
@@ -199,15 +205,14 @@ def correction(form: str, order: int) -> Callable[..., tuple]:
 
 
 def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
-    """With eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `gains`."""
-    matched, root, noise_gains = MATCHED[order], 1.0 / (order + 1.0), NOISE_GAINS[order]
+    """Return `correct` with eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `gains`."""
+    matched, exponent, of_power = MATCHED[order], 1.0 / (order + 1.0), NOISE_GAINS[order]
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
         x, v, a, j, total, tick, noise, power = state
         if tick == 0.0:
             return begin(state, coefficients, measurement)
-        dt, design, rate, rate_2, rate_3, pace = coefficients
-        period = design[11]
+        dt, _, roots, period, rate, rate_2, rate_3, pace = coefficients
         x += dt * (v + dt * (0.5 * a + dt * j / 6.0))
         v += dt * (a + 0.5 * dt * j)
         a += dt * j
@@ -216,7 +221,7 @@ def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
             innovation = wrap(innovation, period)
         size = abs(innovation)
         if size > SMALLEST:
-            k0, k1, k2, k3 = matched(pace / size**root, design)
+            k0, k1, k2, k3 = matched(pace / size**exponent, roots)
             x += k0 * innovation
             v += k1 * innovation * rate
             a += k2 * innovation * rate_2
@@ -226,7 +231,7 @@ def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
         total += innovation * innovation
         if tick >= REFRESH:
             power = averaged(power, total)
-            return (x, v, a, j, 0.0, 1.0, noise_gains(power, coefficients), power), innovation
+            return (x, v, a, j, 0.0, 1.0, of_power(power, coefficients), power), innovation
         return (x, v, a, j, total, tick + 1.0, noise, power), innovation
 
     return correct
@@ -238,39 +243,43 @@ def _explicit(
     begin: Callable[..., tuple],
     moved: Callable[..., tuple],
 ) -> Callable[..., tuple]:
-    """Explicit: with Taylor terms, or forward Euler as printed in textbooks."""
+    """Return the explicit `correct`: Taylor terms, or forward Euler as printed in textbooks."""
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        if state[5] == 0.0:
+        x, v, a, j, total, tick, noise, power = state
+        if tick == 0.0:
             return begin(state, coefficients, measurement)
-        dt, design = coefficients[0], coefficients[1]
-        x, v, a, j = ahead(state, dt)
-        innovation = wrap(measurement - x, design[11])
+        dt, design, _, period, _, _, _, _ = coefficients
+        predicted = ahead((x, v, a, j), dt)
+        x, _, _, _ = predicted
+        innovation = wrap(measurement - x, period)
         k = back(power_terms(innovation, design, dt), dt)
-        return moved((x, v, a, j, *state[4:]), k, innovation, coefficients)
+        return moved(predicted, k, innovation, (total, tick, noise, power), coefficients)
 
     return correct
 
 
 def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Callable[..., tuple]:
-    """The implicit Euler form of order 1, in closed form.
+    """Return `correct` of the implicit Euler form of order 1, in closed form.
 
     In sliding it is the backward difference; outside it the change of the velocity is clipped to
     dt alpha.
     """
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        if state[5] == 0.0:
+        x, v, _, _, total, tick, noise, power = state
+        if tick == 0.0:
             return begin(state, coefficients, measurement)
-        dt, design = coefficients[0], coefficients[1]
-        x = state[0] + dt * state[1]
-        innovation = wrap(measurement - x, design[11])
-        root = design[1]  # sqrt(L)
-        left, push = implicit_step(innovation, dt, design[2] * root, design[3] * root * root)
+        dt, design, _, period, _, _, _, _ = coefficients
+        x += dt * v
+        innovation = wrap(measurement - x, period)
+        root = design.scale  # sqrt(L)
+        left, slope = implicit_step(innovation, dt, design.c1 * root, design.c2 * root * root)
         return moved(
-            (x, state[1], 0.0, 0.0, *state[4:]),
-            (innovation - left, dt * push, 0.0, 0.0),
+            (x, v, 0.0, 0.0),
+            (innovation - left, dt * slope, 0.0, 0.0),
             innovation,
+            (total, tick, noise, power),
             coefficients,
         )
 
@@ -278,40 +287,46 @@ def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Calla
 
 
 def estimate_velocity(state: tuple) -> tuple[float, float, float]:
-    """Position and velocity; order 1 gives no acceleration."""
-    return state[0], state[1], math.nan
+    """Return position [rad] and velocity [rad/s]; order 1 gives no acceleration."""
+    x, v, _, _, _, _, _, _ = state
+    return x, v, math.nan
 
 
 def estimate_acceleration(state: tuple) -> tuple[float, float, float]:
-    """Position, velocity and acceleration."""
-    return state[0], state[1], state[2]
+    """Return position [rad], velocity [rad/s] and acceleration [rad/s^2]."""
+    x, v, a, _, _, _, _, _ = state
+    return x, v, a
 
 
 def resume(state: tuple, measurement: float) -> tuple:
-    """After a gap the speed is kept, higher derivatives are not."""
-    return (measurement, state[1], 0.0, 0.0, *state[4:])
+    """Return the state after a gap: the speed is kept, higher derivatives are not."""
+    _, v, _, _, total, tick, noise, power = state
+    return (measurement, v, 0.0, 0.0, total, tick, noise, power)
 
 
 def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """As they were looked at, REFRESH samples ago at most."""
-    return state[6]
+    """Return the noise gains as they were computed, REFRESH samples ago at most."""
+    _, _, _, _, _, _, noise, _ = state
+    return noise
 
 
 def make_pace(order: int) -> Callable[[tuple, tuple, float], float]:
-    """`AngleCore.pace`: the error dynamics are the slower, the larger the innovation is."""
-    root = 0.5 / (order + 1.0)
+    """Return `AngleCore.pace`: the error dynamics are the slower, the larger the innovation is."""
+    exponent = 0.5 / (order + 1.0)
 
     def pace(state: tuple, coefficients: tuple, dt: float) -> float:
-        power = state[4] if state[4] > state[7] else state[7]  # that of a transient, from its begin
+        _, _, _, _, total, _, _, power = state
+        _, design, _, _, _, _, _, _ = coefficients
+        power = total if total > power else power  # that of a transient, from its begin
         if power < SMALLEST:
             power = SMALLEST
-        return PACE * coefficients[1][1] / power**root
+        return PACE * design.scale / power**exponent
 
     return pace
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions at these gains.
+    """Return the functions at these gains.
 
     Raises
     ------
@@ -325,18 +340,25 @@ def build(gains: Gains, circle: Circle) -> Functions:
         )
     correct = correction(gains.form, order)
 
-    def design() -> tuple:
-        coefficients = COEFFICIENTS[order] + (0.0,) * (3 - order)
-        numbers = (
+    def design() -> Design:
+        c1, c2, c3, c4 = COEFFICIENTS[order] + (0.0,) * (3 - order)
+        poles = roots(order)
+        table: tuple[tuple[float, ...], ...] = ((0.0,),)
+        if gains.form == 'implicit':
+            table = implicit_table()
+        elif order == 3:
+            table = noise_table(poles)
+        return Design(
             float(order),
             gains.bound ** (1.0 / (order + 1)),
-            *coefficients,
-            *roots(order),
+            c1,
+            c2,
+            c3,
+            c4,
+            poles,
             float(circle.period),
+            table,
         )
-        if gains.form == 'implicit':
-            return (*numbers, implicit_table())
-        return (*numbers, noise_table(numbers) if order == 3 else ((0.0,),))
 
     widest = OUTSIDE * circle.period if circle.period > 0.0 and gains.form in EXPLICIT else math.inf
     longest = (widest / gains.bound) ** (1.0 / (order + 1))
