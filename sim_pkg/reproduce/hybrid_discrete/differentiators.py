@@ -384,13 +384,9 @@ def _jitter() -> Values:
     t = np.concatenate([[0.0], np.cumsum(steps)])
     position, velocity, _ = signal(t)
     correct = super_twisting.correction('implicit', 1)
-    design = (
-        super_twisting.build(
-            super_twisting.Gains(order=1, form='implicit', bound=BOUND[1]), Circle(0.0)
-        )
-        .design()
-        .core
-    )
+    design = super_twisting.build(
+        super_twisting.Gains(order=1, form='implicit', bound=BOUND[1]), Circle(0.0)
+    ).design()[0]
     for name in ('nominal', 'true'):
         state, found = super_twisting.at_rest(float(position[0])), [0.0]
         for dt, angle in zip(steps.tolist(), position[1:].tolist()):
