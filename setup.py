@@ -46,7 +46,10 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
-    package_data={'estimator_pkg': ['py.typed'], 'sim_pkg': ['py.typed']},
+    package_data={
+        'estimator_pkg': ['py.typed'],
+        'sim_pkg': ['py.typed', 'reproduce/*/references.csv'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

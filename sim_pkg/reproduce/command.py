@@ -14,7 +14,7 @@ from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from sim_pkg.reproduce.contract import Reproduction
 
-table = Lazy('sim_pkg.reproduce.mechanical.tables')
+table = Lazy('sim_pkg.reproduce.table')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

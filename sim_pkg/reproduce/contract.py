@@ -1,15 +1,19 @@
 """The interface of a reproduction of a paper: rows with a reference and a tolerance, and figures.
 
-The references are a table next to the code that computes the values. `Part.rows` raises KeyError
-if a value has no reference or a reference no value, so no row is lost.
+The references are data: ``references.csv`` beside the code that computes the values of a paper.
+`Part.rows` raises KeyError if a value has no reference or a reference no value, so no row is lost.
 """
 
 from __future__ import annotations
 
+import csv
 import importlib
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +140,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A reproduction, as an entry point of ``velocity_estimator.reproductions`` names it.
+    """The reproduction of a paper, as `sim_pkg.reproduce.command` names it.
 
     Attributes
     ----------
@@ -204,23 +208,51 @@ class Reproduction:
             yield from sorted(found, key=lambda row: order[row.reference.id])
 
 
-def family(
-    name: str,
-    what: str,
-    values: Mapping[str, float],
-    tolerance: float = 0.0,
-    kind: str = ABSOLUTE,
-    paper: Mapping[str, float | str] | None = None,
-) -> tuple[Reference, ...]:
-    """Return one reference for each of several variants: 'name variant' for each of `values`.
+@lru_cache
+def references(paper: str) -> tuple[Reference, ...]:
+    """Return all references of a paper, read from its ``references.csv``, in the order of the file.
+
+    Its columns are the attributes of `Reference`; an empty cell of `paper` is None.
+    """
+    folder = files(f'{__package__}.{paper}')
+    table = folder.joinpath('references.csv').read_text(encoding='utf-8')
+    return tuple(
+        Reference(
+            row['id'],
+            row['what'],
+            json.loads(row['value']),
+            json.loads(row['tolerance']),
+            row['kind'],
+            _printed(row['paper']),
+        )
+        for row in csv.DictReader(table.splitlines())
+    )
+
+
+def _printed(cell: str) -> float | str | None:
+    """Return what the paper prints: a number, its words, or None for neither."""
+    try:
+        return json.loads(cell)
+    except ValueError:
+        return cell or None
+
+
+def parts(paper: str, values: Mapping[str, Callable[[], Values]]) -> tuple[Part, ...]:
+    """Return the parts of a paper; each takes the references whose id starts with its name.
 
     Parameters
     ----------
-    what : the quantity, with its unit.
-    values : variant -> reference.
-    paper : variant -> what the paper prints.
+    values : name of the part -> function of its values, in the order of ``references.csv``.
+
+    Raises
+    ------
+    ValueError : a reference belongs to no part or to two, or the order is another.
     """
-    return tuple(
-        Reference(f'{name} {variant}', what, value, tolerance, kind, (paper or {}).get(variant))
-        for variant, value in values.items()
+    every = references(paper)
+    found = tuple(
+        Part(name, tuple(row for row in every if row.id.startswith(name)), compute)
+        for name, compute in values.items()
     )
+    if tuple(row for part in found for row in part.references) != every:
+        raise ValueError(f'{paper}: the parts {", ".join(values)} do not divide its references')
+    return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from sim_pkg.reproduce.adaptive.examples import FROZEN_FROM, NAMES, example_1, parallel
 from sim_pkg.reproduce.adaptive.plant import (
     IDENTIFICATION,
     RK4_STEP,
@@ -13,7 +14,6 @@ from sim_pkg.reproduce.adaptive.plant import (
     random_input,
     response,
 )
-from sim_pkg.reproduce.adaptive.rows import FROZEN_FROM, NAMES, example_1, parallel
 
 THIN = 20  # every n-th point is drawn
 

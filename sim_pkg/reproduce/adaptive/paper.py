@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
-from sim_pkg.reproduce.adaptive import excitation_rows, recorded_rows, rows, sampling_rows
-from sim_pkg.reproduce.contract import Reproduction
+from sim_pkg.reproduce.adaptive import examples, recorded, sampling
+from sim_pkg.reproduce.contract import Reproduction, parts
+
+PARTS = parts(
+    'adaptive',
+    {
+        'A1': examples.a1_values,
+        'A2': examples.a2_values,
+        'A6': examples.a6_values,
+        'A3': sampling.a3_values,
+        'A4': sampling.a4_values,
+        'A5': sampling.a5_values,
+        'recorded': recorded.values,
+    },
+)
+RECORDED = recorded.folder() is not None
 
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
-    parts=(*rows.PARTS, *sampling_rows.PARTS, *excitation_rows.PARTS, *recorded_rows.PARTS),
+    parts=PARTS if RECORDED else PARTS[:-1],
     figures='sim_pkg.reproduce.adaptive.figures',
-    tables=recorded_rows.table,
+    tables=recorded.table,
     notes=(
         'The inputs, the start values and the gains of example 4.1 are not published: ours are '
         'in sim_pkg/reproduce/adaptive/plant.py.',
         'Meaning of each row, misprints and findings: docs/papers/adaptive.md',
         *(
             ()
-            if recorded_rows.PARTS
+            if RECORDED
             else ('The recorded pendulum is skipped: the folder bags does not exist here.',)
         ),
     ),

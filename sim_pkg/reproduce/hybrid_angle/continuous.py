@@ -1,4 +1,6 @@
-"""Figures 4 and 5 of the hybrid-angle paper: plant (1) and observer (3) with their jumps.
+"""Continuous time: Figure 4, the Lyapunov function, Figure 5 (rows F4, LY, F5).
+
+Plant (1) and observer (3) with their jumps.
 
 Runge-Kutta of order four at a fixed step. Jumps are tested after each step, in the order plant J1,
 observer J1, observer J2, until none applies (the paper leaves the order open). The code runs as
@@ -16,7 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.observers.angle.hybrid import injections
-from estimator_pkg.observers.angle.hybrid.continuous import (
+from estimator_pkg.observers.circle import wrap
+from sim_pkg.joints import profiles
+from sim_pkg.reproduce import splitmix
+from sim_pkg.reproduce.contract import Values
+from sim_pkg.reproduce.hybrid_angle.observer import (
     POTENTIALS,
     TURN,
     first_jump,
@@ -26,9 +32,6 @@ from estimator_pkg.observers.angle.hybrid.continuous import (
     make_lyapunov,
     observer_gains,
 )
-from estimator_pkg.observers.circle import wrap
-from sim_pkg.joints import profiles
-from sim_pkg.reproduce import splitmix
 
 Array = NDArray[np.floating[Any]]
 
@@ -39,6 +42,11 @@ NOISE_HOLD = 10  # steps for which a noise value is constant: 1 ms
 NOISE_REACH = math.radians(15.0)  # largest noise [rad]
 MARGIN = math.radians(5.0)  # delta_pi
 K1, K2 = 6.0, 5.0  # the paper's k_v and k_p
+FOUR = ('sin', 'tan', 'saw', 'sat')
+SEEDS = (1, 2, 3)  # random seeds of the noise of Figure 5
+TURNS_AT = 2.0  # the speed leaves 10 rad/s [s] ...
+SETTLES_AT = 2.05  # ... and has reached -20 rad/s [s]
+NO_RESET = 1e-12  # a delta_pi so small that J2 never applies [rad]
 
 
 class Trace(NamedTuple):
@@ -182,3 +190,90 @@ def _run(injection: str, gains: tuple[float, float, float], margin: float, noise
     # lists contain Python floats, which are several times faster than numpy's
     make_simulation(injection)(gains, margin, STEP, speed.tolist(), noise.tolist(), *out)
     return Trace(half_steps[:-1:2], speed[:-1:2], *out)
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def window(trace: Trace, start: float, end: float) -> slice:
+    """Return the rows with start <= time < end [s]."""
+    return slice(round(start / STEP), round(end / STEP))
+
+
+def figure_4_values() -> Values:
+    """Rows F4, of Figure 4.
+
+    The last ones exchange k1 and k2, to tell which of k_v and k_p is k1: the text of the paper then
+    no longer fits.
+    """
+    traces = {name: figure_4(name) for name in FOUR}
+    saw = traces['saw']
+    early, late = window(saw, 0.0, TURNS_AT), window(saw, TURNS_AT, 8.0)
+    for name, trace in traces.items():
+        error = trace.velocity_error
+        yield f'F4 RMS e2 [0,2) {name}', rms(error[early])
+        yield f'F4 RMS e2 [2,8) {name}', rms(error[late])
+        yield f'F4 max |e1| [0,2) {name}', np.abs(trace.position_error[early]).max()
+        astray = trace.time[np.abs(error) > 1.0]  # never empty: the error starts at 10 rad/s
+        yield f'F4 settling {name}', astray[-1] + STEP - TURNS_AT
+        yield f'F4 J2 resets {name}', trace.resets.sum()
+        yield f'F4 |int e2| [2,8) {name}', abs(error[late].sum() * STEP)
+        yield (
+            f'F4 max |xh2 - xh2 saw| [0,2) {name}',
+            np.abs(trace.velocity - saw.velocity)[early].max(),
+        )
+    for name in ('sin', 'sat'):
+        yield f'F4 first J2 reset {name}', min(traces[name].reset_times(), default=np.nan)
+        free = figure_4(name, margin=NO_RESET)
+        yield (
+            f'F4 max |e2| [7,8) without J2 {name}',
+            np.abs(free.velocity_error[window(free, 7.0, 8.0)]).max(),
+        )
+    yield 'F4 gain of tan over saw', gain_of_tan(traces['tan'], saw)
+    exchanged = {name: figure_4(name, k1=K2, k2=K1) for name in ('tan', 'saw')}
+    yield (
+        'F4 gains exchanged: max |e1| [0,2) saw',
+        np.abs(exchanged['saw'].position_error[early]).max(),
+    )
+    yield 'F4 gains exchanged: gain of tan over saw', gain_of_tan(**exchanged)
+    yield 'F4 gains exchanged: J2 resets saw', exchanged['saw'].resets.sum()
+
+
+def gain_of_tan(tan: Trace, saw: Trace) -> float:
+    """Return by how much tan's RMS velocity error from 2 s on is below saw's [%]."""
+    late = window(saw, TURNS_AT, 8.0)
+    return 100.0 * (1.0 - rms(tan.velocity_error[late]) / rms(saw.velocity_error[late]))
+
+
+def lyapunov_values() -> Values:
+    """Rows LY: Figure 4 without the 50 ms in which d moves the plant."""
+    l1 = observer_gains(K1, K2, 0.7)[0]
+    for name in FOUR:
+        trace = figure_4(name)
+        free = (trace.time < TURNS_AT - STEP) | (trace.time > SETTLES_AT)
+        if name in ('sin', 'sat'):
+            yield f'LY dV at J2 {name}', np.nanmin(trace.reset_change)
+        yield f'LY max |dV| at J1 {name}', np.nanmax(np.abs(trace.wrap_change))
+        yield f'LY max flow increase of V {name}', trace.flow_change[free].max()
+        injection = injections.BUILT_IN[name]
+        power = l1 * np.square(
+            [injection(error, TURN, 1.0) for error in trace.position_error.tolist()]
+        )
+        # the cubic through four samples gives the integral over the step between the middle two
+        whole = free & np.isnan(trace.reset_change)
+        smooth = whole[:-2] & whole[1:-1] & whole[2:]
+        spent = STEP / 24.0 * (13.0 * (power[1:-2] + power[2:-1]) - power[:-3] - power[3:])
+        rest = trace.flow_change[1:-2] + spent
+        yield f'LY max |dV + l1 phi^2 dt| {name}', np.abs(rest[smooth[:-1]]).max()
+
+
+def figure_5_values() -> Values:
+    """Rows F5, of Figure 5."""
+    for name in FOUR:
+        traces = [figure_5(name, seed) for seed in SEEDS]
+        for start in (2, 6):
+            errors = [rms(trace.velocity_error[window(trace, start, 8.0)]) for trace in traces]
+            yield f'F5 RMS e2 [{start},8) {name}', float(np.mean(errors))
+        yield f'F5 J2 resets {name}', float(np.mean([trace.resets.sum() for trace in traces]))

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from estimator_pkg.observers.angle.hybrid import injections
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
-from sim_pkg.reproduce.hybrid_angle.continuous import MARGIN, Trace, figure_4, figure_5
-from sim_pkg.reproduce.hybrid_angle.continuous_rows import FOUR
+from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, MARGIN, Trace, figure_4, figure_5
 from sim_pkg.reproduce.hybrid_angle.sampled import (
     PERIOD,
     QUANTUM,

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
-from sim_pkg.reproduce.contract import Reproduction
-from sim_pkg.reproduce.hybrid_angle import continuous_rows, limit_rows, sampled_rows, stream_rows
+from sim_pkg.reproduce.contract import Reproduction, parts
+from sim_pkg.reproduce.hybrid_angle import continuous, sampled_rows, stream_rows
 
 REPRODUCTION = Reproduction(
     name='hybrid_angle',
     summary='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
     'measurements with jumps (2018)',
-    parts=(*continuous_rows.PARTS, *sampled_rows.PARTS, *limit_rows.PARTS, *stream_rows.PARTS),
+    parts=parts(
+        'hybrid_angle',
+        {
+            'F4': continuous.figure_4_values,
+            'LY': continuous.lyapunov_values,
+            'F5': continuous.figure_5_values,
+            'F6': sampled_rows.figure_6_values,
+            'stability': sampled_rows.stability_values,
+            'noise': sampled_rows.noise_values,
+            'ramp': sampled_rows.ramp_values,
+            'start': sampled_rows.start_values,
+            'tan': sampled_rows.tan_values,
+            'stream': stream_rows.stream_values,
+        },
+    ),
     figures='sim_pkg.reproduce.hybrid_angle.figures',
     notes=(
         'The paper prints curves and words, and only one number (150 rad/s): the references come '

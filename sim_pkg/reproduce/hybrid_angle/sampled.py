@@ -123,11 +123,6 @@ def samples(
     return time, velocity, wrapped(position + start, quantum)
 
 
-def rms(values: Array) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def rows(start: float, end: float) -> slice:
     """Return the samples with start <= time < end [s]."""
     return slice(round(start / PERIOD), round(end / PERIOD))

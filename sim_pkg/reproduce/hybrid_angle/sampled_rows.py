@@ -1,4 +1,7 @@
-"""Rows of Algorithm 1 at 100 Hz: Figure 6, stability, noise."""
+"""Rows of Algorithm 1 at 100 Hz: Figure 6, stability, noise, and its limits.
+
+The limits are ramps that it cannot follow, starts that do not lock, and tan.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +17,17 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
-from sim_pkg.reproduce.contract import AT_MOST, EXACT, PERCENT, Part, Reference, Values, family
-from sim_pkg.reproduce.hybrid_angle.continuous_rows import FOUR, SEEDS, four
+from sim_pkg.reproduce.contract import Values
+from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, K1, K2, SEEDS, rms
 from sim_pkg.reproduce.hybrid_angle.sampled import (
     FIGURE_6,
     PERIOD,
     QUANTUM,
+    TURN,
     Array,
     Run,
     algorithm_1,
     error_of,
-    rms,
     robust,
     rows,
     samples,
@@ -32,52 +35,14 @@ from sim_pkg.reproduce.hybrid_angle.sampled import (
 )
 
 START = 0.3  # angle of the shaft before the run-up [rad]
+COLD = tuple(range(10, 311, 10))  # speeds of the cold starts [rad/s]
 DECAYS = (0.15, 0.05)  # time constants of the run-down [s]: 1000 and 3000 rad/s^2
 EPSILON = FIGURE_6['epsilon']
-
-
-FIGURE_6_ROWS = (
-    *family(
-        'F6 RMS e2 [0,2)',
-        'RMS velocity error in the run-up [rad/s]',
-        four(10.879, 10.875, 10.876, 10.876),
-        0.05,
-        paper=dict.fromkeys(FOUR, 'similar'),
-    ),
-    *family(
-        'F6 mean xh2 [4,5)',
-        'mean estimate at the steady speed [rad/s]',
-        four(150.0, 150.0, 150.0, 150.0),
-        0.1,
-        paper=dict.fromkeys(FOUR, 150),
-    ),
-    *family(
-        'F6 RMS e2 [5,6) td=0.15',
-        'RMS velocity error, run-down at 1000 rad/s^2 [rad/s]',
-        four(24.16, 24.01, 24.04, 24.04),
-        1.0,
-        PERCENT,
-    ),
-    *family(
-        'F6 RMS e2 [5,6) td=0.05',
-        'RMS velocity error, run-down at 3000 rad/s^2 [rad/s]',
-        four(60.24, 30.56, 30.73, 46.37),
-        1.0,
-        PERCENT,
-        {'sin': 'slower', 'tan': 'faster', 'saw': 'faster', 'sat': 'slower'},
-    ),
-    *family('F6 J2 resets', 'number of J2 jumps, both run-downs', four(0, 0, 0, 0), kind=EXACT),
-    Reference(
-        'F6 spread of RMS e2 [5,6)',
-        'over 7 start angles, all injections [rad/s]',
-        0.002,
-        kind=AT_MOST,
-    ),
-)
+NO_RESET = 1e-6  # a delta_pi so small that J2 never applies [rad]
 
 
 def figure_6_values() -> Values:
-    """The values of FIGURE_6_ROWS."""
+    """Rows F6, of Figure 6."""
     spread = 0.0
     for name in FOUR:
         resets = 0
@@ -104,32 +69,8 @@ def figure_6_values() -> Values:
     yield 'F6 spread of RMS e2 [5,6)', spread
 
 
-STABILITY = (
-    Reference(
-        'stability T/eps', 'largest T/epsilon with both z-poles inside the circle', 0.29666, 1e-4
-    ),
-    Reference(
-        'stability T/eps refused', 'T/epsilon from which the observer refuses to run', 0.29666, 1e-4
-    ),
-    Reference('stability slow z-pole', 'at epsilon 0.1 s', 0.911, 0.0005),
-    Reference('stability fast z-pole', 'at epsilon 0.1 s', 0.439, 0.0005),
-    Reference(
-        'stability saw eps=0.0340 |e2| at 6 s', 'from rest, 10 rad/s [rad/s]', 1e-4, kind=AT_MOST
-    ),
-    Reference(
-        'stability sin eps=0.0335 limit cycle', 'RMS velocity error, 5 to 6 s [rad/s]', 4.49, 0.5
-    ),
-    Reference(
-        'stability order of line 3: position bias',
-        'truth minus estimate at 150 rad/s if line 3 compares without predicting [rad]',
-        -1.50,
-        0.005,
-    ),
-)
-
-
 def stability_values() -> Values:
-    """The values of STABILITY."""
+    """Rows on the stability of Algorithm 1."""
     low, high = 0.2, 0.4
     while high - low > 1e-7:
         middle = 0.5 * (low + high)
@@ -178,51 +119,18 @@ def unpredicted_bias(speed: float) -> float:
     return float(wrapped([angle - core.estimate(state)[0]])[0])
 
 
-# name -> (form, order, epsilon or pole [1/s], std of xh2, RMS e2 [5,6)); spec 3.3
-TRADE_OFF: dict[str, tuple[Callable[[Array], Run], float, float]] = {
-    'Algorithm 1 eps=0.1': (partial(algorithm_1, 'saw'), 0.0065, 24.0),
-    'Algorithm 1 eps=0.07': (partial(algorithm_1, 'saw', epsilon=0.07), 0.0123, 17.6),
-    'matched eps=0.1': (partial(robust, 'saw'), 0.0053, 24.4),
-    'third order 10x3': (partial(robust, 'saw', order=3, epsilon=1.0 / 10.0), 0.0049, 21.1),
-    'third order 15x3': (partial(robust, 'saw', order=3, epsilon=1.0 / 15.0), 0.0089, 13.4),
-    'third order 20x3': (partial(robust, 'saw', order=3, epsilon=1.0 / 20.0), 0.0135, 9.4),
+DESIGNS: dict[str, Callable[[Array], Run]] = {
+    'Algorithm 1 eps=0.1': partial(algorithm_1, 'saw'),
+    'Algorithm 1 eps=0.07': partial(algorithm_1, 'saw', epsilon=0.07),
+    'matched eps=0.1': partial(robust, 'saw'),
+    'third order 10x3': partial(robust, 'saw', order=3, epsilon=1.0 / 10.0),
+    'third order 15x3': partial(robust, 'saw', order=3, epsilon=1.0 / 15.0),
+    'third order 20x3': partial(robust, 'saw', order=3, epsilon=1.0 / 20.0),
 }
-
-NOISE = (
-    Reference('noise sigma_v/sigma_y', 'measured from the impulse response [1/s]', 5.5048, 0.001),
-    Reference('noise sigma_v/sigma_y told', 'as the observer reports it [1/s]', 5.5048, 0.001),
-    Reference(
-        'noise sigma_v/sigma_y matched',
-        'robust form, as the observer reports it [1/s]',
-        4.51,
-        0.005,
-    ),
-    Reference('noise std xh2 14 bit', 'at 150 rad/s, quantisation alone [rad/s]', 0.00050, 0.00008),
-    Reference(
-        'noise std xh2 2 mrad',
-        'at 150 rad/s, uniform +-2 mrad, mean of 3 seeds [rad/s]',
-        0.00647,
-        0.0006,
-    ),
-    *family(
-        'noise std xh2 2 mrad',
-        'as above, other designs [rad/s]',
-        {name: row[1] for name, row in TRADE_OFF.items()},
-        10.0,
-        PERCENT,
-    ),
-    *family(
-        'noise RMS e2 [5,6) td=0.15',
-        'velocity error of each design in the run-down [rad/s]',
-        {name: row[2] for name, row in TRADE_OFF.items()},
-        1.0,
-        PERCENT,
-    ),
-)
 
 
 def noise_values() -> Values:
-    """The values of NOISE."""
+    """Rows on noise, and what each design trades for it in the run-down."""
     impulse = np.zeros(1000)
     impulse[0] = 1e-3
     yield (
@@ -236,7 +144,7 @@ def noise_values() -> Values:
     yield 'noise std xh2 14 bit', algorithm_1('saw', angles).velocity[settled].std()
     noisy = [wrapped(150.0 * time + splitmix.uniforms(seed, len(time), 0.002)) for seed in SEEDS]
     _, velocity, angles = samples(profiles.figure_6(DECAYS[0]), 8.0, start=START)
-    for name, (run, _, _) in TRADE_OFF.items():
+    for name, run in DESIGNS.items():
         std = float(np.mean([run(angle).velocity[settled].std() for angle in noisy]))
         yield f'noise std xh2 2 mrad {name}', std
         if name == 'Algorithm 1 eps=0.1':
@@ -258,8 +166,100 @@ def reported_noise(gains: dict[str, float | str]) -> float:
     return math.sqrt(core.noise_gains(state, coefficients)[1])
 
 
-PARTS = (
-    Part('F6', FIGURE_6_ROWS, figure_6_values),
-    Part('stability', STABILITY, stability_values),
-    Part('noise', NOISE, noise_values),
-)
+def ramp_values() -> Values:
+    """Rows on ramps.
+
+    The capacity of sin and sat is l2 max|phi|. Algorithm 1 tests J2 after the correction, so saw
+    reaches l2 pi. The slope of tan at the lag makes the discrete loop unstable above
+    4/(2 alpha + beta) = 3.2, long before the 22900 of its formula.
+    """
+    yield 'ramp e2 at a=75', ramp_errors(partial(algorithm_1, 'saw'), 75.0, 2.0)[-1]
+    yield (
+        'ramp e2 at a=75 third order',
+        ramp_errors(partial(robust, 'saw', order=3), 75.0, 2.0)[-1],
+    )
+    for name in FOUR:
+        yield f'ramp e2 at a=600 {name}', ramp_errors(partial(algorithm_1, name), 600.0, 2.0)[-1]
+        yield f'ramp measured capacity {name}', capacity(partial(algorithm_1, name), 3000.0)
+    yield ('ramp measured capacity sat M=0.03', capacity(partial(algorithm_1, 'sat', M=0.03), 30.0))
+    motion = profiles.pieces([(20.0, 0.0, 1200.0), (20.0, 1200.0, 1200.0)])
+    _, velocity, angles = samples(motion, 40.0)
+    yield 'ramp e2 at 1200 rad/s', error_of(algorithm_1('saw', angles), velocity)[-1]
+
+
+def ramp_errors(run: Callable[[Array], Run], acceleration: float, duration: float) -> Array:
+    """Return velocity errors [rad/s], shape (n,), at this acceleration [rad/s^2] from rest."""
+    motion = profiles.pieces([(duration, 0.0, acceleration * duration)])
+    _, velocity, angles = samples(motion, duration)
+    return error_of(run(angles), velocity)
+
+
+def capacity(run: Callable[[Array], Run], high: float) -> float:
+    """Return the acceleration [rad/s^2] below `high` up to which a ramp of 10 s is tracked.
+
+    A ramp is tracked if its lag in the last second is that of small signals,
+    a T (alpha/beta - 1/2), to 0.1 %.
+    """
+    lag = EPSILON * K1 / K2 - 0.5 * PERIOD
+    low = 0.0
+    while high - low > 1e-3 * high:
+        middle = 0.5 * (low + high)
+        errors = ramp_errors(run, middle, 10.0)[rows(9, 10)]
+        if np.abs(errors / (lag * middle) - 1.0).max() < 1e-3:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def start_values() -> Values:
+    """Rows on starts."""
+    for name in FOUR:
+        yield f'start locked of 31 {name}', locked(partial(algorithm_1, name))
+        yield (
+            f'start locked of 31 without J2 {name}',
+            locked(partial(algorithm_1, name, delta_pi=NO_RESET)),
+        )
+        yield f'start locked of 31 robust {name}', locked(partial(robust, name))
+    _, velocity, angles = samples(profiles.figure_6(0.15), 5.0)
+    error = error_of(algorithm_1('saw', angles, epsilon=0.4), velocity)[rows(4, 5)]
+    yield 'start false lock', error.mean()
+    yield 'start false lock std', error.std()
+    yield (
+        'start false lock robust',
+        rms(error_of(robust('saw', angles, epsilon=0.4), velocity)[rows(4, 5)]),
+    )
+    degrees = wrapped(np.radians(np.arange(360) + 0.5))
+    finals = np.array([algorithm_1('tan', [angle] * 600).velocity[-1] for angle in degrees])
+    yield 'start stationary tan', np.sum(np.abs(finals) > 1.0)
+    yield 'start stationary tan worst', np.abs(finals).max()
+    finals = np.array([robust('tan', [angle] * 100).velocity[-1] for angle in degrees])
+    yield 'start stationary tan robust', np.sum(np.abs(finals) > 1.0)
+
+
+def locked(run: Callable[[Array], Run]) -> int:
+    """Return how many speeds of COLD lock within 6 s from angle 0: |e2| < 0.1 rad/s from 5.5 s."""
+    count = 0
+    for speed in COLD:
+        _, velocity, angles = samples(profiles.constant(float(speed)), 6.0)
+        error = error_of(run(angles), velocity)
+        count += bool(np.abs(error[rows(5.5, 6)]).max() < 0.1)
+    return count
+
+
+def tan_values() -> Values:
+    """Rows on tan. J1 has reduced the position after an update by one turn."""
+    for degrees in (150, 175):
+        angle = math.radians(degrees)
+        run = algorithm_1('tan', [angle])
+        yield f'tan one update at {degrees} deg', run.position[0] + TURN
+        if degrees == 150:
+            after = wrapped([angle - run.position[0]])[0]
+            yield 'tan one update at 150 deg: error after', math.degrees(after)
+        else:
+            yield 'tan one update at 175 deg: xh2', run.velocity[0]
+    _, velocity, angles = samples(profiles.constant(150.0), 10.0)
+    angles[500] = wrapped([angles[500] + 3.13])[0]
+    error = np.abs(error_of(algorithm_1('tan', angles), velocity))
+    yield 'tan outlier 3.13 rad', error[500:].max()
+    yield 'tan outlier 3.13 rad: after 5 s', error[-1]

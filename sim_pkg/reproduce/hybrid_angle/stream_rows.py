@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_pkg.reproduce import splitmix
-from sim_pkg.reproduce.contract import ABSOLUTE, AT_MOST, PERCENT, Part, Reference, Values
-from sim_pkg.reproduce.hybrid_angle.continuous_rows import SEEDS
+from sim_pkg.reproduce.contract import Values, references
+from sim_pkg.reproduce.hybrid_angle.continuous import SEEDS, rms
 from sim_pkg.reproduce.hybrid_angle.sampled import (
     PERIOD,
     QUANTUM,
     Array,
     algorithm_1,
     error_of,
-    rms,
     robust,
     wrapped,
 )
@@ -33,57 +32,6 @@ PLACE = 500  # sample of the gap or outlier
 ANGLES = tuple(0.0137 * SPEED * k for k in range(6))  # start angles [rad]
 JITTER = 0.001  # largest jitter [s]
 COLUMNS = ('fixed T', 'true T', 'robust')
-
-
-def reference(
-    name: str, column: str, value: float, tolerance: float = 0.0, kind: str = PERCENT
-) -> Reference:
-    """Return a row of the table; the name ends in RMS or max."""
-    what = {
-        'fixed T': 'Algorithm 1 with a fixed T',
-        'true T': 'Algorithm 1 with the true times',
-        'robust': 'robust form, order 2',
-    }[column]
-    return Reference(
-        f'stream {name} {column}', f'velocity error, {what} [rad/s]', value, tolerance, kind
-    )
-
-
-STREAMS = (
-    *(
-        reference('clean RMS', column, value, 5.0)
-        for column, value in zip(COLUMNS, (0.00050, 0.00050, 0.00037))
-    ),
-    *(
-        reference('sampling jitter RMS', column, value, 10.0)
-        for column, value in zip(COLUMNS, (0.476, 0.00062, 0.00051))
-    ),
-    *(
-        reference('stamp jitter RMS', column, value, 10.0)
-        for column, value in zip(COLUMNS, (0.00050, 0.479, 0.392))
-    ),
-    reference('5 % drops RMS', 'fixed T', 10.6, 25.0),
-    reference('5 % drops RMS', 'true T', 0.00056, 10.0),
-    reference('5 % drops RMS', 'robust', 0.00040, 10.0),
-    reference('gap 40 ms max', 'fixed T', 12.7, 1.0),
-    reference('gap 40 ms max', 'true T', 0.0026, 0.0010, ABSOLUTE),
-    reference('gap 40 ms max', 'robust', 0.0008, 0.0006, ABSOLUTE),
-    reference('gap 1.01 s max', 'fixed T', 5.7, 1.0),
-    reference('gap 1.01 s max', 'robust', 0.0008, 0.0010, ABSOLUTE),
-    reference('duplicates 1 in 50 RMS', 'fixed T', 4.37, 2.0),
-    reference('outlier 0.5 rad saw max', 'fixed T', 2.5, 1.0),
-    reference('outlier 3 rad saw max', 'fixed T', 15.0, 1.0),
-    reference('outlier 3.13 rad saw max', 'fixed T', 15.7, 1.0),
-    reference('outlier 0.5 rad saw max', 'robust', 1.9, 2.0),
-    reference('outlier 3 rad saw max', 'robust', 11.2, kind=AT_MOST),  # ours may be better
-    reference('outlier 3.13 rad saw max', 'robust', 0.001, 0.001, ABSOLUTE),
-    reference('outlier 0.5 rad sat max', 'fixed T', 2.5, 1.0),
-    reference('outlier 3 rad sat max', 'fixed T', 5.0, 1.0),
-    reference('outlier 3.13 rad sat max', 'fixed T', 5.0, 1.0),
-    reference('outlier 0.5 rad sin max', 'fixed T', 2.4, 1.0),
-    reference('outlier 3 rad sin max', 'fixed T', 0.70, 1.0),
-    reference('outlier 3.13 rad sin max', 'fixed T', 0.06, 5.0),
-)
 
 
 def columns(
@@ -129,8 +77,8 @@ def largest(error: Array) -> float:
 
 
 def stream_values() -> Values:
-    """The values of STREAMS."""
-    known = {row.id for row in STREAMS}
+    """Rows on streams with faults, for the columns that have a reference."""
+    known = {row.id for row in references('hybrid_angle')}
     for name, values in measured():
         for column, value in values.items():
             if f'stream {name} {column}' in known:
@@ -180,6 +128,3 @@ def dropped(seed: int) -> NDArray[np.bool_]:
     lost = splitmix.uniforms(seed, COUNT, 1.0) >= 0.9
     lost[:SETTLED] = False
     return lost
-
-
-PARTS = (Part('stream', STREAMS, stream_values),)

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.models import single_joint
-from sim_pkg.reproduce.contract import Part, Values
+from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.runs import make, move, observe, quantise
-from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
@@ -111,6 +110,3 @@ def values() -> Values:
         for counts in COUNTS:
             for name, case in CASES.items():
                 yield (f'G.tc={friction} {counts} cpr.{name}', best(case, friction, counts))
-
-
-PARTS = (Part('G', references('G'), values),)

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_pkg.reproduce.contract import Part, Values
+from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.cart import START
 from sim_pkg.reproduce.mechanical.runs import cart_of, make, move, normalised, observe
-from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
@@ -52,6 +51,3 @@ def values() -> Values:
     for speed in SPEEDS:
         for name in CASES:
             yield f'H2.{speed:g}.{name}', error(name, speed)
-
-
-PARTS = (Part('H2', references('H2'), values),)

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from estimator_pkg.models import cart_pendulum, check
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
 from estimator_pkg.observers.mechanism.gains import Tuning
-from sim_pkg.reproduce.contract import Part, Values
+from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.runs import leg, normalised
-from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
@@ -118,6 +117,3 @@ def values() -> Values:
     yield 'A13', -mechanical_gains.slowest_pole(with_lqr(1.0))
     yield 'A14', remark_5(np.eye(2))
     yield 'A15', remark_5(mechanical_gains.lyapunov_weight(L5))
-
-
-PARTS = (Part('A', references('A'), values),)

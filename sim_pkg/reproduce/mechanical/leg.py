@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_pkg.reproduce.contract import Part, Values
+from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.runs import METRICS, leg, make, metrics, move, observe, quantise
-from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
@@ -99,6 +98,3 @@ def study_values() -> Values:
             )
             yield f'H1.{variance}.{name}.1', found[1]
             yield f'H1.{variance}.{name}.2', found[3]
-
-
-PARTS = (Part('C', references('C'), values), Part('H1', references('H1.'), study_values))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim_pkg.reproduce.contract import Reproduction
+from sim_pkg.reproduce.contract import Reproduction, parts
 from sim_pkg.reproduce.mechanical import (
     benefit,
     cart,
@@ -19,15 +19,22 @@ REPRODUCTION = Reproduction(
     name='mechanical',
     summary='Aranovskiy, Ortega, Romero, Sokolov: A globally exponentially stable speed observer '
     'for a class of mechanical systems (2019)',
-    parts=(
-        *gain_rows.PARTS,
-        *cart.PARTS,
-        *leg.PARTS,
-        *lab.PARTS,
-        *loop.PARTS,
-        *smoother.PARTS,
-        *benefit.PARTS,
-        *fast.PARTS,
+    parts=parts(
+        'mechanical',
+        {
+            'A': gain_rows.values,
+            'B': cart.values,
+            'C': leg.values,
+            'H1': leg.study_values,
+            'D': lab.values,
+            'H3': lab.study_values,
+            'H4': lab.low_amplitude_values,
+            'E': loop.values,
+            'F': smoother.values,
+            'H5': smoother.jitter_values,
+            'G': benefit.values,
+            'H2': fast.values,
+        },
     ),
     figures='sim_pkg.reproduce.mechanical.figures',
     tables=tables.lines,

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from sim_pkg.reproduce.contract import Part, Values
+from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.lab import DT, QUANTA, truth
 from sim_pkg.reproduce.mechanical.runs import quantise
-from sim_pkg.reproduce.mechanical.table import references
 
 Array = NDArray[np.float64]
 
@@ -240,6 +239,3 @@ def jitter_values() -> Values:
     variance = QUANTA['HPM'][0] ** 2 / 12.0
     yield 'H5.fixedR', rms(most_likely(stamps, y, variance).velocities - true)
     yield 'H5.R', rms(most_likely(stamps, y, 1.17e-3**2).velocities - true)
-
-
-PARTS = (Part('F', references('F'), values), Part('H5', references('H5'), jitter_values))

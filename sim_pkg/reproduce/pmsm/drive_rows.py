@@ -13,7 +13,7 @@ from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import Profile
 from sim_pkg.pmsm.sensorless import RUNNING, begin, make_feedback
-from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, Part, Reference, Values
+from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.pmsm.observer import ROBUST, Verdict, functions_of, judge, run_log
 
 RPM = math.pi / 30.0
@@ -43,26 +43,6 @@ PLANTS: dict[str, dict[str, Any]] = {
     'R -20 % L +20 %': {'current_noise': 0.1, 'resistance_error': -0.2, 'inductance_error': 0.2},
     'L -30 % flux +15 %': {'current_noise': 0.1, 'inductance_error': -0.3, 'flux_error': 0.15},
 }
-
-
-def status_references() -> tuple[Reference, ...]:
-    """The 25 runs."""
-    found = []
-    for scenario in SCENARIOS:
-        for plant in PLANTS:
-            name = f'status {scenario}, {plant}'
-            found += [
-                Reference(
-                    f'{name}: wrong', 'tracking with more than 10 deg error [ms]', 3.0, kind=AT_MOST
-                ),
-                Reference(
-                    f'{name}: withheld',
-                    'right and above 200 rpm, not tracking [ms]',
-                    80.0,
-                    kind=AT_MOST,
-                ),
-            ]
-    return tuple(found)
 
 
 def judged(profile: Profile, plant: dict[str, Any], seed: int = 1, **gains: Any) -> Verdict:
@@ -154,27 +134,6 @@ def closed_loop(name: str) -> Loop:
     return Loop(table[0], table[1], table[2], table[3], table[4], table[5] > 0.5)
 
 
-def loop_references() -> tuple[Reference, ...]:
-    """Closed loop."""
-    found = []
-    for name in LOOPS:
-        found += [
-            Reference(
-                f'loop {name}: angle',
-                'largest error once the observer leads [deg]',
-                10.0,
-                kind=AT_MOST,
-            ),
-            Reference(f'loop {name}: speed', 'largest error of the speed [%]', 5.0, kind=AT_MOST),
-            Reference(
-                f'loop {name}: least', 'lowest true speed by then [rpm]', 500.0, kind=AT_LEAST
-            ),
-            Reference(f'loop {name}: lead', 'the observer leads after [ms]', 300.0, kind=AT_MOST),
-            Reference(f'loop {name}: end', 'error of the final speed [%]', 1.0, kind=AT_MOST),
-        ]
-    return tuple(found)
-
-
 def loop_values() -> Values:
     """The values of the closed loop."""
     for name in LOOPS:
@@ -185,9 +144,3 @@ def loop_values() -> Values:
         yield f'loop {name}: least', float(loop.speed[led].min())
         yield f'loop {name}: lead', float(np.argmax(led)) if led.any() else math.inf
         yield f'loop {name}: end', float(100.0 * abs(loop.speed[-1] / loop.reference[-1] - 1.0))
-
-
-PARTS = (
-    Part('status', status_references(), status_values),
-    Part('loop', loop_references(), loop_values),
-)

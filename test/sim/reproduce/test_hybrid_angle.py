@@ -11,13 +11,14 @@ import pytest
 from estimator_pkg import cli
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.hybrid import continuous, injections, observer
+from estimator_pkg.observers.angle.hybrid import injections, observer
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import contract, splitmix
 from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, EXACT, PERCENT, Part, Reference, Row
 from sim_pkg.reproduce.hybrid_angle import continuous as hybrid_continuous
+from sim_pkg.reproduce.hybrid_angle import observer as continuous
 from sim_pkg.reproduce.hybrid_angle.paper import REPRODUCTION
 from sim_pkg.reproduce.hybrid_angle.sampled import FIGURE_6, PERIOD, algorithm_1, samples
 
@@ -106,6 +107,24 @@ def test_no_row_gets_lost():
         list(Part('p', references, lambda: iter([('p a', 1.0)])).rows())
     with pytest.raises(KeyError, match='p c'):
         list(Part('p', references, lambda: iter([('p c', 1.0)])).rows())
+
+
+def test_the_parts_divide_the_references_of_a_paper():
+    """A row of the file that no part computes is told, and so are parts that share one."""
+    values = dict.fromkeys(part.name for part in REPRODUCTION.parts)
+    assert len(contract.parts('hybrid_angle', values)) == len(values)
+    with pytest.raises(ValueError, match='do not divide'):
+        contract.parts('hybrid_angle', {**values, 'F4 gain': None})
+    values.pop('tan')
+    with pytest.raises(ValueError, match='do not divide'):
+        contract.parts('hybrid_angle', values)
+
+
+def test_a_cell_of_the_paper_is_a_number_words_or_nothing():
+    found = {row.id: row.paper for row in REPRODUCTION.references()}
+    assert found['F6 mean xh2 [4,5) sin'] == 150
+    assert found['F4 RMS e2 [2,8) tan'] == 'best, slightly'
+    assert found['F4 J2 resets sin'] is None
 
 
 def test_only_runs_the_parts_that_are_asked_for():

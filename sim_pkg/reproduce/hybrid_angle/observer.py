@@ -1,8 +1,7 @@
 """The continuous-time hybrid observer (3) of Brentari et al. (2018): its flow and its jumps.
 
-Nothing live uses it: a node runs the sampled forms of `hybrid_angle`. It stands here because it is
-mathematics of the observer, and the reproduction of Figures 4 and 5 integrates it. Every function
-is pure and in the subset that Numba compiles; all angles are on the circle of 2 pi.
+Figures 4 and 5 integrate it; a node runs the sampled forms of `hybrid_angle`. Every function is
+pure and in the subset that Numba compiles; all angles are on the circle of 2 pi.
 
 References
 ----------

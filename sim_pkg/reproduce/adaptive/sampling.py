@@ -1,9 +1,13 @@
-"""Rows on excitation and the effect of its lack, which the paper leaves open (A5)."""
+"""Rows on sampling, noise and excitation, which the paper leaves open (A3, A4, A5)."""
 
 from __future__ import annotations
 
+import math
+from itertools import product
+
 import numpy as np
 
+from sim_pkg.reproduce.adaptive.examples import FORMS, NAMES, rms
 from sim_pkg.reproduce.adaptive.plant import (
     IDENTIFICATION,
     VELOCITY,
@@ -12,102 +16,121 @@ from sim_pkg.reproduce.adaptive.plant import (
     random_input,
     response,
 )
-from sim_pkg.reproduce.adaptive.rows import NAMES, rms
-from sim_pkg.reproduce.adaptive.runs import gains, run
-from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, PERCENT, Part, Reference, Values, family
+from sim_pkg.reproduce.adaptive.runs import Run, gains, run
+from sim_pkg.reproduce.contract import Values
+
+# A3: sampling
+
+# a11 + l1, a21 + l2, b1, b2, rms error of (38) in the last 100 s of 800 s
+QUANTITIES = ('-b/J', '-k/J', 'b1', 'b2', 'e_w')
+
+
+def _learnt(form: str, dt: float, seconds: float, scale: float | None = None) -> tuple[Run, Array]:
+    """Return (run, error of (38)): example 4.1 with Gamma times `scale`, else example 4.2."""
+    example = IDENTIFICATION if scale is None else VELOCITY
+    inputs = random_input(example, dt, seconds)
+    angles, speeds = response(example, inputs, dt)
+    gamma = tuple((scale or 1.0) * value for value in example.gamma)
+    found = run(gains(example, form=FORMS[form], gamma=gamma), angles, inputs, dt)
+    return found, found.paper - speeds[1:]
+
+
+def a3_values() -> Values:
+    """The values of A3."""
+    first, last = IDENTIFICATION.model_poles
+    for h, form in product((1, 5, 10, 20), FORMS):
+        found, error = _learnt(form, 1e-3 * h, 800.0)
+        l1, l2, b1, b2 = found.theta[-1]
+        row = (first + last + l1, -first * last + l2, b1, b2, rms(error[-round(1e5 / h) :]))
+        for name, value in zip(QUANTITIES, row):
+            yield f'A3 {form} {h} ms {name}', value
+        if (h, form) == (20, 'Euler'):
+            yield from _mapped_back(row, 1e-3 * h)
+    for g in (1, 10, 100):
+        for h in (1, 10, 20):
+            for form in FORMS:
+                error = _learnt(form, 1e-3 * h, 100.0, scale=float(g))[1][-round(1e4 / h) :]
+                largest = np.abs(error).max() if np.all(np.isfinite(error)) else 1e300
+                yield (
+                    (
+                        f'A3 late error {form} {h} ms'
+                        if g == 1
+                        else f'A3 {form} Gamma x {g}, {h} ms'
+                    ),
+                    largest,
+                )
+
+
+def _mapped_back(row: tuple[float, ...], dt: float) -> Values:
+    """Yield the poles' sum and product of the continuous plant that Euler's step represents."""
+    step = np.eye(2) + dt * np.array([[row[0], 1.0], [row[1], 0.0]])
+    poles, vectors = np.linalg.eig(step.astype(complex))
+    matrix = (vectors @ np.diag(np.log(poles)) @ np.linalg.inv(vectors) / dt).real
+    yield 'A3 Euler mapped back -b/J', np.trace(matrix)
+    yield 'A3 Euler mapped back -k/J', -np.linalg.det(matrix)
+
+
+# A4: noise
+
+# standard deviation of the angles [rad], Gamma; of the first only the largest values are rows
+NOISE = ((1e-3, 1e3), (1e-2, 1e3), (1e-1, 1e3), (1e-1, 1e2))
+ENCODERS = ('12 bit', '10 bit', 'sigma 0.01')
+STEPS = (1, 5, 20)  # [ms]
+
+
+def _filtered_difference(angles: Array, dt: float) -> Array:
+    """Return a finite difference with a 10 Hz low-pass, a common baseline [rad/s]."""
+    kept = math.exp(-20.0 * math.pi * dt)
+    value = 0.0
+    found = []
+    for change in np.diff(angles).tolist():
+        value = kept * value + (1.0 - kept) * change / dt
+        found.append(value)
+    return np.array(found)
+
+
+def a4_values() -> Values:
+    """The values of A4."""
+    example = IDENTIFICATION
+    for h in STEPS:
+        dt = 1e-3 * h
+        inputs = random_input(example, dt, 1000.0)
+        angles, speeds = response(example, inputs, dt)
+        noise = lcg(777, len(angles))
+        last = round(200.0 / dt)
+        for name in ENCODERS:
+            if name == 'sigma 0.01':
+                measured = angles + 0.01 * noise
+            else:
+                quantum = 2.0 * math.pi / 2.0 ** int(name[:2])
+                measured = np.round(angles / quantum) * quantum
+            found = run(gains(example), measured, inputs, dt)
+            yield f'A4b {name} {h} ms', rms((found.paper - speeds[1:])[-last:])
+        if h > 1:
+            continue
+        for sigma, gamma in NOISE:
+            name = f'A4 {sigma:g} {gamma:g}'
+            measured = angles + sigma * noise
+            found = run(gains(example, gamma=(gamma,)), measured, inputs, dt)
+            spread = found.theta[-last:].std(axis=0)
+            if sigma == 1e-3:
+                yield f'{name} mean', np.abs(found.theta[-last:].mean(axis=0) - example.theta).max()
+                yield f'{name} std', spread.max()
+            else:
+                mean = found.theta[-last:].mean(axis=0) - example.theta
+                for parameter, value, off in zip(NAMES, spread, mean):
+                    yield f'{name} std {parameter}', value
+                    yield f'{name} mean {parameter}', off
+            yield f'{name} e_w', rms((found.paper - speeds[1:])[-last:])
+            yield (
+                f'{name} difference',
+                rms((_filtered_difference(measured, dt) - speeds[1:])[-last:]),
+            )
+
+
+# A5: excitation and the effect of its lack
 
 REST = -0.2 / 0.3  # where the spring of 4.2 balances a load of -0.2 rad/s^2 [rad]
-
-A5 = (
-    *family(
-        'A5a one sine theta',
-        'parameters after 300 s of sin 0.7 t, example 4.1',
-        dict(zip(NAMES, (1.639, 1.7413, 10.542, 27.01))),
-        0.1,
-        PERCENT,
-    ),
-    Reference('A5a one sine e_y', 'rms error of the angle, last 100 s [rad]', 1e-5, 5.0, PERCENT),
-    Reference('A5a one sine e_w38', 'rms error of (38), last 100 s [rad/s]', 7.47, 5.0, PERCENT),
-    Reference(
-        'A5a one sine e_wful',
-        'rms error of the full formula, last 100 s [rad/s]',
-        5.2e-3,
-        5.0,
-        PERCENT,
-    ),
-    *family(
-        'A5a two sines theta',
-        'parameters after 300 s of sin 0.7 t + sin 1.9 t',
-        dict(zip(NAMES, (2.5053, 1.5073, 0.1251, 9.9508))),
-        0.1,
-        PERCENT,
-    ),
-    Reference('A5a two sines e_w38', 'rms error of (38), last 100 s [rad/s]', 0.26, 5.0, PERCENT),
-    Reference(
-        'A5a two sines e_wful',
-        'rms error of the full formula, last 100 s [rad/s]',
-        0.045,
-        5.0,
-        PERCENT,
-    ),
-    *family(
-        'A5b drift at rest',
-        'parameter error under noise alone (0.01 rad, 2 ms)',
-        {'1000 s l1': 0.001, '1000 s l2': -0.004, '4000 s l1': 0.003, '4000 s l2': -0.018},
-        6e-4,
-    ),
-    *family('A5b drift at rest, Gamma 1e6', 'after 300 s', {'l1': 0.13, 'l2': -1.32}, 5.0, PERCENT),
-    *family(
-        'A5b drift with the gate',
-        'largest change in 4000 s',
-        {'gamma': 1e-12, 'noise': 1e-12},
-        kind=AT_MOST,
-    ),
-    *family(
-        'A5b drift with other remedies',
-        'largest change in 1000 s, leak 0.01/s, dead zone 0.04 rad, frozen',
-        {'leak': 5e-4, 'dead zone': 1e-12, 'frozen': 1e-12},
-        kind=AT_MOST,
-    ),
-    Reference(
-        'A5c gate in training',
-        'largest parameter error after 600 s with the gate',
-        1.2e-5,
-        kind=AT_MOST,
-    ),
-    Reference('A5c adapting', 'samples that adapt [%]', 98.8, 0.1),
-    Reference('A5d load, unmodelled: J', 'error of J after 800 s [%]', 5.0, kind=AT_LEAST),
-    Reference('A5d load, unmodelled: b', 'error of b after 800 s [%]', 300.0, kind=AT_LEAST),
-    *family(
-        'A5d load, learnt',
-        'J, b, k with one more regressor',
-        {'J': 10.0004, 'b': 0.1, 'k': 3.0},
-        0.02,
-        PERCENT,
-    ),
-    *family(
-        'A5e load at rest, plain',
-        'k/J, 0.3 is right, gradient without a gate',
-        {'30 s': 0.154, '100 s': 0.018, '600 s': -0.0001},
-        5e-3,
-    ),
-    *family(
-        'A5e load at rest',
-        'k/J after 600 s with other remedies: leak 0.01/s, leak 0.1/s, '
-        'projection on 0.1, dead zone 0.004 rad',
-        {'leak 0.01': 0.073, 'leak 0.1': 0.229, 'projection': 0.100, 'dead zone': 0.363},
-        5.0,
-        PERCENT,
-    ),
-    *family(
-        'A5e load at rest, gate',
-        'k/J after 600 s',
-        {'gamma': 0.3, 'noise': 0.3, 'noise, least squares': 0.3},
-        0.5,
-        PERCENT,
-    ),
-    Reference('A5e load at rest, frozen', 'k/J after 600 s', 0.3, 0.5, PERCENT),
-)
 
 
 def a5_values() -> Values:
@@ -223,6 +246,3 @@ def _held_load() -> Values:
         stiffness(gate='noise', law='least_squares')[-1],
     )
     yield 'A5e load at rest, frozen', stiffness(adapt=False)[-1]
-
-
-PARTS = (Part('A5', A5, a5_values),)

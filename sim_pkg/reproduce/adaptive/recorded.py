@@ -20,16 +20,7 @@ from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.observers.adaptive.report import Report
 from estimator_pkg.parameters import build
-from sim_pkg.reproduce.contract import (
-    AT_LEAST,
-    AT_MOST,
-    EXACT,
-    PERCENT,
-    Part,
-    Reference,
-    Row,
-    Values,
-)
+from sim_pkg.reproduce.contract import Row, Values, references
 
 RECORDINGS = {
     'energy_shaping': 'energy_shaping_200hz',
@@ -55,73 +46,7 @@ LINEAR: dict[str, Any] = {
 }  # as somebody may start
 NAMES = {'1/J': 'Kv/J', 'b/J': 'b/J', 'mgl/J': 'mgl/J'}
 UNITS = {'1/J': '1/(kg m^2)', 'b/J': '1/s', 'mgl/J': '1/s^2'}
-FOUND = {  # value, standard deviation
-    'energy_shaping': {'1/J': (4.93, 0.195), 'b/J': (0.179, 0.0329), 'mgl/J': (19.6, 0.145)},
-    'sac': {'1/J': (5.06, 0.140), 'b/J': (0.172, 0.0164), 'mgl/J': (19.77, 0.141)},
-    'system_identification': {
-        '1/J': (5.72, 0.942),
-        'b/J': (0.0956, 0.0790),
-        'mgl/J': (20.49, 0.531),
-    },
-}
-PAIRS = tuple(combinations(FOUND, 2))
-
-RECORDED = (
-    *(
-        Reference(
-            f'recorded {recording} {name}', f'identified [{UNITS[name]}]', value, 2.0, PERCENT
-        )
-        for recording, row in FOUND.items()
-        for name, (value, _) in row.items()
-    ),
-    *(
-        Reference(
-            f'recorded {recording} {name} stddev',
-            f'one of it [{UNITS[name]}]',
-            sigma,
-            10.0,
-            PERCENT,
-        )
-        for recording, row in FOUND.items()
-        for name, (_, sigma) in row.items()
-    ),
-    *(
-        Reference(
-            f'recorded {recording} explained',
-            'part of the acceleration that was predicted',
-            0.99,
-            kind=AT_LEAST,
-        )
-        for recording in FOUND
-    ),
-    *(
-        Reference(
-            f'recorded disagreement {name}',
-            'largest difference of two recordings, in its standard deviations',
-            2.0,
-            kind=AT_MOST,
-        )
-        for name in NAMES
-    ),
-    Reference(
-        'recorded gravity_compensation explained',
-        'part of the acceleration that was predicted: a hand moves the joint',
-        0.5,
-        kind=AT_MOST,
-    ),
-    Reference(
-        'recorded gravity_compensation trusted', 'parameters that are trusted', 0.0, kind=EXACT
-    ),
-    *(
-        Reference(
-            f'recorded spring {recording} trusted',
-            'parameters that are trusted with a spring in place of gravity',
-            0.0,
-            kind=EXACT,
-        )
-        for recording in RECORDINGS
-    ),
-)
+TRUSTED = ('energy_shaping', 'sac', 'system_identification')  # a hand moves the joint in the other
 
 
 def folder() -> Path | None:
@@ -158,7 +83,7 @@ def values() -> Values:
         recording: {item.name: item for item in report.parameters}
         for recording, report in found.items()
     }
-    for recording in FOUND:
+    for recording in TRUSTED:
         for name, own in NAMES.items():
             yield f'recorded {recording} {name}', numbers[recording][own].value
             yield f'recorded {recording} {name} stddev', numbers[recording][own].stddev
@@ -169,7 +94,7 @@ def values() -> Values:
             max(
                 abs(numbers[a][own].value - numbers[b][own].value)
                 / math.hypot(numbers[a][own].stddev, numbers[b][own].stddev)
-                for a, b in PAIRS
+                for a, b in combinations(TRUSTED, 2)
             ),
         )
     yield 'recorded gravity_compensation explained', found['gravity_compensation'].explained
@@ -186,7 +111,11 @@ def _trusted(report: Report) -> int:
 def table(rows: Sequence[Row]) -> list[str]:
     """Return the table of all recordings as lines; none if its rows were not computed."""
     value = {row.reference.id: row.value for row in rows}
-    if not all(reference.id in value for reference in RECORDED):
+    if not all(
+        reference.id in value
+        for reference in references('adaptive')
+        if reference.id.startswith('recorded')
+    ):
         return []
     lines = [
         'The recorded pendulum (torque in, gravity known as a regressor), value and its '
@@ -195,7 +124,7 @@ def table(rows: Sequence[Row]) -> list[str]:
         + ''.join(f'{f"{name} [{UNITS[name]}]":>22}' for name in NAMES)
         + '  predicted',
     ]
-    for recording in FOUND:
+    for recording in TRUSTED:
         numbers = ''.join(
             f'{value[f"recorded {recording} {name}"]:14.4g} +- '
             f'{value[f"recorded {recording} {name} stddev"]:<4.2g}'
@@ -215,6 +144,3 @@ def table(rows: Sequence[Row]) -> list[str]:
         + ' standard deviations.'
     )
     return lines
-
-
-PARTS = (Part('recorded', RECORDED, values),) if folder() else ()
