@@ -146,12 +146,5 @@ setup(
             'pendulum = sim_pkg.mechanisms.pendulum:SIMULATOR',
             'pmsm = sim_pkg.pmsm.simulator:SIMULATOR',
         ],
-        'velocity_estimator.reproductions': [
-            'hybrid_angle = sim_pkg.reproduce.hybrid_angle.paper:REPRODUCTION',
-            'pmsm = sim_pkg.reproduce.pmsm.paper:REPRODUCTION',
-            'adaptive = sim_pkg.reproduce.adaptive.paper:REPRODUCTION',
-            'hybrid_discrete = sim_pkg.reproduce.hybrid_discrete.paper:REPRODUCTION',
-            'mechanical = sim_pkg.reproduce.mechanical.paper:REPRODUCTION',
-        ],
     },
 )

@@ -140,7 +140,6 @@ def catalogue() -> dict[str, list[Item]]:
         ],
         'models': _entries(registry.MODELS, 'parameters'),
         'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
-        'reproductions': _entries(registry.REPRODUCTIONS, ''),
         'commands': _entries(registry.COMMANDS, ''),
     }
 

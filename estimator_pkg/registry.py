@@ -17,7 +17,6 @@ OBSERVERS = 'velocity_estimator.observers'
 MODELS = 'velocity_estimator.models'
 COMMANDS = 'velocity_estimator.commands'
 SIMULATORS = 'velocity_estimator.simulators'
-REPRODUCTIONS = 'velocity_estimator.reproductions'
 STREAMS = 'velocity_estimator.streams'
 
 

@@ -43,7 +43,7 @@ def listed(capsys, *words):
 
 def test_every_kind_is_listed(capsys):
     out = listed(capsys)
-    for kind in ('OBSERVERS', 'NODES', 'MODELS', 'SIMULATORS', 'COMMANDS', 'REPRODUCTIONS'):
+    for kind in ('OBSERVERS', 'NODES', 'MODELS', 'SIMULATORS', 'COMMANDS'):
         assert f'{kind}\n' in out
     for name in ('hybrid_angle', 'finite_difference', 'pll', 'kalman', 'encoder', 'evaluate'):
         assert re.search(rf'^{name}: \w', out, re.MULTILINE)

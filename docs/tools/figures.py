@@ -35,7 +35,8 @@ from pathlib import Path
 import yaml
 
 from benchmarks import __main__ as benchmarks
-from estimator_pkg import cli, registry
+from estimator_pkg import cli
+from sim_pkg.reproduce.command import PAPERS
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r'(?<![\w.#/])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w/])')
@@ -97,7 +98,7 @@ def names(results: list) -> dict:
         'drawn': drawn,
         'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
         'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
-        'rows': lambda paper: len(registry.find(registry.REPRODUCTIONS, paper).references()),
+        'rows': lambda paper: len(PAPERS[paper].REPRODUCTION.references()),
     }
 
 

@@ -6,21 +6,23 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg import registry
 from estimator_pkg.cli import Command
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.optional import Lazy, needs
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from sim_pkg.reproduce.contract import Reproduction
 
+PAPERS = {
+    name: Lazy(f'sim_pkg.reproduce.{name}.paper')
+    for name in ('adaptive', 'hybrid_angle', 'hybrid_discrete', 'mechanical', 'pmsm')
+}
 table = Lazy('sim_pkg.reproduce.table')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    known = ', '.join(registry.names(registry.REPRODUCTIONS))
-    parser.add_argument('paper', metavar='PAPER', help=f'one of: {known}')
+    parser.add_argument('paper', metavar='PAPER', help=f'one of: {", ".join(PAPERS)}')
     parser.add_argument('--plot', metavar='DIR', type=Path, help='draw the figures into DIR')
     parser.add_argument(
         '--only', metavar='ID', default='', help="only rows whose id starts with ID, such as 'F4'"
@@ -29,7 +31,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compute and print the rows, draw the figures; return them, with 'ok' False if a row fails."""
-    reproduction: Reproduction = registry.find(registry.REPRODUCTIONS, parsed.paper)
+    if parsed.paper not in PAPERS:
+        raise UsageError(f"unknown paper '{parsed.paper}': {suggestion(parsed.paper, PAPERS)}")
+    reproduction: Reproduction = PAPERS[parsed.paper].REPRODUCTION
     tell = table.show  # what is missing is told before the work, not after it
     if parsed.plot is not None:
         _require_matplotlib()
