@@ -77,6 +77,8 @@ class Parameter:
                 raise UsageError(f"parameter '{self.name}' must be true or false, not {value!r}")
             return value
         if self.kind is str:
+            if value != value and 'nan' in self.choices:
+                value = 'nan'  # ROS reads this word as a number
             if not isinstance(value, str):
                 kind = f'text, one of {", ".join(self.choices)}' if self.choices else 'text'
                 raise UsageError(

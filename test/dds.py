@@ -261,10 +261,15 @@ class Observer:
     ) -> bytes:
         return self._encode(stamp_ns, frame_id, names, positions)
 
-    def feed(self, messages: Iterable[bytes]) -> list[Any]:
-        """Publish messages, never more than 20 ahead of the node; its answers to them."""
+    def feed(self, messages: Iterable[bytes], unanswered: int = 0) -> list[Any]:
+        """Publish messages, never more than 20 ahead of the node; its answers to them.
+
+        Parameters
+        ----------
+        unanswered : how many of them are not answered, because no sample of them is used.
+        """
         start = len(self.answers)
-        due = start
+        due = start - unanswered
         for raw in messages:
             self.publisher.publish(raw)
             due += 1

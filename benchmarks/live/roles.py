@@ -111,9 +111,10 @@ def feed(rate: float) -> None:
 def time_answers(topic: str) -> None:
     """Print when the first message and the first estimate arrive, and on SIGINT the latencies.
 
-    A line of JSON each: {"message": ns}, {"estimate": ns} (a message with a joint in it), and at
+    A line of JSON each: {"message": ns}, {"estimate": ns} (a message with a velocity), and at
     the end the number of answers with their times from stamp to receipt [ms].
     """
+    import math
     import statistics
 
     from sensor_msgs.msg import JointState
@@ -140,7 +141,7 @@ def time_answers(topic: str) -> None:
             if 'estimate' not in printed:
                 if 'message' not in printed:
                     say('message', now)
-                if found.names:
+                if not all(map(math.isnan, found.numbers(raw, 1))):
                     say('estimate', now)
 
         node.create_subscription(JointState, topic, take, 5000, raw=True)

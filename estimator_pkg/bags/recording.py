@@ -301,12 +301,13 @@ class _Collected:
                 if each.output == 0:
                     self._due.append(group.stamps_ns)
                 for column, name in enumerate(group.names):
+                    has = ~np.isnan(group.arrays[1][:, column])  # NaN: no estimate
                     self._pieces[each.output].setdefault(name, []).append(
                         (
-                            keys[group.rows],
-                            group.stamps_ns,
-                            group.arrays[0][:, column],
-                            group.arrays[1][:, column],
+                            keys[group.rows][has],
+                            group.stamps_ns[has],
+                            group.arrays[0][has, column],
+                            group.arrays[1][has, column],
                         )
                     )
         self._first += last
@@ -319,12 +320,12 @@ class _Collected:
         found = {}
         for name, pieces in self._pieces[0].items():
             keys, stamps, position, velocity = _joined(pieces)
+            if not len(keys):
+                continue
             stddev = np.full(len(stamps), np.nan)
             if name in deviations:
                 known, _, _, of_velocity = deviations[name]
-                at = np.minimum(np.searchsorted(known, keys), len(known) - 1)
-                same = known[at] == keys
-                stddev[same] = of_velocity[at[same]]
+                stddev = at_stamps(keys, known, of_velocity)
             owner = owners.get(name, '')
             joint: Joint | None = stream.bank.joints.get(owner)
             history = (stream.history or {}).get(owner)

@@ -81,6 +81,12 @@ def of_positions(stamps_ns: NDArray[np.int64], position: NDArray[np.float64]) ->
     )
 
 
+def with_velocity(series: Series) -> Series:
+    """Return the rows that have a velocity: NaN means that there was no estimate."""
+    missing = np.isnan(series.velocity)
+    return Series._make(values[~missing] for values in series) if missing.any() else series
+
+
 def at_stamps(
     stamps: NDArray[np.int64], known: NDArray[np.int64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.bank import Bank, Taken, taken
 from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
@@ -19,7 +19,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.evidence import Evidence
 from estimator_pkg.observers.adaptive.gains import structure
 from estimator_pkg.observers.adaptive.report import Origin, Report, report
-from estimator_pkg.observers.contract import VALID, Observer
+from estimator_pkg.observers.contract import Observer
 
 PIECE = 0.25  # of a block of evidence
 
@@ -156,9 +156,8 @@ class AdaptiveBank(Bank):
     """As `Bank`, for positions with efforts.
 
     What a node or a replay calls: `take` once for each message of joint states, in the order in
-    which they came; from what it returns the estimate is published. `joint.stddev()` of each
-    returned joint gives the standard deviations; `reports()`, ten times a second of their own
-    time, what is told as identified parameters; `identified` keeps them. To freeze, give a
+    which they came; from what it returns the estimate is published. `reports()` gives, ten times a
+    second of their own time, the identified parameters; `identified` keeps them. To freeze, give a
     configuration with `adapt: false` and call `joint.set_gains` with each joint's new gains.
 
     Parameters
@@ -194,41 +193,50 @@ class AdaptiveBank(Bank):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float],
-    ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
-        """One message in; (name, joint, estimate) of every joint that may be published.
+    ) -> Taken | None:
+        """Take one message in; None if its arrays do not fit (that is counted).
 
         Parameters
         ----------
         positions, efforts : as in a JointState; efforts of COMMAND come by `command`.
         """
         if not self.fits(names, positions):
-            return []
-        if self._source == COMMAND:
-            efforts = (math.nan,) * len(names)
-        elif len(efforts) != len(names):
+            return None
+        if self._source != COMMAND and len(efforts) != len(names):
             self.without_input += 1
             self.mismatched += 1
-            return []
+            return None
         self._note(names)
-        valid = []
-        for name, position, effort in zip(names, positions, efforts):
+        names, positions, efforts = self.selected(names, positions, efforts)
+        joints: list[Joint | None] = []
+        estimates: list[tuple[float, float, float, int] | None] = []
+        commanded = (math.nan,) * len(names)
+        for name, position, effort in zip(
+            names, positions, commanded if self._source == COMMAND else efforts
+        ):
             joint = self.joints.get(name) or self.joint(name)
-            if joint is None:
-                continue
-            settings: Any = joint.settings
-            (given,) = self._acting_on(name).given(
-                joint.stamp_ns if joint.used else 0, stamp_ns, (effort,), settings
+            joints.append(joint)
+            estimates.append(
+                joint.estimate()
+                if joint is not None and self._update(name, joint, stamp_ns, position, effort)
+                else None
             )
-            if math.isfinite(given):
-                self.unknown.discard(name)
-            else:
-                position = math.nan  # counted as such: half a sample is none
-                self.unknown.add(name)
-            if joint.update(stamp_ns, position, given):
-                estimate = joint.estimate()
-                if estimate[3] in VALID:
-                    valid.append((name, joint, estimate))
-        return valid
+        return taken(names, joints, estimates, positions, efforts)
+
+    def _update(
+        self, name: str, joint: Joint, stamp_ns: int, position: float, effort: float
+    ) -> bool:
+        """One sample of a joint in; True if it was used."""
+        settings: Any = joint.settings
+        (given,) = self._acting_on(name).given(
+            joint.stamp_ns if joint.used else 0, stamp_ns, (effort,), settings
+        )
+        if math.isfinite(given):
+            self.unknown.discard(name)
+        else:
+            position = math.nan  # counted as such: half a sample is none
+            self.unknown.add(name)
+        return joint.update(stamp_ns, position, given)
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
         """One effort_command in."""

@@ -3,12 +3,48 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.contract import VALID
+
+
+class Taken(NamedTuple):
+    """What became of one message of joint states.
+
+    names : of the joints to estimate, in the order of the message.
+    estimates : of each (position, velocity, acceleration or nan, status) [SI] after its sample;
+        None: the sample was not used.
+    efforts : of each, as in the message [N m or N]; empty: it has none.
+    written : (k) -> the measured position of joint k in the convention of its estimates.
+    stddevs : (joints by number) -> one standard deviation of position and velocity of each.
+    """
+
+    names: Sequence[str]
+    estimates: Sequence[tuple[float, float, float, int] | None]
+    efforts: Sequence[float]
+    written: Callable[[int], float]
+    stddevs: Callable[[Sequence[int]], Sequence[tuple[float, float]]]
+
+
+def taken(
+    names: Sequence[str],
+    joints: Sequence[Joint | None],
+    estimates: Sequence[tuple[float, float, float, int] | None],
+    positions: Sequence[float],
+    efforts: Sequence[float],
+) -> Taken:
+    """Return what became of a message of single joints; None: one too many, which is not kept."""
+
+    def written(k: int) -> float:
+        joint = joints[k]
+        return positions[k] if joint is None else joint.written(positions[k])
+
+    def stddevs(shown: Sequence[int]) -> list[tuple[float, float]]:
+        return [joint.stddev() for joint in (joints[k] for k in shown) if joint is not None]
+
+    return Taken(names, estimates, efforts, written, stddevs)
 
 
 class Received:
@@ -128,24 +164,45 @@ class Bank(Received):
     def _make(self, name: str) -> Joint:
         return Joint(self.configuration.observer, *self.configuration.for_joint(name), self._twin)
 
+    def selected(
+        self, names: Sequence[str], positions: Sequence[float], efforts: Sequence[float]
+    ) -> tuple[Sequence[str], Sequence[float], Sequence[float]]:
+        """Return what a message says of the joints to estimate; efforts only if they fit."""
+        if len(efforts) != len(names):
+            efforts = ()
+        if not self.only:
+            return names, positions, efforts
+        places = [k for k, name in enumerate(names) if name in self.only]
+        return (
+            [names[k] for k in places],
+            [positions[k] for k in places],
+            [efforts[k] for k in places] if efforts else (),
+        )
+
     def update(
-        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]
-    ) -> list[tuple[str, Joint, tuple[float, float, float, int]]]:
-        """One message in; (name, joint, estimate) of every joint whose estimate may be published.
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float],
+        efforts: Sequence[float] = (),
+    ) -> Taken | None:
+        """Take one message in; None if its arrays do not fit (that is counted).
 
         Parameters
         ----------
         stamp_ns : stamp of the measurement, int nanoseconds.
-        names, positions : as in a JointState [rad or m]; of unequal length: counted, not used.
+        names, positions, efforts : as in a JointState [rad or m, N m or N].
         """
         if not self.fits(names, positions):
-            return []
+            return None
         self._note(names)
-        valid = []
+        names, positions, efforts = self.selected(names, positions, efforts)
+        joints: list[Joint | None] = []
+        estimates: list[tuple[float, float, float, int] | None] = []
         for name, position in zip(names, positions):
             joint = self.joints.get(name) or self.joint(name)
-            if joint is not None and joint.update(stamp_ns, position):
-                estimate = joint.estimate()
-                if estimate[3] in VALID:
-                    valid.append((name, joint, estimate))
-        return valid
+            joints.append(joint)
+            estimates.append(
+                joint.estimate() if joint is not None and joint.update(stamp_ns, position) else None
+            )
+        return taken(names, joints, estimates, positions, efforts)

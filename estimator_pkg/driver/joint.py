@@ -23,7 +23,7 @@ from estimator_pkg.driver.guard import (
     limits,
 )
 from estimator_pkg.driver.track import field_of, make_track, replaced
-from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import parameter
 
@@ -196,6 +196,12 @@ class Joint:
     def stddev(self) -> tuple[float, float]:
         """One standard deviation of position and velocity."""
         return self._deviation(self._track, self._design)
+
+    def written(self, position: float) -> float:
+        """Return a measured position in the convention of the estimate: with its turns, if any."""
+        if not self.settings.unwrap:
+            return position
+        return nearest_turn(position, self.estimate()[0], self.settings.wrap_period)
 
     def run(
         self,

@@ -10,13 +10,14 @@ from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
-from estimator_pkg.driver.bank import Received
+from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import STATUS_NAMES, VALID, Observer
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.parameters import parameter
@@ -43,14 +44,6 @@ class MechanismSettings(DrivenSettings):
         description='joints that come in separate messages belong together if their stamps differ '
         'by no more than this',
     )
-
-
-class Estimate(NamedTuple):
-    """Of one joint of a mechanism."""
-
-    name: str
-    position: float
-    velocity: float
 
 
 class Mechanism(Joint):
@@ -80,6 +73,7 @@ class Mechanism(Joint):
         self._acting = Acting(mechanics.inputs, source, settings)
         self._pending: deque[_Partial] = deque()
         self.incomplete = 0  # stamps that never got all their joints
+        self.completed = _Partial(0)  # the newest sample, used or not
         self._before_ns = 0
         settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
 
@@ -89,26 +83,26 @@ class Mechanism(Joint):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float],
-    ) -> bool:
-        """One message in; True if it completed a sample and the sample was used."""
+    ) -> bool | None:
+        """Take one message in; None if it completes no sample, else whether the sample was used."""
         found = self._partial(stamp_ns, names)
         if found is None:
-            return False
-        has_effort = self._source == FIELD and len(efforts) == len(names)
+            return None
+        has_effort = len(efforts) == len(names)
         for k, (joint, position) in enumerate(zip(names, positions)):
             index = self._index.get(joint)
             if index is None:
                 continue
             found.positions[index] = position
-            place = self._input_of.get(joint)
-            if has_effort and place is not None:
-                found.efforts[place] = efforts[k]
+            if has_effort:
+                found.efforts[index] = efforts[k]
         if len(found.positions) < len(self.names):
-            return False
+            return None
         while self._pending and self._pending[0] is not found:
             self._pending.popleft()
             self.incomplete += 1
         self._pending.popleft()
+        self.completed = found
         return self._complete(found)
 
     def _partial(self, stamp_ns: int, names: Sequence[str]) -> _Partial | None:
@@ -130,11 +124,12 @@ class Mechanism(Joint):
         return waiting
 
     def _complete(self, found: _Partial) -> bool:
-        stamp_ns, count = found.stamp_ns, self.functions.mechanics.inputs
+        stamp_ns, actuated = found.stamp_ns, self.functions.mechanics.actuated
+        efforts = found.efforts if self._source == FIELD else {}
         given = self._acting.given(
             self._before_ns,
             stamp_ns,
-            [found.efforts.get(k, math.nan) for k in range(count)],
+            [efforts.get(index, math.nan) for index in actuated],
             self.settings,
         )
         measurement = tuple(float(found.positions[k]) for k in range(len(self.names)))
@@ -167,14 +162,22 @@ class Mechanism(Joint):
         self._pending.clear()
         self._before_ns = 0
 
-    def estimates(self) -> list[Estimate]:
-        """Of every joint, at the last used sample; empty where they may not be published."""
+    def estimates(self) -> list[tuple[float, float, float, int]]:
+        """(position, velocity, nan, status) of each joint at the last used sample."""
         position: Any
         velocity: Any
         position, velocity, _, status = self.estimate()
         if status not in VALID:
-            return []
-        return [Estimate(name, q, v) for name, q, v in zip(self.names, position, velocity)]
+            return [(math.nan, math.nan, math.nan, status)] * len(self.names)
+        return [(q, v, math.nan, status) for q, v in zip(position, velocity)]
+
+    def written_at(self, index: int) -> float:
+        """Return a joint's newest measured position in the convention of its estimate."""
+        position: Any = self.estimate()[0]
+        measured = self.completed.positions[index]
+        if not (self.settings.unwrap and isinstance(position, tuple)):
+            return measured
+        return nearest_turn(measured, position[index], self.functions.mechanics.periods[index])
 
     def why(self) -> str:
         """What the status means, in words."""
@@ -215,7 +218,7 @@ class _Partial:
 
     stamp_ns: int
     positions: dict[int, float] = field(default_factory=dict)  # by place among the joints
-    efforts: dict[int, float] = field(default_factory=dict)  # by place among the inputs
+    efforts: dict[int, float] = field(default_factory=dict)  # as well
 
 
 class MechanismConfiguration(Configuration):
@@ -278,6 +281,13 @@ class MechanismBank(Received):
         )
         self._reads_efforts = source == FIELD and bool(self.orders[1])
         self.only: frozenset[str] = frozenset()
+        self._places = {
+            joint: (each, index)
+            for each in self.joints.values()
+            for index, joint in enumerate(each.names)
+        }
+        self._key: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+        self._shown: list[tuple[Mechanism, int]] = []
 
     def update(
         self,
@@ -285,18 +295,65 @@ class MechanismBank(Received):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float],
-    ) -> list[Estimate]:
-        """One message of joint states in; the estimates of the mechanisms that it completed."""
+    ) -> Taken | None:
+        """Take one message of joint states in; None if it completes no sample of a mechanism.
+
+        The joints are those of the mechanisms whose samples it completes: those that it names, in
+        its order, and behind them those that came before.
+        """
         if not self.fits(names, positions):
-            return []
+            return None
         if self._reads_efforts and len(efforts) not in (0, len(names)):
             self.mismatched += 1
-            return []
-        valid: list[Estimate] = []
+            return None
+        estimates: dict[str, list[tuple[float, float, float, int]] | None] = {}
         for mechanism in self.joints.values():
-            if mechanism.take(stamp_ns, names, positions, efforts):
-                valid += mechanism.estimates()
-        return valid
+            used = mechanism.take(stamp_ns, names, positions, efforts)
+            if used is not None:
+                estimates[mechanism.name] = mechanism.estimates() if used else None
+        if not estimates:
+            return None
+        shown = self._shape(tuple(names), tuple(estimates))
+        of_each = [(mechanism.completed.efforts, index) for mechanism, index in shown]
+
+        def written(k: int) -> float:
+            mechanism, index = shown[k]
+            return mechanism.written_at(index)
+
+        def stddevs(these: Sequence[int]) -> list[tuple[float, float]]:
+            found: dict[str, Any] = {}  # by mechanism two tuples, where a joint has two numbers
+            for mechanism, _ in (shown[k] for k in these):
+                if mechanism.name not in found:
+                    found[mechanism.name] = mechanism.stddev()
+            return [
+                (found[mechanism.name][0][index], found[mechanism.name][1][index])
+                for mechanism, index in (shown[k] for k in these)
+            ]
+
+        return Taken(
+            [mechanism.names[index] for mechanism, index in shown],
+            [
+                each[index] if (each := estimates[mechanism.name]) is not None else None
+                for mechanism, index in shown
+            ],
+            [known.get(index, math.nan) for known, index in of_each]
+            if any(known for known, _ in of_each)
+            else (),
+            written,
+            stddevs,
+        )
+
+    def _shape(
+        self, names: tuple[str, ...], complete: tuple[str, ...]
+    ) -> list[tuple[Mechanism, int]]:
+        """(mechanism, number of the joint in it) of each joint of an answer, in its order."""
+        if self._key != (names, complete):
+            self._key = names, complete
+            joints = [joint for name in complete for joint in self.joints[name].names]
+            ordered = [joint for joint in names if joint in joints]
+            ordered += [joint for joint in joints if joint not in names]
+            self._shown = [self._places[joint] for joint in ordered]
+        return self._shown
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
         """One effort_command in."""
@@ -306,12 +363,3 @@ class MechanismBank(Received):
     def why_silent(self, name: str) -> str:
         """Why a mechanism has no sample, in words, or ''."""
         return self.joints[name].why_silent()
-
-    def stddevs(self, names: Sequence[str]) -> list[tuple[float, float]]:
-        """One standard deviation of position and velocity of these joints."""
-        found: dict[str, tuple[float, float]] = {}
-        for mechanism in self.joints.values():
-            if any(name in mechanism.names for name in names):
-                of_each: Any = mechanism.stddev()  # two tuples, where a joint has two numbers
-                found.update(zip(mechanism.names, zip(*of_each)))
-        return [found[name] for name in names]

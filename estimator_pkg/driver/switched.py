@@ -11,11 +11,12 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from estimator_pkg.driver.bank import Received
+from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.track import replaced
-from estimator_pkg.observers.contract import VALID, Observer
+from estimator_pkg.observers.circle import nearest_turn
+from estimator_pkg.observers.contract import Observer
 
 # What becomes of an event
 WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY = (
@@ -104,6 +105,11 @@ class SwitchedJoint(Joint):
         if jump is not None and self.running:
             self._track = replaced(self._track, state=jump(self.state, event))
 
+    def outputs(self) -> Sequence[tuple[float, float, float]]:
+        """(position, velocity, acceleration or nan) of each output; empty before any sample."""
+        functions: Any = self.functions
+        return functions.outputs(self.state, self._measurement) if self.running else ()
+
     def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
         """(Z, its standard deviations, converged)."""
         functions: Any = self.functions
@@ -115,8 +121,8 @@ class SwitchedBank(Received):
 
     What a node or a replay calls: `take` once for each message of joint states and `system.event`
     once for each of switch_event, each in the order in which they came; an event that comes before
-    the samples around it waits for them. After `take`, `deviations()` gives the standard
-    deviations and `system.discrete()` the discrete state.
+    the samples around it waits for them. After `take`, `system.discrete()` gives the discrete
+    state.
 
     Parameters
     ----------
@@ -180,20 +186,19 @@ class SwitchedBank(Received):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float],
-    ) -> list[tuple[float, float, float]]:
-        """One message in; (position, velocity, acceleration or nan) of each joint, empty if they
-        may not be published.
+    ) -> Taken | None:
+        """Take one message in; None if it cannot be used whole (that is counted).
 
         A message without one of the joints, or without the efforts that the model needs, is
         counted as mismatched.
         """
         if not self.fits(names, positions):
-            return []
-        places = [names.index(name) for name in self.names if name in names]
+            return None
         needed = self._inputs > 0 and self._source == FIELD
-        if len(places) < len(self.names) or (needed and len(efforts) != len(names)):
+        if not set(self.names).issubset(names) or (needed and len(efforts) != len(names)):
             self.mismatched += 1
-            return []
+            return None
+        places = [names.index(name) for name in self.names]
         measurement = tuple(positions[place] for place in places)
         system: Any = self.system
         given = self._acting.given(
@@ -205,14 +210,25 @@ class SwitchedBank(Received):
         self._unknown = not all(map(math.isfinite, given))
         if self._unknown:
             measurement = (math.nan,) * len(measurement)  # counted as such: half a sample is none
-        if not self.system.update(stamp_ns, measurement, given):
-            return []
-        if self.system.estimate()[3] not in VALID:
-            return []
-        functions: Any = self.system.functions
-        return functions.outputs(self.system.state, measurement)
+        used = system.update(stamp_ns, measurement, given)
+        shown = [place for place, name in enumerate(names) if name in self.names]
+        output = [self.names.index(names[place]) for place in shown]
+        outputs, status = system.outputs(), system.estimate()[3]
 
-    def deviations(self) -> list[tuple[float, float]]:
-        """One standard deviation of (position, velocity) of each joint."""
-        functions: Any = self.system.functions
-        return functions.deviations(self.system.state)
+        def written(k: int) -> float:
+            position, settings = positions[shown[k]], system.settings
+            if not (settings.unwrap and outputs):
+                return position
+            return nearest_turn(position, outputs[output[k]][0], settings.wrap_period)
+
+        def stddevs(these: Sequence[int]) -> list[tuple[float, float]]:
+            deviations = system.functions.deviations(system.state)
+            return [deviations[output[k]] for k in these]
+
+        return Taken(
+            [names[place] for place in shown],
+            [(*outputs[i], status) if used else None for i in output],
+            [efforts[place] for place in shown] if len(efforts) == len(names) else (),
+            written,
+            stddevs,
+        )

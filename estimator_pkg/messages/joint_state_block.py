@@ -62,21 +62,22 @@ def encode_block(
     stamps_ns: NDArray[np.int64],
     frame_id: str,
     names: Sequence[str],
-    positions: NDArray[np.float64],
-    velocities: NDArray[np.float64],
+    *arrays: NDArray[np.float64],
 ) -> NDArray[np.uint8]:
-    """JointStates with these names, shape (n, bytes of one message); efforts empty.
+    """JointStates with these names, shape (n, bytes of one message).
 
     Parameters
     ----------
     stamps_ns : shape (n,).
-    positions, velocities : shape (n, number of names).
+    arrays : positions, velocities and efforts, each of shape (n, its length); those left out are
+        empty.
     """
-    template = encoder.encode(0, frame_id, names, [0.0] * len(names), [0.0] * len(names))
+    zeros = [[0.0] * array.shape[1] for array in arrays]
+    template = encoder.encode(0, frame_id, names, *zeros)
     out = np.empty((len(stamps_ns), len(template)), np.uint8)
     out[:] = np.frombuffer(template, np.uint8)
     put_stamps(out, 4, stamps_ns)
-    for (at, count), array in zip(Layout(template).arrays, (positions, velocities)):
+    for (at, count), array in zip(Layout(template).arrays, arrays):
         if count:
             put(out, at, np.ascontiguousarray(array, '<f8'))
     return out

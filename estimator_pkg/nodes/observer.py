@@ -22,7 +22,7 @@ from estimator_pkg.nodes.health import Health
 from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
 from estimator_pkg.parameters import declared
 from estimator_pkg.printable import PrintableLogger, printable
-from estimator_pkg.streams.contract import NO_NUMBERS, Action, Stream
+from estimator_pkg.streams.contract import NO_NUMBERS, SKIP, Action, Stream
 
 LOOK_AROUND = 0.1  # [s]
 CONNECT = 0.02  # [s] between looks for publishers
@@ -168,6 +168,7 @@ class ObserverNode(Node):
         self.stream.check(self._configuration(values, overrides))
 
     def _apply(self) -> None:
+        self.stream.skip = self._ros.values['no_estimate'] == SKIP
         self.stream.apply(self._configuration(self._ros.values, self._ros.overrides))
 
     # Services

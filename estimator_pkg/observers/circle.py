@@ -24,3 +24,16 @@ def wrap(angle: float, period: float) -> float:
     if period > 0.0:
         return angle - period * math.floor(angle / period + 0.5)
     return angle
+
+
+def nearest_turn(angle: float, near: float, period: float) -> float:
+    """Return `angle` plus the whole turns that bring it nearest to `near`.
+
+    Parameters
+    ----------
+    angle, near : rad; without a finite `near` the angle is returned unchanged.
+    period : wrap period, rad; 0: no circle.
+    """
+    if period > 0.0 and math.isfinite(near) and math.isfinite(angle):
+        return angle + period * math.floor((near - angle) / period + 0.5)
+    return angle

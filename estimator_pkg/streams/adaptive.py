@@ -125,9 +125,8 @@ class AdaptiveStream(DrivenStream):
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
         self._seen.update(sample.names)
-        valid = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
-        self.answered += bool(valid)
-        answer = self._encoded.joints(sample.stamp_ns, sample.frame_id, valid)
+        taken = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
+        answer = self._answering(sample.stamp_ns, sample.frame_id, taken)
         if abs(sample.stamp_ns - self._reported_ns) >= PERIOD and self.bank.joints:
             self._reported_ns = sample.stamp_ns
             if self.wanted[2]:

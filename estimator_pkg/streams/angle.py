@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -16,16 +16,15 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly
-from estimator_pkg.messages import trajectory
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Decoder, Encoder
-from estimator_pkg.messages.joint_state_block import decode_block, encode_block
+from estimator_pkg.messages.joint_state import Decoder
+from estimator_pkg.messages.joint_state_block import decode_block
 from estimator_pkg.messages.number import decoder as number_decoder
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import parameter
 from estimator_pkg.streams.answer import ACCELERATION, Answering
-from estimator_pkg.streams.arrays import Estimated, Estimation, Samples, patterns
+from estimator_pkg.streams.arrays import Estimation, Samples
 from estimator_pkg.streams.contract import (
     ESTIMATE,
     PUBLISHER,
@@ -185,6 +184,7 @@ class Sample(NamedTuple):
     frame_id: str
     names: Sequence[str]
     positions: Sequence[float]
+    efforts: Sequence[float] = ()
 
 
 class Source(Protocol):
@@ -221,6 +221,7 @@ class JointStates:
             layout.frame_id,
             layout.names,
             layout.numbers(raw, 0),
+            layout.numbers(raw, 2),
         )
 
     def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
@@ -233,6 +234,7 @@ class JointStates:
                 group.names,
                 block.publish_ns[group.rows] if self._by_publisher else group.stamps_ns,
                 group.arrays[0],
+                group.arrays[2],
             )
             for group in groups
         ], malformed
@@ -295,7 +297,11 @@ class FieldSamples:
                 if group.values is None
                 else self._angle(group.values)[:, None]
             )
-            found.append(Samples(group.rows, group.frame_id, self._names, stamps, positions))
+            found.append(
+                Samples(
+                    group.rows, group.frame_id, self._names, stamps, positions, positions[:, :0]
+                )
+            )
         return found, malformed
 
 
@@ -329,8 +335,7 @@ class AngleStream(Stream):
             [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else [])],
         )
         self.estimation = Estimation(self.bank)
-        self._answering = Answering(self.wanted, 2 if accelerates else None)
-        self._encoders = Encoder(), Encoder()
+        self._answering = Answering(self)
 
     @classmethod
     def configure(
@@ -355,9 +360,9 @@ class AngleStream(Stream):
     def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
         """See `Stream`."""
         sample = self.source.sample(raw, publish_ns)
-        valid = self.bank.update(sample.stamp_ns, sample.names, sample.positions)
-        self.answered += bool(valid)
-        return (self._answering.joints(sample.stamp_ns, sample.frame_id, valid),)
+        stamp_ns, frame_id, names, positions, efforts = sample
+        taken = self.bank.update(stamp_ns, names, positions, efforts)
+        return (self._answering(stamp_ns, frame_id, taken),)
 
     def feed_block(self, ports: Sequence[int], block: Block) -> Iterable[Answers] | None:
         """See `Stream`."""
@@ -367,48 +372,8 @@ class AngleStream(Stream):
         groups, malformed = found
         self.received[0] += len(block)
         self.malformed[0] += len(malformed)
-        return self._answers(self.estimation.update(groups, self.history, self.expected))
-
-    def _answers(self, estimated: list[Estimated]) -> Iterator[Answers]:
-        for group in estimated:
-            self.answered += int(np.count_nonzero(group.valid.any(axis=1)))
-            pairs = (
-                (group.position, group.velocity),
-                (group.position_stddev, group.velocity_stddev),
-            )
-            for output, encoder in enumerate(self._encoders):
-                if self.wanted[output]:
-                    for rows, names, joints in _shown(group, group.valid):
-                        yield Answers(
-                            output,
-                            group.samples.rows[rows],
-                            output + 1,
-                            encode_block(
-                                encoder,
-                                group.samples.stamps_ns[rows],
-                                group.samples.frame_id,
-                                names,
-                                *(array[rows][:, joints] for array in pairs[output]),
-                            ),
-                        )
-            if len(self.outputs) > 2 and self.wanted[2]:
-                for rows, names, joints in _shown(
-                    group, group.valid & np.isfinite(group.acceleration)
-                ):
-                    yield Answers(
-                        2,
-                        group.samples.rows[rows],
-                        3,
-                        trajectory.encode_block(
-                            group.samples.stamps_ns[rows],
-                            group.samples.frame_id,
-                            names,
-                            *(
-                                array[rows][:, joints]
-                                for array in (group.position, group.velocity, group.acceleration)
-                            ),
-                        ),
-                    )
+        estimated = self.estimation.update(groups, self.history, self.expected)
+        return (answers for group in estimated for answers in self._answering.block(group))
 
     def read_field(self, field: Field) -> None:
         """See `Stream`."""
@@ -494,11 +459,3 @@ class AngleStream(Stream):
             if joint is None:
                 return None
             return joint, joint.run(stamps_ns, positions, fast=fast)
-
-
-def _shown(
-    group: Estimated, shown: NDArray[np.bool_]
-) -> Iterator[tuple[NDArray[np.bool_] | slice, list[str], NDArray[np.bool_]]]:
-    """(rows, names, columns) of every set of joints that are shown together."""
-    for rows, joints in patterns(shown):
-        yield rows, [name for name, there in zip(group.samples.names, joints) if there], joints

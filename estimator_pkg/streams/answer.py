@@ -1,87 +1,125 @@
-"""The messages that answer a sample: the same bytes live and in replay."""
+"""What is published of a sample: the same bytes live and in replay."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterator
 from typing import Any
 
-from estimator_pkg.driver.joint import Joint
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.bank import Taken
 from estimator_pkg.messages import trajectory
 from estimator_pkg.messages.joint_state import Encoder
-from estimator_pkg.streams.contract import Answer, Output
+from estimator_pkg.messages.joint_state_block import encode_block
+from estimator_pkg.observers.contract import VALID
+from estimator_pkg.streams.arrays import Estimated, patterns
+from estimator_pkg.streams.contract import Answer, Answers, Output, Stream
 
 ACCELERATION = Output('acceleration', trajectory.TYPE, on_demand=True)
-
-Pairs = Iterable[Sequence[Any]]  # position and velocity first, of each joint
+UNKNOWN = (math.nan, math.nan)  # standard deviations where there is no estimate
 
 
 class Answering:
-    """Encodes estimate, standard deviation and acceleration, each while it is wanted.
+    """Makes the answer to a message: the rule of what is published.
+
+    The answer has the joints of the message, in its order. A joint has an estimate if its sample
+    was used and its status is in `VALID`; without one its position is the measured one and its
+    velocity is NaN. A message of which no sample was used is not answered; nor, with
+    ``no_estimate: skip``, one that has a joint without an estimate. Efforts are copied.
 
     Parameters
     ----------
-    wanted : by number of the output; the stream's own list.
-    acceleration : number of the output ~/acceleration; None: there is none.
+    stream : whose outputs these are; ~/acceleration only if it is among them.
     """
 
-    def __init__(self, wanted: Sequence[bool], acceleration: int | None = None) -> None:
-        self._wanted = wanted
-        self._acceleration = acceleration
-        self._encode, self._encode_stddev = Encoder().encode, Encoder().encode
+    def __init__(self, stream: Stream) -> None:
+        self._stream = stream
+        self._acceleration = (
+            stream.outputs.index(ACCELERATION) if ACCELERATION in stream.outputs else None
+        )
+        self._estimate, self._stddev = Encoder(), Encoder()
 
-    def __call__(
-        self,
-        stamp_ns: int,
-        frame_id: str,
-        names: Sequence[str],
-        estimates: Sequence[Sequence[Any]],
-        stddevs: Callable[[], Pairs],
-    ) -> Answer:
-        """The answer with the estimates of these joints.
+    def __call__(self, stamp_ns: int, frame_id: str, taken: Taken | None) -> Answer:
+        """Return the messages that answer one message, by number of the output.
 
         Parameters
         ----------
-        estimates : position, velocity and maybe acceleration or nan, of each name [SI].
-        stddevs : makes the standard deviations of position and velocity, of each name.
+        taken : None: no sample of it was used.
         """
+        stream = self._stream
         answer: Answer = {}
-        if self._wanted[0]:
-            answer[0] = self._encode(
+        if taken is None or not any(taken.estimates):
+            return answer
+        names, estimates, efforts, written, stddevs = taken
+        shown = [k for k, each in enumerate(estimates) if each is not None and each[3] in VALID]
+        whole = len(shown) == len(names)
+        if stream.skip and not whole:
+            return answer
+        stream.answered += bool(shown)
+        numbers: list[Any] = list(estimates)
+        if not whole:
+            for k in set(range(len(names))).difference(shown):
+                numbers[k] = written(k), math.nan, math.nan
+        if stream.wanted[0]:
+            answer[0] = self._estimate.encode(
                 stamp_ns,
                 frame_id,
                 names,
-                [each[0] for each in estimates],
-                [each[1] for each in estimates],
+                [each[0] for each in numbers],
+                [each[1] for each in numbers],
+                efforts,
             )
-        if self._wanted[1]:
-            pairs = list(stddevs())
-            answer[1] = self._encode_stddev(
+        if stream.wanted[1]:
+            pairs = [UNKNOWN] * len(names)
+            for k, pair in zip(shown, stddevs(shown)):
+                pairs[k] = pair
+            answer[1] = self._stddev.encode(
                 stamp_ns, frame_id, names, [pair[0] for pair in pairs], [pair[1] for pair in pairs]
             )
         number = self._acceleration
-        if number is not None and self._wanted[number]:
-            giving = [
-                (name, each) for name, each in zip(names, estimates) if math.isfinite(each[2])
-            ]
-            answer[number] = trajectory.encode(
-                stamp_ns,
-                frame_id,
-                [name for name, _ in giving],
-                [each[0] for _, each in giving],
-                [each[1] for _, each in giving],
-                [each[2] for _, each in giving],
-            )
+        if number is not None and stream.wanted[number]:
+            giving = [(name, each) for name, each in zip(names, numbers) if math.isfinite(each[2])]
+            if giving:
+                answer[number] = trajectory.encode(
+                    stamp_ns,
+                    frame_id,
+                    [name for name, _ in giving],
+                    *([each[i] for _, each in giving] for i in range(3)),
+                )
         return answer
 
-    def joints(
-        self, stamp_ns: int, frame_id: str, valid: Sequence[tuple[str, Joint, Sequence[Any]]]
-    ) -> Answer:
-        """As a call, with (name, joint, estimate) of each."""
-        return self(
-            stamp_ns,
-            frame_id,
-            [name for name, _, _ in valid],
-            [estimate for _, _, estimate in valid],
-            lambda: [joint.stddev() for _, joint, _ in valid],
-        )
+    def block(self, estimated: Estimated) -> Iterator[Answers]:
+        """As a call for each message of a group that names the same joints."""
+        stream = self._stream
+        answered: NDArray[np.bool_] = np.any(estimated.used, axis=1)
+        if stream.skip:
+            answered &= np.all(estimated.valid, axis=1)
+        if not answered.any():
+            return
+        if not answered.all():
+            estimated = estimated.of(answered)
+        (rows, frame_id, names, stamps_ns, measured, efforts), _, valid, *arrays = estimated
+        position, velocity, acceleration, *stddevs = arrays
+        stream.answered += int(np.count_nonzero(valid.any(axis=1)))
+        if not valid.all():
+            position = np.where(valid, position, measured)
+            velocity = np.where(valid, velocity, np.nan)
+            stddevs = [np.where(valid, each, np.nan) for each in stddevs]
+        for number, encoder, numbers in (
+            (0, self._estimate, (position, velocity, efforts)),
+            (1, self._stddev, stddevs),
+        ):
+            if stream.wanted[number]:
+                raw = encode_block(encoder, stamps_ns, frame_id, names, *numbers)
+                yield Answers(number, rows, number + 1, raw)
+        if self._acceleration is not None and stream.wanted[self._acceleration]:
+            for which, joints in patterns(valid & np.isfinite(acceleration)):
+                raw = trajectory.encode_block(
+                    stamps_ns[which],
+                    frame_id,
+                    [name for name, there in zip(names, joints) if there],
+                    *(array[which][:, joints] for array in (position, velocity, acceleration)),
+                )
+                yield Answers(self._acceleration, rows[which], self._acceleration + 1, raw)

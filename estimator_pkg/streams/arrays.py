@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.batch import COMPILE_FROM
+from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
 from estimator_pkg.driver.compiled import available
-from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.guard import DUPLICATE, MISCONFIGURED
+from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.observers.contract import VALID
 from estimator_pkg.streams.history import History
 
@@ -27,6 +27,7 @@ class Samples(NamedTuple):
     frame_id, names : of all of them.
     stamps_ns : shape (n,), int64.
     positions : shape (n, joints) [rad or m]; as many columns as the messages have numbers.
+    efforts : as positions [N m or N]; no columns where there are none.
     """
 
     rows: NDArray[np.int64]
@@ -34,22 +35,36 @@ class Samples(NamedTuple):
     names: tuple[str, ...]
     stamps_ns: NDArray[np.int64]
     positions: NDArray[np.float64]
+    efforts: NDArray[np.float64]
 
 
 class Estimated(NamedTuple):
     """What became of `Samples`: arrays of shape (n, joints).
 
-    valid : the estimate may be published.
+    samples : of the joints to estimate alone, positions in the convention of the estimates.
+    used : the guard let the sample through. valid : the estimate may be published.
     position, velocity, acceleration, position_stddev, velocity_stddev : SI.
     """
 
     samples: Samples
+    used: NDArray[np.bool_]
     valid: NDArray[np.bool_]
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     position_stddev: NDArray[np.float64]
     velocity_stddev: NDArray[np.float64]
+
+    def of(self, rows: NDArray[np.bool_]) -> Estimated:
+        """Return the estimates of these messages alone."""
+        samples, *arrays = self
+        samples = samples._replace(
+            rows=samples.rows[rows],
+            stamps_ns=samples.stamps_ns[rows],
+            positions=samples.positions[rows],
+            efforts=samples.efforts[rows],
+        )
+        return Estimated._make((samples, *(array[rows] for array in arrays)))
 
 
 class Estimation:
@@ -96,15 +111,28 @@ class Estimation:
                 else:
                     self.bank.empty += count
                 group = group._replace(names=(), positions=np.zeros((count, 0)))
-            names = group.names
+            group = self._selected(group)
             results.append(_room(group))
-            for column, name in enumerate(names):
+            for column, name in enumerate(group.names):
                 parts.setdefault(name, []).append((index, column))
         for name, places in parts.items():
             joint = self.bank.joint(name)
             if joint is not None:
                 self._run(name, joint, places, results, history)
         return results
+
+    def _selected(self, group: Samples) -> Samples:
+        """As `Bank.selected`, for a group."""
+        if group.efforts.shape[1] != len(group.names):
+            group = group._replace(efforts=group.efforts[:, :0])
+        if not self.bank.only:
+            return group
+        places = [k for k, name in enumerate(group.names) if name in self.bank.only]
+        return group._replace(
+            names=tuple(group.names[k] for k in places),
+            positions=group.positions[:, places],
+            efforts=group.efforts[:, places] if group.efforts.shape[1] else group.efforts,
+        )
 
     def _run(
         self,
@@ -124,11 +152,15 @@ class Estimation:
         if len(places) > 1:
             order = np.argsort(np.concatenate([source.rows for source in sources]), kind='stable')
             stamps, positions = stamps[order], positions[order]
+        before = joint.estimate()[0]
         out = joint.run(stamps, positions, fast=self._fast)
         if history is not None:
             history.setdefault(name, History()).add(stamps, out.status, out.verdict)
+        used = out.verdict < DUPLICATE
         columns: tuple[NDArray[Any], ...] = (
-            (out.verdict < DUPLICATE) & np.isin(out.status, VALID),
+            _written(positions, out, before, joint.settings),
+            used,
+            used & np.isin(out.status, VALID),
             out.position,
             out.velocity,
             out.acceleration,
@@ -142,14 +174,35 @@ class Estimation:
         start = 0
         for index, column in places:
             end = start + len(results[index].samples.rows)
-            for target, values in zip(results[index][1:], columns):
+            samples, *targets = results[index]
+            for target, values in zip((samples.positions, *targets), columns):
                 target[:, column] = values[start:end]
             start = end
 
 
 def _room(group: Samples) -> Estimated:
     shape = group.positions.shape
-    return Estimated(group, np.zeros(shape, bool), *(np.full(shape, np.nan) for _ in range(5)))
+    return Estimated(
+        group._replace(positions=group.positions.copy()),
+        np.zeros(shape, bool),
+        np.zeros(shape, bool),
+        *(np.full(shape, np.nan) for _ in range(5)),
+    )
+
+
+def _written(
+    positions: NDArray[np.float64], out: Estimates, before: float, settings: JointSettings
+) -> NDArray[np.float64]:
+    """As `Joint.written`, for each sample; `before` is the position before the first."""
+    period = settings.wrap_period
+    if not settings.unwrap or period <= 0.0 or not len(positions):
+        return positions
+    known = (out.verdict < DUPLICATE) | (out.verdict == MISCONFIGURED)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    near = np.where(last < 0, before, out.position[last])
+    with np.errstate(invalid='ignore'):  # of readings that are no angle
+        turns = np.floor((near - positions) / period + 0.5)
+        return np.where(np.isfinite(turns), positions + period * turns, positions)
 
 
 def patterns(
@@ -162,4 +215,5 @@ def patterns(
         return
     kinds, which = np.unique(shown, axis=0, return_inverse=True)
     for index, joints in enumerate(kinds):
-        yield which.ravel() == index, joints
+        if joints.any():
+            yield which.ravel() == index, joints

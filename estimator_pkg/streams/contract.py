@@ -11,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -25,12 +26,13 @@ from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.parameters import Parameter, build, declared
+from estimator_pkg.parameters import Parameter, build, declared, parameter
 from estimator_pkg.streams.history import History
 
 TYPICAL_DT = 1e-3  # [s]
 NO_NUMBERS = 'numbers become too large or too small for these gains'
 PUBLISHER = 'publisher'  # of the parameter stamp_source
+NAN, SKIP = 'nan', 'skip'  # of the parameter no_estimate
 WHY_DROPPED = {
     'duplicate': 'stamps that repeat: the driver publishes faster than it stamps',
     'late': 'stamps older than the one before: messages overtake each other',
@@ -41,7 +43,7 @@ WHY_DROPPED = {
 }
 
 Values = Mapping[str, Any]
-Answer = dict[int, bytes]  # CDR bytes by number of the output
+Answer = dict[int, bytes]  # CDR bytes by number of the output; one left out has nothing to say
 
 
 class Port(NamedTuple):
@@ -148,10 +150,18 @@ class Joints(Protocol):
         """Why a joint may have no usable sample, where that can be known; else ''."""
 
 
+@dataclass(frozen=True)
 class StreamSettings:
     """Base of the dataclasses that declare the parameters of a node as a whole."""
 
-    observer: str
+    no_estimate: str = parameter(
+        NAN,
+        unit='',
+        choices=(NAN, SKIP),
+        description='what ~/estimate says while a joint of a message has no estimate: nan (its '
+        'velocity is NaN, its position as measured), or skip (no message leaves until every joint '
+        'of it has an estimate)',
+    )
 
     def find_observer(self) -> Observer:
         """The observer; raises UsageError if the settings do not go together."""
@@ -182,6 +192,7 @@ class Stream(ABC):
         mismatched, what helps where they have no stamps, and what other counters mean.
     wanted : whether each output is to be made.
     received, malformed : messages by port. answered : messages answered with an estimate.
+    skip : whether a message that has a joint without an estimate is left unanswered.
     complaint : (topic, what was wrong) of the newest malformed message.
     topics : names of the topics by port, as wired; '' where none is.
     history : time by status of each joint, if it is to be kept; else None.
@@ -215,6 +226,7 @@ class Stream(ABC):
         self.wanted = [True] * len(self.outputs)
         self.received, self.malformed = [0] * len(self.inputs), [0] * len(self.inputs)
         self.answered = 0
+        self.skip = settings.no_estimate == SKIP
         self.complaint = ('', '')
         self.topics = [f'/{port.topic}' for port in self.inputs]
         self.history: dict[str, History] | None = None

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimator_pkg import observers
+from estimator_pkg.driver.bank import Taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveEstimates, DriveJoint
 from estimator_pkg.driver.guard import DUPLICATE
@@ -17,7 +18,7 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases, Vector
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import drive_samples, vector3
-from estimator_pkg.observers.contract import VALID, Observer
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import parameter
 from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
@@ -185,7 +186,7 @@ class DriveStream(Stream):
             PORTS[settings.input],
             [ESTIMATE, STDDEV, FLUX, *([SAMPLES] if batches else [])],
         )
-        self._encoded = Answering(self.wanted)
+        self._answering = Answering(self)
 
     @classmethod
     def start(cls, settings: DriveSettings, configuration: Configuration) -> DriveStream:
@@ -209,12 +210,11 @@ class DriveStream(Stream):
         stamps, samples = batch
         if not len(stamps):
             self.bank.empty += 1
-            return self._answer(0, '', False)
+            return {}
         out = self.joint.take(stamps, samples)
         rows = out.rows[:, :4]
         rows[np.isnan(rows[:, 3]), 3] = 0.0
-        used = self._used(stamps, out)
-        answer = self._answer(self.joint.stamp_ns if used else int(stamps[-1]), '', used)
+        answer = self._answer(self.joint.stamp_ns, '', self._used(stamps, out))
         if self.wanted[3]:
             answer[3] = drive_samples.encode(stamps, rows)
         return answer
@@ -242,27 +242,23 @@ class DriveStream(Stream):
         return bool((out.verdict < DUPLICATE).any())
 
     def _answer(self, stamp_ns: int, frame_id: str, used: bool) -> Answer:
-        """The messages for the newest estimate; without a joint where it is not valid."""
+        """The messages for the newest estimate; none where no sample was `used`."""
+        if not used:
+            return {}
         joint = self.joint
-        position, velocity, _, status = joint.estimate()
-        names: tuple[str, ...] = ()
-        estimates: list[tuple[float, float]] = []
-        if used and status in VALID:
-            names = self.names
-            estimates = [(position, velocity), joint.electrical()[:2]]
-            self.answered += 1
-        answer = self._encoded(
-            stamp_ns,
-            frame_id,
-            names,
-            estimates,
-            lambda: [joint.stddev(), joint.electrical_stddev()[:2]] if names else [],
+        estimate = joint.estimate()
+        electrical, status = joint.electrical(), estimate[3]
+        taken = Taken(
+            self.names,
+            [estimate, (*electrical[:2], math.nan, status)],
+            (),
+            lambda k: math.nan,  # no position is measured
+            lambda shown: [joint.stddev(), joint.electrical_stddev()[:2]],
         )
+        answer = self._answering(stamp_ns, frame_id, taken)
         if self.wanted[2]:
-            linkage = deviation = math.nan
-            if used and not joint.misfit:
-                linkage, deviation = joint.electrical()[2], joint.electrical_stddev()[2]
-            answer[2] = vector3.encode(stamp_ns, frame_id, linkage, deviation)
+            deviation = joint.electrical_stddev()[2]
+            answer[2] = vector3.encode(stamp_ns, frame_id, electrical[2], deviation)
         return answer
 
     def _note(self, history: dict[str, History]) -> None:

@@ -14,7 +14,7 @@ from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import parameter
-from estimator_pkg.streams.answer import ACCELERATION, Answering
+from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
     ESTIMATE,
     PUBLISHER,
@@ -109,9 +109,7 @@ class DrivenStream(Stream):
         self._commands = EffortCommands(settings.effort_command_type, orders, by_publisher)
         self._by_publisher = by_publisher
         self._layout = Decoder().layout
-        self._encoded = Answering(
-            self.wanted, outputs.index(ACCELERATION) if ACCELERATION in outputs else None
-        )
+        self._answering = Answering(self)
 
     def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
         """See `Stream`."""

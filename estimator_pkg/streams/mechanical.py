@@ -89,16 +89,8 @@ class MechanicalStream(DrivenStream):
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
-        valid = self.bank.update(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
-        self.answered += bool(valid)
-        names = [each.name for each in valid]
-        answer = self._encoded(
-            sample.stamp_ns,
-            sample.frame_id,
-            names,
-            [(each.position, each.velocity) for each in valid],
-            lambda: self.bank.stddevs(names),
-        )
+        taken = self.bank.update(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
+        answer = self._answering(sample.stamp_ns, sample.frame_id, taken)
         self._explain()
         if self._due:
             self._due = False

@@ -92,23 +92,13 @@ class SwitchedStream(DrivenStream):
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
-        pairs = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
-        answer = self._encoded(
-            sample.stamp_ns,
-            sample.frame_id,
-            self.bank.names if pairs else (),
-            pairs,
-            lambda: self.bank.deviations() if pairs else [],
-        )
-        if pairs:
-            self.answered += 1
-            if self.wanted[2]:
-                answer[2] = self._encode_discrete(
-                    sample.stamp_ns,
-                    sample.frame_id,
-                    self._model.names,
-                    self.bank.system.discrete()[0],
-                )
+        taken = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
+        answered = self.answered
+        answer = self._answering(sample.stamp_ns, sample.frame_id, taken)
+        if self.wanted[2] and self.answered > answered:
+            answer[2] = self._encode_discrete(
+                sample.stamp_ns, sample.frame_id, self._model.names, self.bank.system.discrete()[0]
+            )
         return answer
 
     def event(self, raw: bytes) -> None:

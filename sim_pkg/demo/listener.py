@@ -70,8 +70,8 @@ class Topics:
     def snapshot(self) -> Snapshot | None:
         """Return the newest estimate with truth and measurement of the same stamp, else None."""
         for estimate in self._newest_first(self.estimates):
-            if not estimate.velocities:
-                continue
+            if not estimate.velocities or math.isnan(estimate.velocities[0]):
+                continue  # no estimate yet
             truth = self._at(self.truth, estimate.stamp_ns)
             measured = self._at(self.measured, estimate.stamp_ns)
             if truth is None or measured is None:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from answers import valid
 from observer_cases import angle_observers, label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
@@ -206,14 +207,14 @@ def test_joints_may_come_go_and_change_order():
         ]
         random.shuffle(names)
         stamp = START + i * MS
-        valid = several.update(stamp, names, [angle_of(name, i) for name in names])
-        assert [name for name, _, _ in valid] == [
+        found = several.update(stamp, names, [angle_of(name, i) for name in names])
+        assert list(found.names) == names
+        assert [name for name, _ in valid(found)] == [
             name
             for name in names
             if alone[name].update(stamp, angle_of(name, i)) and alone[name].estimate()[3] in (1, 2)
         ]
-        for name, joint, estimate in valid:
-            assert joint is several.joints[name]
+        for name, estimate in valid(found):
             assert estimate[:2] == alone[name].estimate()[:2]
     assert several.joints['b'].used == 1800 and several.joints['c'].used == 1700
     assert several.joints['a'].events() == {}
@@ -223,26 +224,26 @@ def test_joints_may_come_go_and_change_order():
 def test_only_the_joints_asked_for():
     one = bank(only=['b'])
     for i in range(400):
-        valid = one.update(START + i * MS, ['a', 'b'], [angle_of('a', i), angle_of('b', i)])
-    assert [name for name, _, _ in valid] == ['b'] and set(one.joints) == {'b'}
+        found = one.update(START + i * MS, ['a', 'b'], [angle_of('a', i), angle_of('b', i)])
+    assert [name for name, _ in valid(found)] == ['b'] and set(one.joints) == {'b'}
 
 
 def test_one_joint_may_fail_while_the_others_go_on():
     several = bank()
     for i in range(1000):
         bad = math.nan if i > 500 else angle_of('b', i)
-        valid = several.update(START + i * MS, ['a', 'b'], [angle_of('a', i), bad])
-    assert [name for name, _, _ in valid] == ['a']
+        found = several.update(START + i * MS, ['a', 'b'], [angle_of('a', i), bad])
+    assert [name for name, _ in valid(found)] == ['a'] and found.names == ['a', 'b']
     assert several.joints['b'].dropped() == {'non_finite': 499}
 
 
 def test_messages_that_do_not_fit_are_counted():
     several = bank()
-    assert several.update(START, ['a', 'b'], [1.0]) == []
-    assert several.update(START, ['a'], [1.0, 2.0]) == []
-    assert several.update(START, [], [1.0]) == []
-    assert several.update(START, ['a'], []) == []
-    assert several.update(START, [], []) == []
+    assert several.update(START, ['a', 'b'], [1.0]) is None
+    assert several.update(START, ['a'], [1.0, 2.0]) is None
+    assert several.update(START, [], [1.0]) is None
+    assert several.update(START, ['a'], []) is None
+    assert several.update(START, [], []) is None
     assert several.mismatched == 3 and several.empty == 2 and several.joints == {}
 
 

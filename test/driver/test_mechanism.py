@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from answers import valid
 from mechanism_runs import FAST, motion
 
 from estimator_pkg import cli, observers
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.series import joint_series
+from estimator_pkg.bags.series import joint_series, with_velocity
 from estimator_pkg.driver.efforts import COMMAND, Inputs
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismConfiguration
 from estimator_pkg.errors import UserError
@@ -161,7 +162,7 @@ def test_without_an_effort_it_coasts_for_a_fifth_of_a_second_and_no_longer():
     for k in range(1400):
         effort = math.nan if k >= 1000 else 0.0
         found = mechanisms.update(START + k * MS, ('j',), (1e-3 * k,), (effort,))
-        published.append((mechanism.estimate()[3], bool(found)))
+        published.append((mechanism.estimate()[3], bool(valid(found))))
     assert published[999] == (TRACKING, True)
     assert set(published[1000:1190]) == {(COASTING, True)}
     assert set(published[1210:]) == {(NOT_OBSERVABLE, False)}
@@ -173,7 +174,7 @@ def test_missing_effort_of_an_unactuated_joint_is_no_error():
         mechanisms = bank(model='cart_pendulum', bandwidth_hz=20.0)
         for k in range(1000):
             found = mechanisms.update(START + k * MS, ('pendulum', 'cart'), (0.1, 0.0), efforts)
-        assert bool(found) == published
+        assert bool(valid(found)) == published
         if not published:
             assert 'no effort for cart' in mechanisms.joints['m'].why()
 
@@ -181,7 +182,7 @@ def test_missing_effort_of_an_unactuated_joint_is_no_error():
 def test_efforts_of_another_number_than_the_names_are_a_mismatch():
     mechanisms = bank(model='single_joint', joints=['j'])
     for efforts in ((0.1, 0.2), (0.1, 0.2, 0.3)):
-        assert mechanisms.update(START, ('j',), (0.1,), efforts) == []
+        assert mechanisms.update(START, ('j',), (0.1,), efforts) is None
     assert mechanisms.mismatched == 2 and mechanisms.joints['m'].received == 0
     commanded = bank(COMMAND, model='single_joint', joints=['j'])
     commanded.update(START, ('j',), (0.1,), (0.1, 0.2))  # nobody reads them
@@ -220,9 +221,11 @@ def test_several_mechanisms_in_one_stream():
         found = mechanisms.update(
             START + k * MS, ('p', 'elbow', 'c'), (0.1, 1e-3 * k, 0.0), (0.0, 0.0, 0.0)
         )
-    assert [each.name for each in found] == ['elbow', 'p', 'c']
-    assert found[0].velocity == pytest.approx(1.0, abs=1e-3)
-    assert len(mechanisms.stddevs(['p', 'elbow'])) == 2
+    assert found.names == ['p', 'elbow', 'c'] and found.efforts == [0.0, 0.0, 0.0]
+    assert found.estimates[1][1] == pytest.approx(1.0, abs=1e-3)
+    assert [found.written(k) for k in range(3)] == [0.1, 0.499, 0.0]
+    arm, cart = mechanisms.joints['arm'].stddev(), mechanisms.joints['cart'].stddev()
+    assert found.stddevs([2, 1]) == [(cart[0][1], cart[1][1]), (arm[0][0], arm[1][0])]
 
 
 @pytest.mark.parametrize(
@@ -304,7 +307,7 @@ def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, tm
         found = joint_series(bag, '/mechanical_observer/estimate')
         truth = joint_series(bag, '/ground_truth/joint_states')
     for bound, (name, series) in zip(bounds, found.items()):
-        true = truth[name]
+        series, true = with_velocity(series), truth[name]
         index = np.searchsorted(true.stamps_ns, series.stamps_ns)
         assert np.array_equal(true.stamps_ns[index], series.stamps_ns)
         rms = math.sqrt(np.mean((series.velocity - true.velocity[index]) ** 2))

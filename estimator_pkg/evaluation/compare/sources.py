@@ -13,7 +13,7 @@ from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag, UnreadableError
 from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.bags.selection import measurement_topic
-from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions
+from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions, with_velocity
 from estimator_pkg.bags.wiring import Setup, settled
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare import per_sample
@@ -141,7 +141,9 @@ def sources(
         yield (
             topic,
             {
-                joint: _recorded(series, deviations.get(joint), measurement.get(joint))
+                joint: _recorded(
+                    with_velocity(series), deviations.get(joint), measurement.get(joint)
+                )
                 for joint, series in found.items()
             },
         )
@@ -164,6 +166,7 @@ def _recorded(estimates: Series, deviations: Series | None, measurement: Series 
     """What a topic of estimates says of one joint."""
     stddev: NDArray[np.float64] = np.full(len(estimates.stamps_ns), np.nan)
     if deviations is not None:
+        deviations = with_velocity(deviations)
         stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
     return Estimate(
         estimates.stamps_ns,

@@ -410,10 +410,13 @@ def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
     _, states, _ = trajectory(load('example'), 1)
     for i, (x1, _, x3, _) in enumerate(states.tolist()):
         found = bank.take(10**18 + i * 10**6, ('y2', 'other', 'y1'), (x3, 0.0, x1), ())
-    assert [each[0] for each in found] == pytest.approx(states[-1, [0, 2]], abs=1e-3)
-    assert all(math.isfinite(each[2]) for each in found)
-    assert bank.deviations() == system.functions.deviations(system._track[6])
-    assert [round(speed, 3) for _, speed in bank.deviations()] == [0.010, 0.010]
+    assert found.names == ['y2', 'y1']  # in the order of the message
+    estimates = found.estimates
+    assert [each[0] for each in estimates] == pytest.approx(states[-1, [2, 0]], abs=1e-3)
+    assert all(math.isfinite(each[2]) for each in estimates)
+    first, second = system.functions.deviations(system._track[6])
+    assert found.stddevs([0, 1]) == [second, first]
+    assert [round(speed, 3) for _, speed in (first, second)] == [0.010, 0.010]
 
 
 def test_the_deviation_of_the_velocity_is_that_of_the_errors():
