@@ -259,8 +259,12 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
         'In a parameter file of a node (`/**` or its name, then `ros__parameters`) each has '
         'its plain name; `per_joint.<joint>.<parameter>` overrides one for one joint. On the '
         'command line it is `--set name=value`. An "automatic" one follows from the others or from '
-        'the data; the value in parentheses says so in a parameter file, and stands for nothing '
-        'else. A "required" one has no default: set it.',
+        'the data; the value in parentheses selects that in a parameter file. A "required" one has '
+        'no default: set it.',
+        '',
+        '`ros2 param dump NODE > FILE` writes every parameter of a running node, those of single '
+        'joints included. `--params-file FILE` starts the same node again, and `replay --params '
+        'FILE` reads the same file.',
     ]
     for kind, items in kinds.items():
         with_parameters = [item for item in items if item.parameters]

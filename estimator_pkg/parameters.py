@@ -32,8 +32,8 @@ class Parameter:
 
     ``kind`` is float, int, bool, str, tuple (a list of texts) or list (of numbers, checked into a
     tuple of floats). ``default`` None means: follows from the others or from the data. ROS and YAML
-    have no None: there ``automatic`` stands for it, a value of the kind that is outside the range;
-    where None is the default and there is no ``automatic``, a user must set the parameter.
+    have no None and write ``automatic`` for it, a value of the same kind outside the range. A user
+    must set a parameter whose default is None and which has no ``automatic``.
     ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner
     varies, and between which numbers; ``among`` does so for a choice. ``formerly`` maps words that
     choices had in the last release to those of today. The default is valid next to the choices.
@@ -108,7 +108,10 @@ class Parameter:
         if self.kind is list:
             one = dataclasses.replace(self, kind=float, default=0.0, automatic=None)
             many = isinstance(value, Iterable) and not isinstance(value, str)
-            return tuple(one.check(number) for number in (value if many else (value,)))
+            try:
+                return tuple(one.check(number) for number in (value if many else (value,)))
+            except UsageError as error:
+                raise UsageError(f'{error}{self._or_automatic()}') from None
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise UsageError(f"parameter '{self.name}' must be a number, not {value!r}")
         if not abs(value) <= sys.float_info.max:  # NaN, infinite, or an int beyond any float
@@ -125,7 +128,7 @@ class Parameter:
         return value
 
     def plain(self, value: Any) -> Any:
-        """`value`, as `check` returns it, for ROS and YAML: the automatic value stands for None.
+        """`value`, as `check` returns it, for ROS and YAML: the automatic value instead of None.
 
         None remains where a user must set the parameter.
         """
@@ -151,7 +154,7 @@ class Parameter:
         return f'; {self.text(self.automatic)}: {self.automatic_text}'
 
     def is_automatic(self, value: Any) -> bool:
-        """True if this is the value that stands for the automatic one, as ROS and YAML have it."""
+        """True if `value`, from ROS or YAML, is the automatic one."""
         many = isinstance(value, Iterable) and not isinstance(value, str)
         if not isinstance(self.automatic, tuple):
             return self.automatic is not None and not many and _same(value, self.automatic)
@@ -231,7 +234,7 @@ def parameter(
 
     Raises
     ------
-    ValueError : the default is None, and the range leaves no number that stands for it.
+    ValueError : the default is None, and the range leaves no number for the automatic value.
     """
     low, high = range or (None, None)
     kind = kind or (float if default is None else type(default))
@@ -287,9 +290,9 @@ def build(cls: type[T], values: Mapping[str, Any], *, owner: str = '') -> T:
 
 
 def _automatic(kind: type, low: float | None) -> Any:
-    """The value of this kind that stands for None, or for an empty list.
+    """The value of this kind that ROS and YAML have instead of None and of an empty list.
 
-    It is 0, or -1 where the range has a 0, '', [''], or [nan].
+    It is 0, or -1 where the range includes 0, or '', [''] or [nan].
     """
     texts: dict[type, Any] = {str: '', tuple: ('',), list: (math.nan,)}
     if kind in texts:

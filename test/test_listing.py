@@ -86,6 +86,18 @@ def test_json_carries_everything(tmp_path, capsys):
     assert found['settings of each joint']['joint']['parameters']['unwrap']['live'] is False
 
 
+def test_automatic_and_required_parameters_are_told_apart(capsys, tmp_path):
+    out = tmp_path / 'list.json'
+    text = listed(capsys, 'pmsm', '--json', str(out))
+    assert 'k_eta = automatic (-1.0) 1/Wb, [0, 1e+09]; -1.0: automatic' in text
+    assert 'resistance = required ohm, [1e-06, 10000]' in text
+    assert 'noise = automatic (0.0)' in listed(capsys)
+    found = json.loads(out.read_text())['observers']['pmsm']['parameters']
+    assert (found['k_eta']['default'], found['k_eta']['automatic']) == (None, '-1.0')
+    assert found['resistance']['default'] is found['resistance']['automatic'] is None
+    assert "known = none (['']), a list of texts; ['']: none" in listed(capsys, 'adaptive')
+
+
 def test_what_cannot_be_imported_is_said_and_nothing_else_suffers(capsys, monkeypatch):
     find = registry.find
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from estimator_pkg import params_file
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.params_file import load, split
 
@@ -72,6 +73,37 @@ def test_a_list_of_joints_is_no_override():
         {'joints': ['a', 'b']},
         {'a': {'order': 2}},
     )
+
+
+def test_names_of_the_last_release_are_split_as_the_new_ones(capsys):
+    old = {'joints': ['a'], 'joints.a.b.noise': 0.1, 'joints.y.known': ('k',), 'joints_max': 3}
+    common, overrides = split(old)
+    assert common == {'joints': ['a'], 'joints_max': 3}
+    assert overrides == {'a.b': {'noise': 0.1}, 'y': {'known': ('k',)}}
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "write 'per_joint.a.b.noise: 0.1' instead of 'joints.a.b.noise'" in line
+    assert "'per_joint.y.known: ['k']'" in line
+    both = {'joints.a.noise': 0.1, 'per_joint.a.noise': 0.2}
+    assert split(both) == ({}, {'a': {'noise': 0.2}})
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "'joints.a.noise' is ignored because 'per_joint.a.noise' is set" in line
+    assert "write '" not in line
+    split({'per_joint.a.noise': 0.2, 'joints.a': 3})  # the latter is unknown, not an old name
+    assert capsys.readouterr().err == ''
+
+
+def test_the_parameter_of_old_and_new_names():
+    for name in ('noise', 'per_joint.a.b.noise', 'joints.a.b.noise'):
+        assert params_file.parameter_of(name) == 'noise'
+    for name in ('joints', 'joints.noise', 'per_joint.noise', 'qos_overrides./a.depth'):
+        assert params_file.parameter_of(name) == name
+
+
+def test_no_name_is_that_of_a_value_and_of_a_group():
+    with pytest.raises(UsageError, match='rename the joint') as caught:
+        split({'per_joint.a.noise': 0.1, 'per_joint.a.noise.b.quantum': 0.1})
+    assert '\n' not in str(caught.value)
+    split({'per_joint.a.noise': 0.1, 'per_joint.a.noise_b.quantum': 0.1})
 
 
 @pytest.mark.parametrize(

@@ -535,7 +535,7 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
     for text, said in (
         ('bandwith_hz: 3', "did you mean 'bandwidth_hz'?"),
         ('bandwidth_hz: 1e9', 'is outside'),
-        ('joints: {a: {ordre: 2}}', 'unknown parameter'),
+        ('per_joint: {a: {ordre: 2}}', 'unknown parameter'),
         ('joints: [zz]', "has no joint 'zz'; it has a, b"),
     ):
         params.write_text(f'/**:\n  ros__parameters:\n    {text}\n')
@@ -548,6 +548,42 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
 def test_overrides_of_joints_that_never_come_are_told(recording, capsys):
     replay(recording, '--set', 'per_joint.zz.bandwidth_hz=3', '--observer', 'finite_difference')
     assert "a joint 'zz' that never came" in capsys.readouterr().err
+
+
+def test_names_of_the_last_release_are_read_with_one_warning(recording, tmp_path, capsys):
+    """In a file and on the command line; the estimates are those of the new names."""
+    number = itertools.count()
+
+    def estimates(*words, lines=()):
+        params = tmp_path / 'params.yaml'
+        content = '\n'.join(f'    {line}' for line in ('observer: finite_difference', *lines))
+        params.write_text(f'/**:\n  ros__parameters:\n{content}\n')
+        out = tmp_path / str(next(number))
+        replay(recording, '--params', params, *words, '--out', out)
+        raws = [bytes(message.raw) for message in messages_of(out, ESTIMATE)]
+        warnings = [line for line in capsys.readouterr().err.splitlines() if 'warning' in line]
+        return raws, warnings
+
+    plain, none = estimates()
+    new, silent = estimates(lines=['per_joint: {a: {bandwidth_hz: 5.0}, b: {bandwidth_hz: 9.0}}'])
+    assert new != plain and none == silent == []
+    in_file = ['joints.a.bandwidth_hz: 5.0', 'joints.b: {bandwidth_hz: 9.0}']
+    for words, lines in (
+        ((), in_file),
+        (('--set', 'joints.b.bandwidth_hz=9'), in_file[:1]),
+        (
+            ('--set', 'joints.b.bandwidth_hz=9'),
+            ['per_joint: {a: {bandwidth_hz: 5}, b: {noise: 1}}'],
+        ),
+        (('--set', 'per_joint.a.bandwidth_hz=5'), in_file),  # the command line wins, as ever
+    ):
+        old, (warning,) = estimates(*words, lines=lines)
+        assert old == new
+        assert "'per_joint.b.bandwidth_hz: 9" in warning and 'the next release' in warning
+    mixed = ['joints.a.bandwidth_hz: 50.0', 'per_joint: {a: {bandwidth_hz: 5.0}, b: {noise: 1.0}}']
+    old, (warning,) = estimates('--set', 'per_joint.b.bandwidth_hz=9.0', lines=mixed)
+    assert old == new
+    assert "'joints.a.bandwidth_hz' is ignored because 'per_joint.a.bandwidth_hz' is set" in warning
 
 
 def test_which_topic_is_the_measurement(tmp_path, capsys):

@@ -251,7 +251,7 @@ def test_tuned_gains_beat_the_defaults_on_a_recording_that_was_held_out(names, t
     assert each['best']['cost'] < each['default']['cost'] < 1.5 * each['best']['cost']
 
 
-def test_the_yaml_is_what_the_node_takes(tmp_path):
+def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
     bag = write_bag(tmp_path / 'bag', {'a': 0.5, 'b': 3.0})
     found, out = tuned(
         tmp_path,
@@ -263,12 +263,19 @@ def test_the_yaml_is_what_the_node_takes(tmp_path):
         '16',
         '--set',
         'order=2',
+        '--set',
+        'noise=0',
+        '--set',
+        'joints.b.timeout=2',
     )
+    (line,) = (line for line in capsys.readouterr().err.splitlines() if 'warning' in line)
+    assert "write 'per_joint.b.timeout: 2' instead of 'joints.b.timeout'" in line
     text = out.read_text()
     assert '# Joint a, from' in text and bag in text and 'rad/s rms' in text
     common, overrides = params_file.split(params_file.load(out))
     assert common.pop('observer') == 'hybrid_angle'
-    assert set(overrides) == {'a', 'b'} and common == {'order': 2}
+    assert set(overrides) == {'a', 'b'} and common == {'order': 2, 'noise': 0.0}
+    assert overrides['b']['timeout'] == 2.0 and "'per_joint.a':" in text
     gains, _ = Configuration(hybrid_angle.OBSERVER, common, overrides).for_joint('b')
     assert gains.bandwidth_hz == pytest.approx(found['tuned'][1]['gains']['bandwidth_hz'], rel=1e-5)
     # the quick joint needs more bandwidth than the slow one

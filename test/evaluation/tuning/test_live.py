@@ -71,3 +71,13 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
         )
         assert parameter('/joint_observer', 'bandwidth_hz') == pytest.approx(wanted)
         assert wanted != pytest.approx(7.0)
+
+
+def test_what_was_changed_is_said_with_automatic_values():
+    from estimator_pkg import observers
+    from estimator_pkg.evaluation.tuning.live import _text
+    from estimator_pkg.parameters import declared
+
+    noise = declared(observers.find('pll').gains)['noise']
+    assert [_text(value, noise) for value in (None, 0.0, 0.25)] == ['not set', 'automatic', '0.25']
+    assert _text([1.0, 2.0]) == '[1, 2]'

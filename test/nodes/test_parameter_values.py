@@ -1,0 +1,380 @@
+"""Every parameter of the five nodes through ROS: types, automatic values, ranges, dumps."""
+
+from __future__ import annotations
+
+import math
+from contextlib import contextmanager
+
+import dds
+import pytest
+import yaml
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_value_to_python
+
+from estimator_pkg import observers, streams
+from estimator_pkg.errors import UsageError
+from estimator_pkg.nodes.observer import ObserverNode
+from estimator_pkg.nodes.ros_parameters import RosParameters
+from estimator_pkg.parameters import declared
+
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
+STREAMS = {stream.NODE: stream for stream in streams.every()}
+OBSERVERS = [
+    (stream, observer)
+    for stream in STREAMS.values()
+    for observer in map(observers.find, observers.names())
+    if observer.kind == stream.KIND
+]
+EACH = pytest.mark.parametrize(
+    'stream, observer', OBSERVERS, ids=[f'{one.NODE}-{two.name}' for one, two in OBSERVERS]
+)
+TYPES = {float: 'DOUBLE', int: 'INTEGER', bool: 'BOOL', str: 'STRING'}
+TYPES |= {tuple: 'STRING_ARRAY', list: 'DOUBLE_ARRAY'}
+CHOSEN = {  # values other than the defaults, one of the old name, for a start of each node
+    'joint_observer': {
+        'joints': ['a', 'b.c'],
+        'noise': 0.002,
+        'order': 2,
+        'per_joint.a.bandwidth_hz': 20,
+        'per_joint.a.noise': 0.0,
+        'per_joint.a.order': 3,
+        'joints.b.c.gap_max': 0.3,
+    },
+    'mechanical_observer': {
+        'mechanisms': ['arm', 'lab'],
+        'observer': 'hgo',
+        'noise': [0.002],
+        'per_joint.arm.joints': ['elbow'],
+        'per_joint.lab.model': 'cart_pendulum',
+        'per_joint.lab.noise': [math.nan],
+        'per_joint.lab.model_parameters': ['gravity=-1'],
+        'joints.lab.bandwidth_hz': 12,
+    },
+    'adaptive_observer': {
+        'observer_poles': [-20.0, -30.0],
+        'known': ['k/J=0'],
+        'per_joint.left.settle': 0,
+        'per_joint.left.known': [''],
+        'joints.left.effort_is': 'measured',
+    },
+    'pmsm_observer': {**MOTOR, 'compile': False, 'initial_flux': 0, 'k_eta': -1, 'emf_min': 0.2},
+    'switched_observer': {'model': 'gripper', 'noise': 0.001, 'effort_is': ''},
+}
+
+
+@contextmanager
+def in_context(file=None):
+    """Arguments for a node on its own context, which reads a parameter file as ROS does."""
+    import rclpy
+
+    context = rclpy.Context()
+    rclpy.init(args=dds.ros_args(file=file), context=context, domain_id=dds.DOMAIN)
+    try:
+        yield {'context': context}
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
+@contextmanager
+def declaring(stream, observer, values, tmp_path):
+    """A bare node with the parameters of a family's node, read from a file: (node, RosParameters).
+
+    It checks nothing but parameters: extreme gains need not suit each other.
+    """
+    from rclpy.node import Node
+
+    file = tmp_path / 'values.yaml'
+    file.write_text(yaml.dump({'/**': {'ros__parameters': values}}))
+    with in_context(file) as where:
+        node = Node(
+            'bare',
+            **where,
+            allow_undeclared_parameters=stream.OVERRIDES,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        try:
+            ros = RosParameters(node)
+            for cls in (stream.SETTINGS, observer.gains, stream.PER_JOINT):
+                ros.declare(cls)
+            if stream.OVERRIDES:
+                ros.allow_overrides([*declared(observer.gains), *declared(stream.PER_JOINT)])
+            ros.watch(lambda values, overrides: None, lambda: None)
+            yield node, ros
+        finally:
+            node.destroy_node()
+
+
+def parameters_of(stream, observer):
+    classes = (stream.SETTINGS, observer.gains, stream.PER_JOINT)
+    return {name: one for cls in classes for name, one in declared(cls).items()}
+
+
+def extremes(parameter):
+    """What is set, by 'automatic', 'zero', 'minimum' and 'maximum', where it makes sense."""
+    found = {}
+    if parameter.automatic is not None:
+        found['automatic'] = parameter.plain(None)
+    if parameter.choices:
+        words = [word for word in parameter.choices if ':' not in word]
+        found |= {'minimum': words[0], 'maximum': words[-1]}
+    elif parameter.kind is bool:
+        found |= {'minimum': False, 'maximum': True}
+    elif parameter.kind in (int, float):
+        found |= {'zero': parameter.kind(0), 'minimum': parameter.kind(parameter.minimum)}
+        found['maximum'] = parameter.kind(parameter.maximum)
+    elif parameter.kind is list:
+        low, high = parameter.minimum, parameter.maximum
+        found |= {'zero': [0.0], 'minimum': [float(low or 0.0)], 'maximum': [float(high or 1.0)]}
+    return found
+
+
+def is_admitted(parameter, value):
+    for number in value if isinstance(value, list) else [value]:
+        if parameter.kind in (int, float, list) and not parameter.is_automatic(value):
+            low, high = parameter.minimum, parameter.maximum
+            if (low is not None and number < low) or (high is not None and number > high):
+                return False
+    return True
+
+
+def alike(one, other):
+    """Equal in type and value, NaN included; whole numbers are not floats."""
+    return repr(one) == repr(other)
+
+
+def plain(value):
+    return list(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
+
+
+def values_of(node):
+    return {
+        name: plain(node.get_parameter(name).value) for name in node.list_parameters([], 0).names
+    }
+
+
+def dumped(name, values):
+    """What ``ros2 param dump`` prints."""
+    tree = {}
+    for key, value in values.items():
+        *groups, leaf = key.split('.')
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        assert leaf not in branch and isinstance(branch, dict), f'{key} is leaf and branch'
+        branch[leaf] = value
+    return yaml.dump({name: {'ros__parameters': tree}}, default_flow_style=False)
+
+
+@EACH
+def test_each_value_is_set_and_reloaded(stream, observer, probe, tmp_path):
+    """At the automatic value, at zero and at both ends of the range, from a file and live."""
+    known = parameters_of(stream, observer)
+    for which in ('automatic', 'zero', 'minimum', 'maximum'):
+        given = {name: extremes(one).get(which) for name, one in known.items()}
+        given = {name: value for name, value in given.items() if value is not None}
+        refused = {name for name in given if not is_admitted(known[name], given[name])}
+        assert which == 'zero' or not refused
+        wanted = {name: value for name, value in given.items() if name not in refused}
+        with declaring(stream, observer, {**MOTOR, **wanted}, tmp_path) as (node, _):
+            before = values_of(node)
+            for name, parameter in known.items():
+                found = node.get_parameter(name)
+                assert found.type_.name == TYPES[parameter.kind], name
+                assert name not in wanted or alike(plain(found.value), wanted[name]), name
+            file = tmp_path / 'dump.yaml'
+            file.write_text(dumped('/bare', before))
+        with in_context(file) as where:
+            from rclpy.node import Node
+
+            again = Node('bare', **where, start_parameter_services=False, enable_rosout=False)
+            read = {name: plain(one.value) for name, one in again._parameter_overrides.items()}
+            again.destroy_node()
+        assert read.keys() == before.keys()
+        assert all(alike(read[name], before[name]) for name in read)
+        for name in refused:  # from a file: one line with the name and the range
+            with (
+                pytest.raises(UsageError) as error,
+                declaring(stream, observer, {**MOTOR, name: given[name]}, tmp_path),
+            ):
+                pass
+            assert (
+                f"'{name}' = 0 is outside {known[name].range_text().removeprefix('each ')}"
+                in str(error.value)
+            )
+        with declaring(stream, observer, MOTOR, tmp_path) as (node, ros):
+            for name, value in given.items():
+                (result,) = node.set_parameters([RosParameter(name, value=value)])
+                if known[name].structural:
+                    assert 'read-only' in result.reason
+                elif name in refused:
+                    assert (
+                        f"'{name}' = 0 is outside {known[name].range_text().removeprefix('each ')}"
+                        in result.reason
+                    )
+                else:
+                    assert result.successful, result.reason
+                    assert alike(plain(node.get_parameter(name).value), value)
+                    assert ros.values[name] == known[name].check(value)
+
+
+@EACH
+def test_descriptors_have_ranges_with_the_automatic_value(stream, observer, probe, tmp_path):
+    known = parameters_of(stream, observer)
+    live = [name for name, one in known.items() if not one.structural]
+    with declaring(stream, observer, MOTOR, tmp_path) as (node, ros):
+        if stream.OVERRIDES:  # one set live has the descriptor of the common one
+            override = f'per_joint.any.{live[0]}'
+            (result,) = node.set_parameters(
+                [RosParameter(override, value=known[live[0]].plain(ros.values[live[0]]))]
+            )
+            assert result.successful and node.describe_parameter(override).description
+            (refused,) = node.set_parameters([RosParameter(f'per_joint.new.{live[0]}', value='x')])
+            assert not refused.successful
+            assert f'per_joint.new.{live[0]}' not in values_of(node)
+        for name, parameter in known.items():
+            described = node.describe_parameter(name)
+            assert described.type == node.get_parameter(name).type_.value != 0, name
+            assert described.dynamic_typing and described.read_only == parameter.structural
+            assert described.additional_constraints == parameter.range_text()
+            if parameter.kind not in (int, float):
+                continue
+            (found,) = (
+                described.floating_point_range
+                if parameter.kind is float
+                else described.integer_range
+            )
+            assert found.to_value == parameter.maximum and found.step == 0
+            assert found.from_value == min(
+                parameter.minimum,
+                parameter.minimum if parameter.automatic is None else parameter.automatic,
+            )
+            between = parameter.minimum - 0.5 * (parameter.minimum - found.from_value)
+            for wrong in [
+                math.nan,
+                found.to_value * 2 + 1,
+                *([between] if found.from_value < between < parameter.minimum else []),
+            ]:
+                (result,) = node.set_parameters([RosParameter(name, value=float(wrong))])
+                assert not result.successful
+                if not parameter.structural:  # in our words
+                    assert f"'{name}'" in result.reason
+                with pytest.raises(UsageError):
+                    parameter.check(float(wrong))
+
+
+def asked(probe, kind, node, service, **fields):
+    return probe.call(kind, f'/{node}/{service}', kind.Request(**fields))
+
+
+def values_over_dds(probe, node):
+    names = asked(probe, ListParameters, node, 'list_parameters').result.names
+    values = asked(probe, GetParameters, node, 'get_parameters', names=names).values
+    assert len(values) == len(names)
+    return {name: plain(parameter_value_to_python(value)) for name, value in zip(names, values)}
+
+
+@pytest.mark.parametrize('name', CHOSEN)
+def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capfd):
+    stream, given = STREAMS[name], CHOSEN[name]
+    file, dump = tmp_path / 'given.yaml', tmp_path / 'dump.yaml'
+    file.write_text(yaml.dump({name: {'ros__parameters': given}}))
+    nodes = []
+    for source in (file, dump):
+        with in_context(source) as where:
+            node = ObserverNode(stream, **where)
+            values = values_of(node)
+            nodes.append((values, settings_of(node.stream)))
+            assert None not in values.values()
+            dump.write_text(dumped(f'/{name}', values))
+            node.destroy_node()
+    (first, settings), (second, settings_again) = nodes
+    assert first.keys() == second.keys()
+    assert all(alike(first[key], second[key]) for key in first)
+    assert settings == settings_again
+    joints = list(settings[1])
+    assert bool(joints) == stream.OVERRIDES
+    for key, value in given.items():
+        new = 'per_joint' + key.removeprefix('joints') if key.startswith('joints.') else key
+        assert first[new] == value or alike(first[new], value), new
+    old = [key for key in given if key.startswith('joints.')]
+    said = capfd.readouterr().err
+    assert said.count('does not read the old name') == (1 if old else 0)  # and none of the dump
+    for key in old:
+        assert f"write 'per_joint{key.removeprefix('joints')}: " in said
+    with dds.NodeProcess(
+        f'estimator_pkg.nodes.executables {name}', *dds.ros_args(file=dump)
+    ) as process:
+        process.prints(' estimates ')
+        over_dds = values_over_dds(probe, name)
+        assert over_dds.keys() == first.keys()
+        assert all(alike(over_dds[key], first[key]) for key in first)
+        assert 'old name' not in process.output
+        if not stream.OVERRIDES:
+            return
+        (joint, *_) = joints
+        request = [
+            RosParameter(key, value=value).to_parameter_msg()
+            for key, value in (
+                (f'joints.{joint}.gap_max', 0.7),
+                (f'joints.{joint}.timeout', 2),
+                (f'per_joint.{joint}.timeout', 3),
+            )
+        ]
+        result = asked(
+            probe,
+            SetParametersAtomically,
+            name,
+            'set_parameters_atomically',
+            parameters=request,
+        ).result
+        assert result.successful, result.reason
+        over_dds = values_over_dds(probe, name)
+        assert over_dds[f'per_joint.{joint}.gap_max'] == 0.7
+        assert over_dds[f'per_joint.{joint}.timeout'] == 3.0
+        assert not any(key.startswith('joints.') for key in over_dds)
+        process.prints(
+            f"write 'per_joint.{joint}.gap_max: 0.7' instead of 'joints.{joint}.gap_max'"
+        )
+        process.prints(
+            f"'joints.{joint}.timeout' is ignored because 'per_joint.{joint}.timeout' is set"
+        )
+        assert process.output.count('does not read the old name') == 1
+
+
+def settings_of(stream):
+    """What a stream really has: its settings, and gains and settings of joints and overrides."""
+    bank, overrides = stream.bank, {}
+    if stream.OVERRIDES:
+        overrides = {
+            joint: bank.configuration.for_joint(joint) for joint in bank.configuration.overrides
+        }
+    made = {name: (joint.gains, joint.settings) for name, joint in bank.joints.items()}
+    assert overrides or made
+    return stream.settings, overrides, made
+
+
+def test_a_name_is_never_leaf_and_branch(probe, tmp_path):
+    """Joints may be called so that an override of one would be the group of another's."""
+    stream, observer = STREAMS['joint_observer'], observers.find('hybrid_angle')
+    both = {'per_joint.a.noise': 0.1, 'per_joint.a.noise.noise': 0.2}
+    with (
+        pytest.raises(UsageError, match=r"'per_joint\.a\.noise' and 'per_joint\.a\.noise\.noise'"),
+        declaring(stream, observer, both, tmp_path),
+    ):
+        pass
+    with declaring(stream, observer, {'per_joint.a.noise': 0.1}, tmp_path) as (node, ros):
+        (result,) = node.set_parameters([RosParameter('per_joint.a.noise.quantum', value=0.1)])
+        assert not result.successful and 'rename the joint' in result.reason
+        assert ros.overrides == {'a': {'noise': 0.1}}
+
+
+def test_a_misspelt_group_is_named_with_the_right_one(probe, tmp_path):
+    stream, observer = STREAMS['joint_observer'], observers.find('hybrid_angle')
+    given = {'per_joints.a.noise': 0.1, 'joints.a.nose': 0.1}
+    with declaring(stream, observer, given, tmp_path) as (_, ros):
+        assert ros.unknown() == {
+            'per_joints.a.noise': "did you mean 'per_joint.a.noise'?",
+            'per_joint.a.nose': "did you mean 'noise'?",
+        }
