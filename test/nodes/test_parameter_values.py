@@ -9,26 +9,34 @@ import dds
 import pytest
 import yaml
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 
-from estimator_pkg import observers, streams
+from estimator_pkg import observers, registry, streams
 from estimator_pkg.errors import UsageError
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.parameters import declared
+from sim_pkg.nodes.settings import RunSettings
 
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 STREAMS = {stream.NODE: stream for stream in streams.every()}
-OBSERVERS = [
-    (stream, observer)
+NODES = {  # the classes that declare the parameters, and how many of them declare those of joints
+    f'{stream.NODE}-{observer.name}': (
+        (stream.SETTINGS, observer.gains, stream.PER_JOINT),
+        2 if stream.OVERRIDES else 0,
+    )
     for stream in STREAMS.values()
     for observer in map(observers.find, observers.names())
     if observer.kind == stream.KIND
-]
-EACH = pytest.mark.parametrize(
-    'stream, observer', OBSERVERS, ids=[f'{one.NODE}-{two.name}' for one, two in OBSERVERS]
-)
+}
+SIMULATORS = {
+    f'{name}_sim': ((RunSettings, registry.find(registry.SIMULATORS, name).parameters), 0)
+    for name in registry.names(registry.SIMULATORS)
+}
+EVERY = {**NODES, **SIMULATORS}
+JOINT_OBSERVER, _ = NODES['joint_observer-hybrid_angle']
 TYPES = {float: 'DOUBLE', int: 'INTEGER', bool: 'BOOL', str: 'STRING'}
 TYPES |= {tuple: 'STRING_ARRAY', list: 'DOUBLE_ARRAY'}
 CHOSEN = {  # values other than the defaults, one of the old name, for a start of each node
@@ -77,37 +85,34 @@ def in_context(file=None):
 
 
 @contextmanager
-def declaring(stream, observer, values, tmp_path):
-    """A bare node with the parameters of a family's node, read from a file: (node, RosParameters).
+def declaring(classes, values, tmp_path, overridable=()):
+    """A bare node with the parameters of a real one, read from a file: (node, RosParameters).
 
     It checks nothing but parameters: extreme gains need not suit each other.
     """
-    from rclpy.node import Node
-
     file = tmp_path / 'values.yaml'
     file.write_text(yaml.dump({'/**': {'ros__parameters': values}}))
     with in_context(file) as where:
         node = Node(
             'bare',
             **where,
-            allow_undeclared_parameters=stream.OVERRIDES,
+            allow_undeclared_parameters=bool(overridable),
             start_parameter_services=False,
             enable_rosout=False,
         )
         try:
             ros = RosParameters(node)
-            for cls in (stream.SETTINGS, observer.gains, stream.PER_JOINT):
+            for cls in classes:
                 ros.declare(cls)
-            if stream.OVERRIDES:
-                ros.allow_overrides([*declared(observer.gains), *declared(stream.PER_JOINT)])
+            if overridable:
+                ros.allow_overrides(overridable)
             ros.watch(lambda values, overrides: None, lambda: None)
             yield node, ros
         finally:
             node.destroy_node()
 
 
-def parameters_of(stream, observer):
-    classes = (stream.SETTINGS, observer.gains, stream.PER_JOINT)
+def parameters_of(classes):
     return {name: one for cls in classes for name, one in declared(cls).items()}
 
 
@@ -167,43 +172,49 @@ def dumped(name, values):
     return yaml.dump({name: {'ros__parameters': tree}}, default_flow_style=False)
 
 
-@EACH
-def test_each_value_is_set_and_reloaded(stream, observer, probe, tmp_path):
+def read_again(values, tmp_path):
+    """What a node gets that starts with the dump of another one with these values."""
+    file = tmp_path / 'dump.yaml'
+    file.write_text(dumped('/bare', values))
+    with in_context(file) as where:
+        node = Node('bare', **where, start_parameter_services=False, enable_rosout=False)
+        given = {name: plain(one.value) for name, one in node._parameter_overrides.items()}
+        node.destroy_node()
+    return given
+
+
+@pytest.mark.parametrize('classes, per_joint', NODES.values(), ids=NODES)
+def test_each_value_is_set_and_reloaded(classes, per_joint, probe, tmp_path):
     """At the automatic value, at zero and at both ends of the range, from a file and live."""
-    known = parameters_of(stream, observer)
+    known = parameters_of(classes)
+    motor = {name: value for name, value in MOTOR.items() if name in known}
+    overridable = [name for cls in classes[len(classes) - per_joint :] for name in declared(cls)]
     for which in ('automatic', 'zero', 'minimum', 'maximum'):
         given = {name: extremes(one).get(which) for name, one in known.items()}
         given = {name: value for name, value in given.items() if value is not None}
         refused = {name for name in given if not is_admitted(known[name], given[name])}
         assert which == 'zero' or not refused
         wanted = {name: value for name, value in given.items() if name not in refused}
-        with declaring(stream, observer, {**MOTOR, **wanted}, tmp_path) as (node, _):
+        with declaring(classes, {**motor, **wanted}, tmp_path, overridable) as (node, _):
             before = values_of(node)
             for name, parameter in known.items():
                 found = node.get_parameter(name)
                 assert found.type_.name == TYPES[parameter.kind], name
                 assert name not in wanted or alike(plain(found.value), wanted[name]), name
-            file = tmp_path / 'dump.yaml'
-            file.write_text(dumped('/bare', before))
-        with in_context(file) as where:
-            from rclpy.node import Node
-
-            again = Node('bare', **where, start_parameter_services=False, enable_rosout=False)
-            read = {name: plain(one.value) for name, one in again._parameter_overrides.items()}
-            again.destroy_node()
+        read = read_again(before, tmp_path)
         assert read.keys() == before.keys()
         assert all(alike(read[name], before[name]) for name in read)
         for name in refused:  # from a file: one line with the name and the range
             with (
                 pytest.raises(UsageError) as error,
-                declaring(stream, observer, {**MOTOR, name: given[name]}, tmp_path),
+                declaring(classes, {**motor, name: given[name]}, tmp_path, overridable),
             ):
                 pass
             assert (
                 f"'{name}' = 0 is outside {known[name].range_text().removeprefix('each ')}"
                 in str(error.value)
             )
-        with declaring(stream, observer, MOTOR, tmp_path) as (node, ros):
+        with declaring(classes, motor, tmp_path, overridable) as (node, ros):
             for name, value in given.items():
                 (result,) = node.set_parameters([RosParameter(name, value=value)])
                 if known[name].structural:
@@ -219,12 +230,14 @@ def test_each_value_is_set_and_reloaded(stream, observer, probe, tmp_path):
                     assert ros.values[name] == known[name].check(value)
 
 
-@EACH
-def test_descriptors_have_ranges_with_the_automatic_value(stream, observer, probe, tmp_path):
-    known = parameters_of(stream, observer)
+@pytest.mark.parametrize('classes, per_joint', EVERY.values(), ids=EVERY)
+def test_descriptors_have_ranges_with_the_automatic_value(classes, per_joint, probe, tmp_path):
+    known = parameters_of(classes)
+    motor = {name: value for name, value in MOTOR.items() if name in known}
+    overridable = [name for cls in classes[len(classes) - per_joint :] for name in declared(cls)]
     live = [name for name, one in known.items() if not one.structural]
-    with declaring(stream, observer, MOTOR, tmp_path) as (node, ros):
-        if stream.OVERRIDES:  # one set live has the descriptor of the common one
+    with declaring(classes, motor, tmp_path, overridable) as (node, ros):
+        if overridable:  # one set live has the descriptor of the common one
             override = f'per_joint.any.{live[0]}'
             (result,) = node.set_parameters(
                 [RosParameter(override, value=known[live[0]].plain(ros.values[live[0]]))]
@@ -233,6 +246,9 @@ def test_descriptors_have_ranges_with_the_automatic_value(stream, observer, prob
             (refused,) = node.set_parameters([RosParameter(f'per_joint.new.{live[0]}', value='x')])
             assert not refused.successful
             assert f'per_joint.new.{live[0]}' not in values_of(node)
+        assert repr(sorted(read_again(values_of(node), tmp_path).items())) == repr(
+            sorted(values_of(node).items())
+        )
         for name, parameter in known.items():
             described = node.describe_parameter(name)
             assert described.type == node.get_parameter(name).type_.value != 0, name
@@ -357,23 +373,24 @@ def settings_of(stream):
 
 def test_a_name_is_never_leaf_and_branch(probe, tmp_path):
     """Joints may be called so that an override of one would be the group of another's."""
-    stream, observer = STREAMS['joint_observer'], observers.find('hybrid_angle')
     both = {'per_joint.a.noise': 0.1, 'per_joint.a.noise.noise': 0.2}
     with (
         pytest.raises(UsageError, match=r"'per_joint\.a\.noise' and 'per_joint\.a\.noise\.noise'"),
-        declaring(stream, observer, both, tmp_path),
+        declaring(JOINT_OBSERVER, both, tmp_path, ['noise', 'quantum']),
     ):
         pass
-    with declaring(stream, observer, {'per_joint.a.noise': 0.1}, tmp_path) as (node, ros):
+    with declaring(JOINT_OBSERVER, {'per_joint.a.noise': 0.1}, tmp_path, ['noise', 'quantum']) as (
+        node,
+        ros,
+    ):
         (result,) = node.set_parameters([RosParameter('per_joint.a.noise.quantum', value=0.1)])
         assert not result.successful and 'rename the joint' in result.reason
         assert ros.overrides == {'a': {'noise': 0.1}}
 
 
 def test_a_misspelt_group_is_named_with_the_right_one(probe, tmp_path):
-    stream, observer = STREAMS['joint_observer'], observers.find('hybrid_angle')
     given = {'per_joints.a.noise': 0.1, 'joints.a.nose': 0.1}
-    with declaring(stream, observer, given, tmp_path) as (_, ros):
+    with declaring(JOINT_OBSERVER, given, tmp_path, ['noise']) as (_, ros):
         assert ros.unknown() == {
             'per_joints.a.noise': "did you mean 'per_joint.a.noise'?",
             'per_joint.a.nose': "did you mean 'noise'?",
