@@ -200,7 +200,8 @@ def default_text(parameter: Parameter) -> str:
 
 
 def _with_unit(parameter: Parameter) -> str:
-    return default_text(parameter) + (f' {parameter.unit}' if parameter.unit else '')
+    unit = f'[{parameter.unit}]' if parameter.default is None else parameter.unit
+    return f'{default_text(parameter)} {unit}' if parameter.unit else default_text(parameter)
 
 
 def meaning(parameter: Parameter, live: bool) -> str:

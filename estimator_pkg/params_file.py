@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
+from difflib import get_close_matches
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import yaml
 
 from estimator_pkg import yaml_text
-from estimator_pkg.errors import UsageError, UserError, first_line
+from estimator_pkg.errors import UsageError, UserError, first_line, suggestion
 from estimator_pkg.printable import show
 
 KEY = 'ros__parameters'
@@ -163,6 +164,20 @@ def check_names(names: Iterable[str]) -> None:
                 raise UsageError(
                     f"parameters '{group}' and '{name}' cannot be in one file: rename the joint"
                 )
+
+
+def meant(name: str, known: Iterable[str], of_joints: Container[str]) -> str:
+    """A half-sentence that names the nearest right name.
+
+    Parameters
+    ----------
+    name : what the user wrote. known : the plain names. of_joints : those that joints may have.
+    """
+    group, _, rest = name.partition('.')
+    if rest.rpartition('.')[2] in of_joints:
+        like = get_close_matches(group, [OVERRIDES, FORMERLY]) and '.' in rest
+        return f"did you mean '{OVERRIDES}.{rest if like else name}'?"
+    return suggestion(name, known)
 
 
 def parameter_of(name: str) -> str:

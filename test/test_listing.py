@@ -89,8 +89,8 @@ def test_json_carries_everything(tmp_path, capsys):
 def test_automatic_and_required_parameters_are_told_apart(capsys, tmp_path):
     out = tmp_path / 'list.json'
     text = listed(capsys, 'pmsm', '--json', str(out))
-    assert 'k_eta = automatic (-1.0) 1/Wb, [0, 1e+09]; -1.0: automatic' in text
-    assert 'resistance = required ohm, [1e-06, 10000]' in text
+    assert 'k_eta = automatic (-1.0) [1/Wb], [0, 1e+09]; -1.0: automatic' in text
+    assert 'resistance = required [ohm], [1e-06, 10000]' in text
     assert 'noise = automatic (0.0)' in listed(capsys)
     found = json.loads(out.read_text())['observers']['pmsm']['parameters']
     assert (found['k_eta']['default'], found['k_eta']['automatic']) == (None, '-1.0')

@@ -29,7 +29,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.parameters import Parameter, build, declared
-from estimator_pkg.params_file import OVERRIDES, check_names, override, today, warning
+from estimator_pkg.params_file import OVERRIDES, check_names, meant, override, today, warning
 from estimator_pkg.printable import printable
 
 T = TypeVar('T')
@@ -142,13 +142,10 @@ class RosParameters:
         found = override(name)
         if found and self._overridable:
             return suggestion(found[1], self._overridable)
-        joint_and_parameter = name.partition('.')[2]
-        if joint_and_parameter.rpartition('.')[2] in self._overridable:
-            return f"did you mean '{OVERRIDES}.{joint_and_parameter}'?"
         if name.startswith(QOS):
             declared_here = self._node.list_parameters([QOS.rstrip('.')], 0).names
             return suggestion(name, declared_here)
-        return suggestion(name, self._known)
+        return meant(name, self._known, self._overridable)
 
     def _declare(self, name: str, parameter: Parameter, value: Any) -> None:
         self._declaring = True

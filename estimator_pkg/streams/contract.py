@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from estimator_pkg import params_file
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError
@@ -269,7 +269,9 @@ class Stream(ABC):
             if name not in known:
                 raise UsageError(
                     f"unknown parameter '{name}': "
-                    f'{suggestion(name, {**known, **declared(cls.SETTINGS)})}'
+                    + params_file.meant(
+                        name, {**known, **declared(cls.SETTINGS)}, known if cls.OVERRIDES else ()
+                    )
                 )
         if overrides and not cls.OVERRIDES:
             raise UsageError(

@@ -501,6 +501,8 @@ def refused():
         (['--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
         (['--set', 'per_joint.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
+        (['--set', 'perjoint.a.bandwidth_hz=3'], "did you mean 'per_joint.a.bandwidth_hz'?", 2),
+        (['--set', 'a.b.bandwidth_hz=3'], "did you mean 'per_joint.a.b.bandwidth_hz'?", 2),
         (['--set', 'observer=[a]'], "'observer' must be text", 2),
         (['--name', 'my node'], "--name 'my node'", 2),
         (['--set', 'stamp_source=clock'], "'clock' is not one of header, publisher", 2),

@@ -389,9 +389,11 @@ def test_a_name_is_never_leaf_and_branch(probe, tmp_path):
 
 
 def test_a_misspelt_group_is_named_with_the_right_one(probe, tmp_path):
-    given = {'per_joints.a.noise': 0.1, 'joints.a.nose': 0.1}
+    given = dict.fromkeys(['per_joints.a.noise', 'joints.a.nose', 'a.noise', 'a.b.noise'], 0.1)
     with declaring(JOINT_OBSERVER, given, tmp_path, ['noise']) as (_, ros):
         assert ros.unknown() == {
             'per_joints.a.noise': "did you mean 'per_joint.a.noise'?",
             'per_joint.a.nose': "did you mean 'noise'?",
+            'a.noise': "did you mean 'per_joint.a.noise'?",
+            'a.b.noise': "did you mean 'per_joint.a.b.noise'?",
         }
