@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from scipy.interpolate import make_smoothing_spline
 
 from estimator_pkg.driver.compiled import available
 from sim_pkg.reproduce.contract import Row
 from sim_pkg.reproduce.mechanical import benefit as mechanical_benefit
+from sim_pkg.reproduce.mechanical import smoother as mechanical_smoother
 from sim_pkg.reproduce.mechanical import tables as mechanical_tables
 from sim_pkg.reproduce.mechanical.paper import REPRODUCTION
 
 pytestmark = pytest.mark.skipif(not available(), reason='takes hours without numba')
 
-SLOW = ('F',)
 
-
-@pytest.mark.parametrize(
-    'part',
-    [
-        pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else ())
-        for part in REPRODUCTION.parts
-    ],
-    ids=lambda part: part.name,
-)
+@pytest.mark.parametrize('part', REPRODUCTION.parts, ids=lambda part: part.name)
 def test_every_row_is_within_its_tolerance(part):
     failed = [
         f'{row.reference.id}: {row.value} for {row.reference.value} '
@@ -45,6 +39,16 @@ def test_the_inferred_joint_gives_numbers_it_was_not_fitted_to():
         assert found == pytest.approx(with_disturbance, rel=0.1)
         found = mechanical_benefit.best(case(False, 1.0), 0.05, counts, known_friction=0.04)
         assert found == pytest.approx(with_friction, rel=0.1)
+
+
+@pytest.mark.parametrize('weight', [1e-9, 1e-5, 1e-2])
+def test_the_spline_is_that_of_scipy(weight):
+    time = 0.01 * np.arange(400)
+    readings = np.sin(3.0 * time) + 0.05 * np.random.default_rng(0).standard_normal(400)
+    right = make_smoothing_spline(time, readings, lam=weight)
+    position, velocity = mechanical_smoother.spline(readings, 0.01, weight)
+    np.testing.assert_allclose(position, right(time), atol=1e-9)
+    np.testing.assert_allclose(velocity, right(time, 1), atol=1e-8)
 
 
 def test_tolerances_are_never_finer_than_what_is_printed():
