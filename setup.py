@@ -110,15 +110,6 @@ setup(
             'angle_and_input = estimator_pkg.streams.adaptive:AdaptiveStream',
             'switched = estimator_pkg.streams.switched:SwitchedStream',
         ],
-        'velocity_estimator.settings': [
-            'simulator_nodes = sim_pkg.nodes.settings:RunSettings',
-            'known_inputs = estimator_pkg.driver.efforts:DrivenSettings',
-            'pmsm_observer = estimator_pkg.streams.drive:DriveSettings',
-            'mechanical_observer = estimator_pkg.streams.mechanical:MechanicalSettings',
-            'adaptive_observer = estimator_pkg.streams.adaptive:AdaptiveSettings',
-            'switched_observer = estimator_pkg.streams.switched:SwitchedSettings',
-            'mechanisms = estimator_pkg.driver.mechanism:MechanismSettings',
-        ],
         'velocity_estimator.models': [
             'single_joint = estimator_pkg.models.single_joint:MODEL',
             'cart_pendulum = estimator_pkg.models.cart_pendulum:MODEL',

@@ -15,14 +15,12 @@ from typing import Any
 
 from estimator_pkg import observers, registry
 from estimator_pkg.cli import Command
-from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
 from estimator_pkg.parameters import Parameter, build, declared, parse_assignments
-from estimator_pkg.streams.angle import AngleSettings
 
 
 def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dict[str, str]]:
@@ -74,7 +72,6 @@ def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
     return '\n'.join(lines)
 
 
-SETTINGS = 'velocity_estimator.settings'
 TYPE_NAMES = {
     float: 'float',
     int: 'int',
@@ -121,37 +118,41 @@ class Item:
 
 def catalogue() -> dict[str, list[Item]]:
     """Everything there is, by kind; what cannot be imported says so in its summary."""
+    streams = _records(registry.STREAMS)
+    simulators = _records(registry.SIMULATORS)
     return {
         'observers': _entries(registry.OBSERVERS, 'gains'),
-        'settings of each joint': [
-            Item(
-                'joint',
-                'what is set per joint beside the gains, of whichever observer',
-                parameters=tuple(declared(JointSettings).values()),
-            )
-        ],
+        'settings of each joint': _settings(streams, 'PER_JOINT'),
         'nodes': [
-            Item(
-                'joint_observer',
-                'estimates velocity live, for any number of joints',
-                parameters=tuple(declared(AngleSettings).values()),
-            ),
-            *_further_settings(),
+            Item(name, f'({stream})')
+            if isinstance(stream, UserError)
+            else _declared(stream.NODE, stream.SETTINGS)
+            for name, stream in streams.items()
         ],
         'models': _entries(registry.MODELS, 'parameters'),
         'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
+        'settings of each simulator': _settings(simulators, 'SETTINGS', live=False),
         'commands': _entries(registry.COMMANDS, ''),
     }
+
+
+def _records(group: str) -> dict[str, Any]:
+    """Return the objects of a group by name; for what cannot be imported, the error."""
+    found: dict[str, Any] = {}
+    for name in registry.names(group):
+        try:
+            found[name] = registry.find(group, name)
+        except UserError as error:
+            found[name] = error
+    return found
 
 
 def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
     """The entry points of a group; `declaring` is the attribute that holds the dataclass."""
     items = []
-    for name in registry.names(group):
-        try:
-            record = registry.find(group, name)
-        except UserError as error:
-            items.append(Item(name, f'({error})'))
+    for name, record in _records(group).items():
+        if isinstance(record, UserError):
+            items.append(Item(name, f'({record})'))
             continue
         cls = getattr(record, declaring, None) if declaring else None
         items.append(
@@ -166,21 +167,25 @@ def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
     return items
 
 
-def _further_settings() -> list[Item]:
-    """Settings that other packages declare for their nodes: entry points to the dataclasses."""
-    items = []
-    for name in registry.names(SETTINGS):
-        cls = registry.find(SETTINGS, name)
-        summary = (cls.__doc__ or '').strip().partition('\n')[0].rstrip('.')
-        items.append(
-            Item(
-                name,
-                summary[:1].lower() + summary[1:],
-                parameters=tuple(declared(cls).values()),
-                live=False,
-            )
-        )
-    return items
+def _settings(records: Mapping[str, Any], attribute: str, live: bool = True) -> list[Item]:
+    """The classes of settings that these objects name, each once: 'joint' is JointSettings."""
+    classes = dict.fromkeys(
+        getattr(record, attribute)
+        for record in records.values()
+        if not isinstance(record, UserError)
+    )
+    return [_declared(cls.__name__.removesuffix('Settings').lower(), cls, live) for cls in classes]
+
+
+def _declared(name: str, cls: type, live: bool = True) -> Item:
+    """The parameters of a class of settings; the first line of its docstring is the summary."""
+    summary = (cls.__doc__ or '').strip().partition('\n')[0].rstrip('.')
+    return Item(
+        name,
+        summary[:1].lower() + summary[1:],
+        parameters=tuple(declared(cls).values()),
+        live=live,
+    )
 
 
 def default_text(parameter: Parameter) -> str:

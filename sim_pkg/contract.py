@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.parameters import parameter
 
 FASTEST = 2e4  # fastest rate of a plant that the simulator can integrate [1/s]
+FOREVER = 0.0  # duration of a node that never ends
 
 
 class Topic(NamedTuple):
@@ -47,6 +49,45 @@ class Message(NamedTuple):
 
 
 @dataclass(frozen=True)
+class RunSettings:
+    """Random seed and duration of a run, and the subscribers that it waits for.
+
+    Every simulator node has them in addition to the parameters of its simulator.
+    """
+
+    seed: int = parameter(
+        1,
+        unit='',
+        range=(0, 2**63 - 1),
+        structural=True,
+        description='the same seed and parameters give the same values and the same stamps '
+        "relative to the start, live and in 'velocity_estimator simulate'",
+    )
+    duration: float = parameter(
+        FOREVER,
+        unit='s',
+        range=(0.0, 1e9),
+        structural=True,
+        description='the node ends after this time; 0: never',
+    )
+    wait_for_subscribers: int = parameter(
+        0,
+        unit='',
+        range=(0, 1000),
+        structural=True,
+        description='number of subscribers of each measurement topic to wait for before the start, '
+        'so that they miss nothing',
+    )
+    wait_for_truth_subscribers: int = parameter(
+        0,
+        unit='',
+        range=(0, 1000),
+        structural=True,
+        description='the same for each truth topic (a recorder of all topics counts as 1 on each)',
+    )
+
+
+@dataclass(frozen=True)
 class Simulator:
     """A simulator, as an entry point of the group ``velocity_estimator.simulators`` names it.
 
@@ -63,7 +104,10 @@ class Simulator:
         does not grow with the duration. Raises UsageError for inconsistent parameters, at once or
         with the first chunk, and UserError for a plant that diverges: no message carries NaN or
         infinity.
+    SETTINGS : declares what its node has in addition to the parameters.
     """
+
+    SETTINGS: ClassVar[type] = RunSettings
 
     name: str
     summary: str

@@ -12,8 +12,7 @@ from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import build, declared, parse_assignments
 from estimator_pkg.printable import show
-from sim_pkg.contract import Simulator
-from sim_pkg.nodes.settings import FOREVER, RunSettings
+from sim_pkg.contract import FOREVER, RunSettings, Simulator
 
 START_NS = 1_000_000_000 * 1_000_000_000  # start time of every simulated bag (in 2001)
 DURATION = 10.0  # default [s]

@@ -11,10 +11,11 @@ import pytest
 
 import estimator_pkg
 import sim_pkg
-from estimator_pkg import listing, registry
+from estimator_pkg import listing, parameters, registry
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import declared
+from estimator_pkg.streams.angle import AngleStream
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs' / 'parameters.md'
 
@@ -112,23 +113,40 @@ def test_what_cannot_be_imported_is_said_and_nothing_else_suffers(capsys, monkey
     assert 'bandwidth_hz = 50 Hz' in out
 
 
-def test_settings_that_others_declare_for_their_nodes_are_listed(capsys, monkeypatch):
-    from sim_pkg.nodes.settings import RunSettings
+def test_a_stream_of_another_package_brings_its_node_and_its_settings(capsys, monkeypatch):
+    @dataclasses.dataclass(frozen=True)
+    class GantrySettings:
+        """What is set per gantry."""
+
+        rails: int = parameters.parameter(2, unit='', range=(1, 4), description='that carry it')
+
+    class Gantries(AngleStream):
+        NODE, PER_JOINT = 'gantry_observer', GantrySettings
 
     names, find = registry.names, registry.find
+    ours = {'gantries': Gantries, 'broken': UserError("stream 'broken' cannot be imported: no")}
+
+    def found(group, name):
+        if group == registry.STREAMS and name in ours:
+            if isinstance(ours[name], UserError):
+                raise ours[name]
+            return ours[name]
+        return find(group, name)
+
     monkeypatch.setattr(
-        registry,
-        'names',
-        lambda group: ['all_simulators'] if group == listing.SETTINGS else names(group),
+        registry, 'names', lambda group: names(group) + [*ours] * (group == registry.STREAMS)
     )
-    monkeypatch.setattr(
-        registry,
-        'find',
-        lambda group, name: RunSettings if group == listing.SETTINGS else find(group, name),
-    )
-    out = listed(capsys, 'all_simulators')
-    assert 'all_simulators: random seed and duration of a run' in out
-    assert '  seed = 1, [0, ' in out
+    monkeypatch.setattr(registry, 'find', found)
+    out = listed(capsys)
+    assert 'gantry_observer: parameters of the node' in out
+    assert "broken: (stream 'broken' cannot be imported: no)" in out
+    assert 'gantry: what is set per gantry\n    rails = 2' in out
+
+
+def test_the_settings_of_every_simulator_node_are_listed_once(capsys):
+    out = listed(capsys, 'run')
+    assert out.count('run: random seed and duration of a run') == 1
+    assert '  seed = 1, [0, ' in out and 'at start only' not in out
 
 
 def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):

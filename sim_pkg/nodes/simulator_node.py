@@ -22,9 +22,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from estimator_pkg.errors import UserError
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.printable import PrintableLogger
-from sim_pkg.contract import Simulator, Topic
+from sim_pkg.contract import FOREVER, RunSettings, Simulator, Topic
 from sim_pkg.nodes.deadline import Deadlines
-from sim_pkg.nodes.settings import FOREVER, RunSettings
 
 SENSOR_DATA = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.BEST_EFFORT

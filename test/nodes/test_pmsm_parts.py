@@ -20,7 +20,7 @@ from estimator_pkg.observers.contract import INITIALISING, TRACKING
 from estimator_pkg.observers.pmsm.gains import Gains
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.streams.drive import DriveSettings
-from sim_pkg.nodes.settings import RunSettings
+from sim_pkg.contract import RunSettings
 from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,11 +15,10 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import Reader, Writer
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.parameters import build, declared
-from sim_pkg.contract import Message, Simulator, Topic
+from sim_pkg.contract import Message, RunSettings, Simulator, Topic
 from sim_pkg.joints.encoder import SIMULATOR, EncoderParameters
 from sim_pkg.joints.profiles import make_profile
 from sim_pkg.joints.sensor import random_stream
-from sim_pkg.nodes.settings import RunSettings
 from sim_pkg.simulate import START_NS, write_bag
 
 ROOT = Path(__file__).parents[2]
