@@ -3,69 +3,12 @@
 import os
 import subprocess
 import sys
-import textwrap
 from pathlib import Path
 
 import pytest
+from foreign_package import OBSERVER, install
 
 BAG = Path(__file__).parent.parent / 'bags' / 'dfki_simple_pendulum' / 'energy_shaping_200hz'
-OBSERVER = '''
-    """An alpha-beta filter: the seven small functions, and what is declared."""
-
-    import math
-    from dataclasses import dataclass
-
-    from estimator_pkg.observers.angle.core import AngleCore, AngleGains, around
-    from estimator_pkg.observers.circle import wrap
-    from estimator_pkg.observers.contract import Observer
-    from estimator_pkg.observers.maths.tracking import noise_of_two
-    from estimator_pkg.parameters import parameter
-
-
-    @dataclass(frozen=True)
-    class Gains(AngleGains):
-        alpha: float = parameter(0.3, unit='', range=(0.001, 1.0), search=(0.01, 0.9),
-                                 description='weight of the innovation in the position')
-
-
-    def prepare(design, dt):
-        alpha, period = design
-        return (alpha, alpha * alpha / (2.0 - alpha) / dt, dt, period)
-
-
-    def init(measurement, design):
-        return (measurement, 0.0)
-
-
-    def correct(state, coefficients, measurement):
-        alpha, rate, dt, period = coefficients
-        error = wrap(measurement - state[0] - state[1] * dt, period)
-        return (measurement - (1.0 - alpha) * error, state[1] + rate * error), error
-
-
-    def estimate(state):
-        return state[0], state[1], math.nan
-
-
-    def resume(state, measurement):
-        return (measurement, state[1])
-
-
-    def noise_gains(state, coefficients):
-        return noise_of_two(coefficients[0], coefficients[1] * coefficients[2], coefficients[2])
-
-
-    def build(gains, circle):
-        return around(AngleCore(
-            design=lambda: (gains.alpha, float(circle.period)), settle=0.2, prepare=prepare,
-            init=init, correct=correct, estimate=estimate, resume=resume, noise_gains=noise_gains,
-            limits=lambda dt: None, group_delay=lambda dt: dt * (2.0 / gains.alpha - 1.5)),
-            gains, circle)
-
-
-    OBSERVER = Observer(name='mine', summary='an alpha-beta filter', gains=Gains, build=build,
-                        reference='textbook')
-'''
 MODEL = '''
     """A slide on a spring."""
 
@@ -108,18 +51,8 @@ ENTRY_POINTS = """
 @pytest.fixture(scope='module')
 def foreign(tmp_path_factory):
     """A folder with an installed package in it; two of its entry points lead nowhere."""
-    folder = tmp_path_factory.mktemp('site')
-    about = folder / 'foreign-0.0.1.dist-info'
-    about.mkdir()
-    for name, text in (
-        ('mine.py', OBSERVER),
-        ('slide.py', MODEL),
-        ('broken.py', 'def ('),
-        (f'{about.name}/METADATA', 'Name: foreign\nVersion: 0.0.1\n'),
-        (f'{about.name}/entry_points.txt', ENTRY_POINTS),
-    ):
-        (folder / name).write_text(textwrap.dedent(text))
-    return folder
+    files = {'mine.py': OBSERVER, 'slide.py': MODEL, 'broken.py': 'def ('}
+    return install(tmp_path_factory.mktemp('site'), files, ENTRY_POINTS)
 
 
 def told(foreign, *words, code=0):

@@ -1,0 +1,123 @@
+"""An observer and a family of another package, through entry points: live as in replay."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import dds
+import numpy as np
+import pytest
+from foreign_package import OBSERVER, install
+
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.messages.joint_state import TYPE, Encoder
+
+FAMILY = '''
+    """Two encoders on one shaft: the angle is the mean of both readings."""
+
+    from dataclasses import dataclass
+
+    from estimator_pkg import observers
+    from estimator_pkg.driver.bank import Bank
+    from estimator_pkg.messages.joint_state import TYPE, Decoder
+    from estimator_pkg.parameters import parameter
+    from estimator_pkg.streams.answer import Answering
+    from estimator_pkg.streams.contract import Port, Stream, StreamSettings
+
+
+    @dataclass(frozen=True)
+    class Settings(StreamSettings):
+        observer: str = parameter('twin', unit='', structural=True, description='twin')
+
+        def find_observer(self):
+            return observers.find(self.observer)
+
+
+    class TwinStream(Stream):
+        KIND, NODE, SETTINGS = 'two_encoders', 'twin_observer', Settings
+
+        def __init__(self, settings, configuration):
+            super().__init__(settings, configuration.observer, Bank(configuration),
+                             [Port('joint_states', TYPE)])
+            self._decode, self._answer = Decoder().decode, Answering(self)
+
+        @classmethod
+        def start(cls, settings, configuration):
+            return cls(settings, configuration)
+
+        def take(self, port, raw, publish_ns):
+            message = self._decode(raw)
+            mean = sum(message.positions) / len(message.positions)
+            taken = self.bank.update(message.stamp_ns, ('shaft',), (mean,))
+            return (self._answer(message.stamp_ns, message.frame_id, taken),)
+'''
+NODE = """
+    import sys
+
+    from estimator_pkg.nodes.executables import of_stream
+
+    twin_observer = of_stream('two_encoders')
+    if __name__ == '__main__':
+        sys.exit(twin_observer())
+"""
+FILES = {
+    'mine.py': OBSERVER,
+    'twin.py': OBSERVER.replace("name='mine'", "name='twin', kind='two_encoders'"),
+    'twin_stream.py': FAMILY,
+    'twin_node.py': NODE,
+}
+ENTRY_POINTS = """
+    [velocity_estimator.observers]
+    mine = mine:OBSERVER
+    twin = twin:OBSERVER
+    [velocity_estimator.streams]
+    two_encoders = twin_stream:TwinStream
+"""
+
+
+@pytest.fixture
+def foreign(tmp_path, monkeypatch):
+    """A package outside ours, installed for the processes that a test starts."""
+    folder = install(tmp_path / 'site', FILES, ENTRY_POINTS)
+    monkeypatch.setenv('PYTHONPATH', str(folder))
+    return folder
+
+
+@pytest.mark.parametrize(
+    'module, node, words',
+    [
+        ('estimator_pkg.nodes.executables joint_observer', 'joint_observer', ['observer:=mine']),
+        ('twin_node', 'twin_observer', []),
+    ],
+)
+def test_live_is_replay(module, node, words, foreign, probe, tmp_path):
+    encode = Encoder().encode
+    angles = 3.0 * np.sin(0.004 * np.arange(500))
+    raws = [
+        encode(10**15 + k * 10**6, 'base', ('a', 'b'), (angle, angle + 0.01))
+        for k, angle in enumerate(angles.tolist())
+    ]
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/joint_states', TYPE)
+        for k, raw in enumerate(raws):
+            writer.write('/joint_states', 10**15 + k * 10**6, raw)
+    observer = 'mine' if words else 'twin'
+    command = ['replay', tmp_path / 'bag', '--observer', observer, '--out', tmp_path / 'out']
+    script = 'import sys; from estimator_pkg.cli import main; sys.exit(main())'
+    subprocess.run([sys.executable, '-c', script, *command], check=True, env=os.environ.copy())
+    with open_bag(tmp_path / 'out') as bag:
+        topics = [name for name in bag.topics if name.endswith('/estimate')]
+        replayed = [bytes(message.raw) for message in bag.messages(topics)]
+    remap = [f'joint_states:=/{node}_foreign']
+    with (
+        dds.NodeProcess(module, *dds.ros_args(*words, remap=remap)),
+        dds.Observer(probe, f'/{node}', f'/{node}_foreign') as live,
+    ):
+        live.connect().feed(raws)
+        assert live.raw_answers == replayed
+    speeds = [answer.velocities[0] for answer in live.answers[100:]]
+    truth = 3.0 * 4.0 * np.cos(0.004 * np.arange(500))
+    assert np.nanmax(np.abs(speeds - truth[100:500])) < 0.5
