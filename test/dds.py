@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -261,17 +261,20 @@ class Observer:
     ) -> bytes:
         return self._encode(stamp_ns, frame_id, names, positions)
 
-    def feed(self, messages: Iterable[bytes], unanswered: int = 0) -> list[Any]:
+    def feed(self, messages: Iterable[bytes], unanswered: Collection[int] = ()) -> list[Any]:
         """Publish messages, never more than 20 ahead of the node; its answers to them.
 
         Parameters
         ----------
-        unanswered : how many of them are not answered, because no sample of them is used.
+        unanswered : which of them are not answered, because no sample of them is used.
         """
         start = len(self.answers)
-        due = start - unanswered
-        for raw in messages:
+        due = start
+        for number, raw in enumerate(messages):
             self.publisher.publish(raw)
+            if number in unanswered:
+                self.probe.spin(0.002)  # nothing tells that it was taken
+                continue
             due += 1
             self.probe.executor.spin_once(timeout_sec=0.0)
             self._answered(due - 20)

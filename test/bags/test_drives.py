@@ -317,7 +317,7 @@ def test_malformed_and_bad_rows_are_counted(tmp_path, capsys):
             writer.write('/drive_samples', 10**18 + index * 10**7, raw)
     with replay(tmp_path / 'bag', tmp_path / 'out') as bag:
         _, found = rows(bag, '/pmsm_observer/estimate_samples')
-        assert bag.topics['/pmsm_observer/estimate'].count == 68  # an empty batch has no answer
+        assert bag.topics['/pmsm_observer/estimate'].count == 68  # the empty one is not answered
     said = capsys.readouterr().out
     assert 'empty 1' in said and 'malformed 1' in said and 'non_finite 2' in said
     assert 'received 3400, used 3398' in said

@@ -135,7 +135,7 @@ def test_efforts_as_an_array_of_numbers(probe):
         'per_joint.right.input_scale:=[-1.0]',
     ) as (node, efforts):
         raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
-        assert node.feed([raw] * 3, unanswered=3) == []
+        assert node.feed([raw] * 3, unanswered=range(3)) == []
         probe.until(lambda: node.status('left') == 'lost')
         assert 'no effort_command is in force for it' in dds.value(node.statuses['left'], 'why')
         efforts.publish(Float64MultiArray(data=[1.0, 2.0, 3.0]))

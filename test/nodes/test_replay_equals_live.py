@@ -117,8 +117,15 @@ def test_replay_and_driver_equal_the_live_node(observer, recording, probe, tmp_p
         == 0
     )
     with open_bag(tmp_path / 'out') as replayed:
-        answered = replayed.topics[f'/{observer}/estimate'].count
-        live, deviations = run_live(observer, file, raws, len(raws) - answered, probe)
+        stamps = {
+            (message.log_ns, message.topic)
+            for message in replayed.messages(['/joint_states', f'/{observer}/estimate'])
+        }
+        inputs = [message.log_ns for message in replayed.messages(['/joint_states'])]
+        unanswered = {
+            k for k, at in enumerate(inputs) if (at, f'/{observer}/estimate') not in stamps
+        }
+        live, deviations = run_live(observer, file, raws, unanswered, probe)
         for topic, made in (
             (f'/{observer}/estimate', live),
             (f'/{observer}/estimate_stddev', deviations),

@@ -1,0 +1,136 @@
+"""A stranger's subscriber that indexes ~/estimate by position, over real DDS."""
+
+from __future__ import annotations
+
+import math
+
+import dds
+import pytest
+
+from estimator_pkg.messages.joint_state import Encoder
+
+MODULE = 'estimator_pkg.nodes.executables joint_observer'
+NAMES = ['slide', 'hinge', 'tool']
+BEGIN, MS = 10**18, 1_000_000
+
+
+def driver(count, first=0, lacking=()):
+    """(positions, efforts) of the messages of a driver; at `lacking` the hinge gives NaN."""
+    return [
+        (
+            [0.1 + 1e-3 * k, math.nan if k in lacking else 0.2 - 2e-3 * k, -0.3],
+            [1.0 + k, -2.0, 0.5],
+        )
+        for k in range(first, first + count)
+    ]
+
+
+class Stranger:
+    """Reads names, positions, velocities and efforts of plain JointStates, by number."""
+
+    def __init__(self, probe, topic):
+        from sensor_msgs.msg import JointState
+
+        self.probe, self.found = probe, []
+        self._publisher = probe.node.create_publisher(JointState, '/driver', 50)
+        self._heard = probe.node.create_subscription(JointState, topic, self.found.append, 1000)
+        self._encode = Encoder().encode
+
+    def __enter__(self):
+        self.probe.until(
+            lambda: self._publisher.get_subscription_count() and self._heard.get_publisher_count()
+        )
+        self.probe.spin(0.3)
+        return self
+
+    def __exit__(self, *error):
+        self.probe.node.destroy_publisher(self._publisher)
+        self.probe.node.destroy_subscription(self._heard)
+
+    def publish(self, messages, first=0):
+        for k, (positions, efforts) in enumerate(messages, first):
+            self._publisher.publish(
+                self._encode(BEGIN + k * MS, 'base', NAMES, positions, (), efforts)
+            )
+            self.probe.spin(0.002)
+
+
+def stamp_of(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def test_every_message_has_the_shape_of_the_drivers_from_the_first_on(probe):
+    """Remapped to a robot's /joint_states, the estimate replaces the driver's own topic."""
+    words = dds.ros_args(
+        remap=('joint_states:=/driver', '~/estimate:=/robot/joint_states', '__node:=shaped')
+    )
+    with dds.NodeProcess(MODULE, *words), Stranger(probe, '/robot/joint_states') as stranger:
+        messages = driver(400, lacking=range(300, 310))
+        stranger.publish(messages)
+        stranger.publish(messages[399:], first=399)  # a duplicate is not answered
+        probe.until(lambda: len(stranger.found) >= 400)
+        probe.spin(0.2)
+        found = stranger.found
+    assert [stamp_of(each) for each in found] == [BEGIN + k * MS for k in range(400)]
+    for k, (each, (positions, efforts)) in enumerate(zip(found, messages)):
+        assert list(each.name) == NAMES and each.header.frame_id == 'base'
+        assert len(each.position) == len(each.velocity) == len(each.effort) == 3
+        assert list(each.effort) == efforts
+        for place in range(3):
+            if math.isnan(each.velocity[place]):
+                assert each.position[place] == pytest.approx(positions[place], nan_ok=True)
+        if k == 0:
+            assert all(map(math.isnan, each.velocity))
+        elif 300 <= k < 310:  # the others go on where one drops out
+            assert math.isnan(each.velocity[1]) and math.isnan(each.position[1])
+            assert each.velocity[0] == pytest.approx(1.0, rel=1e-3)
+        elif k > 320:
+            assert list(each.velocity) == pytest.approx([1.0, -2.0, 0.0], abs=1e-2)
+
+
+def test_skip_sends_nothing_until_every_joint_has_an_estimate(probe):
+    words = dds.ros_args('no_estimate:=skip', remap=('joint_states:=/driver', '__node:=whole'))
+    with dds.NodeProcess(MODULE, *words) as process, Stranger(probe, '/whole/estimate') as stranger:
+        stranger.publish(driver(400, lacking=range(300, 310)))
+        probe.until(lambda: stranger.found and stamp_of(stranger.found[-1]) == BEGIN + 399 * MS)
+        found = stranger.found
+        assert 300 < len(found) < 391
+        for each in found:
+            assert list(each.name) == NAMES and len(each.effort) == 3
+            assert all(map(math.isfinite, [*each.velocity, *each.position]))
+        assert not {BEGIN + k * MS for k in (0, *range(300, 310))} & set(map(stamp_of, found))
+        with dds.Observer(probe, '/whole', '/driver') as node:  # it can be changed live
+            assert node.get('no_estimate') == 'skip'
+            assert not node.set(no_estimate='never').successful
+            assert node.set(no_estimate='nan').successful
+            stranger.publish(driver(1, 400, lacking=[400]), first=400)
+            probe.until(lambda: stamp_of(stranger.found[-1]) == BEGIN + 400 * MS)
+        assert math.isnan(stranger.found[-1].velocity[1])
+        assert process.alive
+
+
+def test_names_beyond_the_most_and_a_word_that_ros_reads_as_a_number(probe):
+    """They keep their place, as measured; ROS makes a number of ``nan`` on the command line."""
+    words = dds.ros_args(
+        'joints_max:=1', 'no_estimate:=nan', remap=('joint_states:=/driver', '__node:=few')
+    )
+    with dds.NodeProcess(MODULE, *words), Stranger(probe, '/few/estimate') as stranger:
+        messages = driver(200)
+        stranger.publish(messages)
+        probe.until(lambda: len(stranger.found) == 200)
+        last = stranger.found[-1]
+    assert list(last.name) == NAMES
+    assert last.velocity[0] == pytest.approx(1.0, rel=1e-3)
+    assert all(map(math.isnan, last.velocity[1:]))
+    assert list(last.position)[1:] == messages[-1][0][1:]
+
+
+def test_selected_joints_keep_the_order_of_the_message(probe):
+    words = dds.ros_args(
+        "joints:=['tool', 'slide']", remap=('joint_states:=/driver', '__node:=chosen')
+    )
+    with dds.NodeProcess(MODULE, *words), Stranger(probe, '/chosen/estimate') as stranger:
+        stranger.publish(driver(50))
+        probe.until(lambda: len(stranger.found) == 50)
+        assert all(list(each.name) == ['slide', 'tool'] for each in stranger.found)
+        assert [list(each.effort) for each in stranger.found] == [[1.0 + k, 0.5] for k in range(50)]
