@@ -168,8 +168,7 @@ def parameters(
     UserError, UsageError : the file cannot be read, or has no section for the node.
     """
     from_file = params_file.load(params, node or stream.NODE) if params else {}
-    from_file, assignments = params_file.modern(from_file, assignments)
-    values = {**from_file, **assignments}
+    (values,) = params_file.modern({**from_file, **assignments})
     if observer:
         values['observer'] = observer
     if not isinstance(values.get('observer', ''), str):

@@ -583,7 +583,8 @@ def test_names_of_the_last_release_are_read_with_one_warning(recording, tmp_path
         assert old == new
         assert "'per_joint.b.bandwidth_hz: 9" in warning and 'the next release' in warning
     mixed = ['joints.a.bandwidth_hz: 50.0', 'per_joint: {a: {bandwidth_hz: 5.0}, b: {noise: 1.0}}']
-    old, (warning,) = estimates('--set', 'per_joint.b.bandwidth_hz=9.0', lines=mixed)
+    words = ('--set', 'per_joint.b.bandwidth_hz=9.0', '--set', 'joints.a.bandwidth_hz=3')
+    old, (warning,) = estimates(*words, lines=mixed)  # the new name wins, as for the node
     assert old == new
     assert "'joints.a.bandwidth_hz' is ignored because 'per_joint.a.bandwidth_hz' is set" in warning
 

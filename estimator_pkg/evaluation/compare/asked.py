@@ -41,21 +41,20 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
             )
         return []
     by_observer = {name: _known(name) for name in wanted}
-    given, *of_each = params_file.modern(given, *(_from_file(params, name) for name in wanted))
-    from_file = dict(zip(wanted, of_each))
-    for names_of in (given, *from_file.values()):
-        _check(names_of, by_observer)
+    values_of = params_file.modern(*({**_from_file(params, name), **given} for name in wanted))
+    for values in values_of:
+        _check(values, by_observer)
     return [
         Entry(
             name,
             name,
             tuple(
                 (key, by_observer[name][params_file.parameter_of(key)].check(value))
-                for key, value in {**from_file[name], **given}.items()
+                for key, value in values.items()
                 if params_file.parameter_of(key) in by_observer[name]
             ),
         )
-        for name in wanted
+        for name, values in zip(wanted, values_of)
     ]
 
 
