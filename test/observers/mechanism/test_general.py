@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -79,3 +80,13 @@ def test_wrong_gains_are_refused_in_one_line(L, gamma, words):
         observer = GeneralObserver(lorenz_like, push, L, gamma)
         observer.step(observer.start(np.zeros(2)), np.zeros(2), np.zeros(2), np.zeros(1), 1e-3)
     assert words in str(error.value)
+
+
+def test_the_example_of_the_guide_finds_the_speed(capsys):
+    guide = Path(__file__).resolve().parents[3] / 'docs/own_model.md'
+    code = guide.read_text().split('## What is no mechanism')[1].split('```python\n')[1]
+    names: dict = {}
+    exec(code.split('```')[0], names)
+    found = [float(word.strip('[]')) for word in capsys.readouterr().out.split()]
+    assert found == pytest.approx([59.838, 59.838], abs=1e-3)
+    assert names['motor'].observable_everywhere(np.zeros((1, 1)))
