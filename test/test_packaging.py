@@ -76,6 +76,7 @@ def test_pip_install_finds_share(source, tmp_path):
         cwd=source,
     )
     assert_share_is_found(tmp_path)
+    assert len(list((tmp_path / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
     executables = {path.name for path in (tmp_path / 'bin').iterdir()}
     assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 
@@ -98,6 +99,7 @@ def test_colcon_builds_an_ament_python_package(source, tmp_path):
     )
     prefix = tmp_path / 'install' / 'velocity_estimator'
     assert_share_is_found(prefix)
+    assert len(list((prefix / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
     executables = {path.name for path in (prefix / 'lib' / 'velocity_estimator').iterdir()}
     assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 

@@ -6,7 +6,6 @@ from sim_pkg.reproduce.contract import Reproduction, parts
 from sim_pkg.reproduce.mechanical import (
     benefit,
     cart,
-    fast,
     gain_rows,
     lab,
     leg,
@@ -33,7 +32,7 @@ REPRODUCTION = Reproduction(
             'F': smoother.values,
             'H5': smoother.jitter_values,
             'G': benefit.values,
-            'H2': fast.values,
+            'H2': cart.fast_values,
         },
     ),
     figures='sim_pkg.reproduce.mechanical.figures',

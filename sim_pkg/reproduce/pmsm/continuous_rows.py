@@ -39,7 +39,6 @@ from sim_pkg.reproduce.pmsm.schemes import exponential_step
 NEVER = -1.0  # settling time of a run that never settles
 STARTS_DRAWN = 120
 SLACK = 1.0  # ms
-
 QUANTITIES = ('theta', 'omega', 'i_alpha', 'i_beta', 'u_alpha', 'u_beta')
 
 
