@@ -70,35 +70,13 @@ def _loop(step: Callable, output: Callable, size: int) -> Callable:
             before = state[2]
             state = step(state, coefficients, design, angles[k], inputs[k - 1])
             if dead > 0.0:
-                unmoved = (
-                    state[0],
-                    state[1],
-                    before,
-                    state[3],
-                    state[4],
-                    state[5],
-                    state[6],
-                    state[7],
-                    state[8],
-                    state[9],
-                )
+                unmoved = state[:2] + (before,) + state[3:]  # Numba does not unpack with *
                 e = angles[k] - output(unmoved, coefficients, design, angles[k], inputs[k - 1])[0]
                 if -dead <= e <= dead:
                     state = unmoved
             elif leak > 0.0:
                 theta = add(scale(1.0 - leak, state[2]), leak, design[5])
-                state = (
-                    state[0],
-                    state[1],
-                    theta,
-                    state[3],
-                    state[4],
-                    state[5],
-                    state[6],
-                    state[7],
-                    state[8],
-                    state[9],
-                )
+                state = state[:2] + (theta,) + state[3:]
             if k % every == 0:
                 position, speed, acceleration, status = output(
                     state, coefficients, design, angles[k], inputs[k - 1]
