@@ -56,14 +56,14 @@ class Laws(NamedTuple):
 
 
 def begin_band(density: float) -> Band:
-    """At a start."""
+    """Return the band at a start, with this density of the jerk [(rad/s^3)^2 s]."""
     return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def follow_band(
     band: Band, z: float, gain: float, idle: float, least: float, laws: tuple
 ) -> tuple[Band, float, float, float]:
-    """After an innovation: (band, growth of log density, date of a manoeuvre, product).
+    """Return (band, growth of log density, date of a manoeuvre, product) after an innovation.
 
     Parameters
     ----------
@@ -79,6 +79,7 @@ def follow_band(
     density, low, variance, up, down, up_time, down_time, squares = band
     rate, slack, share, sigmas, alarm, memory = laws
     squares += (z * z - squares) / memory
+    # slow law: C = z m / sqrt(var m), log c += rate b (C - slack), with b = weight
     weight = share * gain
     product = z * low / math.sqrt(variance)
     low += weight * (z - low)
@@ -87,6 +88,7 @@ def follow_band(
     density *= math.exp(move)
     if density < least:
         density, move = least, 0.0
+    # fast law (Page 1954): g = max(0, g + z - sigmas), alarm at g > alarm
     up_time += idle
     down_time += idle
     up += z - sigmas
@@ -108,8 +110,15 @@ def follow_band(
     )
 
 
+def sums_alone(band: Band, after: Band) -> Band:
+    """Return `band` with the cumulative sums of `after`: those of a reading not believed yet."""
+    density, low, variance, _, _, _, _, squares = band
+    _, _, _, up, down, up_time, down_time, _ = after
+    return (density, low, variance, up, down, up_time, down_time, squares)
+
+
 def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
-    """After a reading that moved by `ahead` [rad] beyond the prediction.
+    """Return the sway after a reading that moved by `ahead` [rad] beyond the prediction.
 
     Parameters
     ----------
@@ -134,7 +143,7 @@ def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
 
 
 def began(date: float, dt: float, noisy: bool, sigmas: float, alarm: float) -> float:
-    """How long ago [s] the manoeuvre began whose cumulative sum has run for `date` [s].
+    """Return how long ago [s] the manoeuvre began whose cumulative sum has run for `date` [s].
 
     Without noise a deviation is large at once. In noise one that grows as the cube of time is
     `sigmas` large at n, if the excess over `sigmas` takes m samples more to sum up to the alarm:

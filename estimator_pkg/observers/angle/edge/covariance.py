@@ -13,7 +13,7 @@ Covariance = tuple[float, float, float, float, float, float]
 
 
 def predicted(p: Covariance, density: float, coefficients: tuple) -> Covariance:
-    """The covariance one sample later.
+    """Return the covariance one sample later.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def predicted(p: Covariance, density: float, coefficients: tuple) -> Covariance:
 
 
 def corrected(p: Covariance, r: float, left: float) -> Covariance:
-    """The covariance after a measurement.
+    """Return the covariance after a measurement.
 
     Parameters
     ----------
@@ -66,16 +66,17 @@ def corrected(p: Covariance, r: float, left: float) -> Covariance:
 
 
 def widened(p: Covariance, growth: float) -> Covariance:
-    """The covariance of the steady state at exp(growth) times the density."""
+    """Return the covariance of the steady state at exp(growth) times the density."""
     w = math.exp(growth / 6.0)
     w2 = w * w
     w3 = w2 * w
     w4 = w2 * w2
-    return (p[0] * w, p[1] * w2, p[2] * w3, p[3] * w3, p[4] * w4, p[5] * w4 * w)
+    p00, p01, p02, p11, p12, p22 = p  # P_ij ~ density^((1 + i + j)/6)
+    return (p00 * w, p01 * w2, p02 * w3, p11 * w3, p12 * w4, p22 * w4 * w)
 
 
 def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
-    """The covariance with a manoeuvre since `date` [s] ago that explains a deviation `d` [rad].
+    """Return the covariance with a manoeuvre that began `date` [s] ago and explains `d` [rad].
 
     Half of it may be white acceleration (a blow), half white jerk (a motor): were it jerk alone, a
     blow would be overshot by 2.5 times.
@@ -85,17 +86,22 @@ def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
     first = square * rate
     second = first * rate
     third = second * rate
+    p00, p01, p02, p11, p12, p22 = p
     return (
-        p[0] + square,
-        p[1] + 2.0 * first,
-        p[2] + 5.0 / 3.0 * second,
-        p[3] + 29.0 / 6.0 * second,
-        p[4] + 5.0 * third,
-        p[5] + 10.0 * third * rate,
+        p00 + square,
+        p01 + 2.0 * first,
+        p02 + 5.0 / 3.0 * second,
+        p11 + 29.0 / 6.0 * second,
+        p12 + 5.0 * third,
+        p22 + 10.0 * third * rate,
     )
 
 
 def swayed(p: Covariance, sway: float, dt: float) -> Covariance:
-    """The covariance with a speed that goes at random, by 2 `sway` [rad^2] / dt^2 in a sample."""
+    """Return the covariance with a speed that goes at random.
+
+    It does so by 2 `sway` [rad^2] / dt^2 in a sample.
+    """
+    p00, p01, p02, p11, p12, p22 = p
     speed = sway / dt
-    return (p[0] + sway / 1.5, p[1] + speed, p[2], p[3] + 2.0 * speed / dt, p[4], p[5])
+    return (p00 + sway / 1.5, p01 + speed, p02, p11 + 2.0 * speed / dt, p12, p22)

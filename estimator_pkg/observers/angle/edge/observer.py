@@ -12,19 +12,24 @@ docs/observers/edge_adaptive.md.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE, is_angle
 from estimator_pkg.observers.angle.edge.bandwidth import (
     STEADY,
+    Band,
     Laws,
     began,
     begin_band,
     follow_band,
     follow_sway,
+    sums_alone,
 )
-from estimator_pkg.observers.angle.edge.clock import UNEVEN, UNKNOWN, elapsed
+from estimator_pkg.observers.angle.edge.clock import UNEVEN, UNKNOWN, Clock, elapsed
 from estimator_pkg.observers.angle.edge.covariance import (
+    Covariance,
     corrected,
     manoeuvred,
     predicted,
@@ -41,6 +46,8 @@ from estimator_pkg.observers.angle.edge.sensor import (
     SURPRISE,
     TOO_LARGE,
     TOO_SMALL,
+    Sensor,
+    Steps,
     agreement,
     begin_sensor,
     first_step,
@@ -50,12 +57,15 @@ from estimator_pkg.observers.angle.edge.sensor import (
     quantum_of,
     tells_quantum,
     vibration,
+    with_noise,
 )
 from estimator_pkg.observers.angle.edge.start import (
     RECENT,
     SETTLES,
     START,
     UNSURE,
+    Doubt,
+    Motion,
     bent,
     doubted,
     later,
@@ -94,6 +104,11 @@ SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of wha
 PLAIN = 4.0 * BLUR * BLUR  # square quanta: a noise above it is more than the blur of the edges
 UNTOLD = 0.05  # of its variance an innovation has at least, were it to count in sigmas
 
+# what the noise of the readings is like
+PLAIN_EDGES = 0  # less than the blur of the edges
+NOISY = 1  # more
+FLICKER = 2  # it crosses an edge more often than the angle does
+
 
 @dataclass(frozen=True)
 class Gains:
@@ -117,8 +132,15 @@ class Gains:
     )
 
 
-def prepare(design: tuple, dt: float) -> tuple:
-    """What depends on dt alone; see `predicted`."""
+class Design(NamedTuple):
+    """What the gains imply whatever the sample time is."""
+
+    quantum: float  # as given [rad]; 0: not known
+    laws: tuple[float, float, float, float, float, float]  # constants; the fields of `Laws`
+
+
+def prepare(design: Design, dt: float) -> tuple:
+    """Return what depends on dt alone; see `predicted`."""
     square = dt * dt
     cube = square * dt
     return (
@@ -131,434 +153,509 @@ def prepare(design: tuple, dt: float) -> tuple:
     )
 
 
-def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions at these gains.
+def init(measurement: float, design: Design) -> tuple:
+    """Return the state after the first sample [rad]; see `build`."""
+    quantum = design.quantum if design.quantum > 0.0 else UNIT
+    return first_state(
+        measurement,
+        begin_sensor(quantum, BLUR),
+        FIRST_STEPS,
+        begin(measurement),
+        START,
+        UNKNOWN,
+    )
 
-    State: motion: (position [rad], velocity, acceleration, time since a reading told something
-    [s]); covariance; band (see `bandwidth`); sensor, steps (see `sensor`); convention;
+
+def first_state(
+    measurement: float, sensor: Sensor, steps: Steps, convention: tuple, doubt: Doubt, clock: Clock
+) -> tuple:
+    """Return the state of a start at this measurement [rad], with this knowledge of the sensor."""
+    quantum, _, _, _, _, _, _, _, _, _, _ = sensor
+    return (
+        (measurement, 0.0, 0.0, 0.0),
+        (quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        begin_band(0.0),
+        sensor,
+        steps,
+        convention,
+        (INITIALISING, 1.0, 0.0),
+        STEADY,
+        doubt,
+        clock,
+    )
+
+
+def rescaled(
+    p: Covariance, band: Band, sensor: Sensor, quantum: float, first: bool
+) -> tuple[Covariance, Band, Sensor]:
+    """Return covariance, band and sensor where the quantum in use becomes `quantum` [rad].
+
+    They stay as they were in quanta; but a finer quantum makes the estimate no surer.
+
+    Parameters
+    ----------
+    first : this is the first step of all, and everything was relative to `UNIT`.
+    """
+    used, noise, scatter, residual, step, dt, change, since, bend, _, pace = sensor
+    density, low, variance, up, down, up_time, down_time, squares = band
+    scale = quantum * quantum / (used * used)
+    band = (density * scale, low, variance, up, down, up_time, down_time, squares)
+    if first:
+        noise *= scale
+        sensor = (used, noise, scatter, residual, step, dt, change, since, bend, 0.0, pace)
+    if scale > 1.0 or first:
+        p00, p01, p02, p11, p12, p22 = p
+        p = (scale * p00, scale * p01, scale * p02, scale * p11, scale * p12, scale * p22)
+    return p, band, sensor
+
+
+def after_jump(
+    jump: float, last: float, dt: float, given: float, period: float
+) -> tuple[Motion, Covariance, Band, Sensor, Steps, Doubt]:
+    """Return what is known where a `jump` [rad] was confirmed: all before it was residue.
+
+    Parameters
+    ----------
+    last : the reading after the jump [rad].
+    given : quantum as the user gave it [rad]; 0: not known.
+    """
+    steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, given)
+    quantum = quantum_of(steps, given)
+    p, band = stood(quantum, BLUR, LONGEST)
+    return (
+        (last - 0.5 * jump, 0.0, 0.0, 0.0),  # at the edge
+        p,
+        band,
+        first_step(quantum, BLUR, jump, dt),
+        steps,
+        doubted(quantum, dt, period, 0.0),
+    )
+
+
+def straight_line(
+    measurement: float,
+    change: float,
+    dt: float,
+    sensor: Sensor,
+    period: float,
+    band: Band,
+    doubt: Doubt,
+) -> tuple[Motion, Covariance, Band, Doubt]:
+    """Return what two readings show, `change` [rad] and `dt` [s] after each other.
+
+    Only the bandwidth stays, where the joint started from a rest.
+    """
+    quantum, noise, _, _, _, _, _, _, _, _, _ = sensor
+    was, _, _, _, _, _, _, _ = band
+    _, to_settle, since = doubt
+    motion, p, band = started(measurement, change, dt, quantum, noise, period, LONGEST)
+    if to_settle == UNSURE:
+        density, low, variance, up, down, up_time, down_time, squares = band
+        density = was if was > density else density
+        band = (density, low, variance, up, down, up_time, down_time, squares)
+        doubt = (0.0, SETTLES, since)
+    return motion, p, band, doubt
+
+
+def manoeuvre(
+    p: Covariance, d: float, date: float, dt: float, quantum: float, noise: int
+) -> Covariance:
+    """Return the covariance where the fast law dates a manoeuvre that explains `d` [rad].
+
+    Parameters
+    ----------
+    date : run time of the cumulative sum [s].
+    noise : `PLAIN_EDGES`, `NOISY` or `FLICKER`.
+    """
+    p00, _, _, p11, _, _ = p
+    date = began(date, dt, noise != PLAIN_EDGES, SIGMAS, ALARM)
+    if noise == FLICKER and -STRAY * quantum < d < STRAY * quantum and p11 > 0.0:
+        # flicker that begins again: it moved in all the time that is remembered
+        date = max(date, math.sqrt(p00 / p11))
+    return manoeuvred(p, d, date)
+
+
+def update(
+    worth: tuple[int, float, float],
+    deviations: tuple[float, float],
+    p: Covariance,
+    band: Band,
+    sensor: Sensor,
+    noise_is: int,
+    idle: float,
+    dt: float,
+    laws: tuple,
+) -> tuple[bool, tuple[float, float, float], Covariance, Band, Sensor]:
+    """Return the measurement update for an informative reading.
+
+    Parameters
+    ----------
+    worth : (kind, centre [rad], half width [rad]), what the reading tells; see `interval`.
+    deviations : of the reading from the predicted angle, and of its change from the predicted
+        motion [rad]; see `interval`.
+    noise_is : `PLAIN_EDGES`, `NOISY` or `FLICKER`.
+    idle : time since the last informative reading [s].
+
+    Returns
+    -------
+    Whether it is believed, correction of (x, v, a), covariance, band, sensor.
+    """
+    kind, centre, half = worth
+    quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
+    p00, p01, p02, _, _, _ = p
+    flickers = noise_is == FLICKER
+    # the interval meets the Gaussian: S = P_00 + R, the mean d, f = 1 - left
+    r = noise + 16.0 * BLUR * BLUR * half * half
+    s = p00 + r
+    d, left = within(centre, half, math.sqrt(s))
+    f = 1.0 - left
+    z = d / math.sqrt(s * (f if f > UNTOLD else UNTOLD))
+    beyond = z > ALARM or z < -ALARM
+    if beyond:
+        z = ALARM if z > 0.0 else -ALARM
+    # the slow law and the fast law; a vibration needs a density of its own
+    least = (quantum * quantum + 12.0 * noise) / LONGEST**5
+    if not flickers:
+        shaken = vibration(sensor)
+        if shaken > least:
+            least = shaken
+    listening, growth, date, product = follow_band(band, z, f * p00 / s, idle, least, laws)
+    if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
+        # one sample alone: the sums and their dates alone keep it, for the next to confirm
+        return False, (0.0, 0.0, 0.0), p, sums_alone(band, listening), sensor
+    score = d * d / s - f
+    if growth > 0.0:
+        p = widened(p, growth)
+        p00, p01, p02, _, _, _ = p
+        s = p00 + r
+    if date > 0.0 or growth > SLIGHT:  # the same reading tells a vaguer prediction more
+        if date > 0.0:
+            p = manoeuvre(p, d, date, dt, quantum, noise_is)
+            p00, p01, p02, _, _, _ = p
+        if not flickers:
+            off, ahead = deviations
+            edges = math.sqrt(noise)
+            kind, centre, half = interval(off, ahead, quantum, p00, edges, SIGMAS * edges)
+        r = noise + 16.0 * BLUR * BLUR * half * half
+        s = p00 + r
+        d, left = within(centre, half, math.sqrt(s))
+    # the noise follows the score: flicker shows it from either side alike; elsewhere what is
+    # correlated is motion
+    _, low, variance, _, _, _, _, _ = band
+    if low * low < variance if flickers else kind != HELD and (score < 0.0 or product < 1.0):
+        most = noise if flickers and scatter < noise else scatter
+        likelier = follow_noise(noise, score * noise / s, most, quantum, MEMORY, BLUR)
+        if likelier != noise:
+            sensor = with_noise(sensor, likelier)
+    ratio = d / s  # K d = P_.0 d/S
+    shift = (p00 * ratio, p01 * ratio, p02 * ratio)
+    if kind != HELD:  # that an edge did not come moves the estimate, but is no reading
+        p = corrected(p, r, left)
+    return True, shift, p, listening, sensor
+
+
+def fastest(sensor: Sensor) -> float:
+    """Return the largest speed [rad/s] that a reading unchanged for so long allows."""
+    quantum, noise, _, _, _, _, change, since, _, _, _ = sensor
+    return ((change if change > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(noise)) / since
+
+
+def why(state: tuple, design: Any) -> str:
+    """Return what a person should know of the given quantum, or ''."""
+    _, _, _, _, steps, _, _, _, _, _ = state
+    given, found = design.quantum, quantum_of(steps, 0.0)
+    judged = agreement(steps, given)
+    if judged == TOO_LARGE:
+        return (
+            f'quantum {given:.4g} is too large: steps of {found:.4g} were seen, which is '
+            'used instead'
+        )
+    if judged == TOO_SMALL:
+        return (
+            f'quantum {given:.4g} is too small: no step below {found:.4g} was seen, which '
+            'is used instead'
+        )
+    return ''
+
+
+def build(gains: Gains, circle: Circle) -> Functions:
+    """Return the functions at these gains.
+
+    State: motion: (position [rad], velocity, acceleration, time since an informative reading [s]);
+    covariance; band (see `bandwidth`); sensor, steps (see `sensor`); convention;
     lock: (status, samples since a start, a gap or a doubt, time [s] for which the readings were far
     off); sway (see `bandwidth`); doubt (see `start`); clock (see `clock`).
     """
+    period = float(circle.period)
 
-    def design() -> tuple:
-        outside = OUTSIDE * circle.period if circle.period > 0.0 else math.inf
+    def design() -> Design:
         laws = Laws(RATE, SLACK[gains.prefer], SHARE, SIGMAS, ALARM, MEMORY)
-        return (
-            float(circle.period),
-            float(circle.unwrap),
+        return Design(
             float(gains.quantum),
-            outside,
             (laws.rate, laws.slack, laws.share, laws.sigmas, laws.alarm, laws.memory),
         )
-
-    def init(measurement: float, design: tuple) -> tuple:
-        quantum = design[2] if design[2] > 0.0 else UNIT
-        floor = quantum * quantum / 12.0
-        return (
-            (measurement, 0.0, 0.0, 0.0),
-            (floor, 0.0, 0.0, 0.0, 0.0, 0.0),
-            begin_band(0.0),
-            begin_sensor(quantum, BLUR),
-            FIRST_STEPS,
-            begin(measurement),
-            (INITIALISING, 1.0, 0.0),
-            STEADY,
-            START,
-            UNKNOWN,
-        )
-
-    def again(
-        measurement: float,
-        design: tuple,
-        sensor: tuple,
-        steps: tuple,
-        convention: tuple,
-        doubt: tuple,
-        clock: tuple,
-    ) -> tuple:
-        """A start after lock was lost: what is known of the sensor stays."""
-        fresh = init(measurement, design)
-        return (
-            fresh[0],
-            (sensor[0] * sensor[0] / 12.0,) + fresh[1][1:],
-            fresh[2],
-            sensor,
-            steps,
-            convention,
-            fresh[6],
-            STEADY,
-            doubt,
-            clock,
-        )
-
-    def told(
-        kind: int,
-        centre: float,
-        half: float,
-        off: float,
-        ahead: float,
-        p: tuple,
-        band: tuple,
-        sensor: tuple,
-        noisy: bool,
-        flickers: bool,
-        idle: float,
-        dt: float,
-        laws: tuple,
-    ) -> tuple:
-        """What a reading changes that tells something.
-
-        Parameters
-        ----------
-        kind, centre, half, off, ahead : what it is worth, and from what; see `interval`.
-        noisy, flickers : the noise is more than the edges' blur; it crosses edges by itself.
-        idle : time since the last one that told something [s].
-
-        Returns
-        -------
-        Whether it is believed, correction of the motion, covariance, band, sensor.
-        """
-        quantum, noise = sensor[0], sensor[1]
-        r = noise + 16.0 * BLUR * BLUR * half * half
-        s = p[0] + r
-        d, left = within(centre, half, math.sqrt(s))
-        known = 1.0 - left
-        z = d / math.sqrt(s * (known if known > UNTOLD else UNTOLD))
-        beyond = z > ALARM or z < -ALARM
-        if beyond:
-            z = ALARM if z > 0.0 else -ALARM
-        least = (quantum * quantum + 12.0 * noise) / LONGEST**5
-        if not flickers:
-            shaken = vibration(sensor)
-            if shaken > least:
-                least = shaken
-        low, variance = band[1], band[2]
-        listening, growth, date, product = follow_band(band, z, known * p[0] / s, idle, least, laws)
-        if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
-            # one sample alone: the sums and their dates alone keep it, for the next to confirm
-            return (False, (0.0, 0.0, 0.0), p, band[:3] + listening[3:7] + band[7:], sensor)
-        score = d * d / s - known
-        if growth > 0.0:
-            p = widened(p, growth)
-            s = p[0] + r
-        if date > 0.0 or growth > SLIGHT:  # the same reading tells a vaguer prediction more
-            if date > 0.0:
-                date = began(date, dt, noisy, SIGMAS, ALARM)
-                if flickers and -STRAY * quantum < d < STRAY * quantum and p[3] > 0.0:
-                    # flicker that begins anew: it moved in all the time that is remembered
-                    date = max(date, math.sqrt(p[0] / p[3]))
-                p = manoeuvred(p, d, date)
-            if not flickers:
-                edges = math.sqrt(noise)
-                kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
-            r = noise + 16.0 * BLUR * BLUR * half * half
-            s = p[0] + r
-            d, left = within(centre, half, math.sqrt(s))
-        # flicker tells the noise from either side alike; elsewhere what is correlated is motion
-        if low * low < variance if flickers else kind != HELD and (score < 0.0 or product < 1.0):
-            most = noise if flickers and sensor[2] < noise else sensor[2]
-            likelier = follow_noise(noise, score * noise / s, most, quantum, MEMORY, BLUR)
-            if likelier != noise:
-                sensor = sensor[:1] + (likelier,) + sensor[2:]
-        pull = d / s
-        shift = (p[0] * pull, p[1] * pull, p[2] * pull)
-        if kind != HELD:  # that an edge did not come moves the estimate, but is no reading
-            p = corrected(p, r, left)
-        return True, shift, p, listening, sensor
-
-    def step(
-        state: tuple, coefficients: tuple, design: tuple, measurement: float, given: float
-    ) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
-        dt = coefficients[0]
-        period, laws = design[0], design[4]
-        change = measurement - convention[0]
-        if change + change >= period or change + change < -period:
-            change = wrap(change, period)
-        quantum, pace = sensor[0], sensor[10]
-        if clock[1] > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
-            dt, clock = elapsed(
-                clock,
-                dt,
-                pace,
-                change + convention[0] - motion[0],
-                motion[1],
-                motion[2],
-                p,
-                quantum,
-                sensor[1],
-            )
-            if dt != coefficients[0]:
-                coefficients = prepare(design, dt)
-        doubted_so_far = doubt[1] > 0.0
-        if doubted_so_far:
-            doubt = later(doubt, dt)
-            jump = steps[6]
-            if jump * (change + 0.5 * jump) > 0.0:  # it lasts: all before was residue, no steps
-                steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, design[2])
-                quantum = quantum_of(steps, design[2])
-                sensor = first_step(quantum, BLUR, jump, dt)
-                motion = (convention[0] - 0.5 * jump, 0.0, 0.0, 0.0)  # at the edge
-                p, band = stood(quantum, BLUR, LONGEST)
-                doubt = doubted(quantum, dt, period, 0.0)
-            elif jump != 0.0:  # a glitch
-                change += jump
-                steps = steps[:6] + (0.0,)
-        first = False
-        if change != 0.0 and tells_quantum(steps, change, sensor[6], sensor[7], quantum):
-            first = convention[1] == convention[2]
-            size = abs(measurement) + abs(convention[0])
-            least = ROUNDING * size if first and design[2] == 0.0 else RESIDUE * quantum
-            if -least <= change <= least or -FINEST < change < FINEST:
-                measurement, change, first = convention[0], 0.0, False  # residue: it stands
-            else:
-                steps = follow_steps(steps, change, sensor[6], sensor[7], size, design[2])
-                quantum = quantum_of(steps, design[2])
-                if quantum != sensor[0]:
-                    scale = quantum * quantum / (sensor[0] * sensor[0])
-                    band = (band[0] * scale,) + band[1:]
-                    if first:  # what was relative to UNIT
-                        sensor = sensor[:1] + (scale * sensor[1],) + sensor[2:9] + (0.0, sensor[10])
-                    if scale > 1.0 or first:  # as sure in quanta as it was
-                        p = (
-                            scale * p[0],
-                            scale * p[1],
-                            scale * p[2],
-                            scale * p[3],
-                            scale * p[4],
-                            scale * p[5],
-                        )
-        stepped, rested = sensor[4], sensor[7]
-        sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
-        was, convention = convention, follow(convention, measurement, period)
-        status, count, astray = lock
-        if (
-            p[3] == 0.0
-            or (doubted_so_far and stepped * change > 0.0 and doubt[1] == UNSURE)
-            or (first and design[2] == 0.0 and rested <= CONFIRMED * dt)
-        ):
-            # no speed is known: the second reading, the second that moves on after a rest, or the
-            # first that moves so early that it shows the quantum alone
-            density = band[0]
-            motion, p, band = started(measurement, change, dt, quantum, sensor[1], period, LONGEST)
-            if doubt[1] == UNSURE:
-                band = (density if density > band[0] else band[0],) + band[1:]
-                doubt = (0.0, SETTLES, doubt[2])
-            return (
-                motion,
-                p,
-                band,
-                sensor,
-                steps,
-                convention,
-                (status, count + 1.0, astray),
-                sway,
-                doubt,
-                clock,
-            )
-        x, v, a, idle = motion
-        moved = v * dt + a * coefficients[1]
-        off = measurement - x - moved
-        if off + off >= period or off + off < -period:
-            off = wrap(off, period)
-        v += a * dt
-        a *= coefficients[2]
-        p = predicted(p, band[0], coefficients)
-        square = quantum * quantum
-        if sway[0] > 0.0:
-            swing = sway[0] - square / 6.0 - 2.0 * sensor[1]
-            if swing > 0.0:
-                p = swayed(p, swing, dt)
-        idle += dt
-        if (
-            rested > 0.0
-            and change != 0.0
-            and rested > MEMORY * dt
-            and sensor[1] <= PLAIN * square
-            and (first or 12.0 * p[0] > RESTED * square)
-        ):
-            doubted_so_far = False
-            doubt = doubted(quantum, dt, period, 0.0 if first else doubt[2])
-        if off > design[3] or off < -design[3]:
-            # an eighth of a turn off: no reading of this shaft, or not of this speed
-            astray += dt
-            if astray > LOST_AFTER:
-                return again(measurement, design, sensor, steps, convention, doubt, clock)
-            return (
-                (measurement - off, v, a, idle),
-                p,
-                band,
-                sensor,
-                steps,
-                convention,
-                (COASTING if status != INITIALISING else status, 0.0, astray),
-                sway,
-                doubt,
-                clock,
-            )
-        ahead, half, calm = change - moved, 0.5 * quantum, sway
-        if count > 0.0:
-            sway = follow_sway(sway, ahead, SURPRISE * (sensor[2] + square), MEMORY)
-        else:  # it moved away from a reading that was not believed
-            sway = (sway[0], 0.0, 0.0)
-        noise = sensor[1]
-        noisy = noise > PLAIN * square
-        if not noisy and change * stepped < 0.0 and -half < moved < half and sway[0] <= 0.0:
-            # a reading that the next undoes: its noise is as unknown as an angle in its cell
-            noise, noisy = square / 12.0, True
-            sensor = sensor[:1] + (noise,) + sensor[2:]
-        # where it crosses an edge more often than the angle does, no edge is a time
-        flickers = noisy and moved * moved < noise < half * half
-        kind, centre = NOTHING, 0.0
-        if flickers:
-            kind, centre, half = cell(off, quantum, p[0], SIGMAS * math.sqrt(noise))
-        # of most readings it is plain that they tell nothing: no edge, and none was expected
-        elif ahead > half or ahead < -half or off > half or off < -half or 12.0 * p[0] > square:
-            edges = math.sqrt(noise)
-            kind, centre, half = interval(off, ahead, quantum, p[0], edges, SIGMAS * edges)
-        if kind != NOTHING:
-            believed, shift, p, band, sensor = told(
-                kind, centre, half, off, ahead, p, band, sensor, noisy, flickers, idle, dt, laws
-            )
-            idle = 0.0
-            if not believed:
-                if quantum != design[2] and abs(change) > JUMP * (was[2] - was[1]):
-                    # what moved before was residue, or this is a glitch: the next reading tells
-                    steps = steps[:6] + (change,)
-                    doubt = doubted(quantum, dt, period, 0.0)
-                return (
-                    (measurement - off, v, a, idle),
-                    p,
-                    band,
-                    sensor,
-                    steps,
-                    convention,
-                    (COASTING if status != INITIALISING else status, 0.0, astray),
-                    calm,
-                    doubt,
-                    clock,
-                )
-            off -= shift[0]
-            v += shift[1]
-            a += shift[2]
-            turn = (v + v) * dt
-            if (turn > period or turn < -period) and period > 0.0:
-                # faster than half a turn per sample: lock was lost
-                return again(measurement, design, sensor, steps, convention, doubt, clock)
-        if doubted_so_far and change != 0.0:
-            doubt = settled(doubt, v, change, rested, dt, square, noise)
-        if status != TRACKING:
-            count += 1.0
-            if count >= CONFIRMED and p[3] * dt * dt < square + 12.0 * noise:
-                status, astray = TRACKING, 0.0
-            lock = (status, count, astray)
-        return (
-            (measurement - off, v, a, idle),
-            p,
-            band,
-            sensor,
-            steps,
-            convention,
-            lock,
-            sway,
-            doubt,
-            clock,
-        )
-
-    def bound(sensor: tuple) -> float:
-        """The largest speed [rad/s] that a reading unchanged for so long allows."""
-        step = sensor[6] if sensor[6] > sensor[0] else sensor[0]
-        return (step + 2.0 * SIGMAS * math.sqrt(sensor[1])) / sensor[7]
-
-    def output(
-        state: tuple, coefficients: tuple, design: tuple, measurement: float, given: float
-    ) -> tuple:
-        x, v, a, _ = state[0]
-        sensor = state[3]
-        if sensor[7] > 0.0:
-            most = bound(sensor)
-            v = most if v > most else -most if v < -most else v
-        return (present(state[5], x, design[0], design[1]), v, a, state[6][0])
-
-    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
-        p, sensor = state[1], state[3]
-        floor = sensor[0] * sensor[0] / 12.0  # where in its count the encoder changes is not known
-        if design[2] == 0.0 and state[5][1] == state[5][2]:  # nothing moved: no quantum is known
-            return math.inf, math.inf
-        squares = state[2][7]
-        variance = p[3] * (squares if squares > CALM else CALM)
-        doubt = state[8]
-        if p[3] <= 0.0:
-            variance = doubted(sensor[0], coefficients[0], design[0], 0.0)[0]
-        else:
-            variance += doubt[0]
-        if 0.0 < doubt[2] < RECENT:
-            variance += bent(12.0 * (floor + sensor[1]), doubt[2])
-        sigma = math.sqrt(variance)
-        if sensor[7] > 0.0:
-            most = bound(sensor)
-            sigma = most if sigma > most else sigma
-        return math.sqrt(p[0] + floor if p[0] > 0.0 else floor), sigma
-
-    def resume(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
-        quantum = sensor[0]
-        status = COASTING if lock[0] == TRACKING else lock[0]
-        return (
-            (measurement, motion[1], 0.0, 0.0),
-            (quantum * quantum / 12.0, 0.0, 0.0, p[3], 0.0, p[5]),
-            (band[0], 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, band[7]),
-            (quantum, sensor[1], sensor[2], 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0),
-            steps[:6] + (0.0,),
-            follow(convention, measurement, design[0]),
-            (status, 0.0, lock[2]),
-            STEADY,
-            (motion[1] * motion[1], SETTLES, doubt[2]),
-            (0.0, clock[1]),
-        )
-
-    def restart(state: tuple, coefficients: tuple, design: tuple, measurement: float) -> tuple:
-        steps = state[4]  # what is known of the quantum
-        quantum = quantum_of(steps, design[2])
-        return again(
-            measurement,
-            design,
-            begin_sensor(quantum if quantum > 0.0 else UNIT, BLUR),
-            steps,
-            follow(state[5], measurement, design[0]),
-            START,
-            UNKNOWN,
-        )
-
-    def why(state: tuple, design: tuple) -> str:
-        given, found = design[2], quantum_of(state[4], 0.0)
-        said = agreement(state[4], given)
-        if said == TOO_LARGE:
-            return (
-                f'quantum {given:.4g} is too large: steps of {found:.4g} were seen, which is '
-                'used instead'
-            )
-        if said == TOO_SMALL:
-            return (
-                f'quantum {given:.4g} is too small: no step below {found:.4g} was seen, which '
-                'is used instead'
-            )
-        return ''
 
     return Functions(
         design,
         prepare,
         init,
-        step,
-        output,
-        stddev,
-        resume,
+        _make_step(period),
+        _make_output(period, float(circle.unwrap)),
+        _make_stddev(period),
+        _make_resume(period),
         lambda dt: None,
         lambda dt: math.nan,
         is_angle,
         why=why,
-        restart=restart,
+        restart=_make_restart(period),
     )
+
+
+def _make_step(period: float) -> Callable[..., tuple]:
+    outside = OUTSIDE * period if period > 0.0 else math.inf
+
+    def step(
+        state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
+    ) -> tuple:
+        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
+        x, v, a, idle = motion
+        quantum, noise, _, _, stepped, _, size, rested, _, _, pace = sensor
+        last, low, high, _, _ = convention
+        _, to_settle, since = doubt
+        _, uneven = clock
+        dt, _, _, _, _, _ = coefficients
+        change = measurement - last
+        if change + change >= period or change + change < -period:
+            change = wrap(change, period)
+        # a stamp that is wrong
+        if uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
+            taken, clock = elapsed(clock, dt, pace, change + last - x, v, a, p, quantum, noise)
+            if taken != dt:
+                dt = taken
+                coefficients = prepare(design, dt)
+        # residue: was the last step a glitch, or the first real one?
+        doubted_so_far = to_settle > 0.0
+        if doubted_so_far:
+            doubt = later(doubt, dt)
+            smallest, candidate, shown, least, left, finer, jump = steps
+            if jump * (change + 0.5 * jump) > 0.0:  # it lasts
+                motion, p, band, sensor, steps, doubt = after_jump(
+                    jump, last, dt, design.quantum, period
+                )
+                x, v, a, idle = motion
+                quantum, noise, _, _, stepped, _, size, rested, _, _, pace = sensor
+            elif jump != 0.0:  # a glitch
+                change += jump
+                steps = (smallest, candidate, shown, least, left, finer, 0.0)
+            _, to_settle, since = doubt
+        # the search for the quantum
+        first = False
+        if change != 0.0 and tells_quantum(steps, change, size, rested, quantum):
+            first = low == high
+            extent = abs(measurement) + abs(last)
+            least = ROUNDING * extent if first and design.quantum == 0.0 else RESIDUE * quantum
+            if -least <= change <= least or -FINEST < change < FINEST:
+                measurement, change, first = last, 0.0, False  # residue: the reading before is used
+            else:
+                steps = follow_steps(steps, change, size, rested, extent, design.quantum)
+                used, quantum = quantum, quantum_of(steps, design.quantum)
+                if quantum != used:
+                    p, band, sensor = rescaled(p, band, sensor, quantum, first)
+        sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
+        _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
+        convention = follow(convention, measurement, period)
+        status, count, astray = lock
+        _, _, _, p11, _, _ = p
+        if (
+            p11 == 0.0
+            or (doubted_so_far and stepped * change > 0.0 and to_settle == UNSURE)
+            or (first and design.quantum == 0.0 and rested <= CONFIRMED * dt)
+        ):
+            # no speed is known: the second reading, the second that moves on after a rest, or the
+            # first that moves so early that it shows the quantum alone
+            motion, p, band, doubt = straight_line(
+                measurement, change, dt, sensor, period, band, doubt
+            )
+            lock = (status, count + 1.0, astray)
+            return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
+        # prediction: a' = -a/FADE + w, v' = a, x' = v
+        _, half_square, kept, _, _, _ = coefficients
+        density, _, _, _, _, _, _, _ = band
+        moved = v * dt + a * half_square
+        off = measurement - x - moved
+        if off + off >= period or off + off < -period:
+            off = wrap(off, period)
+        v += a * dt
+        a *= kept
+        p = predicted(p, density, coefficients)
+        square = quantum * quantum
+        mean_sway, _, _ = sway
+        if mean_sway > 0.0:
+            swing = mean_sway - square / 6.0 - 2.0 * noise
+            if swing > 0.0:
+                p = swayed(p, swing, dt)
+        p00, _, _, _, _, _ = p
+        idle += dt
+        if (
+            rested > 0.0
+            and change != 0.0
+            and rested > MEMORY * dt
+            and noise <= PLAIN * square
+            and (first or 12.0 * p00 > RESTED * square)
+        ):
+            doubted_so_far = False
+            doubt = doubted(quantum, dt, period, 0.0 if first else since)
+        if off > outside or off < -outside:
+            # an eighth of a turn off: no reading of this shaft, or not of this speed
+            astray += dt
+            if astray > LOST_AFTER:
+                return first_state(measurement, sensor, steps, convention, doubt, clock)
+            motion = (measurement - off, v, a, idle)
+            lock = (COASTING if status != INITIALISING else status, 0.0, astray)
+            return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
+        ahead, half, calm = change - moved, 0.5 * quantum, sway
+        if count > 0.0:
+            sway = follow_sway(sway, ahead, SURPRISE * (scatter + square), MEMORY)
+        else:  # it moved away from a reading that was not believed
+            sway = (mean_sway, 0.0, 0.0)
+        noisy = noise > PLAIN * square
+        if not noisy and change * stepped < 0.0 and -half < moved < half:
+            mean_sway, _, _ = sway
+            if mean_sway <= 0.0:
+                # a reading that the next undoes: its noise is as unknown as an angle in its cell
+                noise, noisy = square / 12.0, True
+                sensor = with_noise(sensor, noise)
+        # what an edge tells
+        kind, worth, noise_is = NOTHING, (NOTHING, 0.0, half), PLAIN_EDGES
+        if noisy:
+            noise_is = FLICKER if moved * moved < noise < half * half else NOISY
+        if (
+            noise_is == FLICKER
+        ):  # noise crosses an edge more often than the angle: no edge is a time
+            worth = cell(off, quantum, p00, SIGMAS * math.sqrt(noise))
+            kind, _, _ = worth
+        # of most readings it is plain that they tell nothing: no edge, and none was expected
+        elif ahead > half or ahead < -half or off > half or off < -half or 12.0 * p00 > square:
+            edges = math.sqrt(noise)
+            worth = interval(off, ahead, quantum, p00, edges, SIGMAS * edges)
+            kind, _, _ = worth
+        if kind != NOTHING:
+            believed, (dx, dv, da), p, band, sensor = update(
+                worth, (off, ahead), p, band, sensor, noise_is, idle, dt, design.laws
+            )
+            idle = 0.0
+            if not believed:
+                if quantum != design.quantum and abs(change) > JUMP * (high - low):
+                    # what moved before was residue, or this is a glitch: the next reading tells
+                    smallest, candidate, shown, least, left, finer, _ = steps
+                    steps = (smallest, candidate, shown, least, left, finer, change)
+                    doubt = doubted(quantum, dt, period, 0.0)
+                motion = (measurement - off, v, a, idle)
+                lock = (COASTING if status != INITIALISING else status, 0.0, astray)
+                return (motion, p, band, sensor, steps, convention, lock, calm, doubt, clock)
+            off -= dx
+            v += dv
+            a += da
+            turn = (v + v) * dt
+            if (turn > period or turn < -period) and period > 0.0:
+                # faster than half a turn per sample: lock was lost
+                return first_state(measurement, sensor, steps, convention, doubt, clock)
+        if doubted_so_far and change != 0.0:
+            doubt = settled(doubt, v, change, rested, dt, square, noise)
+        if status != TRACKING:
+            _, _, _, p11, _, _ = p
+            count += 1.0
+            if count >= CONFIRMED and p11 * dt * dt < square + 12.0 * noise:
+                status, astray = TRACKING, 0.0
+            lock = (status, count, astray)
+        motion = (measurement - off, v, a, idle)
+        return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
+
+    return step
+
+
+def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
+    def output(
+        state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
+    ) -> tuple:
+        (x, v, a, _), _, _, sensor, _, convention, (status, _, _), _, _, _ = state
+        _, _, _, _, _, _, _, since, _, _, _ = sensor
+        if since > 0.0:
+            most = fastest(sensor)
+            v = most if v > most else -most if v < -most else v
+        return (present(convention, x, period, unwrap), v, a, status)
+
+    return output
+
+
+def _make_stddev(period: float) -> Callable[..., tuple[float, float]]:
+    def stddev(state: tuple, coefficients: tuple, design: Design) -> tuple[float, float]:
+        _, p, band, sensor, _, convention, _, _, doubt, _ = state
+        p00, _, _, p11, _, _ = p
+        _, _, _, _, _, _, _, squares = band
+        quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
+        _, low, high, _, _ = convention
+        of_doubt, _, since = doubt
+        dt, _, _, _, _, _ = coefficients
+        floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
+        if design.quantum == 0.0 and low == high:  # nothing moved: no quantum is known
+            return math.inf, math.inf
+        variance = p11 * (squares if squares > CALM else CALM)
+        if p11 <= 0.0:
+            variance, _, _ = doubted(quantum, dt, period, 0.0)
+        else:
+            variance += of_doubt
+        if 0.0 < since < RECENT:
+            variance += bent(12.0 * (floor + noise), since)
+        sigma = math.sqrt(variance)
+        if unchanged > 0.0:
+            most = fastest(sensor)
+            sigma = most if sigma > most else sigma
+        return math.sqrt(p00 + floor if p00 > 0.0 else floor), sigma
+
+    return stddev
+
+
+def _make_resume(period: float) -> Callable[..., tuple]:
+    def resume(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
+        (_, v, _, _), p, band, sensor, steps, convention, lock, _, doubt, clock = state
+        _, _, _, p11, _, p22 = p
+        density, _, _, _, _, _, _, squares = band
+        quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
+        smallest, candidate, shown, least, left, finer, _ = steps
+        status, _, astray = lock
+        _, _, since = doubt
+        _, uneven = clock
+        return (
+            (measurement, v, 0.0, 0.0),
+            (quantum * quantum / 12.0, 0.0, 0.0, p11, 0.0, p22),
+            (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, squares),
+            (quantum, noise, scatter, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0),
+            (smallest, candidate, shown, least, left, finer, 0.0),
+            follow(convention, measurement, period),
+            (COASTING if status == TRACKING else status, 0.0, astray),
+            STEADY,
+            (v * v, SETTLES, since),
+            (0.0, uneven),
+        )
+
+    return resume
+
+
+def _make_restart(period: float) -> Callable[..., tuple]:
+    def restart(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
+        _, _, _, _, steps, convention, _, _, _, _ = state  # steps: what is known of the quantum
+        quantum = quantum_of(steps, design.quantum)
+        return first_state(
+            measurement,
+            begin_sensor(quantum if quantum > 0.0 else UNIT, BLUR),
+            steps,
+            follow(convention, measurement, period),
+            START,
+            UNKNOWN,
+        )
+
+    return restart
 
 
 OBSERVER = Observer(

@@ -45,7 +45,7 @@ FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, math.inf, SEARCH, 0.0, 0.0)
 
 
 def begin_sensor(quantum: float, blur: float) -> Sensor:
-    """Before anything was seen. `blur`: see `follow_sensor`."""
+    """Return the sensor before anything was seen. `blur`: see `follow_sensor`."""
     return (
         quantum,
         blur * blur * quantum * quantum,
@@ -78,10 +78,16 @@ def first_step(quantum: float, blur: float, step: float, dt: float) -> Sensor:
     )
 
 
+def with_noise(sensor: Sensor, noise: float) -> Sensor:
+    """Return the sensor with another noise [rad^2]."""
+    quantum, _, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
+    return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
+
+
 def follow_steps(
     steps: Steps, step: float, last: float, since: float, size: float, quantum: float
 ) -> Steps:
-    """After a reading that moved by `step` [rad], where the last that moved did so by +-`last`.
+    """Return the steps after one of `step` [rad], where the last before was +-`last` [rad].
 
     A finer step than any before is believed at once, and starts a search: when all steps have been
     multiples of a candidate, `SHOWN` of them could have shown a finer one, and one repeated it, it
@@ -106,7 +112,7 @@ def follow_steps(
             if bend < found:
                 found = bend
     if found <= grain:
-        return (*steps[:6], 0.0)
+        return (smallest, candidate, shown, least, left, finer, 0.0)
     if found < FINER * quantum and finer < SEEN:
         finer += 1.0
     if found < CLOSE * smallest:
@@ -130,7 +136,7 @@ def follow_steps(
 
 
 def tells_quantum(steps: Steps, step: float, last: float, since: float, quantum: float) -> bool:
-    """False if a reading that moved by `step` [rad] cannot change what is known of the quantum.
+    """Return False if a step [rad] cannot change what is known of the quantum.
 
     Most cannot: nothing is searched for, and neither this one nor its difference from the `last` is
     smaller than the quantum in use. See `follow_steps`.
@@ -139,21 +145,22 @@ def tells_quantum(steps: Steps, step: float, last: float, since: float, quantum:
     if step < CLOSE * quantum:
         return True
     bend = abs(step - last)
-    if steps[4] > 0.0:
+    _, _, _, _, left, _, _ = steps
+    if left > 0.0:
         return since > 0.0 or bend > ROUNDING * step
     return DIGITS * quantum < bend < CLOSE * quantum
 
 
 def quantum_of(steps: Steps, given: float) -> float:
-    """The quantum to reckon with [rad]; 0: none is known yet."""
-    seen = steps[0]
+    """Return the quantum to use [rad]; 0: none is known yet."""
+    smallest, _, _, _, _, _, _ = steps
     if given > 0.0:
-        return given if agreement(steps, given) == AGREES else seen
-    return seen if seen < math.inf else 0.0
+        return given if agreement(steps, given) == AGREES else smallest
+    return smallest if smallest < math.inf else 0.0
 
 
 def agreement(steps: Steps, given: float) -> int:
-    """`AGREES`, `TOO_LARGE` or `TOO_SMALL`: the given quantum [rad] beside the steps seen."""
+    """Return how the given quantum [rad] fits the steps seen: AGREES, TOO_LARGE or TOO_SMALL."""
     seen, _, shown, _, _, finer, _ = steps
     if given <= 0.0:
         return AGREES
@@ -168,7 +175,7 @@ def agreement(steps: Steps, given: float) -> int:
 def follow_sensor(
     sensor: Sensor, step: float, dt: float, quantum: float, memory: float, blur: float
 ) -> Sensor:
-    """One sample further: it moved by `step` [rad] in `dt` [s].
+    """Return the sensor one sample further: the reading moved by `step` [rad] in `dt` [s].
 
     Parameters
     ----------
@@ -220,12 +227,12 @@ def follow_sensor(
 
 
 def vibration(sensor: Sensor) -> float:
-    """The density of white jerk [(rad/s^3)^2 s] that makes the third differences that last.
+    """Return the density of white jerk [(rad/s^3)^2 s] that makes the third differences that last.
 
     Within a sample it adds their square to the variance of the predicted angle: so far off is what
     is extrapolated with an acceleration. 0: there is nothing but noise.
     """
-    lasting, pace = sensor[9], sensor[10]
+    _, _, _, _, _, _, _, _, _, lasting, pace = sensor
     if lasting <= 0.0:
         return 0.0
     square = pace * pace
@@ -235,10 +242,14 @@ def vibration(sensor: Sensor) -> float:
 def follow_noise(
     noise: float, excess: float, scatter: float, quantum: float, memory: float, blur: float
 ) -> float:
-    """The noise made likelier: `excess` is the score of the innovation's variance, times noise.
+    """Return the noise [rad^2] made likelier.
 
     Twofold in one sample at most; never above the scatter, which is no motion, and never below the
     `blur`.
+
+    Parameters
+    ----------
+    excess : score of the innovation variance, times the noise [rad^2].
     """
     noise += noise * (excess / memory if excess < memory else 1.0)
     if noise > scatter:

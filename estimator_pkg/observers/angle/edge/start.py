@@ -35,7 +35,7 @@ def started(
     period: float,
     longest: float,
 ) -> tuple[Motion, Covariance, Band]:
-    """A straight line through the first two readings, `change` [rad] and `dt` [s] apart.
+    """Return the line through two readings, `change` [rad] and `dt` [s] after each other.
 
     Parameters
     ----------
@@ -108,22 +108,24 @@ def settled(
     beyond = secant - v
     way = secant * secant * dt * dt
     variance = beyond * beyond + ((way if way < square else square) + 12.0 * noise) * rate * rate
-    left = doubt[1] - 1.0
-    if left <= 0.0:
-        return 0.0, LAST if doubt[2] < RECENT else 0.0, doubt[2]
-    if left < SETTLES - 1.0:
-        variance = 0.5 * (variance + doubt[0])
-    return variance, left, doubt[2]
+    before, to_settle, since = doubt
+    to_settle -= 1.0
+    if to_settle <= 0.0:
+        return 0.0, LAST if since < RECENT else 0.0, since
+    if to_settle < SETTLES - 1.0:
+        variance = 0.5 * (variance + before)
+    return variance, to_settle, since
 
 
 def later(doubt: Doubt, dt: float) -> Doubt:
     """Return the doubt a sample of `dt` [s] later."""
-    since = doubt[2] + dt
-    return doubt[0], 0.0 if since >= RECENT and doubt[1] == LAST else doubt[1], since
+    variance, to_settle, since = doubt
+    since += dt
+    return variance, 0.0 if since >= RECENT and to_settle == LAST else to_settle, since
 
 
 def stood(quantum: float, blur: float, longest: float) -> tuple[Covariance, Band]:
-    """What is known of a shaft that has stood for long, and is at an edge.
+    """Return what is known of a shaft that has stood for long, and is at an edge.
 
     A straight line through an angle of its cell, `longest` [s] ago, and the edge.
     """
