@@ -18,7 +18,7 @@ SURE = 144.0  # ... and it takes so many times what is left (squared) to say tha
 
 
 def begin_clock(inner: tuple) -> tuple:
-    """The clock at a start; `inner` is the core's state, of which it keeps a second one.
+    """Return the clock at a start; `inner` is the core's state, of which it keeps a second one.
 
     Mean sample time [s]; the one [s] that the last sample was taken in with instead of that between
     the stamps (0: that was taken); by how much its stamp was late [s]; the core's state if it was
@@ -28,17 +28,17 @@ def begin_clock(inner: tuple) -> tuple:
 
 
 def follow_clock(clock: tuple, dt: float) -> tuple:
-    """The clock after a sample whose stamp is believed, `dt` [s] after the last."""
-    pace = clock[0]
+    """Return the clock after a sample whose stamp is believed, `dt` [s] after the last."""
+    pace, _, _, other = clock
     if pace == 0.0:
-        return (dt, 0.0, 0.0, clock[3])
-    return (pace + ((dt if dt < HOLE * pace else HOLE * pace) - pace) / PACES, 0.0, 0.0, clock[3])
+        return (dt, 0.0, 0.0, other)
+    return (pace + ((dt if dt < HOLE * pace else HOLE * pace) - pace) / PACES, 0.0, 0.0, other)
 
 
 def make_retake(
     prepare: Callable[[tuple, float], tuple], correct: Callable[[tuple, tuple, float], tuple]
 ) -> Callable[..., tuple]:
-    """What is asked of a sample whose stamp, or the one before it, came at another time than usual.
+    """Return the function that retakes a sample whose stamp, or the one before, is at an odd time.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def make_retake(
         innovation: float,
         coefficients: tuple,
     ) -> tuple:
-        """(core's state, innovation [rad], coefficients, clock) with the sample time that explains
-        the reading.
+        """Return (core's state, innovation [rad], coefficients, clock) with the sample time that
+        explains the reading.
 
         Parameters
         ----------
@@ -66,28 +66,30 @@ def make_retake(
         after, innovation, coefficients : as the stamps have it.
         """
         pace, _, late, other = clock
-        dt = coefficients[1]
+        of_core, dt = coefficients
         odd = dt - pace
         least = innovation * innovation
         if late == 0.0:
             if abs(odd) <= UNEVEN * pace or not BEYOND * power < least < math.inf:
                 return after, innovation, coefficients, follow_clock(clock, dt)
             evenly = prepare(design, pace)
-            state, left = correct(before, evenly[0], measurement)
+            of_core, _ = evenly
+            state, left = correct(before, of_core, measurement)
             paces = dt / pace
             lost = paces > 1.5 and abs(paces - math.floor(paces + 0.5)) < WHOLE
             if left * left * (SURE if lost else BEYOND) < least:
                 return state, left, evenly, (pace, pace, odd, after)
             return after, innovation, coefficients, follow_clock(clock, dt)
         taken = 0.0
-        state, left = correct(other, coefficients[0], measurement)
+        state, left = correct(other, of_core, measurement)
         if left * left < least:  # it was not late: the motion did change
             after, innovation, least = state, left, left * left
         # late still, but less; or the first again that is stamped rightly
         for trial in (pace if odd * late < 0.0 and abs(odd) > UNEVEN * pace else 0.0, dt + late):
             if trial > 0.0:
                 tried = prepare(design, trial)
-                state, left = correct(before, tried[0], measurement)
+                of_core, _ = tried
+                state, left = correct(before, of_core, measurement)
                 if left * left < least:
                     after, innovation, least = state, left, left * left
                     coefficients, taken = tried, trial

@@ -66,4 +66,5 @@ def describing(
         found = np.array([inject(e, first, second, m1, m2) for e in points.tolist()])
     gains = points @ found / np.sum(points**2)
     left = found - points[:, None] * gains
-    return Describing(float(gains[0]), float(gains[1]), left.T @ left / len(points))
+    position, velocity = gains.tolist()
+    return Describing(position, velocity, left.T @ left / len(points))

@@ -41,24 +41,25 @@ def elapsed(
     dt, pace : sample time by the stamps, and its mean [s].
     moved : distance of the reading from the last estimate [rad].
     v, a : estimated speed and acceleration [rad/s, rad/s^2].
-    p : covariance of the estimate; see `edge_covariance`.
-    quantum, noise : of the reading; see `edge_sensor`.
+    p : covariance of the estimate; see `covariance`.
+    quantum, noise : of the reading; see `sensor`.
     """
-    late, spread = clock
+    late, uneven = clock
     if pace <= 0.0:
         return dt, clock
     odd, taken = dt - pace, dt
-    limit = (ODD * spread if ODD * spread > UNEVEN else UNEVEN) * pace
+    limit = (ODD * uneven if ODD * uneven > UNEVEN else UNEVEN) * pace
     if odd > limit or -odd > limit or late != 0.0:
         # an innovation that is larger is no noise
-        doubtful = quantum + SIGMAS * math.sqrt(p[0] + noise + dt * (2.0 * p[1] + dt * p[3]))
+        p00, p01, _, p11, _, _ = p
+        doubtful = quantum + SIGMAS * math.sqrt(p00 + noise + dt * (2.0 * p01 + dt * p11))
         right = dt + late
         least = abs(moved - (v + 0.5 * a * dt) * dt)
         after = abs(moved - (v + 0.5 * a * right) * right)
         evenly = abs(moved - (v + 0.5 * a * pace) * pace)
         lies = evenly < LIE * least
         if late == 0.0:
-            if lies and least > doubtful and spread < EVEN:
+            if lies and least > doubtful and uneven < EVEN:
                 taken, late = pace, odd
         elif abs(late + odd) < limit and after < doubtful:  # the stamps have caught up
             taken, late = right, 0.0
@@ -70,7 +71,7 @@ def elapsed(
     if late > MEMORY * pace or -late > MEMORY * pace:  # no stamp: the mean sample time is wrong
         return dt, UNKNOWN
     off = abs(odd) / pace
-    spread += ((off if off < 1.0 else 1.0) - spread) / MEMORY
-    if ODD * spread < UNEVEN:  # even enough for `elapsed` to be left out, unless it is late
-        spread = 0.0 if late == 0.0 else UNEVEN / ODD
-    return taken, (late, spread)
+    uneven += ((off if off < 1.0 else 1.0) - uneven) / MEMORY
+    if ODD * uneven < UNEVEN:  # even enough for `elapsed` to be left out, unless it is late
+        uneven = 0.0 if late == 0.0 else UNEVEN / ODD
+    return taken, (late, uneven)
