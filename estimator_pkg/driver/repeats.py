@@ -14,13 +14,8 @@ Noise gives equal readings at random, which make no chains. At constant speed a 
 whose holds all have exactly the same spacing while their changes differ: creep would have to stay
 at a whole fraction of a count per sample, of readings that are rounded coarsely.
 
-A tuple keeps what is known: how many equal readings in a row are dropped (0: no pattern is
-recognised); how many were since the last change or the last sample used; stamp of the newest hold
-[ns]; its spacing from the one before [ns]; the newest change [rad]; the reading of the newest hold
-[rad]; the smallest and the second smallest change of the chain [rad]; the score; holds in a
-row whose spacing was exactly the same, and how many of their changes differed; length of the
-longest hold; changes in a row; how many of these end the recognition; the sample time of the
-messages [ns].
+What is known is a pair: how many equal readings in a row are dropped (0: no pattern is recognised),
+and the chain, see `Chain`.
 """
 
 from __future__ import annotations
@@ -29,9 +24,16 @@ import math
 
 from estimator_pkg.observers.circle import wrap
 
-Repeats = tuple[int, int, int, int, float, float, float, float, int, int, int, int, int, int, float]
+# (length: equal readings since the last change, or the last sample used; stamp of the newest hold
+# [ns]; its spacing from the one before [ns]; the newest change [rad]; the reading of the newest
+# hold [rad]; the smallest and the second smallest change of the chain [rad]; the score, and in a
+# pattern 1 after a reading at rest; holds in a row whose spacing was exactly the same; how many of
+# their changes differed; length of the longest hold; changes in a row; how many of these end the
+# recognition; the sample time of the messages [ns])
+Chain = tuple[int, int, int, float, float, float, float, int, int, int, int, int, int, float]
+Repeats = tuple[int, Chain]
 
-BLANK: Repeats = (0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0)
+BLANK: Repeats = (0, (0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0))
 
 SCORE = 12  # a chain is believed: so many holds of one sample, half as many longer ones
 ALIKE = 50  # the same of holds that are spaced exactly alike, ...
@@ -47,9 +49,9 @@ BREAKS = 3  # changes in a row without a hold, where each had one, end the recog
 
 
 def hold(
-    repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
+    chain: Chain, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
 ) -> Repeats:
-    """What is known once a reading is repeated that had changed, while no pattern is recognised.
+    """Return what is known once a changed reading is repeated, while no pattern is recognised.
 
     Parameters
     ----------
@@ -59,7 +61,6 @@ def hold(
     period : wrap period [rad]; 0: none.
     """
     (
-        _,
         length,
         start_ns,
         before_ns,
@@ -74,7 +75,7 @@ def hold(
         _,
         _,
         _,
-    ) = repeats
+    ) = chain
     change = wrap(reading - earlier, period)
     size, pace = abs(change), 1e9 * mean_dt
     spacing_ns = stamp_ns - start_ns
@@ -85,7 +86,8 @@ def hold(
     )
     rounding = RESIDUE + ROUNDING * (abs(reading) + abs(earlier))
     if not regular or size <= rounding:
-        return (0, 1, stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0, 0.0)
+        chain = (1, stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0, 0.0)
+        return 0, chain
     held = int(spacing_ns / pace + 0.5) - 1 if follows else 1
     longest = max(longest, held, 1)
     if size < least:
@@ -101,26 +103,29 @@ def hold(
         if abs(change - last) > DIFFERENT * size + rounding:
             differences += 1
     if score < SCORE and (alike < ALIKE or differences < DIFFERENCES):
-        return (
-            0,
-            1,
-            stamp_ns,
-            spacing_ns,
-            change,
-            reading,
-            least,
-            low,
-            score,
-            alike,
-            differences,
-            longest,
-            0,
-            0,
-            0.0,
-        )
+        evidence = (score, alike, differences, longest)
+        return 0, known(stamp_ns, spacing_ns, change, reading, least, low, evidence, 0, 0.0)
     patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
+    nothing = (0, 0, 0, 0)
+    return longest, known(
+        stamp_ns, spacing_ns, change, reading, least, low, nothing, patience, pace
+    )
+
+
+def known(
+    stamp_ns: int,
+    spacing_ns: int,
+    change: float,
+    reading: float,
+    least: float,
+    low: float,
+    evidence: tuple[int, int, int, int],
+    patience: int,
+    pace: float,
+) -> Chain:
+    """Return the chain after a first repeated reading; `evidence`: score to longest hold."""
+    score, alike, differences, longest = evidence
     return (
-        longest,
         1,
         stamp_ns,
         spacing_ns,
@@ -128,7 +133,73 @@ def hold(
         reading,
         least,
         low,
+        score,
+        alike,
+        differences,
+        longest,
         0,
+        patience,
+        pace,
+    )
+
+
+def held_on(chain: Chain) -> Chain:
+    """Return the chain after a reading that is equal for the second time."""
+    (
+        length,
+        stamp_ns,
+        spacing_ns,
+        change,
+        value,
+        least,
+        low,
+        score,
+        alike,
+        differences,
+        longest,
+        changes,
+        patience,
+        pace,
+    ) = chain
+    if length != 1:
+        return chain
+    return (
+        2,
+        stamp_ns,
+        spacing_ns,
+        change,
+        value,
+        least,
+        low,
+        score,
+        alike,
+        differences,
+        longest,
+        changes,
+        patience,
+        pace,
+    )
+
+
+def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
+    """Return what is known after an equal reading in a pattern, and whether it is a repeated one.
+
+    One more than the pattern has means that the joint is at rest: a reading of its own.
+    """
+    most, chain = repeats
+    length, stamp_ns, spacing_ns, change, value, least, low, _, _, _, _, _, patience, pace = chain
+    length += 1
+    drop = length <= most
+    length, alone = (length, 0) if drop else (0, 1)
+    chain = (
+        length,
+        stamp_ns,
+        spacing_ns,
+        change,
+        value,
+        least,
+        low,
+        alone,
         0,
         0,
         0,
@@ -136,45 +207,35 @@ def hold(
         patience,
         pace,
     )
-
-
-def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
-    """What is known after an equal reading in a pattern, and whether it is a repeated one.
-
-    One more than the pattern has means that the joint is at rest: a reading of its own.
-    """
-    most, length = repeats[0], repeats[1] + 1
-    drop = length <= most
-    return (
-        most,
-        length if drop else 0,
-        repeats[2],
-        repeats[3],
-        repeats[4],
-        repeats[5],
-        repeats[6],
-        repeats[7],
-        0 if drop else 1,
-        0,
-        0,
-        0,
-        0,
-        repeats[13],
-        repeats[14],
-    ), drop
+    return (most, chain), drop
 
 
 def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
-    """What is known after a reading that changed in a pattern; `BLANK` where that ends it.
+    """Return what is known after a changed reading in a pattern; `BLANK` where that ends it.
 
     Parameters
     ----------
     passed_ns : since the last sample that was used.
     change : of the reading [rad or m].
     """
-    most, length, last, low, alone = repeats[0], repeats[1], repeats[4], repeats[7], repeats[8]
-    patience, pace = repeats[13], repeats[14]
-    changes = repeats[12] + 1 if length == 0 and passed_ns < 1.5 * pace else 0
+    most, chain = repeats
+    (
+        length,
+        stamp_ns,
+        spacing_ns,
+        last,
+        value,
+        least,
+        low,
+        alone,
+        _,
+        _,
+        _,
+        changes,
+        patience,
+        pace,
+    ) = chain
+    changes = changes + 1 if length == 0 and passed_ns < 1.5 * pace else 0
     if changes >= patience:
         return BLANK
     if (
@@ -185,14 +246,13 @@ def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
         and abs(last) >= 0.5 * abs(change)
     ):
         most += 1  # what was taken for a reading at rest was in the midst of the motion
-    return (
-        most,
+    chain = (
         0,
-        repeats[2],
-        repeats[3],
+        stamp_ns,
+        spacing_ns,
         change,
-        repeats[5],
-        repeats[6],
+        value,
+        least,
         low,
         0,
         0,
@@ -202,3 +262,4 @@ def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
         patience,
         pace,
     )
+    return most, chain

@@ -28,7 +28,7 @@ from estimator_pkg.driver.guard import (
     ZERO_STAMP,
     judge,
 )
-from estimator_pkg.driver.repeats import BLANK, Repeats, changed, hold, repeated
+from estimator_pkg.driver.repeats import BLANK, Repeats, changed, held_on, hold, repeated
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import Functions
@@ -89,17 +89,17 @@ def make_sieve(period: float) -> Callable[..., tuple[Repeats, bool]]:
         earlier: float,
         mean_dt: float,
     ) -> tuple[Repeats, bool]:
-        """What is known of repeated readings, and whether this one is dropped."""
-        if repeats[0] > 0:
+        """Return what is known of repeated readings, and whether this one is dropped."""
+        most, chain = repeats
+        if most > 0:
             if measurement == reading:
                 return repeated(repeats)
             return changed(repeats, passed_ns, wrap(measurement - reading, period)), False
         if reading != earlier:
-            repeats = hold(repeats, stamp_ns, reading, earlier, mean_dt, period)
-            return repeats, repeats[0] > 0
-        if repeats[1] == 1:
-            return (*repeats[:1], 2, *repeats[2:]), False
-        return repeats, False
+            repeats = hold(chain, stamp_ns, reading, earlier, mean_dt, period)
+            most, _ = repeats
+            return repeats, most > 0
+        return (most, held_on(chain)), False
 
     return sieve
 
@@ -201,8 +201,9 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             verdict = judge(
                 last_ns, before_ns, late, mean_dt, stamp_ns, gap_ns, reorder_ns, timeout_ns
             )
-        if verdict == USED and (measurement == reading or repeats[0] > 0):
-            recognised = repeats[0] > 0
+        dropping, _ = repeats
+        if verdict == USED and (measurement == reading or dropping > 0):
+            recognised = dropping > 0
             repeats, drop = sieve(repeats, stamp_ns, ahead, measurement, reading, earlier, mean_dt)
             if drop:
                 if not recognised:  # what was learnt of such a sensor is wrong
