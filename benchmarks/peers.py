@@ -129,7 +129,8 @@ def _control() -> list[Estimator]:
         velocity, without, nothing = np.zeros(len(angle)), {'correct': False}, np.zeros(1)
         for i, reading in enumerate(angle):
             state = made.dynamics(i, state, np.array([reading]), {'correct': True})
-            velocity[i] = state[1] - h * state[2]  # it predicts one step ahead
+            _, v, a, *_ = state
+            velocity[i] = v - h * a  # it predicts one step ahead
             for _ in range(missing[i] if i < len(missing) else 0):
                 state = made.dynamics(i, state, nothing, without)
         return column.spread(rows, velocity)

@@ -27,6 +27,7 @@ from benchmarks.signals import (
     trapezoid,
 )
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.track import Track
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.edge import observer as edge_adaptive
 from estimator_pkg.observers.angle.edge.interval import INTERVAL
@@ -89,18 +90,19 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
     for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
         joint.update(stamp, angle)
         position, velocity, _, _ = joint.estimate()
-        state = joint._track[6]
-        band, sensor, sway = state[2], state[3], state[7]
+        _, _, band, sensor, _, _, _, sway, _, _ = Track(*joint._track).state
+        density, _, _, up, down, _, _, _ = band
+        mean_sway, _, _ = sway
         rows.append(
             (
                 position,
                 velocity,
                 *joint.stddev(),
-                band[0],
-                band[3],
-                band[4],
+                density,
+                up,
+                down,
                 vibration(sensor),
-                sway[0],
+                mean_sway,
             )
         )
     columns: Array = np.array(rows, np.float64).T

@@ -90,8 +90,9 @@ class AdaptiveJoint(Joint):
         return report(self.gains, self.state, self.mean_dt or 1e-3, self.evidence, self.origin)
 
     def _look(self) -> None:
-        state = self.state
-        self.evidence.look(state[7][4], state[9])
+        _, _, _, _, _, _, _, signals, _, evidence = self.state
+        _, _, _, _, adapted, _, _, _, _, _ = signals
+        self.evidence.look(adapted, evidence)
 
 
 class AdaptiveConfiguration(Configuration):

@@ -485,7 +485,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         (inner, z, theta, information, p, convention, scatter, signals, flags, evidence) = resume(
             state, coefficients, design, measurement
         )
-        y = signals[0]
+        y, _, _, _, _, _, _, _, _, _ = signals
         inner, z = started(zeros, theta, design, y, 0.0)
         if is_paper:
             z = paper_start(theta, design, y, 0.0)
