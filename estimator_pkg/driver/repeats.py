@@ -35,7 +35,7 @@ Repeats = tuple[int, Chain]
 
 BLANK: Repeats = (0, (0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0))
 
-SCORE = 12  # a chain is believed: so many holds of one sample, half as many longer ones
+SCORE = 12  # holds of one sample after which a chain is believed; half as many of longer ones
 ALIKE = 50  # the same of holds that are spaced exactly alike, ...
 DIFFERENCES = 10  # ... if so many of their changes differ
 VARIED = 3.0  # times the second smallest change of the chain: motion, not one count
@@ -44,7 +44,7 @@ RESIDUE = 1e-10  # rad or m; and part of the reading for float32: smaller change
 ROUNDING = 3e-7
 SLIP = 1.25  # samples by which the spacing in a chain may differ, ...
 SLACK = 0.2  # ... or this part of it
-FAR = 16.0  # samples; holds of one sample further apart are no chain
+FAR = 16.0  # samples; holds of one sample at a larger distance are no chain
 BREAKS = 3  # changes in a row without a hold, where each had one, end the recognition
 
 

@@ -54,12 +54,12 @@ class Track(NamedTuple):
 
 
 def field_of(name: str) -> Callable[[tuple], Any]:
-    """A function that reads this field of a track."""
+    """Return a function that reads this field of a track."""
     return itemgetter(Track._fields.index(name))
 
 
 def replaced(track: tuple, **fields: Any) -> tuple:
-    """The track with other values of these fields."""
+    """Return the track with other values of these fields."""
     return tuple(Track(*track)._replace(**fields))
 
 
@@ -73,7 +73,7 @@ class TrackFunctions(NamedTuple):
 
 
 def make_sieve(period: float) -> Callable[..., tuple[Repeats, bool]]:
-    """What is asked of a reading that repeats the last, and of each where others are dropped.
+    """Return the function that finds repeated readings, called where a reading may be one.
 
     Parameters
     ----------
@@ -113,12 +113,12 @@ def take_all(
     earlier: Any,
     mean_dt: float,
 ) -> tuple[Repeats, bool]:
-    """As what `make_sieve` makes, for measurements that are more than an angle."""
+    """Return nothing dropped, for measurements that are more than an angle."""
     return repeats, False
 
 
 def make_track(functions: Functions, period: float | None = None) -> TrackFunctions:
-    """The driver's functions around an observer's.
+    """Return the driver's functions around an observer's.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
     nothing, restart = functions.blank, functions.new_start
 
     def blank(design: tuple) -> tuple:
-        """A track that no sample has reached."""
+        """Return a track that no sample has reached."""
         empty = init(nothing, design)
         return (
             0,
@@ -156,7 +156,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
     def advance(
         track: tuple, design: tuple, limits: tuple, stamp_ns: int, measurement: Any, given: Any
     ) -> tuple[tuple, int]:
-        """(track, verdict) after one sample; a dropped sample leaves the estimate alone."""
+        """Return (track, verdict) after one sample; a dropped sample leaves the estimate alone."""
         (
             last_ns,
             before_ns,
@@ -386,7 +386,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
         ), verdict
 
     def read(track: tuple, design: tuple, limits: tuple, measurement: Any, given: Any) -> tuple:
-        """(position, velocity, acceleration or nan, status) of the newest estimate."""
+        """Return (position, velocity, acceleration or nan, status) of the newest estimate."""
         (
             last_ns,
             before_ns,
@@ -407,7 +407,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
         return output(state, coefficients, design, measurement, given)
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
-        """One standard deviation of position and velocity."""
+        """Return one standard deviation of position and velocity."""
         (
             last_ns,
             before_ns,

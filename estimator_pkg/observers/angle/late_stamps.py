@@ -9,12 +9,12 @@ import math
 from collections.abc import Callable
 
 UNEVEN = 0.1  # a sample time this part off the mean may be stamped wrongly
-BEYOND = 16.0  # times the recent power of the innovations: one that is no noise;
-# and so many times what is left of it with the right sample time (squared)
+BEYOND = 16.0  # an innovation is no noise if its square is so many times the recent power, and so
+# many times the square that the right sample time leaves
 PACES = 32.0  # samples over which the sample time is averaged
 HOLE = 2.0  # mean sample times: a longer one is a hole, and counts as so much
 WHOLE = 0.2  # mean sample times: this close to a whole number, samples may have been lost ...
-SURE = 144.0  # ... and it takes so many times what is left (squared) to say that none was
+SURE = 144.0  # ... and the square must be so many times what is left to show that none was
 
 
 def begin_clock(inner: tuple) -> tuple:

@@ -25,7 +25,7 @@ class Describing(NamedTuple):
 
     position, velocity : its gains. Of an implicit step `position` is that from the innovation to
         the offset after the step.
-    remnant : covariance of what the gains do not tell, shape (2, 2).
+    remnant : covariance of what the gains do not explain, shape (2, 2).
     """
 
     position: float
@@ -35,7 +35,7 @@ class Describing(NamedTuple):
 
 @lru_cache
 def _half() -> tuple[float, ...]:
-    """The quantiles of the positive half of a Gaussian: the injections are odd."""
+    """Return the quantiles of the positive half of a Gaussian: the injections are odd."""
     inverse = NormalDist().inv_cdf
     return tuple(inverse(0.5 + 0.5 * (k + 0.5) / POINTS) for k in range(POINTS))
 
@@ -51,7 +51,7 @@ def describing(
     *,
     implicit: bool,
 ) -> Describing:
-    """The injection at innovations of deviation `size`.
+    """Return the describing function of an injection at innovations of deviation `size`.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ Forward Euler chatters by h a; the implicit step cannot:
     e+ + h g sqrt|e+| sgn e+ + h^2 a sgn e+ = e,   sgn 0 anything in [-1, 1]
 
 where e is the error of the prediction, g and a the gains of the two injections. While |e| <= h^2 a
-it slides: the error is gone within the step. `super_twisting`, `switched` and `smo` stand on it.
+it slides: the error is gone within the step. `super_twisting`, `switched` and `smo` use it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 
 
 def injections(error: float, gain: float, alpha: float) -> tuple[float, float]:
-    """gain sqrt|e| sgn e and alpha sgn e, with sgn 0 = 0; see `implicit_step`."""
+    """Return gain sqrt|e| sgn e and alpha sgn e, with sgn 0 = 0; see `implicit_step`."""
     if error == 0.0:
         return 0.0, 0.0
     root = math.sqrt(abs(error))
@@ -24,7 +24,7 @@ def injections(error: float, gain: float, alpha: float) -> tuple[float, float]:
 
 
 def implicit_step(error: float, h: float, gain: float, alpha: float) -> tuple[float, float]:
-    """(error that is left, second injection).
+    """Return (error that is left, second injection).
 
     Parameters
     ----------
@@ -33,11 +33,11 @@ def implicit_step(error: float, h: float, gain: float, alpha: float) -> tuple[fl
     gain, alpha : of sqrt|e| [unit^(1/2)/s] and of the sign [unit/s^2].
     """
     size = abs(error)
-    held = h * h * alpha
-    if size <= held:
+    sliding = h * h * alpha
+    if size <= sliding:
         return 0.0, error / (h * h)
     half = 0.5 * h * gain
-    over = size - held
+    over = size - sliding
     root = over / (half + math.sqrt(half * half + over))  # no difference of nearly equal numbers
     if error > 0.0:
         return root * root, alpha

@@ -47,7 +47,7 @@ class Algebra(NamedTuple):
 
 @lru_cache
 def algebra(size: int) -> Algebra:
-    """The functions for vectors of `size` entries (at least one)."""
+    """Return the functions for vectors of `size` entries (at least one)."""
     index = range(size)
 
     def vector(entry: str) -> str:

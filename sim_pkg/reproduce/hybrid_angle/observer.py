@@ -25,7 +25,7 @@ Potential = Callable[[float, float], float]
 
 
 def observer_gains(k1: float, k2: float, epsilon: float) -> tuple[float, float]:
-    """L = (k1/epsilon [1/s], k2/epsilon^2 [1/s^2]).
+    """Return L = (k1/epsilon [1/s], k2/epsilon^2 [1/s^2]).
 
     k1 is the paper's k_v and k2 its k_p: the error polynomial of (3) is s^2 + l1 s + l2.
     """
@@ -33,12 +33,12 @@ def observer_gains(k1: float, k2: float, epsilon: float) -> tuple[float, float]:
 
 
 def make_flow(injection: Injection) -> Flow:
-    """The flow map of (3a) with this injection."""
+    """Return the flow map of (3a) with this injection."""
 
     def flow(
         position: float, velocity: float, measurement: float, gains: tuple[float, float, float]
     ) -> tuple[float, float]:
-        """Derivatives of the estimated position [rad/s] and velocity [rad/s^2].
+        """Return the derivatives of the estimated position [rad/s] and velocity [rad/s^2].
 
         gains : l1 [1/s], l2 [1/s^2], saturation limit M [rad] of the injection.
         """
@@ -50,17 +50,17 @@ def make_flow(injection: Injection) -> Flow:
 
 
 def in_first_jump_set(angle: float, margin: float) -> bool:
-    """True in J1 of (1d): `angle` [rad] is beyond pi by at least `margin` = delta_pi [rad]."""
+    """Return True in J1 of (1d): `angle` [rad] is beyond pi by `margin` = delta_pi [rad]."""
     return abs(angle) >= math.pi + margin
 
 
 def first_jump(angle: float) -> float:
-    """h1 of (1c): one turn back. The plant and the observer's position share it."""
+    """Return h1 of (1c): one turn back. The plant and the observer's position share it."""
     return angle - TURN if angle > 0.0 else angle + TURN
 
 
 def in_second_jump_set(error: float, margin: float) -> bool:
-    """True in J2 of (3b): the output error [rad] is within `margin` [rad] of half a turn.
+    """Return True in J2 of (3b): the output error [rad] is within `margin` [rad] of half a turn.
 
     The second jump map h2 needs no function: the estimated position becomes the measurement, the
     estimated velocity stays.
@@ -69,23 +69,23 @@ def in_second_jump_set(error: float, margin: float) -> bool:
 
 
 def potential_sin(error: float, limit: float) -> float:
-    """psi of (7) [rad^2]: the integral of sin(e)."""
+    """Return psi of (7) [rad^2]: the integral of sin(e)."""
     return 1.0 - math.cos(error)
 
 
 def potential_tan(error: float, limit: float) -> float:
-    """psi of (7) [rad^2]: the integral of 2 tan(e/2)."""
+    """Return psi of (7) [rad^2]: the integral of 2 tan(e/2)."""
     return -4.0 * math.log(abs(math.cos(0.5 * error)))
 
 
 def potential_saw(error: float, limit: float) -> float:
-    """psi of (7) [rad^2]: the integral of the wrapped error."""
+    """Return psi of (7) [rad^2]: the integral of the wrapped error."""
     wrapped = wrap(error, TURN)
     return 0.5 * wrapped * wrapped
 
 
 def potential_sat(error: float, limit: float) -> float:
-    """psi of (7) [rad^2]: the integral of the wrapped error saturated at +-limit [rad]."""
+    """Return psi of (7) [rad^2]: the integral of the wrapped error saturated at +-limit [rad]."""
     size = abs(wrap(error, TURN))
     if size <= limit:
         return 0.5 * size * size
@@ -101,10 +101,10 @@ POTENTIALS: dict[str, Potential] = {
 
 
 def make_lyapunov(potential: Potential) -> Callable[[float, float, float, float], float]:
-    """The Lyapunov function (8) over this potential."""
+    """Return the Lyapunov function (8) over this potential."""
 
     def lyapunov(position_error: float, velocity_error: float, l2: float, limit: float) -> float:
-        """V [rad^2] of the errors [rad, rad/s]; l2 [1/s^2], saturation limit [rad]."""
+        """Return V [rad^2] of the errors [rad, rad/s]; l2 [1/s^2], saturation limit [rad]."""
         return potential(position_error, limit) + velocity_error * velocity_error / (2.0 * l2)
 
     return lyapunov

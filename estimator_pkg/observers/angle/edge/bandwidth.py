@@ -16,8 +16,7 @@ to the next: for the noise of any sensor, for the counts of any constant speed a
 listens at the right rate its mean is negative or nothing. Where it is positive the speed changes at
 random from sample to sample, and that is what the covariance of the speed gets.
 
-Beside the laws stands the mean square of the innovations: what they are larger, or smaller, than
-the covariance says, the standard deviation is too.
+The mean square of the normalised innovations also scales the published standard deviation.
 """
 
 from __future__ import annotations
@@ -128,10 +127,10 @@ def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
     Notes
     -----
     With r the deviation, E[r (r' - r'')] of white noise of variance s^2 is -s^2. For a constant
-    speed that is f beside a whole number of counts a sample, 0 <= f <= 1/2, it is 0, and 1 - 3 f
-    where f is above 1/3 [counts^2]. For a speed that goes at random by u in a sample, and a filter
-    that does not follow, it is u^2/2. In a mean over 32 samples white noise comes above 2 s^2, five
-    of its standard deviations away, by no chance to speak of; so less is not believed.
+    speed whose counts per sample differ by f from a whole number, 0 <= f <= 1/2, it is 0, and
+    1 - 3 f where f is above 1/3 [counts^2]. For a speed that goes at random by u in a sample, and a
+    filter that does not follow, it is u^2/2. In a mean over 32 samples white noise comes above
+    2 s^2, five of its standard deviations away, by no chance to speak of; so less is not believed.
     """
     mean, last, before = sway
     product = ahead * (last - before)

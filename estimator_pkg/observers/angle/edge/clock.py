@@ -14,7 +14,7 @@ UNEVEN = 0.1  # of the mean sample time: what differs by less is never odd
 ODD = 4.0  # mean deviations: a sample time that differs by more is odd
 LIE = 0.25  # of an innovation: a mean sample time that leaves less shows a wrong stamp
 EVEN = 0.5  # mean deviation: with a larger one no sample time is known to be the usual one
-SIGMAS = 3.0  # standard deviations, beside a quantum, that an innovation may have by chance
+SIGMAS = 3.0  # standard deviations, in addition to a quantum, that an innovation may have by chance
 MEMORY = 32.0  # samples over which the deviations are averaged
 
 # (by how much the last stamp was late [s]; mean deviation of the sample times, over their mean)

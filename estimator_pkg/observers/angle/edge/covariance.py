@@ -42,8 +42,8 @@ def corrected(p: Covariance, r: float, left: float) -> Covariance:
 
     Parameters
     ----------
-    r : variance of the measurement, beside that of the angle [rad^2].
-    left : of the variance of both together, the part that the measurement does not tell.
+    r : variance R of the measurement [rad^2].
+    left : part of S = P_00 + R that the measurement leaves open: 1 - f.
 
     Notes
     -----
@@ -51,7 +51,7 @@ def corrected(p: Covariance, r: float, left: float) -> Covariance:
     make smaller than the angle explains is what the angle explains: after a start it may be 10^20
     times the counts.
     """
-    p00, p01, p02, p11, p12, p22 = p
+    p00, p01, p02, p11, p12, p22 = p  # P - f/S P_.0 P_0.
     s = p00 + r
     kept, part = (r + p00 * left) / s, (1.0 - left) / s
     k1, k2 = kept * p01 / p00, kept * p02 / p00

@@ -1,9 +1,9 @@
-"""What one reading of a counter tells about the angle: an interval, and how a Gaussian meets it.
+"""What one reading of a counter shows of the angle: an interval, and how a Gaussian meets it.
 
 A count says that the angle lies in its cell, no more. Two counts in a row say more: the cell
 before, moved by the predicted motion, and the cell now both hold the angle, and so does what they
 have in common. At low speed that is the stretch just behind the edge that was crossed, as long as
-the way made in one sample; beside any whole number of counts per sample it is the same in a frame
+the way made in one sample; near any whole number of counts per sample it is the same in a frame
 that moves along, which is why a beat of speed and sampling is no different from creep.
 """
 
@@ -16,13 +16,13 @@ DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
 TAIL = 6.0  # sigmas from which the tail's own series is used: erfc's digits would cancel
 THIN = 1e-3  # an interval thinner than this part of sigma is a point
 
-NOTHING = 0  # the reading tells nothing that the prediction does not know
+NOTHING = 0  # the reading has no news for the prediction
 INTERVAL = 1  # a measurement: centre, half width
 HELD = 2  # the prediction has left the cell, and no edge came
 
 
 def within(e: float, half: float, sigma: float) -> tuple[float, float]:
-    """Mean, and variance over sigma^2, of N(0, sigma^2) given that it lies in e -+ half."""
+    """Return the mean, and the variance over sigma^2, of N(0, sigma^2) cut off at e -+ half."""
     a, b = (e - half) / sigma, (e + half) / sigma
     side = sigma
     if a + b < 0.0:
@@ -45,7 +45,7 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
 def interval(
     off: float, ahead: float, quantum: float, variance: float, noise: float, hold: float
 ) -> tuple[int, float, float]:
-    """What this reading is worth: (kind, centre relative to the prediction, half width) [rad].
+    """Return what this reading is worth: (kind, centre less prediction, half width) [rad].
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def interval(
 
 
 def cell(off: float, quantum: float, variance: float, hold: float) -> tuple[int, float, float]:
-    """As `interval`, where noise crosses an edge more often than the angle does.
+    """Return the same as `interval`, where noise crosses an edge more often than the angle does.
 
     No edge is a time then; but with noise of a known size the whole cell is news as soon as noise
     of `hold` [rad] reaches out of it.

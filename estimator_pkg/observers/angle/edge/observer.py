@@ -41,9 +41,9 @@ from estimator_pkg.observers.angle.edge.sensor import (
     FINEST,
     FIRST_STEPS,
     JUMP,
+    OUTLIER,
     RESIDUE,
     ROUNDING,
-    SURPRISE,
     TOO_LARGE,
     TOO_SMALL,
     Sensor,
@@ -55,7 +55,7 @@ from estimator_pkg.observers.angle.edge.sensor import (
     follow_sensor,
     follow_steps,
     quantum_of,
-    tells_quantum,
+    shows_quantum,
     vibration,
     with_noise,
 )
@@ -100,9 +100,9 @@ CALM = 0.5  # of its variance the speed keeps at least, however small the innova
 
 UNIT = 1.0  # [rad] quantum while none is known: before the first step all is relative to it
 RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge for long
-SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of what was told
+SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
 PLAIN = 4.0 * BLUR * BLUR  # square quanta: a noise above it is more than the blur of the edges
-UNTOLD = 0.05  # of its variance an innovation has at least, were it to count in sigmas
+LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
 
 # what the noise of the readings is like
 PLAIN_EDGES = 0  # less than the blur of the edges
@@ -290,7 +290,7 @@ def update(
 
     Parameters
     ----------
-    worth : (kind, centre [rad], half width [rad]), what the reading tells; see `interval`.
+    worth : (kind, centre [rad], half width [rad]), what the reading shows; see `interval`.
     deviations : of the reading from the predicted angle, and of its change from the predicted
         motion [rad]; see `interval`.
     noise_is : `PLAIN_EDGES`, `NOISY` or `FLICKER`.
@@ -309,7 +309,7 @@ def update(
     s = p00 + r
     d, left = within(centre, half, math.sqrt(s))
     f = 1.0 - left
-    z = d / math.sqrt(s * (f if f > UNTOLD else UNTOLD))
+    z = d / math.sqrt(s * (f if f > LEAST_PART else LEAST_PART))
     beyond = z > ALARM or z < -ALARM
     if beyond:
         z = ALARM if z > 0.0 else -ALARM
@@ -328,7 +328,7 @@ def update(
         p = widened(p, growth)
         p00, p01, p02, _, _, _ = p
         s = p00 + r
-    if date > 0.0 or growth > SLIGHT:  # the same reading tells a vaguer prediction more
+    if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
         if date > 0.0:
             p = manoeuvre(p, d, date, dt, quantum, noise_is)
             p00, p01, p02, _, _, _ = p
@@ -450,7 +450,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             _, to_settle, since = doubt
         # the search for the quantum
         first = False
-        if change != 0.0 and tells_quantum(steps, change, size, rested, quantum):
+        if change != 0.0 and shows_quantum(steps, change, size, rested, quantum):
             first = low == high
             extent = abs(measurement) + abs(last)
             least = ROUNDING * extent if first and design.quantum == 0.0 else RESIDUE * quantum
@@ -515,7 +515,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
         ahead, half, calm = change - moved, 0.5 * quantum, sway
         if count > 0.0:
-            sway = follow_sway(sway, ahead, SURPRISE * (scatter + square), MEMORY)
+            sway = follow_sway(sway, ahead, OUTLIER * (scatter + square), MEMORY)
         else:  # it moved away from a reading that was not believed
             sway = (mean_sway, 0.0, 0.0)
         noisy = noise > PLAIN * square
@@ -525,7 +525,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 # a reading that the next undoes: its noise is as unknown as an angle in its cell
                 noise, noisy = square / 12.0, True
                 sensor = with_noise(sensor, noise)
-        # what an edge tells
+        # what an edge shows
         kind, worth, noise_is = NOTHING, (NOTHING, 0.0, half), PLAIN_EDGES
         if noisy:
             noise_is = FLICKER if moved * moved < noise < half * half else NOISY
@@ -534,7 +534,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         ):  # noise crosses an edge more often than the angle: no edge is a time
             worth = cell(off, quantum, p00, SIGMAS * math.sqrt(noise))
             kind, _, _ = worth
-        # of most readings it is plain that they tell nothing: no edge, and none was expected
+        # most readings are plainly no news: no edge, and none was expected
         elif ahead > half or ahead < -half or off > half or off < -half or 12.0 * p00 > square:
             edges = math.sqrt(noise)
             worth = interval(off, ahead, quantum, p00, edges, SIGMAS * edges)
@@ -546,7 +546,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             idle = 0.0
             if not believed:
                 if quantum != design.quantum and abs(change) > JUMP * (high - low):
-                    # what moved before was residue, or this is a glitch: the next reading tells
+                    # what moved before was residue, or this is a glitch: the next reading decides
                     smallest, candidate, shown, least, left, finer, _ = steps
                     steps = (smallest, candidate, shown, least, left, finer, change)
                     doubt = doubted(quantum, dt, period, 0.0)

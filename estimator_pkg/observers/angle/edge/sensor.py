@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-SURPRISE = 25.0  # a square counts at most so many times what is expected: 5 sigma
+OUTLIER = 25.0  # a square counts at most so many times what is expected: 5 sigma
 LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
 ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
 RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
@@ -28,7 +28,7 @@ DIGITS = 0.01  # which are below this part
 
 AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
 
-# (quantum in use [rad]; noise: variance of the edges, beside the quantum's own [rad^2]; scatter:
+# (quantum in use [rad]; noise: variance of the edges, without the quantum's own [rad^2]; scatter:
 # mean square of third differences over 20 [rad^2]; residual, step [rad] and dt [s] of the sample
 # before, dt 0: none; size of the last change of the reading [rad], 0: none, and time since it
 # [s]; change of the residual one sample before [rad], inf: none; square of the third differences
@@ -119,8 +119,8 @@ def follow_steps(
         left = SEARCH
     if found < smallest:
         smallest = found
-    beside = moved % candidate
-    if found < CLOSE * candidate or DIGITS * candidate < beside < (1.0 - DIGITS) * candidate:
+    rest = moved % candidate
+    if found < CLOSE * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
         candidate, shown, least, left = found, 1.0 if shows else 0.0, math.inf, left - 1.0
     elif shows and shown < SHOWN:
         shown, left = shown + 1.0, left - 1.0
@@ -135,7 +135,7 @@ def follow_steps(
     return (smallest, candidate, shown, least, left if left > 0.0 else 0.0, finer, 0.0)
 
 
-def tells_quantum(steps: Steps, step: float, last: float, since: float, quantum: float) -> bool:
+def shows_quantum(steps: Steps, step: float, last: float, since: float, quantum: float) -> bool:
     """Return False if a step [rad] cannot change what is known of the quantum.
 
     Most cannot: nothing is searched for, and neither this one nor its difference from the `last` is
@@ -199,7 +199,7 @@ def follow_sensor(
             bend, lasting, pace = 0.0, -square, dt
         else:
             power = 0.2 * third * third
-            most = SURPRISE * (scatter + square)
+            most = OUTLIER * (scatter + square)
             scatter += ((power if power < most else most) - scatter) / memory
             power = LASTING * bend * (3.0 * bend + 8.0 * third) - square / 12.0 - noise
             lasting += ((power if power < most else most) - lasting) / memory

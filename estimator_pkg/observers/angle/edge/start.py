@@ -18,7 +18,7 @@ UNSURE = 3.0  # the same when the first has just come: the next one may be a lin
 RECENT = 0.3  # [s] after the first motion of all a change of its acceleration is not seen
 
 Motion = tuple[float, float, float, float]
-# (variance of the speed, beside the covariance's own [(rad/s)^2]; changed readings until it is
+# (variance of the speed, in addition to the covariance's [(rad/s)^2]; changed readings until it is
 # settled, above 0 while anything is in doubt; time since the first motion, or the start [s])
 Doubt = tuple[float, float, float]
 
@@ -39,7 +39,7 @@ def started(
 
     Parameters
     ----------
-    noise : variance of a reading, beside the quantum's own [rad^2].
+    noise : variance of a reading, without the quantum's own [rad^2].
     longest : memory of the filter that has seen nothing move [s].
     """
     rate = 1.0 / dt
@@ -101,7 +101,7 @@ def settled(
     v : estimated speed [rad/s].
     change : of the reading [rad], after it had not changed for `rested` [s].
     square : of the quantum [rad^2].
-    noise : variance of the reading, beside the quantum's own [rad^2].
+    noise : variance of the reading, without the quantum's own [rad^2].
     """
     rate = 1.0 / (rested + dt)
     secant = change * rate

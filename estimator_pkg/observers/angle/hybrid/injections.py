@@ -51,7 +51,7 @@ BUILT_IN: dict[str, Injection] = {'sin': sin, 'tan': tan, 'saw': saw, 'sat': sat
 
 
 def find(name: str, *, margin: float) -> Injection:
-    """A built-in injection by name, or a user's ``package.module:function`` of one angle [rad].
+    """Return a built-in injection, or a user's ``package.module:function`` of one angle [rad].
 
     Parameters
     ----------

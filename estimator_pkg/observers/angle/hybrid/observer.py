@@ -117,7 +117,7 @@ class Gains(AngleGains):
 
 
 def order_of(gains: Gains) -> int:
-    """The order these gains mean: 2 or 3.
+    """Return the order these gains mean: 2 or 3.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def order_of(gains: Gains) -> int:
 
 
 def design_of(gains: Gains) -> Design:
-    """The continuous design these gains mean.
+    """Return the continuous design these gains mean.
 
     Raises
     ------
@@ -143,12 +143,12 @@ def design_of(gains: Gains) -> Design:
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions of the hybrid observer at these gains; raises as `core` does."""
+    """Return the functions of the hybrid observer at these gains; raises as `core` does."""
     return around(core(gains, circle), gains, circle)
 
 
 def core(gains: Gains, circle: Circle) -> AngleCore:
-    """The observer itself, without what all angle-only observers share around it.
+    """Return the observer itself, without what all angle-only observers share around it.
 
     Raises
     ------

@@ -9,7 +9,7 @@ over the true dt and a correction by the wrapped innovation, so that the estimat
 newest sample. The published predictor forms (correction first, then the step) are the same
 filters: their gain is A times ours.
 
-Barbot, Djemai, Manamanni (2007), equations (5) and (14), stand on order 1.
+Barbot, Djemai, Manamanni (2007), use order 1: equations (5) and (14).
 """
 
 from __future__ import annotations
