@@ -14,8 +14,8 @@ Noise gives equal readings at random, which make no chains. At constant speed a 
 whose holds all have exactly the same spacing while their changes differ: creep would have to stay
 at a whole fraction of a count per sample, of readings that are rounded coarsely.
 
-What is known is a pair: how many equal readings in a row are dropped (0: no pattern is recognised),
-and the chain, see `Chain`.
+What is known: how many equal readings in a row are dropped (0: no pattern is recognised); how many
+were since the last change, or the last sample used; and the chain, see `Chain`.
 """
 
 from __future__ import annotations
@@ -24,16 +24,15 @@ import math
 
 from estimator_pkg.observers.circle import wrap
 
-# (length: equal readings since the last change, or the last sample used; stamp of the newest hold
-# [ns]; its spacing from the one before [ns]; the newest change [rad]; the reading of the newest
-# hold [rad]; the smallest and the second smallest change of the chain [rad]; the score, and in a
-# pattern 1 after a reading at rest; holds in a row whose spacing was exactly the same; how many of
-# their changes differed; length of the longest hold; changes in a row; how many of these end the
-# recognition; the sample time of the messages [ns])
-Chain = tuple[int, int, int, float, float, float, float, int, int, int, int, int, int, float]
-Repeats = tuple[int, Chain]
+# (stamp of the newest hold [ns]; its spacing from the one before [ns]; the newest change [rad]; the
+# reading of the newest hold [rad]; the smallest and the second smallest change of the chain [rad];
+# the score, and in a pattern 1 after a reading at rest; holds in a row whose spacing was exactly
+# the same; how many of their changes differed; length of the longest hold; changes in a row; how
+# many of these end the recognition; the sample time of the messages [ns])
+Chain = tuple[int, int, float, float, float, float, int, int, int, int, int, int, float]
+Repeats = tuple[int, int, Chain]
 
-BLANK: Repeats = (0, (0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0))
+BLANK: Repeats = (0, 0, (0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0))
 
 SCORE = 12  # holds of one sample after which a chain is believed; half as many of longer ones
 ALIKE = 50  # the same of holds that are spaced exactly alike, ...
@@ -49,7 +48,7 @@ BREAKS = 3  # changes in a row without a hold, where each had one, end the recog
 
 
 def hold(
-    chain: Chain, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
+    repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
 ) -> Repeats:
     """Return what is known once a changed reading is repeated, while no pattern is recognised.
 
@@ -60,22 +59,10 @@ def hold(
     mean_dt : mean sample time [s].
     period : wrap period [rad]; 0: none.
     """
-    (
-        length,
-        start_ns,
-        before_ns,
-        last,
-        value,
-        least,
-        low,
-        score,
-        alike,
-        differences,
-        longest,
-        _,
-        _,
-        _,
-    ) = chain
+    _, length, chain = repeats
+    start_ns, before_ns, last, value, least, low, score, alike, differences, longest, _, _, _ = (
+        chain
+    )
     change = wrap(reading - earlier, period)
     size, pace = abs(change), 1e9 * mean_dt
     spacing_ns = stamp_ns - start_ns
@@ -86,8 +73,8 @@ def hold(
     )
     rounding = RESIDUE + ROUNDING * (abs(reading) + abs(earlier))
     if not regular or size <= rounding:
-        chain = (1, stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0, 0.0)
-        return 0, chain
+        chain = (stamp_ns, spacing_ns, change, reading, size, math.inf, 0, 0, 0, 0, 0, 0, 0.0)
+        return 0, 1, chain
     held = int(spacing_ns / pace + 0.5) - 1 if follows else 1
     longest = max(longest, held, 1)
     if size < least:
@@ -104,81 +91,10 @@ def hold(
             differences += 1
     if score < SCORE and (alike < ALIKE or differences < DIFFERENCES):
         evidence = (score, alike, differences, longest)
-        return 0, known(stamp_ns, spacing_ns, change, reading, least, low, evidence, 0, 0.0)
+        return 0, 1, (stamp_ns, spacing_ns, change, reading, least, low) + evidence + (0, 0, 0.0)
     patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
-    nothing = (0, 0, 0, 0)
-    return longest, known(
-        stamp_ns, spacing_ns, change, reading, least, low, nothing, patience, pace
-    )
-
-
-def known(
-    stamp_ns: int,
-    spacing_ns: int,
-    change: float,
-    reading: float,
-    least: float,
-    low: float,
-    evidence: tuple[int, int, int, int],
-    patience: int,
-    pace: float,
-) -> Chain:
-    """Return the chain after a first repeated reading; `evidence`: score to longest hold."""
-    score, alike, differences, longest = evidence
-    return (
-        1,
-        stamp_ns,
-        spacing_ns,
-        change,
-        reading,
-        least,
-        low,
-        score,
-        alike,
-        differences,
-        longest,
-        0,
-        patience,
-        pace,
-    )
-
-
-def held_on(chain: Chain) -> Chain:
-    """Return the chain after a reading that is equal for the second time."""
-    (
-        length,
-        stamp_ns,
-        spacing_ns,
-        change,
-        value,
-        least,
-        low,
-        score,
-        alike,
-        differences,
-        longest,
-        changes,
-        patience,
-        pace,
-    ) = chain
-    if length != 1:
-        return chain
-    return (
-        2,
-        stamp_ns,
-        spacing_ns,
-        change,
-        value,
-        least,
-        low,
-        score,
-        alike,
-        differences,
-        longest,
-        changes,
-        patience,
-        pace,
-    )
+    chain = (stamp_ns, spacing_ns, change, reading, least, low, 0, 0, 0, 0, 0, patience, pace)
+    return longest, 1, chain
 
 
 def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
@@ -186,28 +102,13 @@ def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
 
     One more than the pattern has means that the joint is at rest: a reading of its own.
     """
-    most, chain = repeats
-    length, stamp_ns, spacing_ns, change, value, least, low, _, _, _, _, _, patience, pace = chain
+    most, length, chain = repeats
+    stamp_ns, spacing_ns, change, value, least, low, _, _, _, _, _, patience, pace = chain
     length += 1
     drop = length <= most
     length, alone = (length, 0) if drop else (0, 1)
-    chain = (
-        length,
-        stamp_ns,
-        spacing_ns,
-        change,
-        value,
-        least,
-        low,
-        alone,
-        0,
-        0,
-        0,
-        0,
-        patience,
-        pace,
-    )
-    return (most, chain), drop
+    chain = (stamp_ns, spacing_ns, change, value, least, low, alone, 0, 0, 0, 0, patience, pace)
+    return (most, length, chain), drop
 
 
 def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
@@ -218,23 +119,8 @@ def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
     passed_ns : since the last sample that was used.
     change : of the reading [rad or m].
     """
-    most, chain = repeats
-    (
-        length,
-        stamp_ns,
-        spacing_ns,
-        last,
-        value,
-        least,
-        low,
-        alone,
-        _,
-        _,
-        _,
-        changes,
-        patience,
-        pace,
-    ) = chain
+    most, length, chain = repeats
+    stamp_ns, spacing_ns, last, value, least, low, alone, _, _, _, changes, patience, pace = chain
     changes = changes + 1 if length == 0 and passed_ns < 1.5 * pace else 0
     if changes >= patience:
         return BLANK
@@ -246,20 +132,5 @@ def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
         and abs(last) >= 0.5 * abs(change)
     ):
         most += 1  # what was taken for a reading at rest was in the midst of the motion
-    chain = (
-        0,
-        stamp_ns,
-        spacing_ns,
-        change,
-        value,
-        least,
-        low,
-        0,
-        0,
-        0,
-        0,
-        changes,
-        patience,
-        pace,
-    )
-    return most, chain
+    chain = (stamp_ns, spacing_ns, change, value, least, low, 0, 0, 0, 0, changes, patience, pace)
+    return most, 0, chain

@@ -28,7 +28,7 @@ from estimator_pkg.driver.guard import (
     ZERO_STAMP,
     judge,
 )
-from estimator_pkg.driver.repeats import BLANK, Repeats, changed, held_on, hold, repeated
+from estimator_pkg.driver.repeats import BLANK, Repeats, changed, hold, repeated
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import Functions
@@ -90,16 +90,18 @@ def make_sieve(period: float) -> Callable[..., tuple[Repeats, bool]]:
         mean_dt: float,
     ) -> tuple[Repeats, bool]:
         """Return what is known of repeated readings, and whether this one is dropped."""
-        most, chain = repeats
+        most, length, chain = repeats
         if most > 0:
             if measurement == reading:
                 return repeated(repeats)
             return changed(repeats, passed_ns, wrap(measurement - reading, period)), False
         if reading != earlier:
-            repeats = hold(chain, stamp_ns, reading, earlier, mean_dt, period)
-            most, _ = repeats
+            repeats = hold(repeats, stamp_ns, reading, earlier, mean_dt, period)
+            most, _, _ = repeats
             return repeats, most > 0
-        return (most, held_on(chain)), False
+        if length == 1:
+            return (most, 2, chain), False
+        return repeats, False
 
     return sieve
 
@@ -201,7 +203,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             verdict = judge(
                 last_ns, before_ns, late, mean_dt, stamp_ns, gap_ns, reorder_ns, timeout_ns
             )
-        dropping, _ = repeats
+        dropping, _, _ = repeats
         if verdict == USED and (measurement == reading or dropping > 0):
             recognised = dropping > 0
             repeats, drop = sieve(repeats, stamp_ns, ahead, measurement, reading, earlier, mean_dt)
