@@ -1,4 +1,4 @@
-"""Message definitions and type hashes, which a bag carries so that any tool can read it."""
+"""Message definitions and type hashes; a bag stores them so that any tool can read it."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def jazzy() -> Typestore:
 
 @lru_cache(maxsize=256)
 def define(type_name: str) -> tuple[str, str]:
-    """(definition with its dependencies, type hash) of a type; empty texts where it is unknown.
+    """Return (definition with its dependencies, type hash) of a type; '' and '' if it is unknown.
 
     Parameters
     ----------
-    type_name : as in 'sensor_msgs/msg/JointState'. Types beyond those of Jazzy are looked for in
-        the ROS packages that are installed.
+    type_name : as in 'sensor_msgs/msg/JointState'. Types that Jazzy does not have are searched in
+        the installed ROS packages.
     """
     store = jazzy()
     if type_name in store.fielddefs:
@@ -80,7 +80,7 @@ def _hash(type_name: str) -> str:
 
 
 def _file(type_name: str, suffix: str) -> Path | None:
-    if not TYPE_NAME.fullmatch(type_name):  # it comes from a bag: no path out of `share`
+    if not TYPE_NAME.fullmatch(type_name):  # from a bag: it must not lead out of `share`
         return None
     for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
         package, _, rest = type_name.partition('/')
@@ -91,19 +91,22 @@ def _file(type_name: str, suffix: str) -> Path | None:
 
 
 def store_for(type_name: str, definition: str) -> Typestore:
-    """A store that knows this type: as the bag defines it, else as Jazzy does.
+    """Return a type store with this type: from the bag's definition, else Jazzy's.
 
     Raises
     ------
-    UserError : neither does.
+    UserError : neither has it.
     """
     if definition and not definition.startswith(f'{SEPARATOR}\nIDL'):
         store = typesys.get_typestore(typesys.Stores.EMPTY)
         try:
             store.register(typesys.get_types_from_msg(definition, type_name))
             return store
-        except Exception:  # a definition that the parser does not take: the usual types may do
+        except Exception:  # the parser rejects the definition: use Jazzy's, if it has the type
             pass
     if type_name in jazzy().fielddefs:
         return jazzy()
-    raise UserError(f'the bag does not say what a {type_name} is')
+    raise UserError(
+        f'the bag has no definition of {type_name}, and ROS 2 Jazzy does not have it either: '
+        'install its package'
+    )

@@ -1,4 +1,4 @@
-"""Messages of a bag through a stream: the answers, as a live node would have published them."""
+"""Feed a bag's messages through a stream; its answers are those of a live node."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from estimator_pkg.errors import plainly
 from estimator_pkg.messages.block import Block
 from estimator_pkg.streams.contract import Answers, Stream
 
-APART = 8  # ranks of one answer's messages: fewer than so many outputs
+APART = 8  # ranks between two answers; larger than the number of outputs
 
 
 def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]:
-    """The answers to a block of messages of the topics that the stream is wired to.
+    """Return the answers to a block of messages on the stream's topics.
 
     Parameters
     ----------
-    names : the bag's topics, as the block counts them.
+    names : the bag's topics, in the order of the block's topic numbers.
 
     Raises
     ------
-    UserError : the observer failed, as a model or an observer of the user's own may.
+    UserError : the observer failed (a user's own model or observer can).
     """
     port_of = {name: port for port, name in enumerate(stream.topics)}
     ports = [port_of.get(name, -1) for name in names]
@@ -56,7 +56,7 @@ def _one_by_one(stream: Stream, ports: Sequence[int], block: Block) -> list[Answ
 
 
 class Encoded:
-    """Gathers the messages that go with a block of measurements.
+    """Collects the messages that belong to a block of measurements.
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ class Encoded:
         rows: NDArray[np.int64],
         raw: NDArray[np.uint8],
     ) -> None:
-        """Messages on a topic, each recorded when the measurement of its row was.
+        """Add messages on a topic, each with the log time of the measurement in its row.
 
         Parameters
         ----------
-        rank : order among messages of the same measurement, of all or of each.
+        rank : order among the messages of one measurement; one number, or one per message.
         raw : shape (n, bytes of one message).
         """
         self._rows.append(rows)
@@ -90,11 +90,11 @@ class Encoded:
         self._raws.append(raw)
 
     def merged(self, topic: NDArray[np.int64]) -> Block:
-        """These messages right behind their measurements, among those copied from the block.
+        """Return these messages, each after its measurement, and the copied ones of the block.
 
         Parameters
         ----------
-        topic : shape (n,), the new bag's topic for each message of the block; -1: not copied.
+        topic : shape (n,), number in the new bag for each message of the block; -1: not copied.
         """
         block = self._block
         copied = np.flatnonzero(topic >= 0)

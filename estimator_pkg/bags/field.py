@@ -1,8 +1,7 @@
-"""One number out of messages of any type: ``pose.position.x``, ``data[0]``, ``orientation.yaw``.
+"""One number in messages of any type: ``pose.position.x``, ``data[0]``, ``orientation.yaw``.
 
-The type's definition says what stands before the number; what can be of any length there (texts,
-sequences) is measured once per layout, so that messages that are laid out alike are decoded
-together.
+The type's definition lists the fields before the number. Fields of variable length (texts,
+sequences) are measured once per layout, so messages with the same layout are decoded together.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.messages.alike import Messages, groups, numbers, stamps
 from estimator_pkg.messages.cdr import MalformedMessageError, Reader
+from estimator_pkg.messages.layouts import Messages, groups, numbers, stamps
 
 HEADER = 'std_msgs/msg/Header'
 QUATERNION = 'geometry_msgs/msg/Quaternion'
@@ -46,10 +45,10 @@ _STEP = re.compile(r'([A-Za-z_]\w*)((?:\[\d+\])?)$')
 class FieldValues(NamedTuple):
     """Messages of one layout.
 
-    rows : shape (n,), which messages of the block these are, ascending.
-    frame_id : of their header; empty where there is none.
+    rows : shape (n,), indices of these messages in the block, ascending.
+    frame_id : of their header; empty without a header.
     stamps_ns : shape (n,), the header's stamps; None: no header.
-    values : shape (n,); None: the messages' sequences are too short to hold the number.
+    values : shape (n,); None: the messages' sequences are too short to contain the number.
     """
 
     rows: NDArray[np.int64]
@@ -67,12 +66,12 @@ class Field:
 
     Raises
     ------
-    UsageError : the type has no such field (the message says which it has), or it is no number.
+    UsageError : the type has no such field (the message lists its fields), or it is not a number.
 
     Attributes
     ----------
-    is_integer : the field is a whole number, so it may be raw counts.
-    type, path : as said.
+    is_integer : the field is an integer, so it may be raw counts.
+    type, path : the type and the path.
     """
 
     def __init__(self, store: Typestore, type_name: str, path: str) -> None:
@@ -83,13 +82,13 @@ class Field:
         for step in path.split('.'):
             match = _STEP.match(step)
             if match is None:
-                raise UsageError(f"'{path}' is no field: write it as pose.position.x or data[0]")
+                raise UsageError(f"'{path}' is not a field: write it as pose.position.x or data[0]")
             steps.append((match[1], int(match[2][1:-1]) if match[2] else None))
         self._steps = steps
         self.is_integer = self._check() in INTEGERS
 
     def _check(self) -> str:
-        """The base type at the end of the path."""
+        """Return the base type at the end of the path."""
         owner = self.type
         for depth, (name, index) in enumerate(self._steps):
             known = {field: (kind, what) for field, kind, what in self._fields(owner)}
@@ -115,28 +114,28 @@ class Field:
                     )
                 kind, what = what[0]
             elif index is not None:
-                raise UsageError(f"'{name}' of {owner} is no list")
+                raise UsageError(f"'{name}' of {owner} is not a list: omit the index")
             if kind == Nodetype.NAME:
                 owner = what
                 continue
             if depth + 1 < len(self._steps):
                 raise UsageError(f"'{name}' of {owner} has no fields of its own")
             if what[0] not in _CODES:
-                raise UsageError(f"'{name}' of {owner} is no number but a {what[0]}")
+                raise UsageError(f"'{name}' of {owner} is a {what[0]}: name a numeric field")
             return what[0]
         if owner == QUATERNION:
             raise UsageError(
                 f"'{self.path}' is an orientation: take its yaw with '{self.path}.{YAW}'"
             )
         inner = ', '.join(name for name, _, _ in self._fields(owner))
-        raise UsageError(f"'{self.path}' is no number but a {owner}: it has {inner}")
+        raise UsageError(f"'{self.path}' is a {owner}: name one of its fields, {inner}")
 
     def _fields(self, owner: str) -> list[tuple[str, Nodetype, Any]]:
-        """(name, kind, what kind means) of a message type's fields."""
+        """Return (name, kind, parameter of the kind) of a message type's fields."""
         return [(name, kind, what) for name, (kind, what) in self._store.fielddefs[owner][1]]
 
     def decode_block(self, block: Messages) -> tuple[list[FieldValues], list[int]]:
-        """The field of many messages by layout, and the rows that are no such messages."""
+        """Return the field of many messages by layout, and the malformed rows."""
         malformed: list[int] = []
         found = []
         for group in groups(block, self._layout, malformed):
@@ -153,7 +152,7 @@ class Field:
         return layout
 
     def _go(self, layout: _Layout, owner: str, depth: int) -> None:
-        """Walk the message up to the field."""
+        """Read the message up to the field."""
         name, index = self._steps[depth]
         last = depth + 1 == len(self._steps)
         if owner == QUATERNION and name == YAW:
@@ -190,7 +189,10 @@ class Field:
             elif what[0] == 'string':
                 layout.skip_text()
             else:
-                raise UsageError(f"'{self.path}' stands behind a {what[0]}, which is not supported")
+                raise UsageError(
+                    f"'{self.path}' follows a {what[0]}, a type that is not supported: name a "
+                    'field before it'
+                )
         elif kind == Nodetype.NAME:
             for _, inner, of in self._fields(what):
                 self._skip(layout, inner, of)
@@ -205,7 +207,7 @@ class Field:
 
 
 class _Layout:
-    """Where the field and the header stand in messages like this one."""
+    """Positions of the field and the header in messages with this layout."""
 
     def __init__(self, raw: bytes) -> None:
         self._reader = Reader(raw)
@@ -229,7 +231,7 @@ class _Layout:
         return mask
 
     def size(self) -> int:
-        """The length that stands before a sequence or text."""
+        """Read the length before a sequence or text."""
         count = self._reader.number('I')
         self._decides.append((self._reader.at - 4, self._reader.at))
         if count > len(self._reader.raw):
@@ -254,18 +256,18 @@ class _Layout:
         self._decides.append((start + padding, self._reader.at))
 
     def found(self, count: int, code: str, *, turned: bool = False) -> None:
-        """The field stands here: `count` numbers, `turned`: a quaternion whose yaw is wanted."""
+        """Note the field at this position: `count` numbers; `turned`: a quaternion, for its yaw."""
         self._reader.numbers(code, count)
         self._kind = np.dtype(self.order + code).str
         self._at = self._reader.at - count * np.dtype(self._kind).itemsize
         self._count, self._turned = count, turned
 
     def absent(self) -> None:
-        """The field is not in this message."""
+        """Note that the field is not in this message."""
         self._count = 0
 
     def values(self, data: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-        """The numbers of these messages, shape (n,)."""
+        """Return the numbers of these messages, shape (n,)."""
         if not self._count:
             return None
         found = numbers(data, self._at, self._count, self._kind).astype(np.float64)

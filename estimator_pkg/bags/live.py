@@ -1,4 +1,4 @@
-"""What `record` and `play` share: a node of their own, message types, QoS between bag and rclpy.
+"""Shared by `record` and `play`: their own node, message types, QoS between bag and rclpy.
 
 Imports ROS, so the commands import it when they run.
 """
@@ -45,7 +45,7 @@ from rosbags.interfaces import (
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-DEPTH = 1000  # of queues: what arrives while the disk is busy must not be lost
+DEPTH = 1000  # of queues: no message may be lost while the disk is busy
 
 
 class Live:
@@ -66,15 +66,15 @@ class Live:
 
     @property
     def stopping(self) -> bool:
-        """A signal came that asks the process to end."""
+        """True after a signal that ends the process."""
         return bool(interrupts.came())
 
     def spin(self, seconds: float) -> None:
-        """Let callbacks run for at most so long, at least one if any is due."""
+        """Run callbacks for at most `seconds`; at least one, if any is due."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def close(self) -> None:
-        """Take the node off the graph."""
+        """Remove the node from the graph."""
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
@@ -100,10 +100,10 @@ def live(name: str) -> Iterator[Live]:
 
 
 def message_class(type_name: str) -> Any | None:
-    """Return the Python class of 'package/msg/Name'; None where its package is not installed.
+    """Return the Python class of 'package/msg/Name'; None if its package is not installed.
 
-    The name comes from a bag or from somebody else's node. So nothing is imported but a package
-    that the ament index knows, from where that index says that it is installed.
+    The name comes from a bag or from another node. So only packages in the ament index are
+    imported, and only from the place that the index names.
     """
     named = TYPE_NAME.fullmatch(type_name)
     if named is None:
@@ -122,14 +122,14 @@ def message_class(type_name: str) -> Any | None:
 
 
 def _within(place: str, prefix: str) -> bool:
-    """True if a folder is below a prefix, by its own path or by where that leads."""
+    """Return True if a folder is below a prefix, by its own path or by its real path."""
     return any(
         Path(way(place)).is_relative_to(way(prefix)) for way in (os.path.abspath, os.path.realpath)
     )
 
 
 def offered(profile: QoSProfile) -> Qos:
-    """A publisher's profile as bags carry it."""
+    """Return a publisher's profile in the form of bags."""
 
     def time(duration: Duration) -> QosTime:
         return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
@@ -151,10 +151,10 @@ def offered(profile: QoSProfile) -> Qos:
 
 
 def matching(profiles: Sequence[Qos]) -> QoSProfile:
-    """What connects to all of these profiles, or offers what each of them did.
+    """Return a profile that connects to all of these, or offers what each of them did.
 
-    Reliable and transient local only where all are: a subscription that asks for more than a
-    publisher offers gets nothing from it.
+    It is reliable and transient local only if all are: a subscription that requests more than a
+    publisher offers receives nothing.
     """
     reliable = bool(profiles) and all(
         item.reliability != QosReliability.BEST_EFFORT for item in profiles
@@ -171,9 +171,9 @@ def matching(profiles: Sequence[Qos]) -> QoSProfile:
 
 
 def raw_callback(receive: Callable[[bytes, Any], None]) -> Callable[..., None]:
-    """`receive` as a callback of a raw subscription, whatever the executor hands over.
+    """Return `receive` as a callback of a raw subscription, for any executor.
 
-    EventsExecutor of rclpy 7.1 hands over one tuple, other executors two arguments.
+    The EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
     """
 
     def callback(message: Any, info: Any = None) -> None:
@@ -186,7 +186,7 @@ def raw_callback(receive: Callable[[bytes, Any], None]) -> Callable[..., None]:
 
 
 def _two(message: Any, info: Any) -> None:
-    """Only its signature is of use."""
+    """Provide a signature; never called."""
 
 
 _TWO_ARGUMENTS = inspect.signature(_two)

@@ -1,8 +1,8 @@
 """One MCAP file: opened and indexed by the mcap library, its chunks read as blocks.
 
-A chunk's messages are found through its message index, all at once. Where the recorder crashed and
-no index was written, or the end of the file is missing, the records are walked one by one and what
-is whole is read.
+A chunk's messages are found through its message index, all at once. If there is no index (the
+recorder crashed, or the end of the file is missing), the records are read one by one, as far as
+they are complete.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, rows
 
 MAGIC = b'\x89MCAP0\r\n'
-_RECORD = struct.Struct('<BQ')  # opcode, length of what follows
+_RECORD = struct.Struct('<BQ')  # opcode, length of the body
 _CHUNK = struct.Struct('<QQQII')  # start, end, size, checksum, length of the next text
 MESSAGE = np.dtype(
     [
@@ -41,18 +41,18 @@ MESSAGE = np.dtype(
         ('publish_ns', '<u8'),
     ]
 )  # packed: 31 bytes
-LARGEST = 1 << 32  # bytes that a chunk may have
-CHANNELS = 1 << 16  # how many there may be
-_FIXED = MESSAGE.itemsize - _RECORD.size  # of a message record's length, what is not payload
+LARGEST = 1 << 32  # allowed size of a chunk [bytes]
+CHANNELS = 1 << 16  # allowed number of channels
+_FIXED = MESSAGE.itemsize - _RECORD.size  # length of a message record's body without the payload
 
 
 class _Part(NamedTuple):
     """A chunk, or all records of a file without chunks."""
 
-    at: int  # where the chunk record stands; -1: the file has no chunks
+    at: int  # position of the chunk record; -1: the file has no chunks
     start_ns: int
-    index_size: int  # bytes of message index behind the chunk; 0: none
-    size: int = 0  # bytes of the chunk's records, as the index declares them; 0: it does not
+    index_size: int  # bytes of message index after the chunk; 0: none
+    size: int = 0  # bytes of the chunk's records by the index; 0: not declared
 
 
 class McapFile:
@@ -60,7 +60,7 @@ class McapFile:
 
     Attributes
     ----------
-    channels, schemas : by their ids, as the mcap library describes them.
+    channels, schemas : by id, in the form of the mcap library.
     counts : channel id -> number of messages.
     metadata : the metadata records by name.
 
@@ -70,7 +70,7 @@ class McapFile:
 
     Raises
     ------
-    UserError : it is empty, no MCAP file, or nothing in it can be read.
+    UserError : it is empty, not an MCAP file, or contains nothing readable.
     """
 
     def __init__(
@@ -99,14 +99,14 @@ class McapFile:
     def _open(self) -> None:
         start = self._file.read(len(MAGIC))
         if not start:
-            raise UserError(f'{self.path} is empty (0 bytes)')
+            raise UserError(f'{self.path} is empty (0 bytes): name another file')
         if start != MAGIC:
-            raise UserError(f'{self.path} is no MCAP file')
+            raise UserError(f'{self.path} is not an MCAP file: it starts with other bytes')
         if not self._indexed():
             self._scan()
 
     def _indexed(self) -> bool:
-        """Open through the summary at the end of the file; False where there is none."""
+        """Open through the summary at the end of the file; return False without a summary."""
         try:
             self._file.seek(0)
             reader = SeekingReader(self._file)
@@ -120,7 +120,7 @@ class McapFile:
                 return False
             for metadata in reader.iter_metadata():
                 self.metadata[metadata.name] = metadata.metadata
-        except Exception:  # whatever a broken file does to the library: it is walked instead
+        except Exception:  # the library may raise anything for a damaged file: read its records
             return False
         self.channels, self.schemas = dict(summary.channels), dict(summary.schemas)
         self.counts = dict(summary.statistics.channel_message_counts)
@@ -128,7 +128,7 @@ class McapFile:
         return True
 
     def _scan(self) -> None:
-        """Walk all records; what the end of the file cuts off is left out, with a warning."""
+        """Read all records; warn if the end of the file is missing."""
         size = self._size
         at, whole, loose = len(MAGIC), False, False
         view = memoryview(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
@@ -146,12 +146,12 @@ class McapFile:
                 whole = True
                 end = at
                 break
-            elif opcode == 0:  # no record: the file was cut and padded
+            elif opcode == 0:  # not a record: the file was truncated and padded
                 end = at
                 break
             at = body + length
         if loose:
-            self._parts = [_Part(-1, 0, end)]  # of the "index" only the end of the data is used
+            self._parts = [_Part(-1, 0, end)]  # here the index size is the end of the data
         found = []
         for part in self._parts:
             block = self._load(part)
@@ -164,11 +164,13 @@ class McapFile:
                         self.counts[channel] = self.counts.get(channel, 0) + count
         self._parts = found
         if not whole and not self.channels:
-            raise UserError(f'{self.path} is cut off before its first message')
+            raise UserError(
+                f'{self.path} ends before its first message: there is nothing to recover'
+            )
         if not whole:
             self._warn(
-                f'{self.path} is cut off (its recorder did not end cleanly?): '
-                f'reading the {sum(self.counts.values())} messages that are there'
+                f'{self.path} ends early (was its recorder killed?): '
+                f'reading the {sum(self.counts.values())} complete messages'
             )
 
     def _learn(self, opcode: int, body: memoryview) -> None:
@@ -184,9 +186,9 @@ class McapFile:
             self._warn(f'{self.path}: the description of a topic is damaged')
 
     def parts(self) -> Iterator[tuple[int, Callable[[], Block]]]:
-        """(time of its first message, a function that reads it) of every chunk.
+        """Yield (time of its first message, function that reads it) for every chunk.
 
-        The blocks' `topic` are channel ids.
+        In the blocks `topic` is the channel id.
         """
         for part in self._parts:
             yield part.start_ns, partial(self._load, part)
@@ -210,23 +212,23 @@ class McapFile:
         if not cut and (end < len(data) or (indexed is not None and len(walked) != len(indexed))):
             self._warn(
                 f'{self.path}: the chunk at byte {part.at} is damaged: only {len(walked)} '
-                'messages can be found in it'
+                'of its messages can be read'
             )
         return self._block(data, walked)
 
     def _chunk(self, part: _Part) -> tuple[NDArray[np.uint8], bool]:
-        """The chunk's records, unpacked, and whether it is cut off: then what can be unpacked."""
+        """Return the chunk's unpacked records, and True if its end is missing."""
 
         def damaged(why: str) -> UserError:
             return UserError(
                 f'{self.path}: the chunk at byte {part.at} is damaged ({why}), '
-                'its messages are left out'
+                'its messages are skipped'
             )
 
         self._file.seek(min(part.at, self._size))
         head = self._file.read(_RECORD.size + _CHUNK.size)
         if len(head) < _RECORD.size + _CHUNK.size or head[0] != Opcode.CHUNK:
-            raise damaged('no chunk starts there')
+            raise damaged('no chunk starts here')
         _, _, size, checksum, text = _CHUNK.unpack_from(head, _RECORD.size)
         size = min(size, part.size or size)
         if size > LARGEST or text > 64:
@@ -254,13 +256,13 @@ class McapFile:
         return np.frombuffer(data, np.uint8), False
 
     def _read(self, size: int) -> bytes:
-        """So many bytes, or up to the end: a damaged size must not take all the memory."""
+        """Read `size` bytes, or up to the end: a damaged size must not use all the memory."""
         return self._file.read(min(size, self._size))
 
     def _indexed_offsets(self, part: _Part) -> NDArray[np.int64] | None:
-        """Where the message records stand by the chunk's index, ascending; None if there is none.
+        """Return the offsets of message records by the chunk's index; None if there is no index.
 
-        The file must have just been read up to the end of the chunk: the index stands behind it.
+        The file must have been read up to the end of the chunk, because the index follows it.
         """
         raw = self._read(part.index_size)
         at, found = 0, []
@@ -275,7 +277,7 @@ class McapFile:
         return np.sort(np.concatenate(found).astype(np.int64)) if found else None
 
     def _complete(self, offsets: NDArray[np.int64], data: NDArray[np.uint8]) -> bool:
-        """True if there are message records at the offsets, and none elsewhere in `data`."""
+        """Return True if message records are at the offsets, and nowhere else in `data`."""
         if not len(offsets) or offsets[0] < 0 or offsets[-1] > len(data) - MESSAGE.itemsize:
             return False
         heads = rows(data, offsets, _RECORD.size)
@@ -290,7 +292,7 @@ class McapFile:
         )
 
     def _walk(self, data: NDArray[np.uint8], at: int) -> tuple[NDArray[np.int64], int]:
-        """Where the message records stand in `data` from `at` on, and up to where that goes."""
+        """Return the offsets of message records in `data` from `at` on, and where they end."""
         view = data.data
         size, found = len(view), []
         while at + _RECORD.size <= size:
@@ -316,7 +318,7 @@ class McapFile:
         strangers = int(np.count_nonzero(~known[heads['channel']]))
         if strangers:
             self._warn(
-                f'{self.path} is damaged: {strangers} messages belong to no topic and are left out'
+                f'{self.path} is damaged: {strangers} messages have no topic and are skipped'
             )
         return Block(
             heads['channel'].astype(np.int64),

@@ -1,4 +1,4 @@
-"""Writing of one MCAP file, block by block: the mcap library's records, our message framing."""
+"""Writes one MCAP file, block by block: the mcap library's records, our own message framing."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from estimator_pkg.bags.mcap_file import MAGIC, MESSAGE
 from estimator_pkg.messages.block import Block
 
 CHUNK_SIZE = 1 << 20  # bytes of messages per chunk, before compression
-LEVEL = 1  # of zstd
-FEW_LENGTHS = 16  # so many different lengths are copied length by length
+LEVEL = 1  # compression level of zstd
+FEW_LENGTHS = 16  # up to so many different message lengths, each length is copied at once
 
 
 class McapOutput:
-    """An MCAP file that is being written. The same calls make the same bytes.
+    """An MCAP file that is being written. The same calls write the same bytes.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class McapOutput:
         metadata: Mapping[str, str],
         serialization: str,
     ) -> int:
-        """The id of a new channel."""
+        """Add a channel; return its id."""
         schema = next((item for item in self._schemas if item.name == type_name), None)
         if schema is None:
             schema = Schema(
@@ -89,7 +89,7 @@ class McapOutput:
         return channel.id
 
     def write(self, block: Block) -> None:
-        """These messages, whose `topic` are channel ids, as one or more chunks."""
+        """Write messages, whose `topic` are channel ids, as one or more chunks."""
         sizes = np.cumsum(block.end - block.start + MESSAGE.itemsize)
         done = 0
         while done < len(block):
@@ -99,7 +99,7 @@ class McapOutput:
             done = upto
 
     def finish(self, metadata: Mapping[str, str]) -> None:
-        """Write what stands at the end: the metadata record and the summary."""
+        """Write the end of the file: the metadata record and the summary."""
         if self._new:  # topics without messages
             self._write_chunk(None)
         metadata_at = self._at
@@ -204,7 +204,7 @@ class McapOutput:
 
 
 def frame(block: Block) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """The message records of a block, one behind the other, and where each starts."""
+    """Return the message records of a block, one after the other, and the start of each."""
     lengths = block.end - block.start
     heads = np.zeros(len(block), MESSAGE)
     heads['opcode'] = Opcode.MESSAGE

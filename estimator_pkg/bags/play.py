@@ -1,4 +1,4 @@
-"""``velocity_estimator play``: a bag onto the live graph, bytes and timing as they were."""
+"""``velocity_estimator play``: publish a bag on the live graph, with its bytes and timing."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from estimator_pkg.printable import show
 
 @contextmanager
 def keys() -> Iterator[Callable[[], str]]:
-    """A function that gives the key pressed since, or an empty text; always that off a terminal.
+    """Yield a function that returns the last pressed key, or ''; without a terminal always ''.
 
-    The terminal is as before at the end, whatever happens.
+    The terminal's state is restored at the end in any case.
     """
     try:
         import termios
         import tty
 
         number = sys.stdin.fileno()
-        # A job in the background would be stopped for touching its terminal.
+        # The system stops a background job that reads its terminal.
         if not os.isatty(number) or os.tcgetpgrp(number) != os.getpgrp():
             raise OSError
         before = termios.tcgetattr(number)
@@ -57,20 +57,19 @@ if TYPE_CHECKING:
 
 CLOCK = '/clock'
 CLOCK_RATE = 200.0  # Hz
-LOOK = 0.05  # s between looks at keyboard and services
-QUIET = 0.5  # s without a new subscription after which those there are taken as all
-LINGER = 0.3  # s in which best effort gets through: what a process sent goes with it
-HANDSHAKE = 0.2  # s in which subscriptions that we know come to know us: best effort waits
-# for nobody
+LOOK = 0.05  # time between checks of keyboard and services [s]
+QUIET = 0.5  # without a new subscription for this time, all have arrived [s]
+LINGER = 0.3  # time for best-effort messages to arrive: they are lost when the process ends [s]
+HANDSHAKE = 0.2  # time in which new subscriptions discover us: best effort does not wait [s]
 SECOND = 1_000_000_000
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
-    parser.add_argument('--topics', metavar='TOPIC', nargs='+', help='only these topics')
+    parser.add_argument('--topics', metavar='TOPIC', nargs='+', help='play only these topics')
     parser.add_argument(
-        '--rate', metavar='R', type=float, default=1.0, help='times as fast as recorded (default 1)'
+        '--rate', metavar='R', type=float, default=1.0, help='speed over recording (default 1)'
     )
     parser.add_argument('--loop', action='store_true', help='start again at the end')
     parser.add_argument(
@@ -99,23 +98,23 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         type=float,
         default=5.0,
-        help='wait so long for subscriptions (default 5; 0: start at once)',
+        help='longest wait for subscriptions [s] (default 5; 0: start at once)',
     )
     unpacking.arguments(parser)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Plays until the end or Ctrl-C, then says what went out."""
+    """Play until the end or Ctrl-C; print and return the numbers of messages."""
     for name, value, low in (('rate', parsed.rate, 0.0), ('clock', parsed.clock, 0.0)):
         if value is not None and not (math.isfinite(value) and value > low):
-            raise UsageError(f'--{name} {value:g}: it must be above {low:g}')
+            raise UsageError(f'--{name} is {value:g}: it must be above {low:g}')
     if not (math.isfinite(parsed.wait) and parsed.wait >= 0.0):
-        raise UsageError(f'--wait {parsed.wait:g}: it must be 0 s or more')
-    given = dict(_remapping(text) for text in parsed.remap)
+        raise UsageError(f'--wait is {parsed.wait:g} s: it must be 0 or more')
+    remap = dict(_remapping(text) for text in parsed.remap)
     with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         for name in parsed.topics or ():
             bag.require(name)
-        remap = {_meant(bag, name): target for name, target in given.items()}
+        remap = {_meant(bag, name): target for name, target in remap.items()}
         from estimator_pkg.bags.live import live
 
         with live('bag_player') as here, keys() as pressed:
@@ -141,12 +140,12 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 def _remapping(text: str) -> tuple[str, str]:
     source, mark, target = text.partition(':=')
     if not mark or not source or not target:
-        raise UsageError(f"--remap '{text}' is not FROM:=TO")
+        raise UsageError(f"--remap '{text}' is not a remapping: write it as FROM:=TO")
     return source, target if target.startswith('/') else f'/{target}'
 
 
 def _meant(bag: Bag, name: str) -> str:
-    """The topic of the bag that is called so, with or without its first slash."""
+    """Return the topic of the bag with this name, with or without its first slash."""
     return bag.require(name if name in bag.topics or name.startswith('/') else f'/{name}').name
 
 
@@ -155,15 +154,15 @@ class Player:
 
     Parameters
     ----------
-    pressed : gives the key pressed since the last call, or an empty text.
-    topics : which; None: all whose type is installed.
+    pressed : returns the key pressed since the last call, or ''.
+    topics : topics to play; None: all whose type is installed.
     remap : name in the bag -> name on the graph.
-    rate : times as fast as recorded.
-    clock : rate of /clock [Hz]; None: none.
+    rate : speed over that of the recording.
+    clock : rate of /clock [Hz]; None: no /clock.
 
     Attributes
     ----------
-    sent : messages published, by their name on the graph. best_effort : some are not acknowledged.
+    sent : messages published, by topic on the graph. best_effort : True if some topic is.
     """
 
     def __init__(
@@ -200,7 +199,7 @@ class Player:
             if topic.serialization != CDR:
                 bag.warn(
                     f"{topic.name} is not played: its messages are '{topic.serialization}', "
-                    'not CDR as those of ROS 2'
+                    'and ROS 2 needs CDR'
                 )
                 continue
             kind = message_class(topic.type)
@@ -215,13 +214,12 @@ class Player:
                 publisher = here.node.create_publisher(kind, name, profile)
             except InvalidTopicNameException as error:
                 raise UserError(
-                    f"'{name}' is no name that a topic may have: --remap "
-                    f'{topic.name}:=NAME gives it another one'
+                    f"'{name}' is not a valid topic name: rename it with --remap {topic.name}:=NAME"
                 ) from error
             self._publishers[topic.name] = name, publisher
             self.sent[name] = 0
         if not self._publishers:
-            raise UserError(f'{bag.path} has nothing to play: it has {bag.listing()}')
+            raise UserError(f'{bag.path} has no topic to play: it has {bag.listing()}')
         self._clock: Publisher | None = None
         self._clock_step = 0
         if clock:
@@ -229,15 +227,15 @@ class Player:
 
             self._clock = here.node.create_publisher(Clock, CLOCK, 10)
             self._clock_step = max(1, round(SECOND / clock))
-        here.node.create_service(Trigger, '~/pause', lambda ask, say: self._answer(True, say))
-        here.node.create_service(Trigger, '~/resume', lambda ask, say: self._answer(False, say))
-        self._zero_ns = 0  # steady time that stands for the bag's first message
+        here.node.create_service(Trigger, '~/pause', lambda _, reply: self._answer(True, reply))
+        here.node.create_service(Trigger, '~/resume', lambda _, reply: self._answer(False, reply))
+        self._zero_ns = 0  # steady time of the bag's first message
         self._start_ns = 0  # log time of that message
         self._next_look = 0
         self._next_clock = 0
 
     def wait(self, seconds: float) -> None:
-        """Wait until every topic has a subscription, or no more come, at most so long."""
+        """Wait up to `seconds` until every topic has a subscription, or no more appear."""
         begun = changed = time.monotonic()
         before = 0
         while not self._here.stopping and time.monotonic() < begun + seconds:
@@ -251,10 +249,10 @@ class Player:
                 return
             self._here.spin(0.02)
         if seconds and not before and not self._here.stopping:
-            print(f'nobody subscribes after {seconds:g} s: playing all the same', file=sys.stderr)
+            print(f'no subscription within {seconds:g} s: playing without', file=sys.stderr)
 
     def play(self) -> None:
-        """Publish every message once, each when it is due."""
+        """Publish every message once, at its time."""
         first = True
         for message in self._bag.messages(self._publishers):
             if first:
@@ -267,7 +265,7 @@ class Player:
             self.sent[name] += 1
 
     def finish(self) -> None:
-        """Give the last messages time to arrive."""
+        """Wait for the last messages to arrive."""
         from rclpy.duration import Duration
 
         for _, publisher in self._publishers.values():
@@ -282,7 +280,7 @@ class Player:
         self._zero_ns = self._next_look = self._next_clock = time.monotonic_ns()
 
     def _until(self, log_ns: int) -> bool:
-        """Wait until a message of this log time is due; False if the user ended it."""
+        """Wait until a message of this log time is due; return False if the user ended it."""
         due = self._zero_ns + round((log_ns - self._start_ns) / self._rate)
         while True:
             now = time.monotonic_ns()
@@ -293,7 +291,7 @@ class Player:
                 due += shift
                 now = time.monotonic_ns()
             if self._clock is not None and now >= self._next_clock:
-                self._tell_time(now)
+                self._publish_time(now)
             if now >= due:
                 return True
             until = min(due, self._next_look)
@@ -303,7 +301,7 @@ class Player:
                 time.sleep((until - now) / SECOND)
 
     def _look(self, now: int) -> int:
-        """Keyboard and services; while paused, wait here. How much later all becomes due [ns]."""
+        """Handle keyboard and services, wait while paused; return the added delay [ns]."""
         self._here.spin(0.0)
         self._key()
         paused_at = time.monotonic_ns()
@@ -311,7 +309,7 @@ class Player:
             self._here.spin(0.01)
             self._key()
             if self._clock is not None and time.monotonic_ns() >= self._next_clock:
-                self._tell_time(paused_at)
+                self._publish_time(paused_at)
         shift = 0
         if self.paused or time.monotonic_ns() - paused_at > SECOND // 1000:
             shift = time.monotonic_ns() - paused_at
@@ -330,8 +328,8 @@ class Player:
         response.message = 'paused' if paused else 'playing'
         return response
 
-    def _tell_time(self, now: int) -> None:
-        """Publish the bag's time that goes with this steady time."""
+    def _publish_time(self, now: int) -> None:
+        """Publish the bag's time at this steady time."""
         from builtin_interfaces.msg import Time
         from rosgraph_msgs.msg import Clock
 
@@ -343,4 +341,4 @@ class Player:
         self._next_clock += self._clock_step * (1 + max(0, behind) // self._clock_step)
 
 
-COMMAND = Command('a bag onto the live graph', arguments, run)
+COMMAND = Command('publish a bag on the live graph', arguments, run)

@@ -1,4 +1,4 @@
-"""Offered QoS profiles, as bags carry them and as rclpy takes them."""
+"""Offered QoS profiles, in the forms of bags and of rclpy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def profile(*, reliable: bool = True, transient_local: bool = False, depth: int = 10) -> Qos:
-    """A profile with what matters set, and the rest as ROS has it by default."""
+    """Return a profile with these settings, and ROS defaults for the others."""
     from rosbags.interfaces import (
         Qos,
         QosDurability,
@@ -36,21 +36,21 @@ def profile(*, reliable: bool = True, transient_local: bool = False, depth: int 
 
 
 def plain(profiles: list[Qos]) -> list[dict[str, Any]]:
-    """The profiles as metadata.yaml of Jazzy lists them."""
+    """Return the profiles in the form of Jazzy's metadata.yaml."""
     from rosbags.rosbag2.metadata import dump_qos_v9
 
     return [{**item} for item in dump_qos_v9(profiles)]
 
 
 def to_text(profiles: list[Qos]) -> str:
-    """The profiles as an MCAP channel carries them: YAML."""
+    """Return the profiles in the form of an MCAP channel: YAML."""
     if not profiles:
         return ''
     return yaml.safe_dump(plain(profiles), sort_keys=False).strip()
 
 
 def parse(text: Any) -> list[Qos]:
-    """The profiles in a bag's text or list, of any rosbag2 version; none where it makes no sense.
+    """Return the profiles in a bag's text or list, of any rosbag2 version; [] if it is invalid.
 
     Parameters
     ----------
@@ -60,5 +60,5 @@ def parse(text: Any) -> list[Qos]:
 
     try:
         return parse_qos(text)
-    except Exception:  # of other recorders: what cannot be read is as good as absent
+    except Exception:  # of other recorders: unreadable profiles count as missing
         return []

@@ -1,4 +1,4 @@
-"""Reading bags: rosbag2 folders and single files, MCAP and sqlite3, split and compressed.
+"""Reads bags: rosbag2 folders and single files, MCAP and sqlite3, split and compressed.
 
 >>> with open_bag('recording') as bag:
 ...     for message in bag.messages(['/joint_states']):
@@ -43,7 +43,7 @@ ROS1 = b'#ROSBAG'
 
 
 class UnreadableError(UserError):
-    """A topic is there, but none of its messages can be decoded."""
+    """A topic exists, but none of its messages can be decoded."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class Topic:
     ----------
     name, type : as in '/joint_states', 'sensor_msgs/msg/JointState'.
     count : messages in the bag.
-    qos : the profiles its publishers offered.
-    definition, type_hash : the message definition and RIHS01 hash; empty where the bag has none.
+    qos : the profiles that its publishers offered.
+    definition, type_hash : the message definition and RIHS01 hash; empty if the bag has none.
     definition_format : 'ros2msg' or 'ros2idl'.
-    serialization : 'cdr', or what a foreign recorder wrote.
+    serialization : 'cdr', or another format of a foreign recorder.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Topic:
 
 
 class Message(NamedTuple):
-    """One message: topic, when it was recorded and published [ns], its CDR bytes."""
+    """One message: topic, time of recording and publishing [ns], CDR bytes."""
 
     topic: str
     log_ns: int
@@ -84,9 +84,9 @@ class Bag:
 
     Attributes
     ----------
-    path : where it is.
+    path : its path.
     topics : name -> Topic.
-    warnings : what was wrong with the bag without keeping it from being read.
+    warnings : problems of the bag that did not prevent reading it.
     """
 
     def __init__(self, path: Path, unpack_limit: int = unpacking.LIMIT) -> None:
@@ -123,20 +123,20 @@ class Bag:
 
     @property
     def count(self) -> int:
-        """Messages in the bag."""
+        """Number of messages in the bag."""
         return sum(topic.count for topic in self.topics.values())
 
     def require(self, topic: str, types: Sequence[str] = ()) -> Topic:
-        """The topic called `topic`.
+        """Return the topic called `topic`.
 
         Parameters
         ----------
-        types : the message types that will do; empty: any.
+        types : accepted message types; empty: any.
 
         Raises
         ------
-        UserError : it is not there (the message says which are), holds nothing, or has another
-            type.
+        UserError : the bag has no such topic (the message lists its topics), or the topic has no
+            messages or another type.
         """
         found = self.topics.get(topic)
         if found is None:
@@ -144,30 +144,30 @@ class Bag:
             raise UserError(
                 f"{self.path} has no topic '{topic}'"
                 + (f" (did you mean '{near[0]}'?)" if near else '')
-                + f'; it has {self.listing()}'
+                + f': it has {self.listing()}'
             )
         if found.serialization != CDR:
             raise UnreadableError(
                 f"topic '{topic}' of {self.path} cannot be read: its messages "
-                f"are '{found.serialization}', not CDR as those of ROS 2"
+                f"are '{found.serialization}', and ROS 2 needs CDR"
             )
         if types and found.type not in types:
             raise UserError(
                 f"topic '{topic}' of {self.path} is {found.type}, not {' or '.join(types)}"
             )
         if not found.count:
-            raise UserError(f"topic '{topic}' of {self.path} holds no messages")
+            raise UserError(f"topic '{topic}' of {self.path} has no messages: name another")
         return found
 
     def listing(self) -> str:
-        """The topics with their types and counts, for a person."""
+        """Return the topics with their types and counts, as text."""
         return ', '.join(
             f'{topic.name} ({topic.type}, {topic.count})'
             for topic in sorted(self.topics.values(), key=lambda item: item.name)
         )
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[Message]:
-        """The messages of these topics (None: all), in log order."""
+        """Yield the messages of these topics (None: all), in log order."""
         for names, block in self.blocks(topics):
             view = block.data.data
             for row in zip(
@@ -180,9 +180,9 @@ class Bag:
                 yield Message(names[row[0]], row[1], row[2], bytes(view[row[3] : row[4]]))
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[tuple[list[str], Block]]:
-        """(names, block): the same messages, many at a time; `block.topic` counts in `names`."""
-        wanted = set(self.topics if topics is None else topics)
-        keep = np.array([name in wanted for name in self._names] + [False])
+        """Yield (names, block): many messages at a time; `block.topic` are indices of `names`."""
+        chosen = set(self.topics if topics is None else topics)
+        keep = np.array([name in chosen for name in self._names] + [False])
         for block in _merged(
             sorted(self._parts(keep), key=lambda part: part[0])
             if not self._sqlites
@@ -194,9 +194,9 @@ class Bag:
                     yield self._names, part
 
     def _has_room(self, size: int) -> None:
-        """Raise TooLargeError where messages of so many bytes would have to be sorted at once."""
+        """Raise TooLargeError if messages of `size` bytes are too many to be sorted at once."""
         unpacking.check(
-            f'{self.path}: what overlaps in time',
+            f'{self.path}: the messages that overlap in time',
             size,
             max(self._limit, unpacking.RATIO * self._size),
         )
@@ -220,14 +220,14 @@ class Bag:
                 yield start_ns, translated
 
     def _sqlite_parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
-        """Block after block of file after file; files of a split bag follow each other."""
+        """Yield the blocks of all files in turn; the files of a split bag follow each other."""
         for sqlite, index in self._sqlites:
             for start_ns, load in sqlite.parts(set(np.flatnonzero(keep[index]).tolist())):
                 block = load()
                 yield start_ns, partial(replace, block, topic=index[block.topic])
 
     def _unpacked(self, block: Block) -> Iterator[Block]:
-        """The messages of a bag whose messages are compressed one by one, a few MB at a time."""
+        """Yield the messages of a bag with messages compressed one by one, a few MB at a time."""
         view = block.data.data
         rows: list[int] = []
         raws: list[bytes] = []
@@ -247,7 +247,7 @@ class Bag:
                     )
                 )
             except zstandard.ZstdError:
-                self.warn(f'{self.path} is damaged: messages that cannot be unpacked are left out')
+                self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
             rows.append(row)
             size += len(raws[-1])
@@ -257,7 +257,7 @@ class Bag:
         yield unpacked()
 
     def warn(self, text: str) -> None:
-        """Tell the user, once, what is wrong with the bag."""
+        """Print a warning about the bag, once."""
         if text not in self.warnings:
             self.warnings.append(text)
             show(f'warning: {text}', file=sys.stderr)
@@ -267,7 +267,7 @@ class Bag:
 
         Raises
         ------
-        UnreadableError : none of the `count` messages can.
+        UnreadableError : all `count` messages are malformed.
         """
         if malformed and malformed == count:
             raise UnreadableError(
@@ -276,7 +276,7 @@ class Bag:
         if malformed:
             self.warn(
                 f"{malformed} of {count} messages of '{topic}' of {self.path} are malformed "
-                'and are left out'
+                'and are skipped'
             )
 
     def _open(self) -> None:
@@ -292,7 +292,7 @@ class Bag:
                 f'cannot read {error.filename or self.path}: {error.strerror or error}'
             ) from error
         if not self.topics:
-            raise UserError(f'{self.path} is an empty bag: it has no topics')
+            raise UserError(f'{self.path} is an empty bag: it has no topics; name another')
 
     def _open_folder(self) -> None:
         information = self._metadata()
@@ -301,11 +301,11 @@ class Bag:
             files = [self.path / name for name in listed]
             missing = [file.name for file in files if not file.is_file()]
             if len(missing) == len(files):
-                raise UserError(f'{self.path}: {missing[0]} is missing, which {METADATA} names')
+                raise UserError(f'{self.path}: {missing[0]}, listed in {METADATA}, is missing')
             if missing:
                 self.warn(
-                    f'{self.path}: {", ".join(missing)} is missing, which {METADATA} '
-                    'names; its messages are left out'
+                    f'{self.path}: {", ".join(missing)}, listed in {METADATA}, is missing: '
+                    'its messages are skipped'
                 )
             files = [file for file in files if file.is_file()]
         else:
@@ -315,11 +315,11 @@ class Bag:
             )
             if not files:
                 raise UserError(
-                    f'{self.path} is no bag: it holds neither {METADATA} nor .mcap or .db3 files'
+                    f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
                 )
             if not (self.path / METADATA).exists():
                 self.warn(
-                    f'{self.path} has no {METADATA} (its recorder did not end cleanly?): '
+                    f'{self.path} has no {METADATA} (was its recorder killed?): '
                     f'reading {len(files)} file{"s" if len(files) > 1 else ""}'
                 )
         mode = str(information.get('compression_mode') or '').lower()
@@ -327,8 +327,8 @@ class Bag:
         packed = information.get('compression_format')
         if self._unpack_messages and packed not in ('zstd', '', None):
             raise UserError(
-                f"{self.path}: its messages are compressed as '{packed}', which is not "
-                'supported: only zstd is'
+                f"{self.path}: its messages are compressed with '{packed}', but only zstd is "
+                'supported: convert the bag'
             )
         problems = []
         for file in files:
@@ -339,12 +339,12 @@ class Bag:
         if problems and not self._mcaps and not self._sqlites:
             raise UserError(problems[0])
         for problem in problems:
-            self.warn(f'{problem}; it is left out')
+            self.warn(f'{problem}; it is skipped')
         for about in _described(information):
             name, type_name = about.get('name'), about.get('type')
             if not (isinstance(name, str) and name and isinstance(type_name, str)):
                 self.warn(
-                    f'{self.path / METADATA}: the description of a topic is damaged and is left out'
+                    f'{self.path / METADATA}: the description of a topic is damaged and is skipped'
                 )
                 continue
             type_hash, format_ = (
@@ -368,8 +368,8 @@ class Bag:
             return dict(yaml.safe_load(file.read_text(encoding='utf-8'))[INFORMATION])
         except OSError:
             raise
-        except Exception:  # whatever a damaged file does to the library
-            self.warn(f'{file} cannot be read as metadata; reading the files beside it')
+        except Exception:  # the library may raise anything for a damaged file
+            self.warn(f'{file} is not valid metadata: reading the files in its folder')
             return {}
 
     def _open_file(self, file: Path) -> None:
@@ -380,17 +380,17 @@ class Bag:
         self._size += file.stat().st_size
         if start == ROS1:
             raise UserError(
-                f"{file} is a bag of ROS 1; 'rosbags-convert --src {file.name} --dst "
-                f"{file.stem}' makes one of ROS 2 of it"
+                f"{file} is a bag of ROS 1: convert it with 'rosbags-convert --src {file.name} "
+                f"--dst {file.stem}'"
             )
         if start[:6] == b'SQLite':
             self._add_sqlite(sqlite_file.SqliteFile(file, self.warn))
         elif start[:5] == b'\x89MCAP':
             self._add_mcap(mcap_file.McapFile(file, self.warn, self._limit))
         elif not start:
-            raise UserError(f'{file} is empty (0 bytes)')
+            raise UserError(f'{file} is empty (0 bytes): name another file')
         else:
-            raise UserError(f'{file} is no bag: neither MCAP nor sqlite3')
+            raise UserError(f'{file} is not a bag: it is neither MCAP nor sqlite3')
 
     def _unpacked_file(self, file: Path) -> Path:
         if self._folder is None:
@@ -425,7 +425,7 @@ class Bag:
                 definition=item.msgdef.data,
                 type_hash=item.digest,
                 serialization=str(item.ext.serialization_format),  # type: ignore[union-attr]
-            )  # the extension is rosbag2's: rosbags reads rosbag1 with the same class
+            )  # the extension is rosbag2's: rosbags uses the same class for rosbag1
             for item in sqlite.connections
         ]
         self._sqlites.append((sqlite, np.array(index, np.int64)))
@@ -442,15 +442,15 @@ class Bag:
         definition_format: str = 'ros2msg',
         serialization: str = CDR,
     ) -> int:
-        """The topic's index; -1 where its messages cannot go with those of the same name."""
+        """Return the topic's index; -1 if another type of the same name came before."""
         known = self.topics.get(name)
         if known is None:
             self._names.append(name)
             known = Topic(name, type_name, 0)
         elif known.type != type_name:
             self.warn(
-                f"{self.path}: topic '{name}' comes as {known.type} and as {type_name}; "
-                'the latter is left out'
+                f"{self.path}: topic '{name}' has two types, {known.type} and {type_name}: "
+                'the latter is skipped'
             )
             return -1
         self.topics[name] = Topic(
@@ -467,7 +467,7 @@ class Bag:
 
 
 def open_bag(path: str | Path, unpack_limit: int = unpacking.LIMIT) -> Bag:
-    """The bag at `path`: a rosbag2 folder, or a single .mcap or .db3 file.
+    """Open the bag at `path`: a rosbag2 folder, or a single .mcap or .db3 file.
 
     Parameters
     ----------
@@ -475,13 +475,13 @@ def open_bag(path: str | Path, unpack_limit: int = unpacking.LIMIT) -> Bag:
 
     Raises
     ------
-    UserError : it is missing, empty, or no bag.
+    UserError : it does not exist, is empty, or is not a bag.
     """
     return Bag(Path(path), unpack_limit)
 
 
 def _names_of_files(information: Mapping[str, Any]) -> list[str]:
-    """The files of the folder that the metadata list; [] where the list makes no sense."""
+    """Return the file names that the metadata list; [] if the list is invalid."""
     listed = information.get('relative_file_paths')
     if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
         return []
@@ -490,7 +490,7 @@ def _names_of_files(information: Mapping[str, Any]) -> list[str]:
 
 
 def _described(information: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The descriptions of topics in the metadata; {} for what is none."""
+    """Return the descriptions of topics in the metadata; {} for an invalid one."""
     listed = information.get('topics_with_message_count')
     found = [
         item.get('topic_metadata') if isinstance(item, Mapping) else None
@@ -500,7 +500,7 @@ def _described(information: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def natural(file: Path) -> tuple:
-    """Sort key under which wbag_10 comes after wbag_9."""
+    """Return a sort key under which wbag_10 comes after wbag_9."""
     parts: list[Any] = []
     digits = ''
     for letter in file.name:
@@ -517,11 +517,11 @@ def natural(file: Path) -> tuple:
 def _merged(
     parts: Iterable[tuple[int, Callable[[], Block]]], has_room: Callable[[int], None]
 ) -> Iterator[Block]:
-    """Blocks in log order from parts sorted by their first time, which may overlap.
+    """Yield blocks in log order from parts sorted by their first time, which may overlap.
 
     Parameters
     ----------
-    has_room : raises UserError where so many bytes that overlap are too many.
+    has_room : raises UserError if overlapping messages have too many bytes.
     """
     held: Block | None = None
     for start_ns, load in parts:

@@ -1,4 +1,4 @@
-"""``velocity_estimator record``: topics of the live graph into a bag, bytes as they came."""
+"""``velocity_estimator record``: write topics of the live graph into a bag, as received."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ if TYPE_CHECKING:
     from estimator_pkg.bags.live import Live
     from estimator_pkg.ros.loss import Loss
 
-LOOK = 0.1  # s between looks at the graph
-PATIENCE = 10.0  # s added to a given duration while no message has come yet
-ARRIVED = 3  # looks in a row without a message after which all that came is recorded,
-AWAITED = 0.02  # s that each takes,
-AT_MOST = 0.3  # and s that all of them may
-FLUSH = 2.0  # s after which what has come is on its way to the disk
+LOOK = 0.1  # time between two checks of the graph [s]
+PATIENCE = 10.0  # added to a duration while no message has arrived yet [s]
+ARRIVED = 3  # consecutive checks without a message after which all received ones are recorded
+AWAITED = 0.02  # length of such a check [s]
+AT_MOST = 0.3  # longest time for these checks [s]
+FLUSH = 2.0  # time between two flushes to the disk [s]
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument(
         'topics',
         metavar='TOPIC',
         nargs='*',
-        help='topics to record; none: all, also those that appear later',
+        help='topics to record (default: all, also those that appear later)',
     )
     parser.add_argument(
         '--recover',
         metavar='PATH',
-        help='record nothing: make a bag of the file or folder that a recorder '
-        'left which was killed (.mcap, .db3)',
+        help='record nothing: make a bag of a file or folder (.mcap, .db3) '
+        'of a recorder that was killed',
     )
     unpacking.arguments(parser)
     parser.add_argument('--out', metavar='BAG', required=True, help='bag to write')
@@ -53,32 +53,32 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--duration',
         metavar='S',
         type=float,
-        help='end so long after the first message (10 s later if none comes); default: at Ctrl-C',
+        help='end S seconds after the first message (after S + 10 s without any); default: Ctrl-C',
     )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Records until Ctrl-C or for the given time, then says what came."""
+    """Record until Ctrl-C or for a duration; print and return the numbers of messages."""
     if parsed.recover is not None:
         return _recovered(parsed)
     if parsed.duration is not None and not (
         math.isfinite(parsed.duration) and parsed.duration > 0.0
     ):
-        raise UsageError(f'--duration {parsed.duration:g}: it must be above 0 s')
+        raise UsageError(f'--duration is {parsed.duration:g} s: it must be above 0')
     from estimator_pkg.bags.live import live
 
-    wanted = [name if name.startswith('/') else f'/{name}' for name in parsed.topics]
+    topics = [name if name.startswith('/') else f'/{name}' for name in parsed.topics]
     with interrupts.gently(background=True), BagWriter(parsed.out, keep=True) as writer:
         with live('bag_recorder') as here:
-            recorder = Recorder(here, writer, wanted)
+            recorder = Recorder(here, writer, topics)
             recorder.run(parsed.duration)
         counts = writer.counts()
         if not sum(counts.values()):
             raise UserError(
                 'nothing was recorded: '
                 + (
-                    f'no messages came on {", ".join(wanted)}'
-                    if wanted
+                    f'no messages arrived on {", ".join(topics)}: check the names'
+                    if topics
                     else 'no topic had messages'
                 )
             )
@@ -90,13 +90,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recovered(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Make a bag of what a crash left, and report what came of it."""
+    """Make a bag of the files of a crashed recorder; return the numbers of messages."""
     if parsed.topics or parsed.duration is not None:
-        raise UsageError('--recover takes neither topics nor --duration')
+        raise UsageError('--recover takes neither topics nor --duration: omit them')
     from estimator_pkg.bags.recover import recover
 
     counts = recover(parsed.recover, parsed.out, parsed.unpack_limit)
-    print(f'{parsed.out}, recovered from {parsed.recover}, which you may delete now:')
+    print(f'{parsed.out}, recovered from {parsed.recover} (which you may delete now):')
     for name, count in counts.items():
         print(f'  {name}  {count} messages')
     return {'bag': parsed.out, 'recovered': parsed.recover, 'messages': counts}
@@ -104,7 +104,7 @@ def _recovered(parsed: argparse.Namespace) -> dict[str, Any]:
 
 @dataclass
 class Track:
-    """One topic that is being recorded."""
+    """A topic that is being recorded."""
 
     subscription: Subscription
     receive: Callable[[bytes, Any], None]
@@ -115,31 +115,31 @@ class Track:
 
     @property
     def lost(self) -> int:
-        """Messages lost on the way to us."""
+        """Number of messages lost between publisher and recorder."""
         return self.lost_before + self.loss.count
 
 
 class Recorder:
-    """Follows the graph and writes what comes.
+    """Follows the graph and writes the received messages.
 
     Parameters
     ----------
-    wanted : names of topics; empty: all.
+    topics : names of topics; empty: all.
     """
 
-    def __init__(self, here: Live, writer: BagWriter, wanted: list[str]) -> None:
+    def __init__(self, here: Live, writer: BagWriter, topics: list[str]) -> None:
         self._here = here
         self._writer = writer
-        self._wanted = wanted
+        self._topics = topics
         self._refused: set[str] = set()
         self._first_ns = 0
         self._received = 0
         self.tracks: dict[str, Track] = {}
 
     def run(self, duration: float | None) -> None:
-        """Record for so long [s] from the first message on, or until Ctrl-C."""
+        """Record for `duration` [s] from the first message on, or until Ctrl-C."""
         self._follow(duration)
-        until, quiet = time.monotonic() + AT_MOST, 0  # what waits to be taken in has come, too
+        until, quiet = time.monotonic() + AT_MOST, 0  # take in the waiting messages
         while quiet < ARRIVED and time.monotonic() < until:
             before = self._received
             self._here.spin(AWAITED)
@@ -148,7 +148,7 @@ class Recorder:
 
     def _follow(self, duration: float | None) -> None:
         look = flush = 0.0
-        told = False
+        printed = False
         begun = time.monotonic()
         while not self._here.stopping:
             now = time.monotonic()
@@ -156,9 +156,9 @@ class Recorder:
                 self._look()
                 self._drain()
                 look = now + LOOK
-                if not told and now > begun + 1.0:
-                    told = True
-                    self._tell_missing()
+                if not printed and now > begun + 1.0:
+                    printed = True
+                    self._print_missing()
             if now >= flush:
                 self._writer.flush()
                 flush = now + FLUSH
@@ -169,22 +169,22 @@ class Recorder:
             self._here.spin(min(LOOK, duration or LOOK))
 
     def _drain(self) -> None:
-        """Receive what the executor has not noticed."""
+        """Receive messages that the executor has not noticed."""
         from estimator_pkg.ros.executor import waiting
 
         for track in self.tracks.values():
             for raw, info in waiting(track.subscription):
                 track.receive(raw, info)
 
-    def _tell_missing(self) -> None:
-        missing = [name for name in self._wanted if name not in self.tracks]
+    def _print_missing(self) -> None:
+        missing = [name for name in self._topics if name not in self.tracks]
         if missing:
             show(f'waiting for {", ".join(missing)}', file=sys.stderr)
 
     def _look(self) -> None:
-        """Subscribe to what has appeared, and follow publishers that offer less than before."""
+        """Subscribe to new topics, and adapt to publishers that offer less than before."""
         for name, types in self._here.node.get_topic_names_and_types():
-            if name in self._refused or (self._wanted and name not in self._wanted):
+            if name in self._refused or (self._topics and name not in self._topics):
                 continue
             publishers = self._here.node.get_publishers_info_by_topic(name)
             if not publishers:
@@ -213,7 +213,7 @@ class Recorder:
                 if len(types) > 1
                 else f'its type {types[0]} is not installed'
             )
-            if self._wanted:
+            if self._topics:
                 raise UserError(f'{name} cannot be recorded: {why}')
             show(f'warning: {name} is not recorded: {why}', file=sys.stderr)
             return
@@ -225,7 +225,7 @@ class Recorder:
         show(f'recording {name} ({types[0]})', file=sys.stderr)
 
     def _adapt(self, name: str, type_name: str, track: Track, profiles: list[Qos]) -> None:
-        """Another publisher came, which may not match the subscription there is."""
+        """Subscribe again if a new publisher does not match the present subscription."""
         from estimator_pkg.bags.live import matching, message_class
 
         track.profiles += [profile for profile in profiles if profile not in track.profiles]
@@ -233,7 +233,7 @@ class Recorder:
         if (qos.reliability, qos.durability) == (track.qos.reliability, track.qos.durability):
             return
         show(
-            f'warning: a publisher of {name} offers less than those before: subscribing anew',
+            f'warning: a publisher of {name} offers less than the others: subscribing again',
             file=sys.stderr,
         )
         self._drain()
@@ -264,4 +264,4 @@ class Recorder:
         return Track(holder[0], receive, qos, loss, profiles=list(profiles))
 
 
-COMMAND = Command('topics of the live graph into a bag', arguments, run)
+COMMAND = Command('write topics of the live graph into a bag', arguments, run)

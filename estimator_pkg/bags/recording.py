@@ -1,4 +1,4 @@
-"""What observers need of a bag, taken out once, to be run with one set of gains after another."""
+"""The input of observers from a bag, read once and run with one set of gains after another."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from estimator_pkg.streams.history import History
 
 
 class Estimate(NamedTuple):
-    """One joint's estimates, those that were published, and what became of its samples.
+    """One joint's published estimates, and the status of its samples.
 
-    velocity_stddev : shape (n,); nan where it is not known.
+    velocity_stddev : shape (n,); nan if it is not known.
     validity : seconds by status, or published and withheld.
-    status_stamps, status : shape (k,), of every sample that was used; empty where it is not known.
-    due : shape (m,), stamps at which an estimate might have been published; empty where it is not
-    known.
+    status_stamps, status : shape (k,), of every used sample; empty if it is not known.
+    due : shape (m,), stamps at which an estimate could have been published; empty if it is not
+        known.
     """
 
     stamps: NDArray[np.int64]
@@ -51,59 +51,62 @@ class Estimate(NamedTuple):
 
 
 class Recording(ABC):
-    """What observers of one family need of a bag; can go to another process."""
+    """The input of one family's observers from a bag; it can be sent to another process."""
 
     @abstractmethod
     def run(
         self, observer: str, values: Mapping[str, Any], fast: bool | None = None
     ) -> dict[str, Estimate]:
-        """What this observer publishes with these parameters, by joint.
+        """Return the estimates that this observer publishes with these parameters, by joint.
 
         Parameters
         ----------
-        fast : compile or not, where that can be chosen; None: where it pays.
+        fast : compile or not, if the family can; None: if it pays.
 
         Raises
         ------
-        UserError, UsageError : a parameter is wrong, or the bag lacks what the observer needs.
+        UserError, UsageError : a parameter is wrong, or the bag lacks an input of the observer.
         """
 
     @abstractmethod
     def split(self, held_out: float) -> tuple[Recording, Recording]:
-        """All but the last part, and what gives the estimates of the last part.
+        """Return the recording without its last part, and one for the estimates of the last part.
 
-        The latter may begin earlier, for observers that have to run in.
+        The latter may begin earlier, for observers that need to settle.
         """
 
-    def apart(self) -> dict[str, Recording]:
-        """What can have gains of its own, by joint; one without a name: only the whole."""
+    def by_joint(self) -> dict[str, Recording]:
+        """Return the recordings that can have their own gains, by joint; {'': self} for one."""
         return {'': self}
 
     def per_sample(self) -> Recording:
-        """The same with an estimate of every sample, where messages hold many of them."""
+        """Return the same with an estimate of every sample, if messages contain many samples."""
         return self
 
     def size(self) -> int:
-        """Samples."""
+        """Return the number of samples."""
         return 0
 
 
 def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
-    """What observers of the setup's family need of the bag.
+    """Return the input of the setup's family from the bag.
 
     Parameters
     ----------
-    known : what `measured` returned, if it was read already.
+    known : the result of `measured`, if it was read already.
 
     Raises
     ------
-    UserError : the bag carries no position, where the family needs nothing else.
+    UserError : the bag has no position, and the family needs only positions.
     """
     stream = streams.named(setup.kind)
     if stream.IN_ARRAYS:
         known = known or measured(bag, setup)
         if not known:
-            raise UserError(f'{bag.path}: {setup.topics[0].name} carries no position')
+            raise UserError(
+                f'{bag.path}: {setup.topics[0].name} has no positions: name another topic with '
+                '--measurement'
+            )
         return PositionRecording(setup, dict(known))
     names = tuple(known or measured(bag, setup)) if stream.SEPARATE else ()
     topics = {topic.name for topic in setup.topics}
@@ -116,7 +119,7 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
 
 
 def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
-    """The measured positions by joint, at the times that the observer takes; {}: there are none."""
+    """Return the measured positions by joint, at the observer's times; {} without positions."""
     topic = setup.topics[0]
     if not setup.path:
         if topic.type != TYPE:
@@ -144,7 +147,7 @@ def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
 
 @dataclass(frozen=True)
 class PositionRecording(Recording):
-    """The positions of joints, and the parameters that hold whatever the gains."""
+    """The positions of joints, and the parameters that are the same for all gains."""
 
     setup: Setup
     series: dict[str, Series]
@@ -194,7 +197,7 @@ class PositionRecording(Recording):
                 )
         return replace(self, series=parts[0]), replace(self, series=parts[1])
 
-    def apart(self) -> dict[str, Recording]:
+    def by_joint(self) -> dict[str, Recording]:
         """See `Recording`."""
         return {name: replace(self, series={name: series}) for name, series in self.series.items()}
 
@@ -205,10 +208,10 @@ class PositionRecording(Recording):
 
 @dataclass(frozen=True)
 class MessageRecording(Recording):
-    """The messages of a bag that a node listens to.
+    """The messages of a bag on the topics of a node.
 
-    blocks : with the names of the bag's topics. names : joints that can have gains of their own.
-    fine : an estimate of every sample of a batch is taken, where the stream gives them.
+    blocks : with the names of the bag's topics. names : joints that can have their own gains.
+    fine : return an estimate of every sample of a batch, if the stream has them.
     """
 
     path: str
@@ -230,12 +233,12 @@ class MessageRecording(Recording):
         if not found:
             why = stream.why()
             raise UserError(
-                f'{self.path}: {observer} gives no estimate' + (f': {why}' if why else '')
+                f'{self.path}: {observer} publishes no estimate' + (f': {why}' if why else '')
             )
         return found
 
     def split(self, held_out: float) -> tuple[Recording, Recording]:
-        """See `Recording`. Observers that learn run through the first part to the last."""
+        """See `Recording`. Observers that learn run through the first part before the last."""
         left = self.size() - round(held_out * self.size())
         first = []
         for names, block in self.blocks:
@@ -245,7 +248,7 @@ class MessageRecording(Recording):
                 first.append((names, compact(block.take(slice(cut)))))
         return replace(self, blocks=tuple(first)), self
 
-    def apart(self) -> dict[str, Recording]:
+    def by_joint(self) -> dict[str, Recording]:
         """See `Recording`."""
         if not self.names:
             return {'': self}
@@ -264,7 +267,7 @@ class MessageRecording(Recording):
 
 
 class _Collected:
-    """Estimates out of the messages that carry them."""
+    """Collects estimates from the messages that contain them."""
 
     def __init__(self, stream: Stream, fine: bool) -> None:
         self._first = 0
@@ -277,12 +280,12 @@ class _Collected:
             number < 2 or number in self._fine for number in range(len(stream.outputs))
         ]
         self._batches: list[Batch] = []
-        # by output: keys (which answer), stamps, and the messages' numbers by joint
+        # by output: keys (number of the answer), stamps, and the messages' numbers by joint
         self._pieces: tuple[dict[str, list], ...] = ({}, {})
         self._due: list[NDArray[np.int64]] = []
 
     def add(self, made: Iterable[Answers]) -> None:
-        """The answers to the next block."""
+        """Add the answers to the next block."""
         last = 0
         for each in made:
             if len(each.rows):
@@ -313,7 +316,7 @@ class _Collected:
         self._first += last
 
     def estimates(self, stream: Stream) -> dict[str, Estimate]:
-        """By joint."""
+        """Return the estimates by joint."""
         due = np.unique(np.concatenate(self._due)) if self._due else np.zeros(0, np.int64)
         deviations = {name: _joined(pieces) for name, pieces in self._pieces[1].items()}
         owners = {joint: name for name in stream.bank.joints for joint in stream.names_of(name)}
@@ -351,11 +354,11 @@ class _Collected:
 
 
 def _of_batches(batches: list[Batch], one_each: Estimate) -> Estimate:
-    """The estimates of every sample.
+    """Return the estimates of every sample.
 
     Parameters
     ----------
-    one_each : the last of every batch, the only ones whose standard deviation is published.
+    one_each : the last of every batch, the only ones with a published standard deviation.
     """
     stamps = np.concatenate([batch.stamps_ns for batch in batches])
     values = np.concatenate([batch.values for batch in batches])
@@ -370,7 +373,7 @@ def _of_batches(batches: list[Batch], one_each: Estimate) -> Estimate:
 
 
 def _joined(pieces: list) -> tuple[NDArray, ...]:
-    """The columns of all pieces in the order of their keys."""
+    """Return the columns of all pieces in the order of their keys."""
     columns = [np.concatenate([piece[i] for piece in pieces]) for i in range(4)]
     order = np.argsort(columns[0], kind='stable')
     return tuple(column[order] for column in columns)

@@ -1,8 +1,8 @@
-"""Make a bag of what a recorder left that was killed, or whose file was cut off.
+"""Make a bag of the files of a recorder that was killed, or of a truncated file.
 
-A torn MCAP is walked record by record (`mcap_file`). A torn sqlite3 file is read as the database
-that it was before the crash, with its journal or write-ahead log; where it is damaged beyond that,
-its pages are searched for messages. File format: https://www.sqlite.org/fileformat2.html
+A truncated MCAP file is read record by record (`mcap_file`). An sqlite3 file is restored to its
+state before the crash with its journal or write-ahead log. If it is damaged further, its pages are
+searched for messages. File format: https://www.sqlite.org/fileformat2.html
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from estimator_pkg.optional import Lazy
 typesys = Lazy('rosbags.typesys')
 
 FILES = ('.mcap', '.db3', '.zstd')
-BESIDE = ('', '-journal', '-wal')  # files of one database
+ENDINGS = ('', '-journal', '-wal')  # of the files of one database
 ZSTD = b'\x28\xb5\x2f\xfd'  # starts a compressed message; CDR starts with a zero
-LEAF = 13  # a page of a table with rows
+LEAF = 13  # type of a page with table rows
 SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)  # bytes of a column, by its serial type
 
 
 class Message(NamedTuple):
-    """A message that was found, and its topic."""
+    """A recovered message and its topic."""
 
     topic: Topic
     log_ns: int
@@ -51,11 +51,11 @@ def recover(path: str, out: str, unpack_limit: int = unpacking.LIMIT) -> dict[st
 
     Returns
     -------
-    Messages by topic.
+    The number of messages by topic.
 
     Raises
     ------
-    UserError : nothing is there, it is still being written, or it holds no message.
+    UserError : the path does not exist, is still being written, or has no complete message.
     """
     files = _files(Path(path))
     with interrupts.gently(), BagWriter(out, keep=True) as writer:
@@ -80,19 +80,19 @@ def recover(path: str, out: str, unpack_limit: int = unpacking.LIMIT) -> dict[st
                     raise KeyboardInterrupt
         counts = writer.counts()
         if not counts:
-            raise UserError(f'{path} holds no complete message')
+            raise UserError(f'{path} contains no complete message: there is nothing to recover')
     return counts
 
 
 def _files(path: Path) -> list[Path]:
-    """The files of the bag, in their order; raises UserError if there are none."""
+    """Return the files of the bag, in order; raise UserError if there are none."""
     if not path.exists():
         raise UserError(f'{path} does not exist')
     found = [path]
     if path.is_dir():
         found = sorted((file for file in path.iterdir() if file.suffix in FILES), key=natural)
     if not found:
-        raise UserError(f'{path} holds no .mcap or .db3 file')
+        raise UserError(f'{path} contains no .mcap or .db3 file: name a bag')
     for file in found:
         if in_use(file):
             raise UserError(f'{file} is still being written: end its recorder first')
@@ -100,7 +100,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def _messages(file: Path, limit: int) -> Iterator[Message]:
-    """The messages of one file; what cannot be read of it is a warning."""
+    """Yield the messages of one file; warn about unreadable parts."""
     with open(file, 'rb') as stream:
         start = stream.read(len(sqlite_file.MAGIC))
     if start == sqlite_file.MAGIC:
@@ -115,16 +115,16 @@ def _messages(file: Path, limit: int) -> Iterator[Message]:
 
 def _of_database(file: Path) -> Iterator[Message]:
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
-        copy = Path(folder, 'bag.db3')  # opening it finishes or takes back its last writes
-        for ending in BESIDE:
-            beside = file.with_name(file.name + ending)
-            if beside.exists():
-                shutil.copyfile(beside, f'{copy}{ending}')
+        copy = Path(folder, 'bag.db3')  # opening it completes or reverts its last writes
+        for ending in ENDINGS:
+            sibling = file.with_name(file.name + ending)
+            if sibling.exists():
+                shutil.copyfile(sibling, f'{copy}{ending}')
         try:
             with closing(sqlite3.connect(copy)) as base:
                 base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 whole = _whole(base)
-                base.execute('pragma writable_schema = on')  # reads what is cut off, too
+                base.execute('pragma writable_schema = on')  # to read a truncated file, too
                 topics = _topics(base)
                 rows = (
                     base.execute('select id, topic_id, timestamp, data from messages order by id')
@@ -141,7 +141,7 @@ def _of_database(file: Path) -> Iterator[Message]:
                         and time_ns >= 0
                     ):
                         yield Message(topics[number], time_ns, time_ns, raw)
-        except (sqlite3.Error, KeyError, ValueError) as error:  # whatever damage does to it
+        except (sqlite3.Error, KeyError, ValueError) as error:  # a damaged file raises any of these
             raise UserError(f'{file} cannot be recovered: {first_line(error)}') from error
 
 
@@ -153,7 +153,7 @@ def _whole(base: sqlite3.Connection) -> bool:
 
 
 def _topics(base: sqlite3.Connection) -> dict[int, Topic]:
-    """The topics by their numbers."""
+    """Return the topics by their numbers."""
 
     def rows(table: str) -> list[dict[str, Any]]:
         found = base.execute(f'select * from {table}')
@@ -167,7 +167,7 @@ def _topics(base: sqlite3.Connection) -> dict[int, Topic]:
     for row in rows('topics'):
         about = definitions.get(row['type'], {})
         if not _sound(about):
-            about = {}  # it is looked up
+            about = {}  # the definition is looked up
         topics[row['id']] = Topic(
             str(row['name']),
             str(row['type']),
@@ -182,17 +182,17 @@ def _topics(base: sqlite3.Connection) -> dict[int, Topic]:
 
 
 def _sound(about: dict[str, Any]) -> bool:
-    """True if other tools can read this message definition."""
+    """Return True if other tools can read this message definition."""
     if about.get('encoding') == 'ros2msg':
         try:
             typesys.get_types_from_msg(about['encoded_message_definition'], about['topic_type'])
-        except Exception:  # whatever damage does to the parser
+        except Exception:  # the parser may raise anything for a damaged definition
             return False
     return about.get('encoding') in ('ros2msg', 'ros2idl')
 
 
 def _rows(file: Path) -> Iterator[tuple[int, int, int, bytes]]:
-    """The rows of the table of messages in all pages of a database, whatever leads to them."""
+    """Yield the rows of the message table in all pages of a database, referenced or not."""
     data = memoryview(file.read_bytes())
     size = int.from_bytes(data[16:18], 'big')
     size = 65536 if size == 1 else size
@@ -214,11 +214,11 @@ def _rows(file: Path) -> Iterator[tuple[int, int, int, bytes]]:
 
 
 def _row(data: memoryview, at: int, size: int, usable: int) -> tuple[int, list[Any]]:
-    """(row id, columns) of the cell at byte `at`.
+    """Return (row id, columns) of the cell at byte `at`.
 
     Raises
     ------
-    IndexError, ValueError, struct.error : there is none, or a part of it is missing.
+    IndexError, ValueError, struct.error : there is no cell, or a part of it is missing.
     """
     length, at = _varint(data, at)
     number, at = _varint(data, at)
@@ -239,7 +239,7 @@ def _row(data: memoryview, at: int, size: int, usable: int) -> tuple[int, list[A
 
 
 def _columns(payload: memoryview) -> list[Any]:
-    """The columns of a record: whole numbers, bytes, None for everything else."""
+    """Return the columns of a record: integers, bytes, None for everything else."""
     head, at = _varint(payload, 0)
     kinds = []
     while at < head:
@@ -250,7 +250,7 @@ def _columns(payload: memoryview) -> list[Any]:
         width = (kind - 12) // 2 if kind >= 12 else SIZES[kind]
         part = payload[at : at + width]
         if len(part) < width:
-            raise ValueError('a record is cut off')
+            raise ValueError('a record is truncated')
         at += width
         columns.append(
             int.from_bytes(part, 'big', signed=True)
@@ -265,7 +265,7 @@ def _columns(payload: memoryview) -> list[Any]:
 
 
 def _varint(data: memoryview, at: int) -> tuple[int, int]:
-    """(number, where it ends) of a number in 1 to 9 bytes."""
+    """Decode a number in 1 to 9 bytes; return (number, position after it)."""
     value = 0
     for place in range(at, at + 8):
         value = value << 7 | data[place] & 127

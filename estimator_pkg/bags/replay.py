@@ -1,4 +1,4 @@
-"""``velocity_estimator replay``: the estimates that a live node would have given, from a bag."""
+"""``velocity_estimator replay``: the estimates of a live node, computed from a bag."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from estimator_pkg import interrupts
 from estimator_pkg.bags import qos, unpacking
 from estimator_pkg.bags.feeding import Encoded, answers
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.wiring import Setup, parameters, settled, wanted
+from estimator_pkg.bags.wiring import Setup, parameters, requested, settled
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
@@ -30,7 +30,7 @@ from estimator_pkg.streams.history import GAP
 
 
 class Output:
-    """Writes the copied topics, and new ones.
+    """Writes copied topics and new ones.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class Output:
 
     Attributes
     ----------
-    topics, own : the new topics, and their numbers in the writer.
-    copied : the topics that are copied.
+    topics, own : names of the new topics, and their numbers in the writer.
+    copied : the copied topics.
     """
 
     def __init__(
@@ -50,14 +50,14 @@ class Output:
         self.topics = list(types)
         for name in copy or ():
             bag.require(name)
-        wanted = set(bag.topics if copy is None else copy)
-        for name in sorted(wanted & set(self.topics)):
+        chosen = set(bag.topics if copy is None else copy)
+        for name in sorted(chosen & set(self.topics)):
             show(
-                f'{name} of {bag.path} is not copied: replay makes its own (--name NODE gives '
-                'another name)',
+                f'{name} of {bag.path} is not copied: replay writes its own (give the node another '
+                'name with --name NODE)',
                 file=sys.stderr,
             )
-        self.copied = wanted - set(self.topics)
+        self.copied = chosen - set(self.topics)
         self._numbers = {}
         for name in bag.topics:
             if name in self.copied:
@@ -76,11 +76,11 @@ class Output:
         ]
 
     def write_among(self, names: list[str], block: Block, made: Encoded) -> None:
-        """What is copied of the block, and the new messages behind those they belong to.
+        """Write the copied messages of the block, and the new ones after their measurements.
 
         Parameters
         ----------
-        names : the bag's topics, as the block counts them.
+        names : the bag's topics, in the order of the block's topic numbers.
         """
         lookup = np.array([self._numbers.get(name, -1) for name in names])
         self._writer.write_block(made.merged(lookup[block.topic]))
@@ -90,20 +90,19 @@ NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
     parser.add_argument(
         '--out',
         metavar='BAG',
-        help='bag to write: the topics of BAG and the estimates; without it, only '
-        'the summary is printed',
+        help='bag to write: the topics of BAG and the estimates; without it, replay prints only '
+        'the summary',
     )
     parser.add_argument(
         '--observer',
         metavar='NAME',
-        help="which observer ('velocity_estimator list'); default: that of "
-        f'--params, else {AngleSettings.observer}, or that of a drive where '
-        'the bag holds nothing else',
+        help="observer to run ('velocity_estimator list'); default: that of --params, else "
+        f'{AngleSettings.observer}, or a drive observer if the bag has only drive topics',
     )
     parser.add_argument('--params', metavar='YAML', help='parameter file of the node')
     parser.add_argument(
@@ -118,44 +117,44 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         action='append',
         default=[],
-        help='estimate this joint only (may be repeated); with --angle, or of a '
-        'drive: what the joint is called',
+        help='estimate this joint only (may be repeated); with --angle, or for a drive: name of '
+        'the joint',
     )
     parser.add_argument(
         '--measurement',
         metavar='TOPIC',
-        help='joint states to take; default: the only ones that are neither truth '
-        'nor estimate, else /joint_states',
+        help='topic of joint states; default: the only one that is neither truth nor estimate, '
+        'else /joint_states',
     )
     parser.add_argument(
         '--angle',
         metavar='TOPIC:FIELD',
-        help='take one joint from a number in messages of any type, as in '
-        '/odom:pose.pose.orientation.yaw or /encoder:data; set wrap_period=0 '
-        'for what does not wrap',
+        help='take one joint from a number in messages of any type, for example '
+        '/odom:pose.pose.orientation.yaw or /encoder:data; set wrap_period=0 for one that does '
+        'not wrap',
     )
     parser.add_argument(
         '--name',
         metavar='NODE',
-        help='name of the node, in the topics of the estimates (default: '
-        'joint_observer, or what else the observer runs in)',
+        help='name of the node, in the topics of the estimates (default: that of the live node of '
+        'the observer)',
     )
     parser.add_argument(
         '--copy',
         metavar='TOPIC',
         nargs='*',
-        help='copy only these topics of BAG (or none); default: all',
+        help='copy only these topics of BAG, or none (default: all)',
     )
     unpacking.arguments(parser)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Replays and says what happened to the samples."""
+    """Replay; print and return what happened to the samples."""
     begun = time.perf_counter()
     if parsed.name is not None and not NODE_NAME.fullmatch(parsed.name):
         raise UsageError(
-            f"--name '{parsed.name}': a node is called with letters, digits and '_', "
-            "behind a namespace if need be, as in 'arm/observer'"
+            f"--name '{parsed.name}' is not a node name: use letters, digits and '_', with a "
+            "namespace if needed, as in 'arm/observer'"
         )
     with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         setup = _setup(bag, parsed)
@@ -189,7 +188,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                     if interrupted:
                         break
             if interrupted:
-                bag.warn('interrupted: what follows in the bag was not replayed')
+                bag.warn('interrupted: the rest of the bag was not replayed')
             else:
                 for warning in stream.end(str(bag.path)):
                     bag.warn(warning)
@@ -209,14 +208,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 
 def _setup(bag: Bag, parsed: argparse.Namespace) -> Setup:
-    """Stream, parameters and topics that are requested.
+    """Return the requested stream, parameters and topics.
 
     Raises
     ------
-    UserError, UsageError : something is not there, or a parameter is wrong.
+    UserError, UsageError : something does not exist, or a parameter is wrong.
     """
     assignments = parse_assignments(parsed.set)
-    stream = wanted(bag, parsed.observer, parsed.params, assignments, parsed.name)
+    stream = requested(bag, parsed.observer, parsed.params, assignments, parsed.name)
     values = parameters(stream, parsed.params, assignments, parsed.observer, parsed.name)
     return settled(
         stream, bag, values, Request(parsed.measurement, parsed.angle, tuple(parsed.joint))
@@ -226,11 +225,11 @@ def _setup(bag: Bag, parsed: argparse.Namespace) -> Setup:
 def fed(
     bag: Bag, setup: Setup, stream: Stream, copied: set[str]
 ) -> Iterator[tuple[int, list[str], Block, list[Answers]]]:
-    """(messages taken, topic names, block, answers) over the bag.
+    """Yield (messages taken, topic names, block, answers) over the bag.
 
     Parameters
     ----------
-    copied : topics that the blocks hold too.
+    copied : topics that the blocks contain too.
     """
     listened = {topic.name for topic in setup.topics}
     for names, block in bag.blocks(listened | copied):
@@ -244,8 +243,8 @@ def fed(
         yield len(rows), names, block, made
 
 
-def _numbers(names: Sequence[str], wanted: set[str]) -> list[int]:
-    return [number for number, name in enumerate(names) if name in wanted]
+def _numbers(names: Sequence[str], chosen: set[str]) -> list[int]:
+    return [number for number, name in enumerate(names) if name in chosen]
 
 
 def _print(result: dict[str, Any]) -> None:
@@ -255,7 +254,7 @@ def _print(result: dict[str, Any]) -> None:
         f'{counts["received"]} messages{_kinds(counts["dropped"])}'
         + (f', {counts["estimates"]} with estimates' if 'estimates' in counts else '')
         + (
-            f', {counts["inputs_malformed"]} messages of the inputs cannot be read'
+            f', {counts["inputs_malformed"]} malformed messages on the inputs'
             if counts.get('inputs_malformed')
             else ''
         )
@@ -285,4 +284,4 @@ def _kinds(counts: dict[str, int], what: str = 'dropped') -> str:
     return f', {what}: ' + ', '.join(f'{kind} {count}' for kind, count in counts.items())
 
 
-COMMAND = Command('the estimates that a live node would give, from a bag', arguments, run)
+COMMAND = Command('the estimates of a live node, from a bag', arguments, run)

@@ -1,4 +1,4 @@
-"""Which topic of a bag is the measurement."""
+"""Select the topic of the measurement in a bag."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from estimator_pkg.streams.angle import ANGLE_TYPES
 TRUTH = '/ground_truth/'
 USUAL = '/joint_states'
 NUMBERS = {f'std_msgs/msg/{kind}' for kind in ANGLE_TYPES}
-MADE = ('/estimate', '/estimate_stddev')  # what our nodes publish
+MADE = ('/estimate', '/estimate_stddev')  # topics that our nodes publish
 
 
 def measurement_topic(bag: Bag, named: str | None = None) -> str:
-    """The topic of JointStates that is the measurement.
+    """Return the topic of JointStates that is the measurement.
 
     Parameters
     ----------
-    named : what the user said; None: the only one that is neither truth nor estimate, else
+    named : the user's choice; None: the only one that is neither truth nor estimate, else
         /joint_states.
 
     Raises
     ------
-    UserError : it is not there, has another type or no CDR messages, or it is not clear which one
-        is meant.
+        UserError : the topic does not exist, has another type or no CDR messages, or there are
+            several candidates.
     """
     if named is not None:
         found = bag.topics.get(named)
         if found is not None and found.count and found.type != TYPE and found.serialization == CDR:
             raise UserError(
-                f"topic '{named}' of {bag.path} is {found.type}, not {TYPE}: name the "
+                f"topic '{named}' of {bag.path} is {found.type}, not {TYPE}: select a "
                 f'number in it with --angle {named}:FIELD'
             )
         return bag.require(named, [TYPE]).name
@@ -41,7 +41,7 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
         return bag.require(USUAL, [TYPE]).name
     if names:
         raise UserError(
-            f'{bag.path} has several topics of joint states: name one with '
+            f'{bag.path} has several topics of joint states: choose one with '
             f'--measurement ({", ".join(sorted(names))})'
         )
     number = next(
@@ -53,13 +53,13 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
         'TOPIC:FIELD',
     )
     raise UserError(
-        f'{bag.path} has no measured joint states: name a topic with --measurement, or '
+        f'{bag.path} has no measured joint states: choose a topic with --measurement, or '
         f'a number with --angle {number}; it has {bag.listing()}'
     )
 
 
 def measured_topics(bag: Bag, *, empty: bool = False) -> list[str]:
-    """Topics of JointStates that are neither truth nor estimate; `empty`: without messages, too."""
+    """Return JointState topics that are neither truth nor estimate; `empty`: also empty ones."""
     return [
         topic.name
         for topic in bag.topics.values()

@@ -1,4 +1,4 @@
-"""A topic of JointStates as one series of numbers per joint."""
+"""A topic of JointStates as one time series per joint."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from estimator_pkg.observers.angle.core import LARGEST
 
 
 class Series(NamedTuple):
-    """One joint's numbers in the order of the bag; nan where a message does not give one.
+    """One joint's values in the order of the bag; nan where a message has none.
 
-    stamps_ns : shape (n,), int64 header stamps, or when the messages were published.
+    stamps_ns : shape (n,), int64: header stamps, or times of publishing.
     position, velocity, effort : shape (n,) [rad or m, per second, N m or N].
     """
 
@@ -28,18 +28,18 @@ class Series(NamedTuple):
 
 
 def joint_series(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Series]:
-    """The joints of a topic of JointStates, by name, in the order of their appearance.
+    """Return the joints of a topic of JointStates, by name, in the order of their appearance.
 
-    An array of another length than `name` counts as absent, except that it may be empty anyway.
+    An array whose length differs from that of `name` counts as missing.
 
     Parameters
     ----------
-    by_publisher : time is when a message was published, not its header stamp.
+    by_publisher : use the times of publishing, not the header stamps.
 
     Raises
     ------
-    UserError : the topic is not there, of another type, or names no joint; or none of its messages
-        can be decoded.
+    UserError : the topic does not exist, has another type, or names no joint; or none of its
+        messages can be decoded.
     """
     bag.require(topic, [TYPE])
     pieces: dict[str, list[tuple[NDArray, Decoded, int]]] = {}
@@ -55,12 +55,12 @@ def joint_series(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, 
         first += len(block)
     bag.count_malformed(topic, first, unread)
     if not pieces:
-        raise UserError(f"topic '{topic}' of {bag.path} names no joint")
+        raise UserError(f"no message on topic '{topic}' of {bag.path} names a joint")
     return {name: _series(items) for name, items in pieces.items()}
 
 
 def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Series]:
-    """The joints that were measured, without what else their messages carry.
+    """Return the positions of the measured joints, without velocities and efforts.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Ser
 
 
 def of_positions(stamps_ns: NDArray[np.int64], position: NDArray[np.float64]) -> Series:
-    """A series of positions alone, of those that an observer takes."""
+    """Return a series of positions only; positions outside the observers' range become nan."""
     nothing = np.broadcast_to(np.nan, len(stamps_ns))
     return Series(
         stamps_ns, np.where(np.abs(position) < LARGEST, position, np.nan), nothing, nothing
@@ -90,11 +90,11 @@ def with_velocity(series: Series) -> Series:
 def at_stamps(
     stamps: NDArray[np.int64], known: NDArray[np.int64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The values where the stamps are the same, nan elsewhere.
+    """Return the values at the same stamps, nan elsewhere.
 
     Parameters
     ----------
-    stamps : shape (n,), where they are wanted. known, values : shape (k,), in any order.
+    stamps : shape (n,), requested stamps. known, values : shape (k,), in any order.
     """
     found = np.full(len(stamps), np.nan)
     if len(known):

@@ -23,11 +23,11 @@ class SqliteFile:
 
     Attributes
     ----------
-    connections : its topics as rosbags describes them.
+    connections : its topics, in the form of rosbags.
 
     Raises
     ------
-    UserError : it is empty, damaged, or no bag.
+    UserError : it is empty, damaged, or not a bag.
     """
 
     def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
@@ -36,20 +36,20 @@ class SqliteFile:
         log = path.with_name(f'{path.name}-wal')
         if log.exists() and log.stat().st_size:
             warn(
-                f'{path} was not closed: what is in {log.name} is left out (opening it once with '
-                'sqlite3 brings it in)'
+                f'{path} was not closed: the messages in {log.name} are skipped (open it once with '
+                'sqlite3 to merge them)'
             )
         with open(path, 'rb') as file:
             start = file.read(len(MAGIC))
         if not start:
-            raise UserError(f'{path} is empty (0 bytes)')
+            raise UserError(f'{path} is empty (0 bytes): name another file')
         if start != MAGIC:
-            raise UserError(f'{path} is no sqlite3 file')
+            raise UserError(f'{path} is not an sqlite3 file: it starts with other bytes')
         for_library = _within_uri(path)
         self._reader = Sqlite3Reader(for_library)
         try:
             self._reader.open()
-        except Exception as error:  # whatever a damaged file does to the library
+        except Exception as error:  # the library may raise anything for a damaged file
             why = first_line(error).replace(str(for_library), str(path))
             raise UserError(f'{path} cannot be read as a bag: {why}') from error
         every = list(self._reader.connections)
@@ -64,14 +64,14 @@ class SqliteFile:
         """Close the file."""
         self._reader.close()
 
-    def parts(self, wanted: set[int]) -> Iterator[tuple[int, Callable[[], Block]]]:
-        """(time of its first message, a function that gives it) of block after block.
+    def parts(self, topics: set[int]) -> Iterator[tuple[int, Callable[[], Block]]]:
+        """Yield (time of its first message, function that returns it) for each block.
 
         Parameters
         ----------
-        wanted : places in `connections`, which the blocks' `topic` are too.
+        topics : indices in `connections`; the blocks' `topic` are such indices, too.
         """
-        connections = [self.connections[place] for place in sorted(wanted)]
+        connections = [self.connections[place] for place in sorted(topics)]
         if not connections:
             return
         topic: list[int] = []
@@ -99,10 +99,10 @@ class SqliteFile:
         if raws:
             yield full()
         if strange:
-            self._warn(f'{self.path} is damaged: {strange} messages are no bytes and are left out')
+            self._warn(f'{self.path} is damaged: {strange} messages are not bytes and are skipped')
 
 
 def _within_uri(path: Path) -> Path:
-    """Return the path as rosbags needs it: it puts the text into a URI without quoting it."""
+    """Return the path quoted for rosbags, which puts it unquoted into a URI."""
     whole = os.fsencode(os.path.abspath(path))
     return Path('/' + quote(whole.lstrip(b'/')) if whole.startswith(b'/') else quote(whole))

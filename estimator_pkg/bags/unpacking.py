@@ -1,4 +1,4 @@
-"""Decompression within limits: no bag may unpack to more memory or disk than the user allows."""
+"""Decompress within limits: a bag must not unpack to more memory or disk than the user allows."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ lz4_frame = Lazy('lz4.frame')
 zstandard = Lazy('zstandard')
 
 MIB = 1 << 20
-LIMIT = 256 * MIB  # bytes that one chunk or one message may unpack to
-RATIO = 100  # a file may unpack to so many times its own size, or to LIMIT if that is more
-PIECE = 4 * MIB  # bytes unpacked at a time into a file
+LIMIT = 256 * MIB  # default limit for one unpacked chunk or message [bytes]
+RATIO = 100  # a file may unpack to RATIO times its size, or to LIMIT if that is more
+PIECE = 4 * MIB  # bytes of a file unpacked at a time
 
 
 def damaged() -> tuple[type[Exception], ...]:
-    """Return what damaged data raises when it is unpacked."""
+    """Return the exceptions that damaged data raise when unpacked."""
     return zstandard.ZstdError, RuntimeError, ValueError, MemoryError
 
 
 class TooLargeError(UserError):
-    """Something would unpack to more than the user allows."""
+    """Something unpacks to more than the user allows."""
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,26 +34,26 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='MIB',
         type=_limit,
         default=LIMIT,
-        help='most that a compressed chunk or message of the bag may unpack to '
-        f'(default {LIMIT // MIB}); a compressed file may unpack to {RATIO} '
+        help='largest size of an unpacked chunk or message of the bag '
+        f'(default {LIMIT // MIB}); the limit of a compressed file is {RATIO} '
         'times its size if that is more',
     )
 
 
 def _limit(text: str) -> int:
-    """Bytes from a number of MiB on the command line."""
+    """Return bytes from a number of MiB on the command line."""
     value = float(text)  # argparse reports a ValueError
     if not (math.isfinite(value) and value > 0.0):
-        raise UsageError(f'--unpack-limit {text}: it must be above 0 MiB')
+        raise UsageError(f'--unpack-limit is {text} MiB: it must be above 0')
     return int(value * MIB)
 
 
 def check(what: str, size: int, limit: int) -> None:
-    """Raise TooLargeError where `what` unpacks to more than `limit` bytes.
+    """Raise TooLargeError if `what` unpacks to more than `limit` bytes.
 
     Parameters
     ----------
-    size : bytes that it declares or has.
+    size : bytes, declared or actual.
     """
     if size > limit:
         raise TooLargeError(
@@ -63,22 +63,22 @@ def check(what: str, size: int, limit: int) -> None:
 
 
 def declared(packed: bytes | memoryview) -> int | None:
-    """Return the size [bytes] that a zstd frame declares; None where it declares none.
+    """Return the size [bytes] that a zstd frame declares; None if it declares none.
 
     Raises
     ------
-    zstandard.ZstdError : it is no zstd frame.
+    zstandard.ZstdError : it is not a zstd frame.
     """
     size = zstandard.get_frame_parameters(packed).content_size
     return None if size in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR) else size
 
 
 def unpack(packed: bytes, compression: str, size: int) -> bytes:
-    """Return the `size` bytes that `packed` holds; never more than these are unpacked.
+    """Return the `size` bytes in `packed`; never unpack more.
 
     Raises
     ------
-    one of DAMAGED : it holds another number of bytes, or is damaged.
+    one of `damaged()` : it contains another number of bytes, or is damaged.
     """
     if compression == 'zstd':
         if declared(packed) not in (None, size):
@@ -96,7 +96,7 @@ def unpack(packed: bytes, compression: str, size: int) -> bytes:
 
 
 def unpack_partly(packed: bytes, compression: str, size: int) -> bytes:
-    """Return what can be unpacked of a chunk whose end is missing, at most `size` bytes."""
+    """Return the readable part of a chunk without its end, at most `size` bytes."""
     if compression == 'zstd':
         with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
             return reader.read(size)
@@ -106,7 +106,7 @@ def unpack_partly(packed: bytes, compression: str, size: int) -> bytes:
 
 
 def unpack_message(packed: memoryview, what: str, limit: int) -> bytes:
-    """Return a message that was compressed by itself.
+    """Return a message that was compressed on its own.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def unpack_message(packed: memoryview, what: str, limit: int) -> bytes:
         data = reader.read(limit + 1 if size is None else size)
     check(what, len(data), limit)
     if size is not None and len(data) != size:
-        raise zstandard.ZstdError('it is cut off')
+        raise zstandard.ZstdError('it is truncated')
     return data
 
 

@@ -1,4 +1,4 @@
-"""A stream wired to a bag: which one, with which parameters, on which topics."""
+"""Connect a stream to a bag: select the stream, its parameters and its topics."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from estimator_pkg.parameters import declared
 from estimator_pkg.streams.contract import Request, Stream
 
 field = Lazy('estimator_pkg.bags.field')
-DATA = 'data'  # the number in the messages of std_msgs
+DATA = 'data'  # the field of the number in std_msgs
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What a replay starts from; plain data, so that it can go to another process.
+    """The settings of a replay; plain data, so it can be sent to another process.
 
-    kind : of the stream's observers. values : parameters of the node. topics : by port, those that
-    it listens to; None: nothing. path : of the number in the measurement's messages, for observers
-    of one number in messages of any type.
+    kind : kind of the stream's observers. values : parameters of the node. topics : its topics by
+    port; None: not connected. path : of the number in the measurement's messages, for observers of
+    one number in messages of any type.
     """
 
     kind: str
@@ -37,15 +37,15 @@ class Setup:
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        """The topics that it listens to, the measurement first."""
+        """The topics of the stream, the measurement first."""
         return tuple(topic for topic in self.ports if topic is not None)
 
     def having(self, values: Mapping[str, Any]) -> Setup:
-        """The same with these parameters over those it has."""
+        """Return the same with these parameters in addition to its own."""
         return replace(self, values={**self.values, **values})
 
     def start(self) -> Stream:
-        """The stream; raises UserError or UsageError for wrong parameters."""
+        """Return the stream; raise UserError or UsageError for wrong parameters."""
         stream = streams.named(self.kind).of(self.values)
         stream.topics = [topic.name if topic else '' for topic in self.ports]
         stream.history = {}
@@ -58,24 +58,24 @@ class Setup:
 
 
 def settled(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Request) -> Setup:
-    """Parameters and topics, as far as the bag says.
+    """Complete parameters and topics from the bag.
 
     Raises
     ------
-    UserError, UsageError : a topic is not there, or the request makes no sense for this family.
+    UserError, UsageError : a topic does not exist, or the request does not fit this family.
     """
     topic, _, path = (request.angle or '').partition(':')
     if request.angle is not None:
         if not topic or not path:
-            raise UsageError(f"--angle '{request.angle}' is not TOPIC:FIELD")
+            raise UsageError(f"--angle '{request.angle}' is incomplete: write it as TOPIC:FIELD")
         if request.measurement:
-            raise UsageError('give either --angle or --measurement')
+            raise UsageError('--angle and --measurement are both given: omit one')
     values = stream.requested(dict(values), request, lambda name: _has(bag, name))
     inputs = stream.of(values).inputs
     named = topic or request.measurement
     if request.measurement and len([port for port in inputs if port.answered]) > 1:
         raise UsageError(
-            '--measurement is for one topic; the estimates answer '
+            '--measurement names one topic, but this observer needs several: omit it and provide '
             + ' and '.join(f'/{port.topic}' for port in inputs if port.answered)
         )
     first = inputs[0]
@@ -99,19 +99,19 @@ def _has(bag: Bag, name: str) -> bool:
     return found is not None and bool(found.count)
 
 
-def wanted(
+def requested(
     bag: Bag,
     observer: str | None,
     params: str | None,
     values: dict[str, Any],
     node: str | None = None,
 ) -> type[Stream]:
-    """The stream that is meant: by observer or parameters, else by what the bag has.
+    """Return the requested stream: by observer or parameters, else by the bag's topics.
 
     Parameters
     ----------
-    params, values : parameter file, and parameters that were set next to it.
-    node : name of the node whose section of the file is meant; None: the streams' own.
+    params, values : parameter file, and parameters set on the command line.
+    node : name of the node whose section of the file is used; None: the stream's own.
     """
     if observer:
         return streams.of_observer(observer)
@@ -119,7 +119,7 @@ def wanted(
     if params:
         sections = params_file.section_names(params)
         for stream in known:
-            with suppress(UsageError):  # reported where the file is used
+            with suppress(UsageError):  # reported when the file is used
                 named = params_file.load(params, node or stream.NODE).get('observer')
                 if isinstance(named, str):
                     return streams.of_observer(named)
@@ -144,14 +144,14 @@ def wanted(
     )
 
 
-def _knows(stream: type[Stream], given: set[str]) -> bool:
-    """True if all these parameters, as named in files and on command lines, are of this stream."""
+def _knows(stream: type[Stream], names: set[str]) -> bool:
+    """Return True if all these parameters, as in files and on command lines, are of this stream."""
     known = {'observer', *declared(stream.SETTINGS)}
     for name in registry.names(registry.OBSERVERS):
-        with suppress(UserError):  # one that cannot be imported is reported where it is used
+        with suppress(UserError):  # an observer that cannot be imported is reported when used
             if observers.find(name).kind == stream.KIND:
                 known |= set(stream.parameters(name))
-    return {params_file.parameter_of(name) for name in given} <= known
+    return {params_file.parameter_of(name) for name in names} <= known
 
 
 def parameters(
@@ -161,7 +161,7 @@ def parameters(
     observer: str | None,
     node: str | None = None,
 ) -> dict[str, Any]:
-    """Parameters of the stream's node by name, from a file, from --set and from --observer.
+    """Return the parameters of the stream's node by name: from file, --set and --observer.
 
     Raises
     ------
@@ -172,5 +172,7 @@ def parameters(
     if observer:
         values['observer'] = observer
     if not isinstance(values.get('observer', ''), str):
-        raise UsageError(f"parameter 'observer' must be text, not {values['observer']!r}")
+        raise UsageError(
+            f"parameter 'observer' is {values['observer']!r}: it must be the name of an observer"
+        )
     return params_file.of_this_node(values)

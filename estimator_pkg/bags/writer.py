@@ -1,13 +1,13 @@
-"""Writing bags: a rosbag2 folder as ROS 2 Jazzy writes it, MCAP with zstd chunks.
+"""Writes bags: a rosbag2 folder as ROS 2 Jazzy writes it, MCAP with zstd chunks.
 
 >>> with BagWriter('out') as bag:
 ...     bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
 ...     bag.write('/joint_states', log_ns, raw)
 
-The bag is written in a new folder beside its place and moved there when it is whole, so that an
-error or an interrupt leaves no half of a bag. What cannot be made again (a recording) is kept all
-the same. After a crash that folder stays, with the only copy: no other instance touches it, and the
-next one names it (`crashed`).
+The bag is written in a new folder next to its final path and moved there when it is complete, so an
+error or an interrupt leaves no incomplete bag. A recording, which cannot be repeated, is kept in
+any case. After a crash the new folder stays, with the only copy: no other instance changes it, and
+the next one reports it (`crashed`).
 """
 
 from __future__ import annotations
@@ -39,29 +39,29 @@ if TYPE_CHECKING:
 mcap_output = Lazy('estimator_pkg.bags.mcap_output')
 interfaces = Lazy('rosbags.interfaces')
 
-CHUNK_SIZE = 1 << 20  # bytes of messages that are written together, as one chunk
+CHUNK_SIZE = 1 << 20  # bytes of messages per chunk
 VERSION = 9  # of metadata.yaml, as Jazzy writes it
 OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
 HOW = '`velocity_estimator record --recover {} --out BAG` makes a bag of it'
-LATEST = 2**63 - 1  # the starting time of a bag without messages
+LATEST = 2**63 - 1  # start time of a bag without messages
 
 
 class BagWriter:
-    """A bag that is being written. A context manager: the bag is there once it ends well.
+    """A bag that is being written. A context manager: the bag is complete after its block.
 
     Parameters
     ----------
-    path : where the bag will be: a folder, or a single file if it ends in .mcap.
-    keep : what was written stays, whatever goes wrong; if need be without its end.
+    path : of the bag: a folder, or a single file if it ends in .mcap.
+    keep : keep the written messages after any failure, if need be without the end of the file.
 
     Raises
     ------
-    UserError : something is there already, or it cannot be written.
+    UserError : the path exists, or cannot be written.
     """
 
     def __init__(self, path: str | Path, *, keep: bool = False) -> None:
         self._keep = keep
-        self._torn = False  # a write failed: the end of the file is not known
+        self._torn = False  # a write failed: the state of the file's end is unknown
         self.path = Path(os.path.abspath(path))
         self._name = Path(path)
         self._bare = self.path.suffix == '.mcap'
@@ -73,14 +73,16 @@ class BagWriter:
                 f'{path}: bags are written as MCAP: name a folder, or a file that ends in .mcap'
             )
         if os.path.lexists(self.path):
-            raise UserError(f'{path} exists already: name another place, or remove it first')
+            raise UserError(f'{path} exists already: choose another path, or remove it first')
         if not self.path.parent.is_dir():
-            raise UserError(f'{path} cannot be written: there is no folder {self._name.parent}')
-        output = mcap_output.McapOutput  # a missing library is found before anything is made
+            raise UserError(
+                f'{path} cannot be written: the folder {self._name.parent} does not exist'
+            )
+        output = mcap_output.McapOutput  # a missing library raises before anything is created
         for folder in crashed(self.path):
             interrupts.say(
-                f'warning: {folder} holds what was written when a process that made '
-                f'{path} was killed: {HOW.format(shlex.quote(str(folder)))}'
+                f'warning: {folder} contains an incomplete {path}, whose process was killed: '
+                f'{HOW.format(shlex.quote(str(folder)))}'
             )
         self._folder: Path | None = None
         self._file = f'{self.path.stem}_0.mcap' if not self._bare else self.path.name
@@ -110,9 +112,9 @@ class BagWriter:
         elif self._torn:
             self._give_up()
         else:
-            with contextlib.suppress(UserError):  # the first error is the one to be told
+            with contextlib.suppress(UserError):  # the first error is the one to report
                 self.close()
-                self._say_kept()
+                self._print_kept()
 
     def add_topic(
         self,
@@ -125,14 +127,14 @@ class BagWriter:
         type_hash: str = '',
         serialization: str = 'cdr',
     ) -> int:
-        """Declare a topic; returns the number that `write_block` takes for it.
+        """Declare a topic; return its number for `write_block`.
 
         Parameters
         ----------
         name, type_name : as in '/joint_states', 'sensor_msgs/msg/JointState'.
-        qos : the profile or profiles its publishers offer; None: reliable, volatile, keep last 10.
-        definition, definition_format, type_hash : as another bag has them; else they are looked up.
-        serialization : of its messages, as another bag has it.
+        qos : the offered profile or profiles; None: reliable, volatile, keep last 10.
+        definition, definition_format, type_hash : from another bag; by default looked up.
+        serialization : of its messages, from another bag.
         """
         if name in self._topics:
             return self._topics[name][0]
@@ -168,11 +170,11 @@ class BagWriter:
         return channel
 
     def write(self, topic: str, log_ns: int, raw: bytes, publish_ns: int | None = None) -> None:
-        """One message of a declared topic: its CDR bytes, when it was recorded and published [ns].
+        """Write a message of a declared topic: CDR bytes, times of recording and publishing [ns].
 
         Raises
         ------
-        UserError : the disk is full or the like.
+        UserError : it cannot be written (the disk is full, say).
         """
         channels, logs, publishes, raws = self._pending
         channels.append(self._topics[topic][0])
@@ -184,16 +186,16 @@ class BagWriter:
             self.flush()
 
     def write_block(self, block: Block) -> None:
-        """Many messages; `block.topic` are the numbers that `add_topic` gave."""
+        """Write many messages; `block.topic` are numbers from `add_topic`."""
         self.flush()
         self._write(block)
 
     def flush(self) -> None:
-        """Hand what `write` gathered to the operating system.
+        """Pass the messages of `write` to the operating system.
 
         Raises
         ------
-        UserError : the disk is full or the like.
+        UserError : they cannot be written (the disk is full, say).
         """
         if self._pending[0]:
             block = from_messages(*self._pending)
@@ -208,7 +210,7 @@ class BagWriter:
                 raise self._unwritable(error) from error
 
     def counts(self) -> dict[str, int]:
-        """Messages written so far, by topic."""
+        """Return the number of messages written so far, by topic."""
         pending = np.bincount(self._pending[0], minlength=len(self._topics) + 1).tolist()
         return {
             name: self._mcap.counts[channel] + pending[channel]
@@ -216,11 +218,11 @@ class BagWriter:
         }
 
     def close(self) -> None:
-        """Finish the bag and move it to its place.
+        """Finish the bag and move it to its path.
 
         Raises
         ------
-        UserError : that was not possible; nothing is left behind, but for what is to be kept.
+        UserError : that failed; nothing is left over, except with `keep`.
         """
         try:
             self.flush()
@@ -243,10 +245,10 @@ class BagWriter:
             raise
 
     def _move(self) -> None:
-        """Put what was written in its place; fails where something is by now.
+        """Move the new bag to its path; raise OSError if the path exists by now.
 
-        The place is reserved first, which fails if somebody else has it; only then something is
-        replaced: what this instance has just made. So no hard links are needed.
+        The path is reserved first, which fails if another process has it. Only the reservation
+        that this instance made is replaced, so no hard links are needed.
         """
         assert self._folder is not None
         if self._bare:
@@ -263,13 +265,13 @@ class BagWriter:
                 self.path.unlink()
                 raise
             self.path.rmdir()
-            os.rename(made, self.path)  # where no folder, even an empty one, can be replaced
+            os.rename(made, self.path)  # for systems that cannot replace an empty folder
         if self._bare:
             self._folder.rmdir()
         self._folder = None
 
     def _give_up(self) -> None:
-        """Leave nothing behind; of what is to be kept, all that can be read of it."""
+        """Remove everything; with `keep`, keep all that is readable."""
         if not self._keep or not any(self._mcap.counts.values()):
             self.abort()
             return
@@ -278,19 +280,19 @@ class BagWriter:
                 self._stream.close()
         with contextlib.suppress(OSError):
             self._move()
-        self._say_kept()
+        self._print_kept()
 
-    def _say_kept(self) -> None:
+    def _print_kept(self) -> None:
         if self._folder is None:
-            interrupts.say(f'{self._name} holds what was written until then')
+            interrupts.say(f'{self._name} contains the messages written so far')
         else:
             interrupts.say(
-                f'{self._folder} holds what was written until then: '
+                f'{self._folder} contains the messages written so far: '
                 + HOW.format(shlex.quote(str(self._folder)))
             )
 
     def abort(self) -> None:
-        """Leave nothing behind."""
+        """Remove everything that was written."""
         if self._stream is not None:
             with contextlib.suppress(OSError):
                 self._stream.close()
@@ -343,7 +345,7 @@ class BagWriter:
 
 
 def _new_folder(path: Path) -> Path:
-    """Make a folder beside `path` that nobody else has; raises OSError if that is not possible."""
+    """Make a new folder next to `path`; raise OSError if that is not possible."""
     while True:
         folder = path.parent / f'.{path.name}.{secrets.token_hex(4)}.part'
         with contextlib.suppress(FileExistsError):
@@ -352,7 +354,7 @@ def _new_folder(path: Path) -> Path:
 
 
 def _mark(stream: BinaryIO) -> None:
-    """Lock the file while this process lives, where the system has such locks."""
+    """Lock the file while this process lives, if the system supports it."""
     with contextlib.suppress(ImportError, OSError):
         import fcntl
 
@@ -360,7 +362,7 @@ def _mark(stream: BinaryIO) -> None:
 
 
 def in_use(file: Path) -> bool:
-    """True if a process that lives is writing this file."""
+    """Return True if a running process is writing this file."""
     try:
         import fcntl
 
@@ -374,11 +376,11 @@ def in_use(file: Path) -> bool:
 
 
 def crashed(path: Path) -> list[Path]:
-    """Return the folders beside `path` that writers of it left when they were killed.
+    """Return the folders next to `path` that its killed writers left.
 
     Parameters
     ----------
-    path : of the bag that was to be made.
+    path : path of the requested bag.
     """
     name = re.compile(re.escape(f'.{path.name}.') + r'[0-9a-f]+\.part')
     try:

@@ -1,4 +1,4 @@
-"""Many messages of a bag at once: one buffer and where each message stands in it."""
+"""Many messages of a bag in one buffer, with the position of each."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class Block:
 
     Attributes
     ----------
-    topic : shape (n,), which topic each message belongs to (an index kept by the bag).
+    topic : shape (n,), the topic of each message (an index of the bag).
     log_ns, publish_ns : shape (n,), int64 nanoseconds.
     data : the buffer, shape (size,), uint8.
-    start, end : shape (n,), where each message's bytes stand in `data`.
+    start, end : shape (n,), first byte of each message in `data`, and the byte after its last.
     """
 
     topic: NDArray[np.int64]
@@ -33,7 +33,7 @@ class Block:
         return len(self.topic)
 
     def take(self, rows: NDArray[Any] | slice) -> Block:
-        """Some of the messages, on the same buffer."""
+        """Return some of the messages, in the same buffer."""
         return Block(
             self.topic[rows],
             self.log_ns[rows],
@@ -44,14 +44,14 @@ class Block:
         )
 
     def in_log_order(self) -> Block:
-        """The messages sorted by log time; equal times keep their order."""
+        """Return the messages sorted by log time; equal times keep their order."""
         if np.all(self.log_ns[1:] >= self.log_ns[:-1]):
             return self
         return self.take(np.argsort(self.log_ns, kind='stable'))
 
 
 def join(blocks: Sequence[Block]) -> Block:
-    """The messages of several blocks one after the other, on a buffer of their own."""
+    """Return the messages of several blocks one after the other, in a new buffer."""
     data = np.concatenate([block.data for block in blocks])
     shifts = np.cumsum([0] + [len(block.data) for block in blocks[:-1]])
     return Block(
@@ -65,7 +65,7 @@ def join(blocks: Sequence[Block]) -> Block:
 
 
 def compact(block: Block) -> Block:
-    """The same messages on a buffer without what lies before the first and after the last."""
+    """Return the same messages in a buffer without unused bytes at both ends."""
     if not len(block):
         return replace(block, data=np.zeros(0, np.uint8))
     low, high = int(block.start.min()), int(block.end.max())
@@ -75,7 +75,7 @@ def compact(block: Block) -> Block:
 def from_messages(
     topic: Sequence[int], log_ns: Sequence[int], publish_ns: Sequence[int], raws: Sequence[bytes]
 ) -> Block:
-    """A block of single messages."""
+    """Return a block of single messages."""
     end = np.cumsum([len(raw) for raw in raws], dtype=np.int64)
     start = np.concatenate([np.zeros(1, np.int64), end[:-1]]) if len(raws) else end
     return Block(
@@ -89,7 +89,7 @@ def from_messages(
 
 
 def rows(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
-    """`length` bytes from each `start` on, shape (n, length); a copy."""
+    """Return `length` bytes from each `start`, shape (n, length); a copy."""
     if not len(start):
         return np.zeros((0, length), np.uint8)
     return np.lib.stride_tricks.sliding_window_view(data, length)[start]

@@ -1,4 +1,4 @@
-"""Reading and writing of CDR (XCDR1) primitives, as DDS and rosbag2 carry them.
+"""Reads and writes CDR (XCDR1) primitives, the format of DDS and rosbag2.
 
 Alignment is relative to the byte after the four-byte encapsulation header.
 """
@@ -28,7 +28,7 @@ class Reader:
         self.raw = raw
         self.at = 4
         self.order = '<' if raw[1] else '>'
-        self.padding: list[tuple[int, int]] = []  # byte ranges that carry nothing
+        self.padding: list[tuple[int, int]] = []  # ranges of unused bytes
 
     def align(self, size: int) -> None:
         """Move to the next multiple of `size`."""
@@ -38,7 +38,7 @@ class Reader:
             self.at += gap
 
     def numbers(self, code: str, count: int) -> tuple[Any, ...]:
-        """`count` numbers of struct code `code`, aligned; none: no alignment either."""
+        """Read `count` numbers of struct code `code`, aligned; for 0 numbers nothing moves."""
         if count == 0:
             return ()
         size = struct.calcsize(code)
@@ -51,11 +51,11 @@ class Reader:
         return values
 
     def number(self, code: str) -> Any:
-        """One number of struct code `code`."""
+        """Read one number of struct code `code`."""
         return self.numbers(code, 1)[0]
 
     def text(self) -> str:
-        """A string."""
+        """Read a string."""
         length = self.number('I')
         end = self.at + length
         if end > len(self.raw):
@@ -65,14 +65,14 @@ class Reader:
         return bytes(value).decode('utf-8', 'replace')
 
     def texts(self) -> tuple[str, ...]:
-        """A sequence of strings."""
+        """Read a sequence of strings."""
         count = self.number('I')
         if count > len(self.raw):
             raise MalformedMessageError('message is too short')
         return tuple(self.text() for _ in range(count))
 
     def doubles(self) -> tuple[float, ...]:
-        """A sequence of doubles."""
+        """Read a sequence of doubles."""
         count = self.number('I')
         if count * 8 > len(self.raw):
             raise MalformedMessageError('message is too short')
@@ -86,25 +86,25 @@ class Writer:
         self.raw = bytearray(b'\x00\x01\x00\x00')
 
     def numbers(self, code: str, values: Sequence[float]) -> None:
-        """Numbers of struct code `code`, aligned."""
+        """Write numbers of struct code `code`, aligned."""
         if len(values) == 0:
             return
         self.raw += b'\0' * (-(len(self.raw) - 4) % struct.calcsize(code))
         self.raw += struct.pack(f'<{len(values)}{code}', *values)
 
     def text(self, value: str) -> None:
-        """A string with its terminator."""
+        """Write a string with its terminator."""
         encoded = value.encode() + b'\0'
         self.numbers('I', (len(encoded),))
         self.raw += encoded
 
     def texts(self, values: Sequence[str]) -> None:
-        """A sequence of strings."""
+        """Write a sequence of strings."""
         self.numbers('I', (len(values),))
         for value in values:
             self.text(value)
 
     def doubles(self, values: Sequence[float]) -> None:
-        """A sequence of doubles."""
+        """Write a sequence of doubles."""
         self.numbers('I', (len(values),))
         self.numbers('d', values)

@@ -14,7 +14,7 @@ OK, WARN = 0, 1  # levels of a DiagnosticStatus
 
 
 class Status(NamedTuple):
-    """One entry: in order or not, what it is of, in words, and numbers."""
+    """One entry: good or not, name, message, and values."""
 
     good: bool
     name: str
@@ -23,7 +23,7 @@ class Status(NamedTuple):
 
 
 def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
-    """CDR bytes; a stamp that no message can carry becomes the nearest one."""
+    """Return CDR bytes; a stamp outside the range of a header is clamped to it."""
     sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     writer = Writer()
     writer.numbers('i', (sec,))
@@ -43,7 +43,7 @@ def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
 
 
 def text(value: Any) -> str:
-    """Numbers as a person reads them."""
+    """Return a value as readable text; '' for NaN and infinity."""
     if isinstance(value, float):
         return f'{value:.6g}' if math.isfinite(value) else ''
     return str(value)

@@ -1,6 +1,6 @@
 """Batches of a drive, as std_msgs/Float64MultiArray: currents and voltages in, estimates out.
 
-Stamps are two whole numbers in each row (sec, nanosec), because one double cannot hold nanoseconds
+Stamps are two integers in each row (sec, nanosec), because one double cannot represent nanoseconds
 since 1970.
 """
 
@@ -19,7 +19,7 @@ LABELS = ('sample', 'channel')
 CHANNELS = ('sec', 'nanosec', 'i_alpha', 'i_beta', 'u_alpha', 'u_beta')
 ESTIMATES = ('sec', 'nanosec', 'electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 SECOND = 1_000_000_000  # [ns]
-LONGEST = 2.0**31  # [s] seconds of a stamp
+LONGEST = 2.0**31  # largest seconds of a stamp [s]
 
 
 class Batch(NamedTuple):
@@ -35,11 +35,11 @@ class Batch(NamedTuple):
 
 
 def decode(raw: bytes) -> Batch:
-    """A batch of samples, or of estimates: both have six channels.
+    """Decode a batch of samples or of estimates: both have six channels.
 
     Raises
     ------
-    MalformedMessageError : another layout, or stamps that are none; its text says which.
+    MalformedMessageError : another layout, or invalid stamps; the message describes which.
     """
     table = multi_array.decode(raw, LABELS, len(CHANNELS))
     sec, nanosec = table[:, 0], table[:, 1]
@@ -54,15 +54,15 @@ def decode(raw: bytes) -> Batch:
     if not good.all():
         row = int(np.argmin(good))
         raise MalformedMessageError(
-            f'row {row} has no time stamp: sec {sec[row]:g}, nanosec '
-            f'{nanosec[row]:g} (whole numbers are needed)'
+            f'row {row} has an invalid time stamp: sec {sec[row]:g}, nanosec '
+            f'{nanosec[row]:g}; both must be integers'
         )
     stamps = sec.astype(np.int64) * SECOND + nanosec.astype(np.int64)
     return Batch(stamps, table[:, 2:])
 
 
 def encode(stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> bytes:
-    """CDR bytes of a batch of samples or of estimates; `values` has shape (n, 4)."""
+    """Encode a batch of samples or of estimates as CDR; `values` has shape (n, 4)."""
     table = np.empty((len(stamps_ns), len(CHANNELS)))
     sec = np.asarray(stamps_ns) // SECOND
     table[:, 0] = sec

@@ -1,7 +1,7 @@
 """sensor_msgs/JointState from and to CDR bytes.
 
-A stream repeats its names in every message. What the names and counts imply (a `Layout`) is worked
-out once and kept as long as these bytes stay the same, so that one message costs about 2 us.
+A stream repeats its names in every message. A `Layout`, which follows from names and counts, is
+computed once and used as long as these bytes are the same, so one message costs about 2 us.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ EARLIEST, LATEST = -(2**31) * 10**9, 2**31 * 10**9 - 1  # stamps that a header c
 
 
 class Layout:
-    """Where everything stands in messages with these names and array lengths."""
+    """Positions of all fields in messages with these names and array lengths."""
 
     def __init__(self, raw: bytes) -> None:
         reader = Reader(raw)
@@ -28,15 +28,15 @@ class Layout:
         self.frame_id = reader.text()
         self.names = reader.texts()
         self.fixed_to = reader.at
-        # The DDS serialiser leaves padding uninitialised, so it is masked out of the comparison.
+        # DDS leaves padding bytes uninitialised, so the comparison masks them.
         mask = bytearray(b'\xff' * (self.fixed_to - self.fixed_from))
         for start, end in reader.padding:
             mask[start - self.fixed_from : end - self.fixed_from] = bytes(end - start)
         self._carrying = bytes(mask)
         self._mask = int.from_bytes(mask, 'little')
         self._fixed = self._significant(raw)
-        self.counts: list[tuple[int, int]] = []  # (where the count stands, the count)
-        self.arrays: list[tuple[int, int]] = []  # (where the first number stands, how many)
+        self.counts: list[tuple[int, int]] = []  # (position of the count, count)
+        self.arrays: list[tuple[int, int]] = []  # (position of the first number, count)
         for _ in range(3):
             reader.align(4)
             at = reader.at
@@ -49,7 +49,7 @@ class Layout:
         self._doubles = [struct.Struct(f'{self.order}{count}d') for _, count in self.arrays]
 
     def fits(self, raw: bytes) -> bool:
-        """True if `raw` has these names and array lengths."""
+        """Return True if `raw` has these names and array lengths."""
         if len(raw) < self.length or raw[:2] != self._head or self._significant(raw) != self._fixed:
             return False
         unpack = self._count.unpack_from
@@ -59,7 +59,7 @@ class Layout:
         return int.from_bytes(raw[self.fixed_from : self.fixed_to], 'little') & self._mask
 
     def deciding(self) -> list[bool]:
-        """Of each byte up to `length`: whether messages of this layout have the same there."""
+        """Return, for each byte up to `length`, True if it decides the layout."""
         mask = bytearray(self.length)
         mask[:2] = b'\xff\xff'
         mask[self.fixed_from : self.fixed_to] = self._carrying
@@ -68,13 +68,13 @@ class Layout:
         return [byte != 0 for byte in mask]
 
     def stamp_ns(self, raw: bytes) -> int:
-        """Header stamp [ns]."""
+        """Return the header stamp [ns]."""
         sec, nanosec = self._stamp.unpack_from(raw, 4)
         stamp: int = sec * 1_000_000_000 + nanosec
         return stamp
 
     def numbers(self, raw: bytes, which: int) -> tuple[float, ...]:
-        """Positions (0), velocities (1) or efforts (2)."""
+        """Return positions (0), velocities (1) or efforts (2)."""
         return self._doubles[which].unpack_from(raw, self.arrays[which][0])
 
 
@@ -90,17 +90,17 @@ class JointState(NamedTuple):
 
 
 class Decoder:
-    """Decodes a stream of JointState bytes; remembers the layout of the last message."""
+    """Decodes a stream of JointState bytes; caches the layout of the last message."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
 
     def layout(self, raw: bytes) -> Layout:
-        """The layout of this message.
+        """Return the layout of this message.
 
         Raises
         ------
-        MalformedMessageError : the bytes are no JointState.
+        MalformedMessageError : the bytes are not a JointState.
         """
         layout = self._layout
         if layout is None or not layout.fits(raw):
@@ -108,7 +108,7 @@ class Decoder:
         return layout
 
     def decode(self, raw: bytes) -> JointState:
-        """The message in `raw`; raises MalformedMessageError if it is none."""
+        """Decode `raw`; raise MalformedMessageError if it is not a JointState."""
         layout = self.layout(raw)
         return JointState(
             layout.stamp_ns(raw),
@@ -121,7 +121,7 @@ class Decoder:
 
 
 class Encoder:
-    """Encodes JointStates; remembers the bytes before the arrays while the names stay the same."""
+    """Encodes JointStates; caches the bytes before the arrays while the names stay the same."""
 
     def __init__(self) -> None:
         self._key: tuple[Any, ...] | None = None
@@ -137,9 +137,9 @@ class Encoder:
         velocities: Sequence[float] = (),
         efforts: Sequence[float] = (),
     ) -> bytes:
-        """CDR bytes of this JointState (SI units, stamp in ns).
+        """Return the CDR bytes of this JointState (SI units, stamp in ns).
 
-        A stamp that no message can carry (int32 seconds) becomes the nearest one.
+        A stamp outside the range of a header (int32 seconds) is clamped to it.
         """
         key = (frame_id, tuple(names), len(positions), len(velocities), len(efforts))
         if key != self._key:
@@ -164,7 +164,7 @@ class Encoder:
         at = len(writer.raw) - 4
         body = '<'
         for count in counts:
-            # the counts are constants of the layout, so they stand in the format as their bytes
+            # the counts are constant in the layout, so they are part of the struct
             body += 'I'
             at += 4
             if count:
@@ -175,7 +175,7 @@ class Encoder:
 
 
 class _WithCounts:
-    """A struct whose arrays are preceded by their constant lengths."""
+    """A struct of arrays, each with its constant length before it."""
 
     def __init__(self, body: str, counts: Sequence[int]) -> None:
         self._struct = struct.Struct(body)

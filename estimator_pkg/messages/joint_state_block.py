@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.messages.alike import (
+from estimator_pkg.messages.joint_state import Encoder, Layout
+from estimator_pkg.messages.layouts import (
     Messages,
     groups,
     numbers,
@@ -19,14 +20,13 @@ from estimator_pkg.messages.alike import (
     put_stamps,
     stamps,
 )
-from estimator_pkg.messages.joint_state import Encoder, Layout
 
 
 class Decoded(NamedTuple):
     """Messages of one layout.
 
-    rows : shape (n,), which messages of the block these are, ascending.
-    frame_id, names : of all of them.
+    rows : shape (n,), indices of these messages in the block, ascending.
+    frame_id, names : the same for all of them.
     stamps_ns : shape (n,), int64.
     arrays : positions, velocities and efforts, each of shape (n, its length).
     """
@@ -39,9 +39,9 @@ class Decoded(NamedTuple):
 
 
 def decode_block(block: Messages) -> tuple[list[Decoded], list[int]]:
-    """The groups of a block of JointStates, and the rows that are none.
+    """Decode a block of JointStates; return its groups and the malformed rows.
 
-    Every row is in exactly one group or among the malformed ones.
+    Every row is in exactly one group or is malformed.
     """
     malformed: list[int] = []
     decoded = []
@@ -64,7 +64,7 @@ def encode_block(
     names: Sequence[str],
     *arrays: NDArray[np.float64],
 ) -> NDArray[np.uint8]:
-    """JointStates with these names, shape (n, bytes of one message).
+    """Encode JointStates with these names, shape (n, bytes of one message); efforts empty.
 
     Parameters
     ----------

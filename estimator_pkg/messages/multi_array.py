@@ -14,32 +14,32 @@ TYPE = 'std_msgs/msg/Float64MultiArray'
 
 
 def decode(raw: bytes, labels: Sequence[str], columns: int) -> NDArray[np.float64]:
-    """The table, shape (n, columns); it may share its memory with `raw`.
+    """Return the table, shape (n, columns); it may share its memory with `raw`.
 
     Parameters
     ----------
-    labels : of the two dimensions.
-    columns : size that the second one must have.
+    labels : labels of the two dimensions.
+    columns : required size of the second one.
 
     Raises
     ------
-    MalformedMessageError : no Float64MultiArray, or another layout; its text says which.
+    MalformedMessageError : not a Float64MultiArray, or another layout; the message says which.
     """
     reader = Reader(raw)
     count = reader.number('I')
     if count != 2:
-        raise MalformedMessageError(f'the layout has {count} dimensions, not 2')
+        raise MalformedMessageError(f'the layout has {count} dimensions; it needs 2')
     sizes, strides = [], []
     for label in labels:
         found, size, stride = reader.text(), *reader.numbers('I', 2)
         if found != label:
-            raise MalformedMessageError(f"a dimension is called '{found}', not '{label}'")
+            raise MalformedMessageError(f"a dimension has the label '{found}', not '{label}'")
         sizes.append(size)
         strides.append(stride)
     rows, width = sizes
     if width != columns:
         raise MalformedMessageError(f"dimension '{labels[1]}' has size {width}, not {columns}")
-    # strides of 0 were left out; the first one is by definition the size of all, which nobody needs
+    # a stride of 0 is unset; the first one is the total size by definition, and is not needed
     if strides[1] not in (0, columns) or strides[0] not in (0, rows * columns):
         raise MalformedMessageError(f'strides {strides} do not fit {rows} rows of {columns}')
     first = reader.number('I')
@@ -57,11 +57,11 @@ def decode(raw: bytes, labels: Sequence[str], columns: int) -> NDArray[np.float6
 
 
 def numbers(raw: bytes) -> tuple[float, ...]:
-    """All numbers behind the layout's offset, whatever its dimensions.
+    """Return all numbers after the layout's offset, for any dimensions.
 
     Raises
     ------
-    MalformedMessageError : no Float64MultiArray, or an offset beyond its end.
+    MalformedMessageError : not a Float64MultiArray, or an offset beyond its end.
     """
     reader = Reader(raw)
     for _ in range(reader.number('I')):
@@ -70,19 +70,19 @@ def numbers(raw: bytes) -> tuple[float, ...]:
     first = reader.number('I')
     found = reader.doubles()
     if first > len(found):
-        raise MalformedMessageError(f'the numbers begin at {first}, but there are {len(found)}')
+        raise MalformedMessageError(f'data offset {first} is beyond the {len(found)} values')
     return found[first:]
 
 
 def encode(table: NDArray[np.float64], labels: Sequence[str]) -> bytes:
-    """CDR bytes of a table of shape (n, columns)."""
+    """Encode a table of shape (n, columns) as CDR."""
     rows, columns = table.shape
     return _head(rows, columns, tuple(labels)) + np.ascontiguousarray(table, '<f8').tobytes()
 
 
 @lru_cache(maxsize=64)
 def _head(rows: int, columns: int, labels: tuple[str, ...]) -> bytes:
-    """All that stands before the numbers."""
+    """Return all bytes before the numbers."""
     writer = Writer()
     writer.numbers('I', (2,))
     for label, size, stride in zip(labels, (rows, columns), (rows * columns, columns)):

@@ -22,9 +22,9 @@ _CODES = {
 
 
 def decoder(name: str) -> Callable[[bytes], float]:
-    """What reads the number of a std_msgs message called `name`, as 'Int32'.
+    """Return a function that decodes the number of a std_msgs message `name`, such as 'Int32'.
 
-    The function returned raises MalformedMessageError if the bytes are no such message.
+    The function raises MalformedMessageError if the bytes are not such a message.
     """
     little, big = (struct.Struct(order + _CODES[name]) for order in '<>')
     size = 4 + little.size

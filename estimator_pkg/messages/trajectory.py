@@ -1,4 +1,4 @@
-"""trajectory_msgs/JointTrajectory with one point, as CDR bytes: what ~/acceleration carries."""
+"""trajectory_msgs/JointTrajectory with one point, as CDR bytes: the type of ~/acceleration."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.messages.alike import put, put_stamps
 from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import EARLIEST, LATEST
+from estimator_pkg.messages.layouts import put, put_stamps
 
 TYPE = 'trajectory_msgs/msg/JointTrajectory'
 
@@ -22,14 +22,14 @@ def encode(
     velocities: Sequence[float],
     accelerations: Sequence[float],
 ) -> bytes:
-    """CDR bytes of one point [SI]; a stamp that no message can carry becomes the nearest one."""
+    """Encode one point [SI]; a stamp outside the range of a header is clamped to it."""
     return _encode(stamp_ns, frame_id, names, positions, velocities, accelerations)[0]
 
 
 def _encode(
     stamp_ns: int, frame_id: str, names: Sequence[str], *arrays: Sequence[float]
 ) -> tuple[bytes, list[int]]:
-    """The bytes, and where each array's numbers begin."""
+    """Return the bytes, and the position of each array's first number."""
     sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     writer = Writer()
     writer.numbers('i', (sec,))
@@ -49,7 +49,7 @@ def _encode(
 def encode_block(
     stamps_ns: NDArray[np.int64], frame_id: str, names: Sequence[str], *arrays: NDArray[np.float64]
 ) -> NDArray[np.uint8]:
-    """Many of them with these names, shape (n, bytes of one message).
+    """Encode many messages with these names, shape (n, bytes of one message).
 
     Parameters
     ----------

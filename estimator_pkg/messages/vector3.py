@@ -21,7 +21,7 @@ class Vector3(NamedTuple):
 
 
 def decode(raw: bytes) -> Vector3:
-    """The message in `raw`; raises MalformedMessageError if it is none."""
+    """Decode `raw`; raise MalformedMessageError if it is not a Vector3Stamped."""
     reader = Reader(raw)
     sec, nanosec = reader.number('i'), reader.number('I')
     frame_id = reader.text()
@@ -29,7 +29,7 @@ def decode(raw: bytes) -> Vector3:
 
 
 def encode(stamp_ns: int, frame_id: str, x: float, y: float, z: float = 0.0) -> bytes:
-    """CDR bytes; a stamp that no message can carry becomes the nearest one."""
+    """Encode as CDR; a stamp outside the range of a header is clamped to it."""
     sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     writer = Writer()
     writer.numbers('i', (sec,))

@@ -2,9 +2,9 @@
 
     M = [[J, B cos q1], [B cos q1, m]],  V = Gv cos q1,  G = [0, 1],  C v = [0, -B sin(q1) v1^2]
 
-Section 5.1 of the paper uses it normalised (J = m = 1), section 6 with the numbers of a laboratory
-(equation (24), whose potential lacks g as printed). Psi = calM is the lower Cholesky factor of
-M^-1.
+Section 5.1 of the paper uses it normalised (J = m = 1), section 6 with the parameters of a
+laboratory set-up (equation (24); its potential is printed without g). Psi = calM is the lower
+Cholesky factor of M^-1.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ GRAVITY = 9.81  # m/s^2
 
 @dataclass(frozen=True)
 class Parameters:
-    """The numbers of a cart-pendulum; the defaults are the laboratory's of section 6."""
+    """The parameters of a cart-pendulum; the defaults are those of section 6."""
 
     pendulum_inertia: float = parameter(
         0.0484,
@@ -30,7 +30,7 @@ class Parameters:
         range=(1e-9, 1e6),
         structural=True,
         equation='J = J_f',
-        description='of the pendulum about its pivot',
+        description='inertia of the pendulum about its pivot',
     )
     pendulum_moment: float = parameter(
         0.105,
@@ -46,7 +46,7 @@ class Parameters:
         range=(1e-9, 1e6),
         structural=True,
         equation='m = M_c + m_p',
-        description='cart and pendulum together',
+        description='mass of cart and pendulum',
     )
     gravity: float | None = parameter(
         None,
@@ -62,7 +62,7 @@ class Parameters:
         unit='N/A',
         range=(-1e6, 1e6),
         structural=True,
-        description='force on the cart per unit of the input (9.27 N/A in section 6); 1 where the '
+        description='force on the cart per unit of the input (9.27 N/A in section 6); 1 if the '
         'input is the force',
     )
     friction_forward: float = parameter(
@@ -85,7 +85,7 @@ class Parameters:
         range=(0.0, 100.0),
         structural=True,
         advanced=True,
-        description='width of the change of sign of the friction, tanh(v / width); 0: a plain sign',
+        description='width of the smoothed sign of the friction, tanh(v / width); 0: a plain sign',
     )
     pendulum_damping: float = parameter(
         0.0,
@@ -103,12 +103,12 @@ class Parameters:
     )
 
     def __post_init__(self) -> None:
-        """M must be positive at every angle; raises UsageError."""
+        """Check that M is positive definite at every angle; raise UsageError."""
         if self.pendulum_inertia * self.moving_mass <= self.pendulum_moment**2:
             raise UsageError(
                 "model 'cart_pendulum': pendulum_inertia * moving_mass must be above "
                 f'pendulum_moment^2, but {self.pendulum_inertia * self.moving_mass:g} <= '
-                f'{self.pendulum_moment**2:g}: the mass matrix is not positive'
+                f'{self.pendulum_moment**2:g}: the mass matrix is not positive definite'
             )
 
 

@@ -1,7 +1,7 @@
-"""A model is checked by numbers when it is loaded: a wrong one must not estimate quietly.
+"""Numerical checks of a model when it is loaded, so that a wrong one is refused.
 
-At random configurations and velocities: M is symmetric and positive; calM is M^-1 Psi^-T; the
-momenta Psi^T M v are partially linear (PLvCC); the Coriolis forces belong to M. Derivatives are
+At random configurations and velocities: M is symmetric and positive definite; calM is M^-1 Psi^-T;
+the momenta Psi^T M v are partially linear (PLvCC); the Coriolis forces belong to M. Derivatives are
 central differences.
 """
 
@@ -18,22 +18,25 @@ from estimator_pkg.models.mechanics import Mechanics
 
 Array = NDArray[np.float64]
 
-STATES = 24  # random states that are tried
-STEP = 1e-5  # of the central differences, of the reach of a position
-CALM_EXACT = 1e-9  # relative residual of calM Psi^T M = I
-DERIVED = 1e-6  # relative residual of what central differences enter
+STATES = 24  # number of random states
+STEP = 1e-5  # step of the central differences, over the reach of a position
+CALM_EXACT = 1e-9  # allowed relative residual of calM Psi^T M = I
+DERIVED = 1e-6  # allowed relative residual of equations with central differences
 SEED = 20170915
 
 
 def check(mechanics: Mechanics) -> None:
-    """Refuse a model that is not what it says.
+    """Raise UserError unless the model's functions are consistent.
 
     Raises
     ------
-    UserError : one line with the model, the property, the residual and where it was found.
+    UserError : one line with the model, the property, the residual and the state.
     """
     if not all(reach > 0.0 for reach in mechanics.reach):
-        raise UserError(f"model '{mechanics.name}': reach must be above 0 for each position")
+        raise UserError(
+            f"model '{mechanics.name}': reach is {mechanics.reach}: it must be above 0 for each "
+            'position'
+        )
     tests = [positive_inertia, coriolis_of_inertia]
     if mechanics.damping is not None:
         tests.append(dissipating)
@@ -48,11 +51,11 @@ def check(mechanics: Mechanics) -> None:
 
 
 def random_states(mechanics: Mechanics, count: int = STATES) -> list[tuple[Array, Array]]:
-    """(q, v) within the model's region and domain.
+    """Return random (q, v) within the model's region and domain.
 
     Raises
     ------
-    UserError : hardly any configuration of the region is in the domain.
+    UserError : almost no configuration of the region is in the domain.
     """
     random = np.random.default_rng(SEED)
     centre, reach = np.array(mechanics.centre), np.array(mechanics.reach)
@@ -64,18 +67,18 @@ def random_states(mechanics: Mechanics, count: int = STATES) -> list[tuple[Array
             if len(states) == count:
                 return states
     raise UserError(
-        f"model '{mechanics.name}' admits hardly any configuration within "
-        f'{_text(centre)} +- {_text(reach)}'
+        f"model '{mechanics.name}': `admits` refuses nearly every configuration within "
+        f'{_text(centre)} +- {_text(reach)}: correct `admits`, `centre` or `reach`'
     )
 
 
 def matrix(function: Callable[..., Any], mechanics: Mechanics, q: Array) -> Array:
-    """A matrix of the model at q."""
+    """Return a matrix of the model at q."""
     return np.array(function(mechanics.values, tuple(q.tolist())), float)
 
 
 def factors(mechanics: Mechanics, q: Array) -> tuple[Array, Array]:
-    """(calM, Psi) at q."""
+    """Return (calM, Psi) at q."""
     assert mechanics.factors is not None
     calm, psi = mechanics.factors(mechanics.values, tuple(q.tolist()))
     return np.array(calm, float), np.array(psi, float)
@@ -121,7 +124,7 @@ def _dimensions(mechanics: Mechanics, q: Array, v: Array) -> None:
 
 
 def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """M is symmetric and positive; raises UserError."""
+    """Raise UserError unless M is symmetric and positive definite."""
     inertia = matrix(mechanics.inertia, mechanics, q)
     size = float(np.max(np.abs(inertia)))
     if float(np.max(np.abs(inertia - inertia.T))) > 1e-9 * size:
@@ -132,13 +135,13 @@ def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
     lowest = float(np.linalg.eigvalsh(inertia)[0])
     if lowest <= 1e-12 * size:
         raise UserError(
-            f"model '{mechanics.name}': the mass matrix is not positive at "
+            f"model '{mechanics.name}': the mass matrix is not positive definite at "
             f'q = {_text(q)} (lowest eigenvalue {lowest:.3g})'
         )
 
 
 def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """D takes energy out of every motion, or none; raises UserError."""
+    """Raise UserError if D adds energy to a motion."""
     assert mechanics.damping is not None
     damping = matrix(mechanics.damping, mechanics, q)
     lowest = float(np.linalg.eigvalsh(0.5 * (damping + damping.T))[0])
@@ -150,7 +153,7 @@ def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
 
 
 def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """calM = M^-1 Psi^-T; raises UserError."""
+    """Raise UserError unless calM = M^-1 Psi^-T."""
     calm, psi = factors(mechanics, q)
     rest = calm @ psi.T @ matrix(mechanics.inertia, mechanics, q) - np.eye(mechanics.degrees)
     if float(np.max(np.abs(rest))) > CALM_EXACT * max(1.0, float(np.linalg.cond(psi))):
@@ -161,7 +164,7 @@ def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
 
 
 def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -> list[Array]:
-    """The derivative of `function` by each position: central differences."""
+    """Return the derivatives of `function` by each position, as central differences."""
     found = []
     for index, reach in enumerate(mechanics.reach):
         step = np.zeros(mechanics.degrees)
@@ -171,7 +174,7 @@ def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -
 
 
 def linear_residual(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
-    """(|Psi^T d/dq (P^T M^-1 P / 2) - (dPsi/dt)^T P|, the size of its terms): PLvCC where 0."""
+    """Return (|Psi^T d/dq (P^T M^-1 P / 2) - (dPsi/dt)^T P|, size of its terms); 0 for PLvCC."""
     inertia = matrix(mechanics.inertia, mechanics, q)
     psi = factors(mechanics, q)[1]
     momentum = inertia @ v
@@ -186,31 +189,31 @@ def linear_residual(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, fl
 
 
 def partially_linear(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """The PLvCC identity holds; raises UserError, which offers an observer that needs none."""
+    """Raise UserError unless the PLvCC identity is satisfied; it proposes another observer."""
     rest, size = linear_residual(mechanics, q, v)
     if rest > DERIVED * max(size, 1e-12):
         raise UserError(
             f"model '{mechanics.name}' is not partially linearisable with its Psi "
-            f'(PLvCC residual {rest:.3g} at q = {_text(q)}): mend Psi, or leave it out '
+            f'(PLvCC residual {rest:.3g} at q = {_text(q)}): correct Psi, or omit it '
             "and use the observer 'hgo'"
         )
 
 
 def coriolis_of_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
-    """C v = (dM/dt) v - d/dq (v^T M v / 2); raises UserError."""
+    """Raise UserError unless C v = (dM/dt) v - d/dq (v^T M v / 2)."""
     of_inertia = slopes(mechanics, lambda x: matrix(mechanics.inertia, mechanics, x), q)
     turning = sum(rate * slope for rate, slope in zip(v, of_inertia))
-    wanted = np.asarray(turning) @ v - np.array([0.5 * v @ slope @ v for slope in of_inertia])
-    given = np.array(mechanics.coriolis(mechanics.values, tuple(q.tolist()), tuple(v.tolist())))
+    expected = np.asarray(turning) @ v - np.array([0.5 * v @ slope @ v for slope in of_inertia])
+    provided = np.array(mechanics.coriolis(mechanics.values, tuple(q.tolist()), tuple(v.tolist())))
     size = max(
-        float(np.max(np.abs(wanted))),
+        float(np.max(np.abs(expected))),
         float(np.max(np.abs(matrix(mechanics.inertia, mechanics, q)))),
     )
-    if float(np.max(np.abs(given - wanted))) > DERIVED * size:
+    if float(np.max(np.abs(provided - expected))) > DERIVED * size:
         raise UserError(
             f"model '{mechanics.name}': the Coriolis forces do not belong to the mass "
             f'matrix at q = {_text(q)}, v = {_text(v)} '
-            f'(residual {_rest(given - wanted)})'
+            f'(residual {_rest(provided - expected)})'
         )
 
 

@@ -1,7 +1,7 @@
 """A joint whose load changes when its gripper closes or opens, at known instants.
 
-J q'' = tau - b q' - m g l sin q, Z = (1/J, b/J, m g l / J). The modes 'close' and 'open' make Z
-unknown (what was gripped is not known); any other mode leaves it as it is.
+J q'' = tau - b q' - m g l sin q, Z = (1/J, b/J, m g l / J). After the modes 'close' and 'open' Z is
+unknown (the gripped load is not known); any other mode leaves it unchanged.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ from collections.abc import Sequence
 from estimator_pkg.models.switched import SwitchedModel, Vector
 
 OPEN = (2.0, 0.8, 9.81)  # Z without load
-CLOSED = (1.25, 0.5, 12.2625)  # and with it: J from 0.5 to 0.8 kg m^2
+CLOSED = (1.25, 0.5, 12.2625)  # Z with load: J rises from 0.5 to 0.8 kg m^2
 SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 UNKNOWN = ('close', 'open')
 
 
 def dynamics(x: Vector, z: Vector, u: Vector) -> Sequence[float]:
-    """x = (angle [rad], velocity [rad/s]), u = (torque [N m],)."""
+    """Return x' for x = (angle [rad], velocity [rad/s]), u = (torque [N m],)."""
     return (x[1], z[0] * u[0] - z[1] * x[1] - z[2] * math.sin(x[0]))
 
 
 def lam(zeta: Vector, u: Vector) -> Sequence[Vector]:
-    """What Z multiplies."""
+    """Return Lambda, the factor of Z."""
     return ((u[0], -zeta[1], -math.sin(zeta[0])),)
 
 
 def basis(y: Vector, u: Vector) -> Sequence[Vector]:
-    """The same without the velocity: -q' is the derivative of -q."""
+    """Return Gamma and Lambda without the velocity: -q' is the derivative of -q."""
     return ((0.0, u[0], -y[0], -math.sin(y[0])),)
 
 
 def torque(t: float) -> tuple[float, ...]:
-    """A torque that tells the three parameters apart [N m]."""
+    """Return a torque that makes all three parameters identifiable [N m]."""
     return (3.0 * math.sin(3.0 * t) + 2.0 * math.sin(7.3 * t) + 1.0 * math.sin(17.0 * t),)
 
 

@@ -11,17 +11,17 @@ from estimator_pkg.parameters import build, parse_assignments
 
 
 def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
-    """The model called `name`, checked (see `estimator_pkg.models.check`).
+    """Return the model `name`, checked (see `estimator_pkg.models.check`).
 
     Parameters
     ----------
     name : a built-in model, or a user's own as ``package.module:Name``.
-    assignments : 'parameter=value'; of a user's model those that its `parameters` name.
+    assignments : 'parameter=value'; for a user's model, the names in its `parameters`.
 
     Raises
     ------
     UsageError : no such model, or a wrong parameter.
-    UserError : a user's model cannot be imported, or fails the check; the residual is named.
+    UserError : a user's model cannot be imported, or fails the check; the message has the residual.
     """
     values = parse_assignments(list(assignments))
     if ':' in name:
@@ -30,7 +30,9 @@ def load(name: str, assignments: tuple[str, ...] = ()) -> Mechanics:
         return guarded(mechanics)
     model: Model = registry.find(registry.MODELS, name)
     if not isinstance(model, Model):
-        raise UsageError(f"model '{name}' is not a mechanical one")
+        raise UsageError(
+            f"model '{name}' is not a mechanical model: see 'velocity_estimator list' for those"
+        )
     mechanics = model.build(build(model.parameters, values, owner=f"model '{name}'"))
     check(mechanics)
     return mechanics

@@ -1,4 +1,4 @@
-"""What a mechanical model is: the functions that model-based observers and simulators share.
+"""The interface of a mechanical model: functions for model-based observers and simulators.
 
 A mechanism with positions q (n), velocities v and inputs u (m) moves by
 
@@ -9,8 +9,8 @@ p' = Psi^T (G u - dV/dq - ...), without terms quadratic in p; then v = calM(q) p
 calM = M^-1 Psi^-T. Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equations (2) to (8).
 
 The functions are written in the subset of Python that Numba compiles: vectors are tuples of floats,
-matrices tuples of rows. Each takes first the tuple of the model's numbers, so that other numbers
-need no other code.
+matrices tuples of rows. The first argument is the tuple of the model's parameters, so that other
+values need no new compilation.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True)
 class Mechanics:
-    """A model with its numbers settled.
+    """A model with parameter values.
 
     Attributes
     ----------
     name : as users write it.
-    joints : names of the positions, in their order; how many there are is the degrees of freedom.
-    periods : of each position [rad], 0 where it does not wrap.
+    joints : names of the positions, in order; their number is the degrees of freedom.
+    periods : of each position [rad], 0 if it does not wrap.
     values : the model's numbers, first argument of every function below.
     actuated : for each input, which position's effort it is (index into `joints`).
     inertia : (values, q) -> M, symmetric and positive.
-    factors : (values, q) -> (calM, Psi); None where the mechanism is not partially linearisable.
+    factors : (values, q) -> (calM, Psi); None if the mechanism is not partially linearisable.
     force : (values, q, v, u) -> G u - dV/dq - F(v): all forces but damping and Coriolis ones.
     coriolis : (values, q, v) -> C(q, v) v.
-    damping : (values, q) -> D, linear friction known to the observers; None: there is none.
+    damping : (values, q) -> D, linear friction known to the observers; None: no damping.
     admits : (values, q) -> False where the model must not be used (a singular Psi).
-    centre, reach : the configurations in which the model is checked and judged: each position
-        within centre +- reach; the centre is the operating point unless another is given.
+    centre, reach : the configurations in which the model is checked: each position within
+        centre +- reach; the centre is the default operating point.
     speed_matters : `force` depends on v.
     compiles : every function is in the subset that Numba compiles.
-    complaint : () -> how a user's code failed last, or ''.
+    complaint : () -> the last error of a user's code, or ''.
     """
 
     name: str
@@ -71,18 +71,18 @@ class Mechanics:
 
     @property
     def degrees(self) -> int:
-        """How many positions there are."""
+        """Number of positions."""
         return len(self.joints)
 
     @property
     def inputs(self) -> int:
-        """How many inputs there are."""
+        """Number of inputs."""
         return len(self.actuated)
 
 
 @dataclass(frozen=True)
 class Model:
-    """What an entry point of the group ``velocity_estimator.models`` names.
+    """A model, as an entry point of the group ``velocity_estimator.models`` names it.
 
     Attributes
     ----------
@@ -90,9 +90,9 @@ class Model:
     summary : one line for ``velocity_estimator list``.
     parameters : the frozen dataclass that declares its numbers (see `estimator_pkg.parameters`).
     build : (parameters) -> Mechanics.
-    reference : where the equations come from.
-    identified : names of the parameters that a recording of positions and inputs tells; the others
-        are known beforehand, or only their product with one of these can be told.
+    reference : source of the equations.
+    identified : names of the parameters that a recording of positions and inputs determines; the
+        others must be known, or only their product with one of these is identifiable.
     """
 
     name: str
@@ -104,12 +104,12 @@ class Model:
 
 
 def everywhere(values: Vector, q: Vector) -> bool:
-    """The domain of a model that has no bad configuration."""
+    """Return True: the domain of a model without singular configurations."""
     return True
 
 
 def assignments_of(model: Model, parameters: Any) -> tuple[str, ...]:
-    """The 'parameter=value' texts that `load` takes for these parameters."""
+    """Return the 'parameter=value' texts that `load` takes for these parameters."""
     return tuple(
         f'{name}={getattr(parameters, name)!r}'.replace("'", '')
         for name in declared(model.parameters)

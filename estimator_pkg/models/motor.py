@@ -18,7 +18,7 @@ NEEDED = ('resistance', 'inductance', 'flux', 'pole_pairs')
 
 @dataclass(frozen=True)
 class MotorData:
-    """What the nameplate or a measurement tells of the motor; there are no defaults to trust."""
+    """Motor data from a nameplate or a measurement; there are no defaults."""
 
     resistance: float | None = parameter(
         None,
@@ -61,7 +61,7 @@ class MotorData:
 
 
 def check_motor(data: MotorData, owner: str) -> tuple[float, float, float, float]:
-    """(resistance, inductance, flux, pole pairs), all there and positive.
+    """Return (resistance, inductance, flux, pole pairs), all set and positive.
 
     Raises
     ------
@@ -69,20 +69,23 @@ def check_motor(data: MotorData, owner: str) -> tuple[float, float, float, float
     """
     missing = [name for name in NEEDED if getattr(data, name) is None]
     if missing:
-        raise UsageError(f'{owner} needs the motor data {", ".join(missing)}')
+        raise UsageError(
+            f'{owner} needs the motor data {", ".join(missing)}: set them as parameters'
+        )
     bad = [name for name in NEEDED if not getattr(data, name) > 0]
     if bad:
-        raise UsageError(f'{owner}: {", ".join(bad)} must be positive')
+        values = ', '.join(f'{name} = {getattr(data, name)}' for name in bad)
+        raise UsageError(f'{owner}: {values} must be positive')
     assert data.resistance and data.inductance and data.flux and data.pole_pairs
     return data.resistance, data.inductance, data.flux, float(data.pole_pairs)
 
 
 def clarke(a: float, b: float, c: float) -> tuple[float, float]:
-    """(alpha, beta) of three phase quantities, amplitude-invariant; a common part drops out."""
+    """Return (alpha, beta) of three phase quantities, amplitude-invariant, no zero sequence."""
     return (2.0 * a - b - c) / 3.0, (b - c) / math.sqrt(3.0)
 
 
 def phases(alpha: float, beta: float) -> tuple[float, float, float]:
-    """(a, b, c) of an amplitude-invariant vector, without a common part."""
+    """Return (a, b, c) of an amplitude-invariant vector, without a zero-sequence component."""
     half = 0.5 * math.sqrt(3.0) * beta
     return alpha, -0.5 * alpha + half, -0.5 * alpha - half

@@ -1,9 +1,9 @@
 """A user's own model, named as ``package.module:Name``: ordinary Python with numpy.
 
-The class (or an object) gives what docs/own_model.md lists. It is called with numpy arrays, and its
-answers become tuples here, so that it works in every observer and simulator. A model that says
-``compiles = True`` is called with tuples of floats instead, answers with tuples, and is compiled
-where everything else is.
+docs/own_model.md lists what the class (or object) must define. It is called with numpy arrays, and
+its results become tuples here, so that it works in every observer and simulator. A model with
+``compiles = True`` is called with tuples of floats instead, returns tuples, and is compiled like
+the built-in ones.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from estimator_pkg.registry import load as load_object
 
 NEEDED = ('joints', 'inertia', 'gradient', 'inputs')
 COMPILED = ('joints', 'inertia', 'force', 'coriolis')
-DERIVATIVE_STEP = 1e-6  # of the Christoffel symbols, where the model gives no Coriolis forces
+DERIVATIVE_STEP = 1e-6  # step of the Christoffel symbols, for a model without Coriolis forces
 
 
 def from_user(path: str, values: Mapping[str, Any] | None = None) -> Mechanics:
-    """The model at ``package.module:Name``, with these of its declared numbers.
+    """Return the model at ``package.module:Name``, with these values of its parameters.
 
     Raises
     ------
-    UsageError : it cannot be imported (the module is named), or a number is none of its own.
-    UserError : something is missing in it.
+    UsageError : it cannot be imported (the message names the module), or has no such parameter.
+    UserError : a required attribute is missing.
     """
     model = instance(path, values)
     if isinstance(model, Mechanics):
@@ -44,20 +44,20 @@ def from_user(path: str, values: Mapping[str, Any] | None = None) -> Mechanics:
 
 
 def instance(path: str, values: Mapping[str, Any] | None = None) -> Any:
-    """The user's object, with these numbers as attributes; raises as `from_user`."""
+    """Return the user's object, with these values as attributes; raises as `from_user`."""
     named = load_object(path)
     try:
         model = named() if isinstance(named, type) else copy.copy(named)
     except Exception as error:  # a user's class may fail in any way
         raise UserError(
-            f"model '{path}' cannot be made: {type(error).__name__}: {error}"
+            f"model '{path}' cannot be created: {type(error).__name__}: {error}"
         ) from error
     known = numbers(model, path)
     for name, value in (values or {}).items():
         if not known:
             raise UsageError(
-                f"model '{path}' takes no 'model_parameters': its numbers stand in "
-                "its own module, and no attribute 'parameters' names them"
+                f"model '{path}' takes no 'model_parameters': list its parameters in an "
+                "attribute 'parameters', or set them in its module"
             )
         if name not in known:
             raise UsageError(f"model '{path}' has no parameter '{name}': {suggestion(name, known)}")
@@ -74,13 +74,13 @@ def instance(path: str, values: Mapping[str, Any] | None = None) -> Any:
 
 
 def numbers(model: Any, path: str) -> dict[str, float]:
-    """The numbers that the model's attribute `parameters` names, with their values now.
+    """Return the current values of the parameters that the attribute `parameters` lists.
 
-    None of a model that compiles: what it computes with is settled when it is compiled.
+    A model that compiles has none, because compiling fixes them.
 
     Raises
     ------
-    UserError : one of them is not there, or is no number.
+    UserError : one of them does not exist, or is not a number.
     """
     found: dict[str, float] = {}
     if getattr(model, 'compiles', False):
@@ -90,22 +90,22 @@ def numbers(model: Any, path: str) -> dict[str, float]:
             found[str(name)] = float(getattr(model, name))
         except (AttributeError, TypeError, ValueError) as error:
             raise UserError(
-                f"model '{path}': its 'parameters' name '{name}', which is no number of it"
+                f"model '{path}': 'parameters' lists '{name}', which is not a numeric attribute"
             ) from error
     return found
 
 
 def mechanics_of(model: Any, path: str) -> Mechanics:
-    """The functions around the user's object; raises UserError, UsageError."""
+    """Return the user's object as `Mechanics`; raise UserError or UsageError."""
     needed = COMPILED if getattr(model, 'compiles', False) else NEEDED
     missing = [name for name in needed if not hasattr(model, name)]
     if missing:
-        raise UserError(f"model '{path}' has no {missing[0]}: it must give {', '.join(needed)}")
+        raise UserError(f"model '{path}' has no {missing[0]}: it must define {', '.join(needed)}")
     if isinstance(model.joints, str) or not isinstance(model.joints, Iterable):
         raise UserError(f"model '{path}': joints must be a list of names, not {model.joints!r}")
     joints = tuple(str(name) for name in model.joints)
     if not joints:
-        raise UsageError(f"model '{path}' names no joint")
+        raise UsageError(f"model '{path}': joints is empty: name at least one")
     count = len(joints)
     actuated = tuple(int(index) for index in getattr(model, 'actuated', range(count)))
     if any(not 0 <= index < count for index in actuated):
@@ -129,7 +129,7 @@ def mechanics_of(model: Any, path: str) -> Mechanics:
 
 
 def _with_found_factors(mechanics: Mechanics) -> Mechanics:
-    """The model with Psi = the lower Cholesky factor of M^-1, where that makes it PLvCC.
+    """Return the model with Psi = the lower Cholesky factor of M^-1, if that makes it PLvCC.
 
     It does for every constant M, for every single joint, and for a mechanism such as the
     cart-pendulum.
@@ -148,13 +148,13 @@ def _with_found_factors(mechanics: Mechanics) -> Mechanics:
 
 
 def guarded(mechanics: Mechanics) -> Mechanics:
-    """The model with every failure of the user's code as nan, which the observers flag.
+    """Return the model with NaN instead of every failure of the user's code; observers flag it.
 
-    The last failure is what `complaint` says. A model that compiles is left as it is.
+    `complaint` returns the last failure. A model that compiles is unchanged.
     """
     if mechanics.compiles:
         return mechanics
-    n, said = mechanics.degrees, ['']
+    n, failure = mechanics.degrees, ['']
     row = (math.nan,) * n
 
     def around(function: Any, instead: Any) -> Any:
@@ -165,7 +165,7 @@ def guarded(mechanics: Mechanics) -> Mechanics:
             try:
                 return function(*arguments)
             except Exception as error:  # a user's code may fail in any way
-                said[0] = f'{type(error).__name__}: {error}'
+                failure[0] = f'{type(error).__name__}: {error}'
                 return instead
 
         return safe
@@ -178,13 +178,13 @@ def guarded(mechanics: Mechanics) -> Mechanics:
         coriolis=around(mechanics.coriolis, row),
         damping=around(mechanics.damping, (row,) * n),
         admits=around(mechanics.admits, False),
-        complaint=lambda: said[0],
+        complaint=lambda: failure[0],
     )
 
 
 def _numbers(model: Any, path: str, name: str, count: int, usual: float) -> tuple[float, ...]:
-    given = getattr(model, name, (usual,) * count)
-    values = tuple(float(value) for value in np.atleast_1d(given))
+    provided = getattr(model, name, (usual,) * count)
+    values = tuple(float(value) for value in np.atleast_1d(provided))
     if len(values) != count:
         raise UserError(f"model '{path}': {name} has {len(values)} numbers for {count} joints")
     return values
@@ -199,7 +199,7 @@ def _matrix(value: Any) -> tuple[tuple[float, ...], ...]:
 
 
 def _ordinary(model: Any, count: int) -> dict[str, Any]:
-    """The functions around methods that take and give numpy arrays."""
+    """Return the functions for methods that use numpy arrays."""
     array = np.array
 
     def inertia(values: tuple, q: tuple) -> tuple:
@@ -213,7 +213,7 @@ def _ordinary(model: Any, count: int) -> dict[str, Any]:
         return _vector(total)
 
     def coriolis(values: tuple, q: tuple, v: tuple) -> tuple:
-        return _vector(given(array(q), array(v)))
+        return _vector(coriolis_force(array(q), array(v)))
 
     def admits(values: tuple, q: tuple) -> bool:
         return bool(model.admits(array(q)))
@@ -230,7 +230,7 @@ def _ordinary(model: Any, count: int) -> dict[str, Any]:
 
     friction = getattr(model, 'friction', None)
     calm = getattr(model, 'calm', None)
-    given = getattr(model, 'coriolis', None) or _christoffel(model, count)
+    coriolis_force = getattr(model, 'coriolis', None) or _christoffel(model, count)
     return {
         'inertia': inertia,
         'force': force,
@@ -242,7 +242,7 @@ def _ordinary(model: Any, count: int) -> dict[str, Any]:
 
 
 def _christoffel(model: Any, count: int) -> Callable[..., Any]:
-    """C v from the mass matrix by central differences, where the model does not give it."""
+    """Return C v from the mass matrix by central differences."""
 
     def coriolis(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         turning, energy = np.zeros((count, count)), np.zeros(count)
@@ -261,7 +261,7 @@ def _christoffel(model: Any, count: int) -> Callable[..., Any]:
 
 
 def _compilable(model: Any) -> dict[str, Any]:
-    """The functions of a model in the compilable subset: module-level functions of (q, ...)."""
+    """Return the functions of a model in the compilable subset: module-level functions of q, ..."""
     inner_inertia, inner_force, inner_coriolis = model.inertia, model.force, model.coriolis
     inner_factors: Any = getattr(model, 'factors', None)
     inner_damping: Any = getattr(model, 'damping', None)

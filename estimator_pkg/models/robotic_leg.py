@@ -2,9 +2,9 @@
 
     M = diag(m1, m1 r^2, m2),  V = 0,  G = [[1, 0], [0, -1], [0, 1]]
 
-Its Psi and calM are the paper's own; they are singular at sin th = 0 (and r = 0), so that there the
-model is not to be used. The first two momenta are kappa times the angular momentum plus p_y, and
-p_y: both are conserved without input.
+Psi and calM are the paper's own. They are singular at sin th = 0 (and r = 0), so the model must not
+be used there. The first two momenta are kappa times the angular momentum plus p_y, and p_y: both
+are conserved without input.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from estimator_pkg.parameters import parameter
 
 @dataclass(frozen=True)
 class Parameters:
-    """The numbers of the leg; the defaults are the paper's."""
+    """The parameters of the leg; the defaults are the paper's."""
 
     foot_mass: float = parameter(
         4.5,

@@ -2,8 +2,8 @@
 
     J q'' = gear kt u - b q' - c sign(q') - g1 sin(q - q0) - bias
 
-`u` is what the topic carries: the joint's torque [N m] with the defaults, the motor's current [A]
-with its torque constant. Everything else is on the joint's side of the gear.
+`u` is the effort in the topic: with the defaults the joint's torque [N m], with a torque constant
+the motor's current [A]. Everything else is on the joint's side of the gear.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ from estimator_pkg.parameters import parameter
 
 @dataclass(frozen=True)
 class Parameters:
-    """The numbers of a single joint."""
+    """The parameters of a single joint."""
 
     inertia: float = parameter(
         0.1,
         unit='kg m^2',
         range=(1e-9, 1e6),
         structural=True,
-        description='of the joint, the motor and its gear included, about its axis (kg for a '
-        'slide)',
+        description='inertia about the axis, with motor and gear (for a slide: mass in kg)',
     )
     damping: float = parameter(
         0.0, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction'
@@ -40,22 +39,22 @@ class Parameters:
         range=(1e-9, 100.0),
         structural=True,
         advanced=True,
-        description='width of the change of sign of the Coulomb friction, tanh(v / width)',
+        description='width of the smoothed sign of the Coulomb friction, tanh(v / width)',
     )
     gravity: float = parameter(
         0.0,
         unit='N m',
         range=(-1e6, 1e6),
         structural=True,
-        description='mass times g times lever arm: the largest torque of gravity; positive where '
-        'the joint hangs at the angle `hanging`',
+        description='largest torque of gravity: mass times g times lever arm; positive if the '
+        'joint hangs at the angle `hanging`',
     )
     hanging: float = parameter(
         0.0,
         unit='rad',
         range=(-10.0, 10.0),
         structural=True,
-        description='angle at which gravity does nothing and the joint hangs down',
+        description='angle at which the joint hangs down and gravity exerts no torque',
     )
     bias: float = parameter(
         0.0,
@@ -69,21 +68,21 @@ class Parameters:
         unit='N m/A',
         range=(-1e6, 1e6),
         structural=True,
-        description='torque of the motor per unit of the input; 1 where the input is the torque',
+        description='torque of the motor per unit of the input; 1 if the input is the torque',
     )
     gear_ratio: float = parameter(
         1.0,
         unit='',
         range=(-1e5, 1e5),
         structural=True,
-        description='turns of the motor per turn of the joint; 1 where the input is at the joint',
+        description='turns of the motor per turn of the joint; 1 if the input is at the joint',
     )
     period: float = parameter(
         TURN,
         unit='rad',
         range=(0.0, 1e6),
         structural=True,
-        description='after which the reading repeats; 0 for a slide or a multi-turn encoder',
+        description='period after which the reading repeats; 0 for a slide or a multi-turn encoder',
     )
 
 
@@ -101,7 +100,7 @@ def factors(values: Vector, q: Vector) -> tuple[Matrix, Matrix]:
 
 
 def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
-    """Torques but the viscous one [N m]."""
+    """Return all torques except the viscous one [N m]."""
     return (
         values[7] * u[0]
         - values[4] * math.sin(q[0] - values[5])
@@ -111,7 +110,7 @@ def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
 
 
 def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
-    """None."""
+    """Return zero: a single joint has no Coriolis force."""
     return (0.0,)
 
 

@@ -1,8 +1,8 @@
-"""What the observer `switched` needs to know of a system, and the checks of it when it is loaded.
+"""The interface of a model for the observer `switched`, and its checks.
 
 Barbot, Djemai, Manamanni (2007): x' = F(x, Z(k), u), y = h(x), where Z is constant between known
 switching instants and Z(k+1) = A_d Z(k) + beta_d(v(k), y(k)) at them; x does not jump. In the
-coordinates zeta = Phi_Z(x), the outputs' derivatives, it is a chain for each output that ends in
+coordinates zeta = Phi_Z(x), the outputs' derivatives, it is a chain for each output with the end
 
     zeta_{k_i,i}' = Gamma_i(zeta, u) + Lambda_i(zeta, u) Z                                     (9)
 """
@@ -23,8 +23,8 @@ from estimator_pkg.errors import UsageError
 Vector = Sequence[float]
 Array = NDArray[np.floating[Any]]
 
-CLOSE = 1e-5  # relative residual up to which a numerical derivative counts as right
-RANK = 1e-6  # least singular value, relative to the greatest, that counts as rank
+CLOSE = 1e-5  # allowed relative residual of a numerical derivative
+RANK = 1e-6  # least singular value, relative to the largest, that counts as full rank
 OWN = {
     'example': 'estimator_pkg.models.switched_example:MODEL',
     'gripper': 'estimator_pkg.models.gripper:MODEL',
@@ -40,16 +40,16 @@ class SwitchedModel:
     indices : k_1 .. k_p, the length of each output's chain; zeta lists them one after another.
     size : m, the length of Z.
     gamma : (zeta, u) -> p numbers. lam : (zeta, u) -> p rows of m numbers.
-    transition : (mode) -> A_d, m rows of m numbers; None where that event makes Z unknown.
+    transition : (mode) -> A_d, m rows of m numbers; None if that event makes Z unknown.
     offset : (mode, v, y) -> beta_d, m numbers.
     phi, phi_inverse : (x, Z) -> zeta and (zeta, Z) -> x; None: x is zeta.
     dynamics : (x, Z, u) -> x', for the checks and for simulation.
-    start : (x, Z) of a typical trajectory. probe : (t) -> u of it; period : between events [s].
-    bounds : for each output, bounds of the derivatives 2 .. k_i + 1 of it, step by step; see
+    start : (x, Z) of a typical trajectory. probe : (t) -> its u; period : time between events [s].
+    bounds : for each output, bounds of its derivatives 2 .. k_i + 1, in ascending order; see
         `estimator_pkg.observers.switched.observer`.
-    names, units : of the entries of Z. joints : of the outputs.
-    basis : (y, u) -> p rows of m + 1 numbers, where Gamma_i and then the columns of Lambda_i are
-        these or, where `orders` says 1, the derivatives of these. None: Gamma and Lambda at the
+    names, units : of the entries of Z. joints : names of the outputs.
+    basis : (y, u) -> p rows of m + 1 numbers: Gamma_i and then the columns of Lambda_i are
+        these or, for an `orders` of 1, their derivatives. None: Gamma and Lambda at the
         estimated zeta are used.
     orders : p rows of m + 1 numbers, 0 or 1.
     event : (mode, v) of a typical event, for the checks.
@@ -76,55 +76,55 @@ class SwitchedModel:
     event: tuple[str, tuple[float, ...]] = ('', ())
 
     def zeta(self, x: Vector, z: Vector) -> tuple[float, ...]:
-        """Phi_Z(x)."""
+        """Return Phi_Z(x)."""
         return tuple(x) if self.phi is None else tuple(self.phi(x, z))
 
     def state(self, zeta: Vector, z: Vector) -> tuple[float, ...]:
-        """The inverse of Phi_Z."""
+        """Return x, the inverse of Phi_Z."""
         return tuple(zeta) if self.phi_inverse is None else tuple(self.phi_inverse(zeta, z))
 
     @property
     def ends(self) -> list[int]:
-        """Place in zeta of the last of each chain."""
+        """Index in zeta of the last entry of each chain."""
         return [int(end) - 1 for end in np.cumsum(self.indices)]
 
     @property
     def firsts(self) -> list[int]:
-        """Place in zeta of each output."""
+        """Index in zeta of each output."""
         return [end + 1 - k for end, k in zip(self.ends, self.indices)]
 
 
 def load(name: str) -> SwitchedModel:
-    """One of ours by its name, or ``package.module:Name``; checked.
+    """Return a built-in model by name, or ``package.module:Name``, checked.
 
     Raises
     ------
-    UsageError : not found, no `SwitchedModel`, or it contradicts itself.
+    UsageError : not found, not a `SwitchedModel`, or inconsistent.
     """
     if name in OWN:
         return registry.load(OWN[name])
     if ':' not in name:
         raise UsageError(
-            f"unknown switched model '{name}': {', '.join(OWN)} or package.module:Name"
+            f"unknown switched model '{name}': use {', '.join(OWN)} or package.module:Name"
         )
     model = registry.load(name)
     if not isinstance(model, SwitchedModel):
-        raise UsageError(f"model '{name}' is no SwitchedModel")
+        raise UsageError(f"model '{name}' is not a SwitchedModel: make it one")
     return model
 
 
 def check(model: SwitchedModel, steps: int | None = 1) -> float:
-    """Hold a model to its own dynamics; the least singular value of (28) along its trajectory.
+    """Compare a model with its own dynamics; return the least singular value of (28).
 
     Parameters
     ----------
-    steps : N, events that the reconstruction of Z looks back; None: Z is not reconstructed, and no
-        rank is asked for.
+    steps : N, number of past events for the reconstruction of Z; None: Z is not reconstructed, and
+        the rank is not checked.
 
     Raises
     ------
-    UsageError : shapes that do not fit, Phi that is not inverted, a chain that F contradicts, a
-        last derivative that is not linear in Z, a rank that is never reached, or code that fails.
+    UsageError : wrong shapes, a Phi that is not inverted, a chain that contradicts F, a last
+        derivative that is not linear in Z, a deficient rank, or code that fails.
     """
     try:
         return _checked(model, steps)
@@ -157,8 +157,8 @@ def _checked(model: SwitchedModel, steps: int | None) -> float:
     least = observability(model, steps)
     if least <= 0.0:
         raise UsageError(
-            f'the rank of (28) with N = {steps} is never reached along the '
-            "model's trajectory: Z cannot be reconstructed from its outputs"
+            f'the rank of (28) with N = {steps} is deficient along the whole trajectory of the '
+            'model: its outputs do not determine Z'
         )
     return least
 
@@ -197,7 +197,7 @@ def _check_shapes(model: SwitchedModel) -> None:
 
 
 def _check_chain(model: SwitchedModel, x: Vector, z: Vector, u: Vector) -> None:
-    """The derivative of Phi_Z(x) along F is the chain and ends in Gamma + Lambda Z."""
+    """Check that the derivative of Phi_Z(x) along F is the chain and ends in Gamma + Lambda Z."""
     zeta = np.array(model.zeta(x, z))
     back = np.array(model.state(tuple(zeta), z))
     if np.max(np.abs(back - x)) > CLOSE * (1.0 + np.max(np.abs(x))):
@@ -216,14 +216,14 @@ def _check_chain(model: SwitchedModel, x: Vector, z: Vector, u: Vector) -> None:
     if abs(found[worst] - wanted[worst]) > CLOSE * (1.0 + np.max(np.abs(wanted))):
         raise UsageError(
             f'model: the derivative of zeta[{worst}] along the dynamics is {found[worst]:.6g}, but '
-            f'the model says {wanted[worst]:.6g} (a wrong chain, or one that is not linear in Z)'
+            f'the model returns {wanted[worst]:.6g} (a wrong chain, or one that is not linear in Z)'
         )
 
 
 def trajectory(model: SwitchedModel, events: int, step: float = 1e-3) -> tuple[Array, Array, Array]:
-    """A simulation of `events` typical events, equally apart: times, shape (n,), states, and Z.
+    """Simulate `events` evenly spaced typical events; return times, shape (n,), states, and Z.
 
-    Row i belongs to time i step; Z is the one that holds from then on. Runge-Kutta 4.
+    Row i is at time i * step; Z is the one from then on. Runge-Kutta 4.
     """
     x, z = np.array(model.start[0]), np.array(model.start[1])
     per_period = round(model.period / step)
@@ -251,9 +251,10 @@ def trajectory(model: SwitchedModel, events: int, step: float = 1e-3) -> tuple[A
 
 
 def observability(model: SwitchedModel, steps: int, events: int = 12) -> float:
-    """Greatest over a trajectory of the least singular value of (28); 0: rank never reached.
+    """Return the largest value, over a trajectory, of the least singular value of (28).
 
-    Where the discrete part does not move at its typical event, rows within an interval serve.
+    0 means that the rank is never reached. If the typical event does not change the discrete part,
+    rows within an interval are used.
     """
     times, states, discrete = trajectory(model, events)
     per_period = round(model.period / 1e-3)

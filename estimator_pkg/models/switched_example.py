@@ -1,4 +1,4 @@
-"""The illustrative example of Barbot, Djemai, Manamanni (2007), with its misprints mended."""
+"""The illustrative example of Barbot, Djemai, Manamanni (2007), with its misprints corrected."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ def dynamics(x: Vector, z: Vector, u: Vector) -> Sequence[float]:
 
 
 def phi(x: Vector, z: Vector) -> Sequence[float]:
-    """The outputs x1, x3 and their derivatives."""
+    """Return zeta: the outputs x1, x3 and their derivatives."""
     return (x[0], x[1] + z[0], x[2], x[3] + z[0])
 
 
 def phi_inverse(zeta: Vector, z: Vector) -> Sequence[float]:
-    """The state from them."""
+    """Return the state from zeta."""
     return (zeta[0], zeta[1] - z[0], zeta[2], zeta[3] - z[0])
 
 
 def gamma(zeta: Vector, u: Vector) -> Sequence[float]:
-    """The part without Z; the printed -z1 in the second row contradicts F."""
+    """Return the part without Z; the printed -z1 in the second row contradicts F."""
     return (-10.0 * zeta[1] - 5.0 * math.sin(0.5 * zeta[2]), -zeta[2] * zeta[2] + 5.0 * zeta[0])
 
 
 def lam(zeta: Vector, u: Vector) -> Sequence[Vector]:
-    """What Z multiplies."""
+    """Return Lambda, the factor of Z."""
     return ((10.0 - zeta[0] * zeta[0], 0.0, 0.0), (0.0, zeta[0], 0.0))
 
 

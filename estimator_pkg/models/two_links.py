@@ -3,9 +3,9 @@
     M = [[a + b + 2 k cos q2, b + k cos q2], [b + k cos q2, b]]
     V = -ga cos q1 - gb cos(q1 + q2),   G = 1
 
-The shoulder's angle is 0 where the upper link hangs, the elbow's where the arm is stretched; with
-the elbow's angle measured from the upper link. The mechanism is curved: it has no Psi, so that
-`geso` cannot use it and `hgo`, `ehgo` and `smo` can.
+The shoulder's angle is 0 when the upper link hangs, the elbow's when the arm is stretched. The
+elbow's angle is relative to the upper link. The mechanism has no Psi (it is curved), so `geso`
+cannot use it; `hgo`, `ehgo` and `smo` can.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from estimator_pkg.parameters import parameter
 
 @dataclass(frozen=True)
 class Parameters:
-    """The numbers of two links; the defaults are about those of an arm of two 0.2 m links."""
+    """The parameters of two links; the defaults are about those of an arm of two 0.2 m links."""
 
     shoulder_inertia: float = parameter(
         0.15,
@@ -29,8 +29,8 @@ class Parameters:
         range=(1e-9, 1e6),
         structural=True,
         equation='a = I1 + m2 l1^2',
-        description='of the upper link about the shoulder, with the mass of the lower one at the '
-        'elbow and what turns with them',
+        description='inertia of the upper link about the shoulder, with the mass of the lower one '
+        'at the elbow',
     )
     elbow_inertia: float = parameter(
         0.04,
@@ -38,7 +38,7 @@ class Parameters:
         range=(1e-9, 1e6),
         structural=True,
         equation='b = I2',
-        description='of the lower link about the elbow',
+        description='inertia of the lower link about the elbow',
     )
     coupling: float = parameter(
         0.04,
@@ -84,16 +84,16 @@ class Parameters:
         range=(1e-9, 100.0),
         structural=True,
         advanced=True,
-        description='width of the change of sign of the Coulomb friction, tanh(v / width)',
+        description='width of the smoothed sign of the Coulomb friction, tanh(v / width)',
     )
 
     def __post_init__(self) -> None:
-        """M must be positive at every angle; raises UsageError."""
+        """Check that M is positive definite at every angle; raise UsageError."""
         if self.shoulder_inertia * self.elbow_inertia <= self.coupling**2:
             raise UsageError(
                 "model 'two_links': shoulder_inertia * elbow_inertia must be above coupling^2, but "
                 f'{self.shoulder_inertia * self.elbow_inertia:g} <= {self.coupling**2:g}: the '
-                'mass matrix is not positive'
+                'mass matrix is not positive definite'
             )
 
 

@@ -214,16 +214,16 @@ def test_bytes_that_are_no_message_are_malformed(cut, noise):
     'path, said',
     [
         ('pose.pose.positon.x', "has no field 'positon': did you mean 'position'?"),
-        ('pose.pose.position', 'is no number but a geometry_msgs/msg/Point: it has x, y, z'),
+        ('pose.pose.position', 'is a geometry_msgs/msg/Point: name one of its fields, x, y, z'),
         ('pose.pose.orientation', "take its yaw with 'pose.pose.orientation.yaw'"),
         ('pose.pose.orientation.yaw.x', 'yaw has no fields'),
         ('pose.covariance', "is a list: name an element, as in 'covariance[0]'"),
         ('pose.covariance[36]', 'has 36 elements'),
-        ('pose[0].pose', 'is no list'),
-        ('header.frame_id', 'is no number but a string'),
+        ('pose[0].pose', 'is not a list'),
+        ('header.frame_id', 'is a string: name a numeric field'),
         ('header.stamp.sec.x', 'has no fields of its own'),
-        ('pose..x', 'is no field'),
-        ('a[b]', 'is no field'),
+        ('pose..x', 'is not a field'),
+        ('a[b]', 'is not a field'),
     ],
 )
 def test_wrong_paths_say_what_is_right(path, said):
@@ -235,6 +235,6 @@ def test_wrong_paths_say_what_is_right(path, said):
 def test_types_come_from_the_bag_first():
     own = 'float32 other\nfloat64 angle\n'
     assert Field(store_for('my_msgs/msg/Reading', own), 'my_msgs/msg/Reading', 'angle')
-    with pytest.raises(UserError, match='does not say what a my_msgs/msg/Reading is'):
+    with pytest.raises(UserError, match='has no definition of my_msgs/msg/Reading'):
         store_for('my_msgs/msg/Reading', '')
     assert store_for(ODOMETRY, 'this is no definition {') is not None

@@ -146,11 +146,11 @@ def test_a_cut_off_file_gives_what_is_there_and_says_so(kind, tmp_path, capsys):
         try:
             found = read(file)
         except UserError as error:
-            assert 'cut off before its first message' in str(error)
+            assert 'ends before its first message' in str(error)
             continue
         assert found == messages[: len(found)]
         if len(found) < len(messages):
-            assert capsys.readouterr().err.count('is cut off') == 1
+            assert capsys.readouterr().err.count('ends early') == 1
         most = max(most, len(found))
     assert most > 100
 
@@ -163,7 +163,7 @@ def test_a_folder_whose_recorder_crashed_is_read(tmp_path, capsys):
     assert 'no metadata.yaml' in capsys.readouterr().err
     (folder / 'metadata.yaml').write_text('}{')
     assert read(folder) == messages
-    assert 'cannot be read as metadata' in capsys.readouterr().err
+    assert 'is not valid metadata' in capsys.readouterr().err
 
 
 def test_metadata_that_cannot_be_read_is_told_once(tmp_path, capsys):
@@ -172,8 +172,8 @@ def test_metadata_that_cannot_be_read_is_told_once(tmp_path, capsys):
     with open_bag(path) as bag:
         assert bag.count == 6
     assert capsys.readouterr().err == (
-        f'warning: {path / "metadata.yaml"} cannot be read as '
-        'metadata; reading the files beside it\n'
+        f'warning: {path / "metadata.yaml"} is not valid metadata: '
+        'reading the files in its folder\n'
     )
 
 
@@ -195,8 +195,8 @@ def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('kind', 'data', 'said'),
     [
-        ('sqlite3', 'text', 'messages are no bytes'),
-        ('sqlite3', 5, 'messages are no bytes'),
+        ('sqlite3', 'text', 'messages are not bytes'),
+        ('sqlite3', 5, 'messages are not bytes'),
         ('sqlite3, messages compressed', b'\0' * 20, 'cannot be unpacked'),
     ],
 )
@@ -333,14 +333,14 @@ def test_metadata_that_break_the_parser(text, tmp_path, capsys):
     path = make.ours(tmp_path / 'bag', messages)
     (path / 'metadata.yaml').write_text(text, encoding='latin-1')
     assert read(path) == messages
-    assert capsys.readouterr().err.count('cannot be read as metadata') == 1
+    assert capsys.readouterr().err.count('is not valid metadata') == 1
 
 
 def test_messages_compressed_otherwise_are_refused(tmp_path):
     path = make.KINDS['sqlite3, messages compressed'](tmp_path / 'bag', make.content(4))
     file = path / 'metadata.yaml'
     file.write_text(file.read_text().replace('compression_format: zstd', 'compression_format: xz'))
-    with pytest.raises(UserError, match="compressed as 'xz', which is not supported"):
+    with pytest.raises(UserError, match="compressed with 'xz', but only zstd is supported"):
         open_bag(path)
 
 
@@ -351,10 +351,12 @@ def test_a_missing_file_of_a_split_bag_is_named(tmp_path, capsys):
     found = read(path)
     assert len(messages) == 67  # 23 in each file
     assert found == messages[:23] + messages[46:]
-    assert 'bag_1.mcap is missing' in capsys.readouterr().err
+    assert 'bag_1.mcap, listed in metadata.yaml, is missing' in capsys.readouterr().err
     (path / 'bag_2.mcap').write_bytes(b'')
     read(path)
-    assert 'bag_2.mcap is empty (0 bytes); it is left out' in capsys.readouterr().err
+    assert (
+        'bag_2.mcap is empty (0 bytes): name another file; it is skipped' in capsys.readouterr().err
+    )
 
 
 @settings(
@@ -402,15 +404,15 @@ def wrong_bags(tmp_path):
     next(lonely.glob('*.mcap')).unlink()
     return [
         (tmp_path / 'nowhere', 'does not exist'),
-        (empty_folder, 'is no bag: it holds neither'),
+        (empty_folder, 'is not a bag: it has no'),
         (tmp_path / 'empty.mcap', 'is empty (0 bytes)'),
         (tmp_path / 'empty.db3', 'is empty (0 bytes)'),
-        (tmp_path / 'text.mcap', 'is no bag: neither MCAP nor sqlite3'),
-        (tmp_path / 'text.db3', 'is no bag'),
+        (tmp_path / 'text.mcap', 'is not a bag: it is neither MCAP nor sqlite3'),
+        (tmp_path / 'text.db3', 'is not a bag'),
         (tmp_path / 'old.bag', 'is a bag of ROS 1'),
         (tmp_path / 'other.db3', 'cannot be read as a bag'),
         (tmp_path / 'cut.db3', 'cannot be read as a bag'),
-        (lonely, 'is missing, which metadata.yaml names'),
+        (lonely, 'listed in metadata.yaml, is missing'),
     ]
 
 
@@ -440,7 +442,7 @@ def test_require_says_what_is_there(tmp_path):
         assert bag.require(STATES, [TYPE]).count == 5
         with pytest.raises(
             UserError,
-            match=r"no topic '/nope'; it has /chatter \(std_msgs/msg/"
+            match=r"no topic '/nope': it has /chatter \(std_msgs/msg/"
             r'String, 2\), /joint_states \(',
         ):
             bag.require('/nope')
@@ -456,14 +458,14 @@ def test_topics_without_messages_are_known(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic(STATES, TYPE)
     with open_bag(tmp_path / 'bag') as bag:
-        with pytest.raises(UserError, match='holds no messages'):
+        with pytest.raises(UserError, match='has no messages'):
             bag.require(STATES, [TYPE])
         assert list(bag.messages()) == []
 
 
 def test_messages_that_are_not_of_ros_2_are_refused(tmp_path):
     path = make.mcap(tmp_path / 'bag.mcap', make.content(5), encoding='json')
-    with open_bag(path) as bag, pytest.raises(UserError, match="'json', not CDR"):
+    with open_bag(path) as bag, pytest.raises(UserError, match="'json', and ROS 2 needs CDR"):
         bag.require(STATES)
 
 

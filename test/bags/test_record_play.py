@@ -153,7 +153,7 @@ def test_record_without_messages_leaves_nothing(number, tmp_path):
         process.prints('waiting for /rp4/nobody')
         process.signal(number)
         assert process.ends() == 1
-    assert 'nothing was recorded: no messages came on /rp4/nobody' in process.output
+    assert 'nothing was recorded: no messages arrived on /rp4/nobody' in process.output
     assert 'Traceback' not in process.output
     assert list(tmp_path.iterdir()) == []
 
@@ -162,7 +162,7 @@ def test_record_refuses_what_it_cannot_do(tmp_path, capsys):
     (tmp_path / 'there').mkdir()
     for words, said, code in (
         (['--out', tmp_path / 'there'], 'exists already', 1),
-        (['--out', tmp_path / 'no' / 'bag'], 'there is no folder', 1),
+        (['--out', tmp_path / 'no' / 'bag'], 'does not exist', 1),
         (['--out', tmp_path / 'bag', '--duration', '-1'], 'must be above 0 s', 2),
     ):
         assert cli.main(['record', '/x', *map(str, words)]) == code
@@ -371,7 +371,7 @@ def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
         ([recording, '--rate', '0'], '--rate 0: it must be above 0', 2),
         ([recording, '--clock', '-1'], '--clock -1', 2),
         ([recording, '--wait', 'nan'], '--wait nan', 2),
-        ([recording, '--remap', 'x'], "'x' is not FROM:=TO", 2),
+        ([recording, '--remap', 'x'], "'x' is not a remapping: write it as FROM:=TO", 2),
         ([recording, '--remap', '/x:=/y'], "no topic '/x'", 1),
         ([recording, '--topics', '/x'], "no topic '/x'", 1),
     ):
@@ -381,15 +381,15 @@ def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
         assert error.count('\n') == 1
     with command('play', recording, '--remap', 'joint_states:=/a b') as process:
         assert process.ends() == 1
-        process.prints("'/a b' is no name that a topic may have")
+        process.prints("'/a b' is not a valid topic name")
 
 
 def test_play_says_which_topics_it_cannot_send(tmp_path):
     path = make.mcap(tmp_path / 'bag.mcap', make.content(3), encoding='json')
     with command('play', path) as process:
         assert process.ends() == 1
-    assert f"{STATES} is not played: its messages are 'json', not CDR" in process.output
-    assert 'has nothing to play' in process.output and 'Traceback' not in process.output
+    assert f"{STATES} is not played: its messages are 'json', and ROS 2 needs CDR" in process.output
+    assert 'has no topic to play' in process.output and 'Traceback' not in process.output
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

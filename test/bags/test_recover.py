@@ -83,7 +83,7 @@ def test_a_crashed_recording_is_named_and_recovered(name, tmp_path, capsys):
         bag.add_topic(OTHER, TEXT)
         bag.write(OTHER, START, b'x')
     said = capsys.readouterr().err
-    assert f'{left} holds what was written when a process that made {path} was killed' in said
+    assert f'{left} contains an incomplete {path}, whose process was killed' in said
     assert 'velocity_estimator record --recover ' in said and said.count('\n') == 1
     words = said.split('`')[1].replace(' BAG', f" '{tmp_path / 'again'}'")
     done = subprocess.run(
@@ -241,9 +241,9 @@ def test_split_and_compressed_bags_are_recovered(tmp_path, capsys):
     ('make_it', 'said'),
     [
         (lambda path: None, 'does not exist'),
-        (lambda path: path.mkdir(), 'holds no .mcap or .db3'),
-        (lambda path: path.write_bytes(b''), 'holds no complete message'),
-        (lambda path: path.write_bytes(b'hello'), 'is no bag'),
+        (lambda path: path.mkdir(), 'contains no .mcap or .db3'),
+        (lambda path: path.write_bytes(b''), 'contains no complete message'),
+        (lambda path: path.write_bytes(b'hello'), 'is not a bag'),
         (lambda path: path.write_bytes(b'SQLite format 3\0' + bytes(5000)), 'cannot be recovered'),
     ],
 )
@@ -316,7 +316,7 @@ def test_what_cannot_be_moved_is_kept(name, tmp_path, monkeypatch, capsys):
         bag.write(OTHER, START, b'x')
     monkeypatch.undo()
     (left,) = tmp_path.iterdir()  # nothing stands in the place of the bag
-    assert f'{left} holds what was written until then' in capsys.readouterr().err
+    assert f'{left} contains the messages written so far' in capsys.readouterr().err
     assert [raw for _, _, raw in read(next(left.glob('*.mcap')))] == [b'x']
 
 

@@ -503,19 +503,23 @@ def refused():
         (['--set', 'per_joint.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
         (['--set', 'perjoint.a.bandwidth_hz=3'], "did you mean 'per_joint.a.bandwidth_hz'?", 2),
         (['--set', 'a.b.bandwidth_hz=3'], "did you mean 'per_joint.a.b.bandwidth_hz'?", 2),
-        (['--set', 'observer=[a]'], "'observer' must be text", 2),
+        (['--set', 'observer=[a]'], 'it must be the name of an observer', 2),
         (['--name', 'my node'], "--name 'my node'", 2),
         (['--set', 'stamp_source=clock'], "'clock' is not one of header, publisher", 2),
         (['--set', 'angle_sign=0'], 'must be 1 or -1', 2),
-        (['--measurement', '/nope'], "has no topic '/nope'; it has /chatter", 1),
-        (['--measurement', OTHER], f'name the number in it with --angle {OTHER}:FIELD', 1),
+        (['--measurement', '/nope'], "has no topic '/nope': it has /chatter", 1),
+        (['--measurement', OTHER], f'select a number in it with --angle {OTHER}:FIELD', 1),
         (['--joint', 'elbow'], "has no joint 'elbow'; it has a, b", 1),
         (['--angle', '/nope:data'], "has no topic '/nope'", 1),
-        (['--angle', STATES], 'is not TOPIC:FIELD', 2),
-        (['--angle', f'{STATES}:velocity[0'], 'is no field', 2),
+        (['--angle', STATES], 'is incomplete: write it as TOPIC:FIELD', 2),
+        (['--angle', f'{STATES}:velocity[0'], 'is not a field', 2),
         (['--angle', f'{STATES}:pose'], "has no field 'pose'", 2),
         (['--angle', f'{STATES}:header.stamp.sec'], "set 'counts_per_revolution'", 2),
-        (['--angle', f'{STATES}:position[0]', '--measurement', STATES], 'either --angle or', 2),
+        (
+            ['--angle', f'{STATES}:position[0]', '--measurement', STATES],
+            '--angle and --measurement are both given',
+            2,
+        ),
         (['--params', '/nowhere.yaml'], 'cannot read /nowhere.yaml', 1),
         (['--copy', '/nope'], "has no topic '/nope'", 1),
         (['--angle', f'{STATES}:position[0]', '--joint', 'a', '--joint', 'b'], 'one joint', 2),
@@ -655,5 +659,5 @@ def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(recording, tmp_path, capsys
     replay(file, '--observer', 'finite_difference', '--json', tmp_path / 'json')
     result = json.loads((tmp_path / 'json').read_text())
     assert 0 < result['messages']['received'] <= 400
-    assert 'is cut off' in result['warnings'][0]
+    assert 'ends early' in result['warnings'][0]
     assert capsys.readouterr().err.count('warning') == 1

@@ -374,7 +374,7 @@ def bare(tmp_path_factory):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['--observer', 'geso'], 'geso gives no estimate: '),
+        (['--observer', 'geso'], 'geso publishes no estimate: '),
         (['--observer', 'adaptive'], '/joint_states carries no effort'),
         (['--observer', 'switched'], 'with the effort that the model needs'),
         (['--observer', 'pmsm', *settings(*MOTOR)], "has no topic '/drive_samples'"),

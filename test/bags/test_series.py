@@ -40,7 +40,7 @@ def test_joints_come_go_and_change_order(tmp_path):
 def test_what_has_no_joint_is_refused(tmp_path):
     messages = [(STATES, START, Encoder().encode(1, '', [])), (OTHER, START, make.text('x'))]
     with open_bag(make.ours(tmp_path / 'bag', messages)) as bag:
-        with pytest.raises(UserError, match='names no joint'):
+        with pytest.raises(UserError, match='names a joint'):
             joint_series(bag, STATES)
         with pytest.raises(UserError, match='is std_msgs/msg/String'):
             joint_series(bag, OTHER)

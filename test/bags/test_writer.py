@@ -244,7 +244,7 @@ def test_a_recording_is_kept_whatever_goes_wrong(name, tmp_path, capsys):
         bag.write(STATES, START, b'x')
         raise KeyError('later')
     assert [raw for _, _, _, raw in messages_of(path)] == [b'x']
-    assert f'{path} holds what was written until then' in capsys.readouterr().err
+    assert f'{path} contains the messages written so far' in capsys.readouterr().err
     with pytest.raises(KeyError), BagWriter(tmp_path / 'empty', keep=True) as bag:
         bag.add_topic(STATES, TYPE)
         raise KeyError
@@ -277,7 +277,7 @@ def test_a_recording_is_kept_when_the_disk_is_full(tmp_path, capsys):
         check=False,
     )
     assert done.stdout == f'{path} cannot be written: File too large\n'
-    assert done.stderr == f'{path} holds what was written until then\n'
+    assert done.stderr == f'{path} contains the messages written so far\n'
     with open_bag(path) as bag:
         assert 1500 < bag.count < 3000
         assert len(list(bag.messages())) == bag.count
@@ -324,7 +324,7 @@ def test_what_is_there_is_never_overwritten(tmp_path):
 
 
 def test_places_that_cannot_be_written_are_refused_at_once(tmp_path):
-    with pytest.raises(UserError, match='there is no folder'):
+    with pytest.raises(UserError, match='does not exist'):
         BagWriter(tmp_path / 'nowhere' / 'bag')
     with pytest.raises(UserError, match='cannot be written'):
         BagWriter('/proc/bag')

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator_pkg.messages import alike
+from estimator_pkg.messages import layouts
 from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
@@ -79,11 +79,11 @@ def messages(draw):
 @settings(max_examples=150, deadline=None)
 @given(raws=st.lists(messages(), max_size=40), many=st.integers(0, 20))
 def test_blocks_decode_as_single_messages_do(raws, many):
-    before, alike.MANY_LAYOUTS = alike.MANY_LAYOUTS, many
+    before, layouts.MANY_LAYOUTS = layouts.MANY_LAYOUTS, many
     try:
         groups, malformed = decode_block(block_of(raws))
     finally:
-        alike.MANY_LAYOUTS = before
+        layouts.MANY_LAYOUTS = before
     found = {}
     for group in groups:
         assert list(group.rows) == sorted(group.rows)
@@ -164,6 +164,6 @@ def test_ten_thousand_alike_are_one_group():
 @pytest.mark.parametrize('count', [0, 1, 3])
 def test_numbers_of_any_kind(count):
     data = np.frombuffer(struct.pack('<4xIHh', 7, 8, -9) * 3, np.uint8).reshape(3, -1)
-    assert alike.numbers(data, 4, 1, '<u4')[:, 0].tolist() == [7] * 3
-    assert alike.numbers(data, 10, 1, '<i2')[:, 0].tolist() == [-9] * 3
-    assert alike.numbers(data, 0, count, '<i4').shape == (3, count)
+    assert layouts.numbers(data, 4, 1, '<u4')[:, 0].tolist() == [7] * 3
+    assert layouts.numbers(data, 10, 1, '<i2')[:, 0].tolist() == [-9] * 3
+    assert layouts.numbers(data, 0, count, '<i4').shape == (3, count)

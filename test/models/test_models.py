@@ -129,7 +129,7 @@ def test_a_model_that_compiles_is_taken_as_it_is():
         ('own_models:WrongSize', 'force fails'),
         ('own_models:Incomplete', 'has no inertia'),
         ('own_models:Driving', 'the damping drives the mechanism'),
-        ('own_models:NoReach', 'reach must be above 0'),
+        ('own_models:NoReach', 'it must be above 0 for each position'),
         ('own_models:OneName', 'joints must be a list of names'),
         ('own_models:Missing', "has no 'Missing'"),
         ('no_such_module:Name', "cannot import 'no_such_module'"),

@@ -1,6 +1,6 @@
-"""A model in motion: its equations integrated by Runge-Kutta; for simulators and identification.
+"""Integrate a model's equations by Runge-Kutta, for simulators and identification.
 
-The same `Mechanics` that drives the observers moves here. Everything compiles where the model does.
+It uses the same `Mechanics` as the observers. Everything compiles if the model does.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from estimator_pkg.observers.mechanism.velocity import make_acceleration
 
 
 def make_plant(mechanics: Mechanics) -> Callable[..., tuple]:
-    """plant(values, q, v, u, dt, parts) -> (q, v): `parts` steps of RK4, the input held.
+    """Return plant(values, q, v, u, dt, parts) -> (q, v): `parts` steps of RK4, constant input.
 
-    u is the tuple of inputs [SI]; `values` are the model's numbers, so that one compiled plant
-    serves every set of them.
+    u is the tuple of inputs [SI]; `values` are the model's parameters, so one compiled plant
+    serves all values.
     """
     towards = mechanical_algebra(mechanics.degrees).towards
     acceleration = make_acceleration(mechanics)
@@ -44,10 +44,10 @@ def make_plant(mechanics: Mechanics) -> Callable[..., tuple]:
 
 
 def make_course(mechanics: Mechanics) -> Callable[..., None]:
-    """course(values, q, v, inputs, steps, longest, positions): the positions at uneven times.
+    """Return course(values, q, v, inputs, steps, longest, positions): positions at uneven times.
 
     Row k of `inputs`, shape (N, m), acts over `steps[k]` [s], the time from sample k to k + 1; row
-    k of `positions`, shape (N + 1, n), is at sample k. No step of the integration is longer than
+    k of `positions`, shape (N + 1, n), is at sample k. The integration step is at most
     `longest` [s].
     """
     plant = make_plant(mechanics)
@@ -66,7 +66,7 @@ def make_course(mechanics: Mechanics) -> Callable[..., None]:
 
 
 def row_of(size: int) -> Callable[..., tuple]:
-    """row(array, k) -> row k of an array as a tuple of `size` floats."""
+    """Return row(array, k) -> row k of an array as a tuple of `size` floats."""
     names: dict[str, Any] = {}
     exec(
         'def row(array, k): return (' + ''.join(f'array[k, {i}], ' for i in range(size)) + ')',
@@ -76,7 +76,7 @@ def row_of(size: int) -> Callable[..., tuple]:
 
 
 def put_row(size: int) -> Callable[..., None]:
-    """put(array, k, row): a tuple of `size` floats as row k of an array."""
+    """Return put(array, k, row), which writes a tuple of `size` floats into row k of an array."""
     names: dict[str, Any] = {}
     exec(
         'def put(array, k, row):\n'

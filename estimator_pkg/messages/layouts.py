@@ -1,7 +1,7 @@
-"""Messages in a buffer, decoded together where they are laid out alike.
+"""Messages in a buffer, decoded together if they have the same layout.
 
-A layout says how long a message is at least and which of its bytes decide where everything stands
-(byte order, texts, lengths). Messages that agree in these bytes form one group.
+A layout defines the minimum length of a message and the bytes that decide where its fields are
+(byte order, texts, lengths). Messages with equal deciding bytes form one group.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from estimator_pkg.messages.cdr import MalformedMessageError
 
-MANY_LAYOUTS = 16  # from so many in one block on, messages are taken one by one
+MANY_LAYOUTS = 16  # with more layouts in one block, messages are decoded one by one
 
 
 class Messages(Protocol):
-    """Messages in a buffer, as `estimator_pkg.messages.block.Block` has them."""
+    """Messages in a buffer; `estimator_pkg.messages.block.Block` is one."""
 
     @property
     def data(self) -> NDArray[np.uint8]: ...  # noqa: D102  (described there)
@@ -32,32 +32,32 @@ class Messages(Protocol):
 
 
 class LayoutLike(Protocol):
-    """What is asked of a layout."""
+    """Interface of a layout."""
 
     @property
-    def length(self) -> int: ...  # noqa: D102  bytes that a message has at least
+    def length(self) -> int: ...  # noqa: D102  minimum length of a message [bytes]
 
-    def deciding(self) -> Sequence[bool] | NDArray[np.bool_]: ...  # noqa: D102  which decide
+    def deciding(self) -> Sequence[bool] | NDArray[np.bool_]: ...  # noqa: D102  the deciding bytes
 
 
 L = TypeVar('L', bound=LayoutLike)
 
 
 @dataclass(frozen=True)
-class Alike(Generic[L]):
-    """Messages of one layout: which rows of the block, ascending, and their bytes (n, length)."""
+class Group(Generic[L]):
+    """Messages of one layout: their rows in the block, ascending, and their bytes (n, length)."""
 
     rows: NDArray[np.int64]
     data: NDArray[np.uint8]
     layout: L
 
 
-def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) -> Iterator[Alike[L]]:
-    """The messages of a block by layout; every row is in one group or added to `malformed`.
+def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) -> Iterator[Group[L]]:
+    """Yield the messages of a block by layout; a row without a layout is added to `malformed`.
 
     Parameters
     ----------
-    make : the layout of a message; raises MalformedMessageError.
+    make : returns the layout of a message; raises MalformedMessageError.
     """
     left: NDArray[np.int64] = np.arange(len(block.start))
     view = block.data.data
@@ -80,7 +80,7 @@ def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) ->
         left = np.setdiff1d(left, group.rows, assume_unique=True)
 
 
-def _fitting(block: Messages, candidates: NDArray[np.int64], layout: L, first: bytes) -> Alike[L]:
+def _fitting(block: Messages, candidates: NDArray[np.int64], layout: L, first: bytes) -> Group[L]:
     length = layout.length
     long = block.end[candidates] - block.start[candidates] >= length
     rows = candidates if long.all() else candidates[long]
@@ -89,11 +89,11 @@ def _fitting(block: Messages, candidates: NDArray[np.int64], layout: L, first: b
     fits = np.all(data[:, where] == np.frombuffer(first, np.uint8)[where], axis=1)
     if not fits.all():
         rows, data = rows[fits], data[fits]
-    return Alike(rows, data, layout)
+    return Group(rows, data, layout)
 
 
 def _cut(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
-    """`length` bytes from each start on, shape (n, length); no copy where starts are regular."""
+    """Return `length` bytes from each start, shape (n, length); a view if starts are regular."""
     if not len(start):
         return np.zeros((0, length), np.uint8)
     windows = np.lib.stride_tricks.sliding_window_view(data, length)
@@ -104,7 +104,7 @@ def _cut(data: NDArray[np.uint8], start: NDArray[np.int64], length: int) -> NDAr
 
 
 def numbers(data: NDArray[np.uint8], at: int, count: int, kind: str) -> NDArray[Any]:
-    """`count` numbers of numpy type `kind` that stand at byte `at`, shape (n, count)."""
+    """Return `count` numbers of numpy type `kind` at byte `at`, shape (n, count)."""
     if not count:
         return np.zeros((len(data), 0), kind)
     size = np.dtype(kind).itemsize
@@ -112,7 +112,7 @@ def numbers(data: NDArray[np.uint8], at: int, count: int, kind: str) -> NDArray[
 
 
 def stamps(data: NDArray[np.uint8], at: int, order: str) -> NDArray[np.int64]:
-    """Stamps [ns] whose seconds stand at byte `at`, shape (n,)."""
+    """Return stamps [ns] whose seconds are at byte `at`, shape (n,)."""
     seconds = numbers(data, at, 1, f'{order}i4')[:, 0].astype(np.int64)
     found: NDArray[np.int64] = (
         seconds * 1_000_000_000 + numbers(data, at + 4, 1, f'{order}u4')[:, 0]
@@ -121,13 +121,13 @@ def stamps(data: NDArray[np.uint8], at: int, order: str) -> NDArray[np.int64]:
 
 
 def put(out: NDArray[np.uint8], at: int, values: NDArray[Any]) -> None:
-    """Write the numbers of each row of `values` into the bytes of that row, from byte `at` on."""
+    """Write the numbers of each row of `values` into the bytes of that row, starting at `at`."""
     raw = values.view(np.uint8).reshape(len(out), -1)
     out[:, at : at + raw.shape[1]] = raw
 
 
 def put_stamps(out: NDArray[np.uint8], at: int, stamps_ns: NDArray[np.int64]) -> None:
-    """Write stamps [ns] as seconds and nanoseconds, little-endian, from byte `at` on."""
+    """Write stamps [ns] as seconds and nanoseconds, little-endian, starting at byte `at`."""
     seconds = stamps_ns // 1_000_000_000
     put(out, at, seconds.astype('<i4'))
     put(out, at + 4, (stamps_ns - seconds * 1_000_000_000).astype('<u4'))
