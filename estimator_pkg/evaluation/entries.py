@@ -1,4 +1,4 @@
-"""What is compared in a table: an observer, and the values it runs with."""
+"""A row of a comparison: an observer and its parameter values."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ DEFAULTS = 'defaults'
 
 @dataclass(frozen=True)
 class Entry:
-    """One row: an observer with certain values.
+    """One row: an observer with parameter values.
 
-    label : how the row is called.
+    label : name of the row.
     values : (name, value) of the parameters that are not at their default.
-    tuning : how the values came about: 'defaults', or what they were tuned on.
+    tuning : origin of the values: 'defaults', or the data they were tuned on.
     """
 
     label: str
@@ -27,19 +27,19 @@ class Entry:
     tuning: str = DEFAULTS
 
     def joint(self, **settings: Any) -> Joint:
-        """A joint with this observer; `settings` are further parameters."""
+        """Return a joint with this observer; `settings` are further parameters."""
         observer = observers.find(self.observer)
         configuration = Configuration(observer, {**dict(self.values), **settings})
         return Joint(observer, *configuration.for_joint(''))
 
 
 def angle_observers() -> list[str]:
-    """The names of all observers that take an angle and nothing else."""
+    """Return the names of all observers that take only an angle."""
     return observers.of_kind('angle')
 
 
 def at_defaults() -> list[Entry]:
-    """Every angle observer at its defaults, and the Kalman filter of either model."""
+    """Return every angle observer at its defaults, and the Kalman filter with either model."""
     found = []
     for name in angle_observers():
         if name == 'kalman':

@@ -1,4 +1,4 @@
-"""What is compared, and how."""
+"""The options of a comparison."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class Options:
     """What is compared, and how.
 
     measurement, truth : topics; None: the usual ones.
-    angle : ``TOPIC:FIELD``, a number that is measured, in place of joint states.
+    angle : ``TOPIC:FIELD``, a measured number, used instead of joint states.
     estimates : topics; empty: every JointState whose name ends in '/estimate'.
-    observers : run these on the measurement, in place of recorded estimates.
-    skip : seconds left out at the beginning.
+    observers : observers to run on the measurement; empty: use recorded estimates.
+    skip : time ignored at the beginning [s].
     wrap_period : of the positions [rad]; 0: none.
-    correct_reference : take the reference's own lag and bias off before it is compared with.
-    reference : 'auto': the truth, and where there is none the off-line smoother; 'truth' or
-        'smoother': that one alone.
+    correct_reference : remove the reference's own lag and bias first.
+    reference : 'auto': the truth, or the off-line smoother without one; 'truth' or 'smoother':
+        only this one.
     unpack_limit : of the bags, see `estimator_pkg.bags.reader.open_bag`.
     """
 

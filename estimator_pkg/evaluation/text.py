@@ -9,7 +9,7 @@ from estimator_pkg.printable import printable
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """A number in few characters; '-' for none."""
+    """Return a number in few characters; '-' for None or nan."""
     if value == math.inf:
         return 'inf'
     if value is None or not math.isfinite(value):
@@ -20,7 +20,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def fixed(value: float | None, decimals: int) -> str:
-    """A number with so many decimals; '-' for none."""
+    """Return a number with `decimals` decimals; '-' for None, nan or infinity."""
     if value is None or not math.isfinite(value):
         return '-'
     text = f'{value:.{decimals}f}'
@@ -28,14 +28,14 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def error(value: float | None, decimals: int) -> str:
-    """As `fixed`; two digits where so many decimals would leave fewer."""
+    """Return as `fixed`, but with two digits if the decimals would show fewer."""
     if value is not None and 0.0 < abs(value) < 10.0 ** (1 - decimals):
         return f'{value:.2g}'
     return fixed(value, decimals)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Columns side by side, the first `left` of them set left, the others right."""
+    """Return columns side by side, the first `left` of them left-aligned, the others right."""
     lines = [list(header), *[[printable(cell) for cell in row] for row in rows]]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return '\n'.join(
@@ -48,7 +48,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The same as a Markdown table."""
+    """Return the same as a Markdown table."""
 
     def line(cells: Sequence[str]) -> str:
         return '| ' + ' | '.join(printable(cell).replace('|', '\\|') for cell in cells) + ' |'

@@ -1,4 +1,4 @@
-"""Many bags or jobs, on local processes or a Dask cluster; results in the order of the jobs."""
+"""Process many bags or jobs on local processes or a Dask cluster; results in job order."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from estimator_pkg import interrupts
 from estimator_pkg.errors import UsageError, UserError, first_line
 from estimator_pkg.optional import needs
 
-PATIENCE = '8s'  # for a scheduler to answer
+PATIENCE = '8s'  # longest wait for a scheduler
 
 Map = Callable[[Callable[..., Any], Sequence[tuple]], Iterator[Any]]
 
 
 @contextmanager
 def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
-    """A function (function, argument tuples) -> results in the same order, as they are ready.
+    """Yield a function (function, argument tuples) -> results in the same order, as they arrive.
 
     Parameters
     ----------
     jobs : local processes; 1: this one.
-    scheduler : address of a Dask scheduler, in place of local processes.
+    scheduler : address of a Dask scheduler, used instead of local processes.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
     UserError : Dask is missing, or the scheduler does not answer.
     """
     if jobs < 1:
-        raise UsageError('--jobs must be 1 or more')
+        raise UsageError(f'--jobs is {jobs}: it must be 1 or more')
     if scheduler is not None:
         with _cluster(scheduler) as client:
             yield lambda function, items: _gathered(client, function, items)
@@ -50,9 +50,9 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
 
 
 def _leave_interrupts() -> None:
-    """Ctrl-C and HUP go to every process of the terminal: the first one decides."""
+    """Ignore Ctrl-C and HUP, which reach every process of the terminal: the parent decides."""
     for number in interrupts.NUMBERS:
-        if number != signal.SIGTERM:  # with which the pool ends them
+        if number != signal.SIGTERM:  # the pool ends them with SIGTERM
             signal.signal(number, signal.SIG_IGN)
 
 
@@ -64,7 +64,7 @@ def _mapped(
     except BrokenProcessPool as error:
         if interrupts.came():  # TERM to the whole group, too
             raise KeyboardInterrupt from error
-        raise UserError('a worker process died (was there enough memory?)') from error
+        raise UserError('a worker process died: check the memory, or use fewer --jobs') from error
 
 
 def _call(job: tuple[Callable[..., Any], tuple]) -> Any:
@@ -94,13 +94,15 @@ def _cluster(address: str) -> Iterator[Any]:
         raise UserError(needs('distributed')) from error
     import logging
 
-    for name in [*logging.root.manager.loggerDict]:  # its traces are not for the user
+    for name in [*logging.root.manager.loggerDict]:  # hide its tracebacks from the user
         if name.partition('.')[0] in ('distributed', 'tornado', 'asyncio'):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         reason = first_line(error)
-        raise UserError(f"no Dask scheduler answers at '{address}': {reason}") from error
+        raise UserError(
+            f"no Dask scheduler answers at '{address}': {reason}: check the address"
+        ) from error
     with client:
         yield client

@@ -1,1 +1,1 @@
-"""Estimates against truth: matched, measured, told."""
+"""Compare estimates with the truth: match, measure, describe."""

@@ -1,5 +1,5 @@
-"""``velocity_estimator evaluate``: estimates against the truth that a bag carries, or against
-an off-line reference where there is none.
+"""``velocity_estimator evaluate``: compare estimates with the truth in a bag, or with an off-line
+reference if there is none.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from estimator_pkg import interrupts
 from estimator_pkg.bags import unpacking
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
-from estimator_pkg.evaluation.compare import asked
+from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
+from estimator_pkg.evaluation.compare.description import describe
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
-from estimator_pkg.evaluation.compare.words import describe
 from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import FullData
@@ -26,7 +26,7 @@ from estimator_pkg.printable import printable, show
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument(
         'bags',
         nargs='+',
@@ -42,7 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--angle',
         metavar='TOPIC:FIELD',
-        help='the measurement is a number in messages of any type, as of replay',
+        help='the measurement is a number in messages of any type, as in replay',
     )
     parser.add_argument(
         '--truth', metavar='TOPIC', help=f'JointState with the true velocities (default {TRUTH})'
@@ -59,14 +59,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         action='append',
         default=[],
-        help='run this observer on the measurement, at its defaults but for --set '
+        help='run this observer on the measurement, at its defaults except for --set '
         "and --params; repeatable, or 'all' for those of single angles",
     )
     parser.add_argument(
         '--params',
         metavar='YAML',
-        help='parameter file of the node of the --observer; one that names an '
-        'observer holds for that one alone',
+        help='parameter file of the node of the --observer; one that names an observer applies to '
+        'that one only',
     )
     parser.add_argument(
         '--set',
@@ -80,7 +80,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar='S',
-        help='leave out so many seconds at the beginning',
+        help='ignore the first S seconds',
     )
     parser.add_argument(
         '--wrap-period',
@@ -92,39 +92,40 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--correct-reference',
         action='store_true',
-        help="take the truth's own lag and bias, as fitted to the measured position, off it first",
+        help="remove the truth's own lag and bias, fitted to the measured position, first",
     )
     parser.add_argument(
         '--reference',
         choices=(AUTO, 'truth', SMOOTHER),
         default=AUTO,
-        help='what velocities are compared with: the truth in the bag, or an '
-        'off-line smoother of the measured positions (default: the smoother '
-        'where there is no truth)',
+        help='reference for the velocities: the truth in the bag, or an off-line smoother of the '
+        'measured positions (default: the truth, or the smoother if there is none)',
     )
     parser.add_argument(
         '--html',
         metavar='FILE',
-        help='write one page with tables, plots that zoom and what to do next',
+        help='write a page with tables, zoomable plots and recommendations',
     )
     parser.add_argument(
-        '--data', metavar='FILE', help='write every sample that was compared (.npz, for numpy.load)'
+        '--data', metavar='FILE', help='write every compared sample (.npz, for numpy.load)'
     )
     unpacking.arguments(parser)
     parser.add_argument(
         '--jobs', type=int, default=1, metavar='N', help='local processes, for many bags'
     )
-    parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='address of a Dask scheduler, used instead of --jobs'
+    )
     parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
 
 
 def options(parsed: argparse.Namespace) -> Options:
-    """The arguments as `Options`; raises UsageError."""
+    """Return the arguments as `Options`; raise UsageError."""
     if not (math.isfinite(parsed.skip) and parsed.skip >= 0.0):
-        raise UsageError('--skip must be a time of 0 s or more')
+        raise UsageError(f'--skip is {parsed.skip:g} s: it must be 0 or more')
     if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
-        raise UsageError('--wrap-period must be an angle of 0 or more')
-    observers = tuple(asked.entries(parsed.observer, parsed.params, parsed.set))
+        raise UsageError(f'--wrap-period is {parsed.wrap_period:g} rad: it must be 0 or more')
+    observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
     return Options(
         parsed.measurement,
         parsed.truth,
@@ -140,7 +141,7 @@ def options(parsed: argparse.Namespace) -> Options:
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Compares, prints, draws."""
+    """Compare, print, draw; return the results by bag."""
     chosen = options(parsed)
     if parsed.plot:
         plot.check(parsed.plot)
@@ -159,17 +160,19 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         data = stack.enter_context(FullData(parsed.data)) if parsed.data else None
         try:
             for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
-                with interrupts.gently():  # a bag is judged as a whole or not at all
-                    told = describe(comparison)
-                    print(told + '\n')
+                with interrupts.gently():  # a bag is evaluated completely or not at all
+                    text = describe(comparison)
+                    print(text + '\n')
                     result[comparison.bag] = comparison.as_dict()
                     if data is not None:
                         data.add(comparison)
                     if page is not None:
-                        said = page.add(comparison)
-                        result[comparison.bag]['findings'] = said
-                        lines = told.split('\n')
-                        show(*(f'- {each}' for each in said if printable(each) not in lines), '')
+                        findings = page.add(comparison)
+                        result[comparison.bag]['findings'] = findings
+                        lines = text.split('\n')
+                        show(
+                            *(f'- {each}' for each in findings if printable(each) not in lines), ''
+                        )
                     if parsed.plot:
                         drawn.append(comparison)
                 if interrupts.came() and len(result) < len(bags):
@@ -178,7 +181,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             if not result:
                 raise
             interrupted = True
-            interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are judged')
+            interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are evaluated')
         interrupts.finish()
         if page is not None:
             page.leave_out(left_out)

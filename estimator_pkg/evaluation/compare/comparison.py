@@ -1,4 +1,4 @@
-"""One bag's estimates held against its truth: recorded estimates, or observers run on the spot."""
+"""Compare one bag's estimates with its truth: recorded estimates, or observers run now."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from estimator_pkg.evaluation.text import number
 from estimator_pkg.streams.contract import WHY_DROPPED
 
 MMAP_THRESHOLD = -3  # glibc's malloc.h
-LONG = 8_000_000  # bytes; shorter arrays stay in memory
+LONG = 8_000_000  # shorter arrays stay in memory [bytes]
 
 
 def give_back_freed() -> None:
-    """From now on, freed arrays go back to the system at once.
+    """Make the C library return freed arrays to the system at once.
 
-    The C library (glibc) learns to keep those of up to 32 MB, and then loses what lies between
-    them to larger ones: of an hour at 1 kHz, a seventh of the memory.
+    By default glibc keeps freed arrays of up to 32 MB for reuse, and their fragments are lost: for
+    an hour at 1 kHz, a seventh of the memory.
     """
     with suppress(OSError, AttributeError, TypeError):  # another library, another system
         ctypes.CDLL(None).mallopt(MMAP_THRESHOLD, LONG // 2)
 
 
 class Kept:
-    """An array, in a file without a name if it is long; gone when nobody refers to it.
+    """An array, in an unnamed file if it is long; deleted with the last reference.
 
-    It stays in memory where the file cannot be written. Another process gets the array itself.
+    It stays in memory if the file cannot be written. Pickling sends the array itself.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Kept:
             self._file, self._values = file, None
 
     def get(self) -> NDArray:
-        """The array; not to be written to."""
+        """Return the array; it must not be modified."""
         if self._file is None:
             assert self._values is not None
             return self._values
@@ -74,23 +74,23 @@ class Kept:
 
 Array = NDArray[np.float64]
 
-BAND = 1.96  # standard deviations that should hold 95 % of the errors
-MANY = 1_000_000  # samples whose arrays are worth giving back
-ROUNDING = 1e-10  # [s], [rad/s] what is this close is the same
+BAND = 1.96  # the 95 % interval of a normal distribution [standard deviations]
+MANY = 1_000_000  # from this number of samples on, freed memory is returned
+ROUNDING = 1e-10  # smaller values count as zero [s], [rad/s]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One estimate of one joint, compared.
+    """The comparison of one joint's estimates.
 
     validity : seconds by status, or published and withheld.
-    coverage : the part of the errors within the 95 % band, to which the reference's own noise is
-        added; nan without a standard deviation.
-    reference_cannot_tell : the error is no larger than what the reference itself may be wrong by.
-    reference_noise : what the reference itself may be wrong by [rad/s].
+    coverage : fraction of the errors within the 95 % interval, widened by the reference's own
+        noise; nan without a standard deviation.
+    reference_cannot_tell : the error is below the reference's own error.
+    reference_noise : the reference's own error [rad/s].
     time : shape (m,) [s]; truth, estimate, stddev : shape (m,), velocities at these times; the last
-        two are read anew whenever they are asked for.
-    status_time, status : shape (k,), of every sample that was used; empty where it is not known.
+        two are read from their file at each access.
+    status_time, status : shape (k,), of every used sample; empty if it is not known.
     """
 
     source: str
@@ -112,16 +112,16 @@ class Row:
 
     @property
     def estimate(self) -> Array:
-        """See above."""
+        """Estimated velocity, shape (m,) [rad/s]."""
         return self.kept_estimate.get()
 
     @property
     def stddev(self) -> Array:
-        """See above."""
+        """Standard deviation of the estimate, shape (m,) [rad/s]."""
         return self.kept_stddev.get()
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the row for ``--json``."""
         return {
             'velocity': self.velocity,
             'position': self.position,
@@ -135,10 +135,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What one bag gives: rows, and what is known of the reference of each joint.
+    """The result of one bag: rows, and the quality of each joint's reference.
 
     measurement : the measured positions by joint; starts : their first stamps [ns].
-    smoothed : how the off-line smoother came by the reference; empty where there is a truth.
+    smoothed : results of the off-line smoother; empty if the bag has a truth.
     refused : why observers are not ranked, by joint.
     """
 
@@ -154,7 +154,7 @@ class Comparison:
     refused: dict[str, str]
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the comparison for ``--json``."""
         estimates: dict[str, Any] = {}
         for row in self.rows:
             estimates.setdefault(row.source, {'joints': {}})['joints'][row.joint] = row.as_dict()
@@ -175,12 +175,12 @@ class Comparison:
 
 
 def compare(path: str, options: Options) -> Comparison:
-    """Everything that can be said of the estimates in the bag at `path`.
+    """Compare all estimates in the bag at `path`.
 
     Raises
     ------
-    UserError : no truth, no estimates, no joint in common, no overlap in time; one line each, with
-        what there is instead.
+    UserError : no truth, no estimates, no joint in common, no overlap in time; the message has one
+        line and names the alternatives.
     """
     with open_bag(path, options.unpack_limit) as bag:
         measurement = measured(bag, options)
@@ -232,7 +232,7 @@ def compare(path: str, options: Options) -> Comparison:
 
 
 def _all_dropped(estimate: Estimate) -> str:
-    """Why there is no estimate, where one cause is behind all of it."""
+    """Return the reason if a single cause dropped all samples, else ''."""
     for kind, count in estimate.samples['dropped'].items():
         if count == estimate.samples['received']:
             return f': {WHY_DROPPED.get(kind, kind)}'
@@ -253,14 +253,14 @@ def _row(
     )
     if not len(matched.rows):
         raise UserError(
-            f'estimates ({_span(estimate.stamps)}) and truth ({_span(truth.stamps_ns)})'
-            ' do not overlap in time'
+            f'estimates ({_span(estimate.stamps)}) and truth ({_span(truth.stamps_ns)}) do not '
+            'overlap in time: check their stamps'
         )
     elapsed = matched.time + (int(estimate.stamps[matched.rows[0]]) - start) * 1e-9
     left = np.flatnonzero(elapsed >= options.skip)
     if not len(left):
-        raise UserError(f'nothing is left after the first {options.skip:g} s')
-    # mostly all, or all from some one on: views take no memory
+        raise UserError(f'no sample remains after the first {options.skip:g} s: reduce --skip')
+    # mostly all, or all from one index on: views take no memory
     kept = slice(left[0], None) if len(left) == len(elapsed) - left[0] else left
     del left
     rows, time, true = matched.rows[kept], matched.time[kept], matched.velocity[kept]
@@ -299,7 +299,7 @@ def _row(
 
 
 def _sharing(row: Row, others: list[Row]) -> Row:
-    """The row; what another one has too (mostly its last part) is held only once."""
+    """Return the row with those arrays that equal (the end of) another row's stored only once."""
 
     def shared(name: str) -> Array:
         values: Array = getattr(row, name)
@@ -316,7 +316,7 @@ def _sharing(row: Row, others: list[Row]) -> Row:
 
 
 def coverage(errors: Array, stddev: Array) -> float:
-    """The part of the errors within 1.96 standard deviations; nan where none is known."""
+    """Return the fraction of the errors within 1.96 standard deviations; nan if none is known."""
     known = np.isfinite(errors) & np.isfinite(stddev)
     if not known.any():
         return np.nan
@@ -324,31 +324,31 @@ def coverage(errors: Array, stddev: Array) -> float:
 
 
 def _refusals(true: Truth, rows: list[Row]) -> dict[str, str]:
-    """Why the smoother cannot rank the observers, by joint where it cannot."""
+    """Return, by joint, why the smoother cannot rank the observers."""
     refused = {}
     for joint, smoothed in true.smoothed.items():
         errors = [row.velocity['rms'] for row in rows if row.joint == joint]
         if errors and true.references[joint].cannot_tell(min(errors)):
             if smoothed.seldom:
                 refused[joint] = (
-                    f'no ranking of {joint}: its reading changes '
-                    f'{smoothed.changes} times in all, too seldom to tell how it '
-                    'moves'
+                    f'no ranking of {joint}: its reading changes only '
+                    f'{smoothed.changes} times, too rarely to show the motion: record a longer or '
+                    'faster motion'
                 )
                 continue
             because = ''
             if smoothed.unexplained > 0.5 * smoothed.uncertainty:
-                because = ', because the readings hold a fast motion that it takes for noise'
+                because = ', because it treats a fast motion in the readings as noise'
             refused[joint] = (
-                f'no ranking of {joint}: {SMOOTHED} may itself be wrong by '
+                f"no ranking of {joint}: {SMOOTHED}'s own error is "
                 f'{number(smoothed.uncertainty, 2)} rad/s rms{because}, and the best estimate '
-                f'differs from it by {number(min(errors), 2)}'
+                f'differs from it by {number(min(errors), 2)}: record a ground truth'
             )
     return refused
 
 
 def _smoother(found: Smoothed | None) -> dict[str, Any] | None:
-    """For ``--json``."""
+    """Return the smoother's result for ``--json``."""
     if found is None:
         return None
     return {
@@ -363,7 +363,7 @@ def _smoother(found: Smoothed | None) -> dict[str, Any] | None:
 
 
 def _start(series: Series) -> int:
-    """The first stamp that is one [ns]."""
+    """Return the first valid stamp [ns]."""
     good = series.stamps_ns[series.stamps_ns > 0]
     return int(good[0]) if len(good) else 0
 

@@ -1,10 +1,10 @@
 """The delay of an estimate: the shift that minimises its error, finer than a sample.
 
-A coarse search over whole samples (by FFT) finds the minimum that lies nearest to
-zero; around it the mean square error is symmetric, and its middle is solved for. The two sides are
-compared a whole number of samples apart, because interpolation smooths noise by an amount that
-depends on where between two samples it looks: in the difference this cancels. What asymmetry the
-truth itself has within the record (a sine cut off anywhere) is taken off.
+A coarse search over integer samples (by FFT) finds the minimum nearest to zero. Around it the mean
+square error is symmetric, and the middle of the two sides is the delay. The two sides are compared
+an integer number of samples apart: interpolation smooths noise by an amount that depends on the
+position between two samples, and this effect cancels in the difference. The asymmetry of the truth
+itself within the record (a sine that is cut off, say) is subtracted.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from estimator_pkg.evaluation.compare.interpolation import cubic
 
 Array = NDArray[np.float64]
 
-LONGEST = 0.25  # delays are sought up to this [s], or ten samples where that is longer
-GAP = 5.0  # in median sample times: nothing is interpolated across a longer hole
-NEAR = 0.05  # minima this close to the best (of the error's range) count as equally good
-RISE = 0.1  # the two sides are compared where the error has risen by this part
-CLEAR = 0.2  # the error must depend on the shift by this part, or there is no answer
-SURE = 6.0  # and by this over the root of the number of samples: chance gives less
-MOTION = 2.0  # the truth must vary by more than this times its own noise power
+LONGEST = 0.25  # largest delay of the search [s], or ten samples if that is longer
+GAP = 5.0  # longest gap for interpolation, in median sample times
+NEAR = 0.05  # minima within this fraction of the error's range above the best count as equal
+RISE = 0.1  # the two sides are compared where the error has risen by this fraction
+CLEAR = 0.2  # the error must depend on the shift by this fraction, else there is no result
+SURE = 6.0  # and by this over the root of the number of samples: noise alone gives less
+MOTION = 2.0  # the truth's variance must exceed its noise power by this factor
 
 
 def delay(time: Array, estimate: Array, truth: Array) -> float:
-    """By how much [s] `estimate` lags behind `truth`; nan where the signals do not tell.
+    """Return the lag [s] of `estimate` behind `truth`; nan if the signals do not determine it.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
     steps = np.diff(time)
     step = float(np.median(steps))
     longest = max(LONGEST, 10.0 * step)
-    # long holes are shortened: they carry nothing, and the grid need not span them
+    # long gaps are shortened: they contain no samples, and the grid need not span them
     steps = np.minimum(steps, 3.0 * longest)
     time = np.concatenate([[0.0], np.cumsum(steps)])
     level = float(np.mean(truth))
@@ -56,12 +56,12 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
 
 
 def noise_power(values: Array) -> float:
-    """The power of white noise that would give the third differences of `values`."""
+    """Return the power of white noise with the same third differences as `values`."""
     return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
 
 
 def _coarse(time: Array, estimate: Array, truth: Array, step: float, reach: int) -> Array:
-    """Mean square error at shifts of -reach to reach steps; inf where too little overlaps."""
+    """Return the mean square error at shifts of -reach to reach steps; inf for too few samples."""
     grid = np.arange(0.0, time[-1] + 0.5 * step, step)
     e = np.interp(grid, time, estimate)
     r = np.interp(grid, time, truth)
@@ -83,7 +83,7 @@ def _coarse(time: Array, estimate: Array, truth: Array, step: float, reach: int)
 
 
 def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, int]:
-    """(shift in steps, steps to the sides where the error has risen); the latter 0: no answer."""
+    """Return (shift in steps, steps to the sides where the error has risen; 0: no result)."""
     reach = len(errors) // 2
     usable = np.isfinite(errors)
     low, high = float(np.min(errors[usable])), float(np.max(errors[usable]))
@@ -98,7 +98,7 @@ def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, in
         last += 1
     best = first + int(np.argmin(errors[first : last + 1]))
     if best in (0, len(errors) - 1):
-        return 0, 0  # the error still falls at the end of the search
+        return 0, 0  # the minimum is outside the search
     rise = 1
     while (
         best - rise > 0
@@ -118,7 +118,7 @@ def _middle(
     side: float,
     step: float,
 ) -> float:
-    """The shift whose two sides, `side` away, have equal errors: bisection around `shift` [s]."""
+    """Return the shift whose two sides, `side` away, have equal errors (bisection) [s]."""
     low, high = shift - 2.0 * step, shift + 2.0 * step
     inside = np.ones(len(time), bool)
     for edge in (low - side, high + side, -side, side):

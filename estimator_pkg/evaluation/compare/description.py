@@ -1,4 +1,4 @@
-"""A comparison in words: the table of a terminal, and what the reference itself is worth."""
+"""A comparison as text: the table for a terminal, and the quality of the reference."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HEADER = (
 
 
 def describe(comparison: Comparison) -> str:
-    """The comparison as text."""
+    """Return the comparison as text."""
     lines = [f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, at zero shift']
     rows, remarks = [], []
     for row in comparison.rows:
@@ -52,44 +52,45 @@ def describe(comparison: Comparison) -> str:
             )
         )
         counts = row.matched
-        moved = row.joint in comparison.corrected  # by its lag, so nearly every truth is between
-        ends = moved or row.joint in comparison.smoothed  # where a reference leaves off sooner
+        moved = row.joint in comparison.corrected  # by its lag, so nearly all truth is interpolated
+        ends = moved or row.joint in comparison.smoothed  # such a reference ends earlier
         if counts['unmatched'] > (0.01 * counts['estimates'] if ends else 0) or (
             counts['interpolated'] and not moved
         ):
             remarks.append(
                 f'{row.source}, {row.joint}: of {counts["estimates"]} estimates '
-                f'{counts["interpolated"]} met an interpolated truth, '
+                f'{counts["interpolated"]} have an interpolated truth, '
                 f'{counts["unmatched"]} none'
             )
     lines += table(HEADER, rows, left=2).split('\n')
     if any(row.reference_cannot_tell for row in comparison.rows):
-        lines.append(
-            "* the reference cannot tell: the error is no larger than the reference's own noise"
-        )
+        lines.append("* the error is below the reference's own error")
     lines += comparison.refused.values()
     for joint, known in comparison.references.items():
         if joint in comparison.smoothed:
             if comparison.smoothed[joint].seldom:
-                continue  # it is refused, which is said
+                continue  # the refusal above gives the reason
             lines.append(f'{joint}: {describe_smoother(comparison.smoothed[joint])}')
             continue
         lines.append(f'truth of {joint} against the measured position: {describe_truth(known)}')
         if joint in comparison.corrected:
-            off = comparison.corrected[joint]
+            removed = comparison.corrected[joint]
             lines.append(
-                f'  taken off: lag {_ms(off["lag_s"]):.2f} ms, bias {off["bias"]:.4f} rad/s'
+                f'  removed: lag {_ms(removed["lag_s"]):.2f} ms, bias {removed["bias"]:.4f} rad/s'
             )
     return '\n'.join(map(printable, lines + remarks + list(comparison.notes)))
 
 
 def describe_smoother(smoothed: Smoothed) -> str:
-    """What the reference rests on, in words."""
+    """Return the quality and the inputs of the off-line reference as text."""
     noise = smoothed.noise
     if smoothed.seldom:
-        return f'the reading changes {smoothed.changes} times in all: too seldom for a reference'
+        return (
+            f'the reading changes only {smoothed.changes} times: too rarely for an off-line '
+            'reference'
+        )
     text = (
-        f'{SMOOTHED} may be wrong by {number(smoothed.uncertainty, 2)} rad/s rms; readings '
+        f"{SMOOTHED}'s own error is {number(smoothed.uncertainty, 2)} rad/s rms; readings "
         f'{number(noise.reading, 2)} rad'
     )
     if noise.quantum:
@@ -97,25 +98,27 @@ def describe_smoother(smoothed: Smoothed) -> str:
             ' (which explain it)' if noise.at_floor else ''
         )
     if smoothed.outliers:
-        text += f', {smoothed.outliers} outliers left out'
+        text += f', {smoothed.outliers} outliers ignored'
     return text
 
 
 def describe_truth(known: Reference) -> str:
-    """Lag, bias, slope and noise in words, and what the record does not tell."""
-    told, unknown = [], []
+    """Return lag, bias, slope and noise as text, and those that the record does not determine."""
+    known_values, unknown = [], []
     for name, value, deviation, decimals, unit in (
         ('lag', _ms(known.lag_s), _ms(known.lag_stddev), 2, ' ms'),
         ('bias', known.bias, known.bias_stddev, 4, ' rad/s'),
         ('slope', known.slope, known.slope_stddev, 4, ''),
     ):
         if math.isfinite(value):
-            told.append(f'{name} {fixed(value, decimals)} +- {fixed(deviation, decimals)}{unit}')
+            known_values.append(
+                f'{name} {fixed(value, decimals)} +- {fixed(deviation, decimals)}{unit}'
+            )
         else:
             unknown.append(name)
     noise = 0.0 if known.noise < ROUNDING else known.noise
-    told.append(f'noise {number(noise, 2)} rad/s')
-    return ', '.join(told) + (f'; not determined: {", ".join(unknown)}' if unknown else '')
+    known_values.append(f'noise {number(noise, 2)} rad/s')
+    return ', '.join(known_values) + (f'; not determined: {", ".join(unknown)}' if unknown else '')
 
 
 def _ms(seconds: float) -> float:

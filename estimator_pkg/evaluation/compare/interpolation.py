@@ -1,4 +1,4 @@
-"""Cubic interpolation between samples at uneven times, with numpy alone."""
+"""Cubic interpolation between samples at uneven times, with numpy only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 
 def slopes(time: Array, values: Array) -> Array:
-    """The slope at each sample of the parabola through it and its neighbours.
+    """Return, at each sample, the slope of the parabola through it and its neighbours.
 
     Parameters
     ----------
@@ -22,13 +22,13 @@ def slopes(time: Array, values: Array) -> Array:
 
 
 def cubic(time: Array, values: Array, at: Array) -> Array:
-    """`values` at the times `at`, by cubic Hermite interpolation; the samples at the samples.
+    """Return `values` at the times `at`, by cubic Hermite interpolation (exact at the samples).
 
     Parameters
     ----------
     time : shape (n,), strictly increasing [s].
     values : shape (n,).
-    at : shape (m,) [s]; outside the samples the value at the nearer end is given.
+    at : shape (m,) [s]; outside the samples the result is the value at the nearer end.
     """
     if len(time) < 2:
         return np.full(len(at), values[0] if len(values) else np.nan)

@@ -1,7 +1,7 @@
-"""The bags that a user means, and what becomes of those among them that say nothing.
+"""Expand the paths of a command into bags, and handle bags that cannot be evaluated.
 
-A bag that was named is judged or the command fails. Of the bags that were found in a folder those
-that cannot be judged are left out, each with a line that says why.
+A bag that was named must be evaluated, else the command fails. Bags found in a folder are skipped
+if they cannot be evaluated, each with a line that gives the reason.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from estimator_pkg.evaluation.workers import Map
 from estimator_pkg.printable import show
 
 FILES = ('*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd')
-NUMBER = re.compile(r'_\d+(?=\.)')  # of a file of a split bag
+NUMBER = re.compile(r'_\d+(?=\.)')  # number of a file of a split bag
 
 
 class Meant(NamedTuple):
-    """A bag, and the folder it was found in; '': it was named itself."""
+    """A bag, and the folder in which it was found; '': it was named itself."""
 
     path: str
     folder: str = ''
 
 
 class LeftOut(NamedTuple):
-    """A bag of a folder that cannot be judged, and why."""
+    """A bag of a folder that cannot be evaluated, and the reason."""
 
     path: str
     why: str
 
     def __str__(self) -> str:
-        return f'{self.path} is left out: {self.why}'
+        return f'{self.path} is skipped: {self.why}'
 
 
 def expanded(paths: Sequence[str]) -> list[Meant]:
-    """The bags meant: folders with bags in them stand for these.
+    """Return the bags of these paths; a folder is replaced by the bags in it.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def expanded(paths: Sequence[str]) -> list[Meant]:
         folder = Path(path)
         found = _bags(folder) if folder.is_dir() else [folder]
         if not found:
-            raise UserError(f'{path}: no bag in this folder')
+            raise UserError(f'{path} contains no bag: name a bag, or a folder with bags')
         if found == [folder]:
             meant[path] = ''
         else:
@@ -60,10 +60,10 @@ def expanded(paths: Sequence[str]) -> list[Meant]:
 
 
 def _bags(folder: Path) -> list[Path]:
-    """The folder if it is a bag, else the bags in it: files by themselves, and folders.
+    """Return [folder] if it is a bag, else the bags in it: single files, and folders.
 
-    Without metadata (its recorder did not end cleanly) a folder is a bag if its files differ in
-    their number alone.
+    A folder without metadata (its recorder was killed) is a bag if the names of its files differ
+    only in their number.
     """
     if (folder / METADATA).exists():
         return [folder]
@@ -86,16 +86,16 @@ def on_each(
     *arguments: Any,
     left_out: list[LeftOut],
 ) -> Iterator[Any]:
-    """``function(path, *arguments)`` of every bag, in their order.
+    """Yield ``function(path, *arguments)`` for every bag, in order.
 
     Parameters
     ----------
-    left_out : to which those are added that cannot be judged; stderr is told of them as well.
+    left_out : skipped bags are appended to it, and reported on stderr.
 
     Raises
     ------
-    UserError : a bag that was named cannot be judged, or none at all can.
-    UsageError : the call is wrong, whatever the bag.
+    UserError : a named bag cannot be evaluated, or no bag can.
+    UsageError : the call itself is wrong.
     """
     judged = 0
     for found in run_many(_attempt, [(function, bag, *arguments) for bag in bags]):
@@ -107,11 +107,11 @@ def on_each(
             yield found
     if bags and not judged:
         folders = ', '.join(dict.fromkeys(bag.folder for bag in bags))
-        raise UserError(f'{folders}: none of the bags in it can be judged')
+        raise UserError(f'{folders}: none of the bags in it can be evaluated (reasons above)')
 
 
 def _attempt(function: Callable[..., Any], bag: Meant, *arguments: Any) -> Any:
-    """The result, or `LeftOut`; here, so that no worker's error ends the work on all the others."""
+    """Return the result or `LeftOut`; a worker's exception would end the work on all bags."""
     try:
         return function(bag.path, *arguments)
     except UsageError:

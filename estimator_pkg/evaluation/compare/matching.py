@@ -1,4 +1,4 @@
-"""Which truth belongs to which estimate: by stamp, interpolated only where the stamps differ."""
+"""Match truth and estimates by stamp; interpolate the truth where the stamps differ."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from estimator_pkg.evaluation.compare.interpolation import cubic
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-JUMP_NS = 100_000_000  # a stamp this much older than the last begins the time anew (the guard's
-# reorder_window): a looping bag, a restarted simulation
-PAUSE = 10.0  # what stands between two such pieces in the common time [s]
+JUMP_NS = 100_000_000  # a stamp this much older than the last one restarts the time (as in the
+# guard's reorder_window): a looping bag, a restarted simulation
+PAUSE = 10.0  # gap between two such pieces in the common time [s]
 
 
 class Matched(NamedTuple):
-    """The estimates that have a truth.
+    """The estimates with a truth.
 
-    rows : shape (m,), which estimates.
+    rows : shape (m,), indices of these estimates.
     time : shape (m,), strictly increasing time [s] since the first of all stamps; pieces before and
-        after a clock jump are set behind each other.
-    velocity, position : shape (m,), the truth at these stamps; position counts turns.
-    exact : how many have a truth of the same stamp; the others are interpolated.
-    unmatched : estimates without a truth: outside its time, or in a hole of it.
+        after a clock jump follow each other.
+    velocity, position : shape (m,), the truth at these stamps; the position is multi-turn.
+    exact : number of estimates with a truth at the same stamp; the others are interpolated.
+    unmatched : number of estimates without a truth: outside its time, or in a gap.
     """
 
     rows: NDArray[np.int64]
@@ -38,9 +38,9 @@ class Matched(NamedTuple):
 
 
 def pieces(stamps: Stamps) -> list[NDArray[np.int64]]:
-    """Indices of each stretch between clock jumps, sorted by stamp, without repeated stamps.
+    """Return the indices of each piece between clock jumps, sorted by stamp, without duplicates.
 
-    Strays are in none of them.
+    Single wrong stamps are in no piece.
     """
     rows = np.flatnonzero(~strays(stamps))
     if not len(rows):
@@ -54,7 +54,7 @@ def pieces(stamps: Stamps) -> list[NDArray[np.int64]]:
 
 
 def strays(stamps: Stamps) -> NDArray[np.bool_]:
-    """Which single stamps lie far ahead, while the next one goes on from before them."""
+    """Return True for single stamps far ahead of both their neighbours."""
     found = np.zeros(len(stamps), bool)
     steps = np.diff(stamps)
     if len(steps) > 1:
@@ -65,11 +65,11 @@ def strays(stamps: Stamps) -> NDArray[np.bool_]:
 def match(
     stamps: Stamps, truth_stamps: Stamps, velocity: Array, position: Array, period: float
 ) -> Matched:
-    """The truth at the stamps of the estimates.
+    """Return the truth at the stamps of the estimates.
 
     Parameters
     ----------
-    stamps : shape (n,), of the estimates [ns], in the order in which they came.
+    stamps : shape (n,), of the estimates [ns], in order of arrival.
     truth_stamps, velocity, position : shape (k,), the truth [ns, rad/s, rad].
     period : wrap period of the positions [rad]; 0: none.
     """
@@ -110,7 +110,7 @@ def _partner(
     number: int,
     count: int,
 ) -> NDArray[np.int64] | None:
-    """The piece of the truth that goes with a piece of the estimates."""
+    """Return the piece of the truth for a piece of the estimates."""
     if len(theirs) == count:
         return theirs[number]
     low, high = stamps[mine[0]], stamps[mine[-1]]
@@ -131,7 +131,7 @@ def _piece(
     other: NDArray[np.int64],
     period: float,
 ) -> tuple[NDArray[np.int64], Array, Array, int]:
-    """(indices, velocity, position, how many exact) within one piece."""
+    """Return (indices, velocity, position, number of exact matches) within one piece."""
     at, known = stamps[mine], truth_stamps[other]
     right = np.searchsorted(known, at)
     exact = known[np.minimum(right, len(known) - 1)] == at
@@ -155,7 +155,7 @@ def _piece(
 def _at(
     seconds: Array, values: Array, when: Array, exact: NDArray[np.bool_], right: NDArray[np.int64]
 ) -> Array:
-    """The samples where the stamps are equal, interpolated elsewhere."""
+    """Return the samples where the stamps are equal, interpolated values elsewhere."""
     result = np.empty(len(when))
     result[exact] = values[right[exact]]
     if not exact.all():
@@ -164,7 +164,7 @@ def _at(
 
 
 def _unwrap(angles: Array, period: float) -> Array:
-    """Turns counted, samples that are not finite left alone."""
+    """Return unwrapped angles; samples that are not finite stay unchanged."""
     result = angles.copy()
     finite = np.isfinite(angles)
     result[finite] = np.unwrap(angles[finite], period=period)

@@ -1,7 +1,7 @@
-"""How far an estimate is from the truth: numbers at zero shift, and the delay beside them.
+"""Errors of an estimate at zero shift, and its delay.
 
 Errors are estimate minus truth at the same stamp. A late estimate is wrong while the speed changes,
-and that stays in its error; the delay tells how much of it comes from being late.
+and this is part of its error; the delay shows how much of the error it causes.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
 
 Array = NDArray[np.float64]
 
-BLOCK = 0.25  # the truth counts as constant if it is for two blocks of this length [s]
-BLOCK_SAMPLES = 16  # or this many samples, where that is longer
-LONG = 1_000_000  # samples that tell a delay
-STEADY = 1e-4  # largest change of a constant truth within a block, part of its largest value
+BLOCK = 0.25  # the truth counts as constant if it is over two blocks of this length [s]
+BLOCK_SAMPLES = 16  # or of this many samples, if that is longer
+LONG = 1_000_000  # number of samples that determine a delay
+STEADY = 1e-4  # largest change of a constant truth within a block, over its largest value
 
 
 def wrapped(difference: Array, period: float) -> Array:
-    """`difference` in [-period/2, period/2); unchanged where `period` is 0."""
+    """Return `difference` in [-period/2, period/2); unchanged if `period` is 0."""
     if period <= 0.0:
         return difference
     return difference - period * np.floor(difference / period + 0.5)
 
 
 def summary(errors: Array) -> dict[str, float]:
-    """rms, mean_abs, max_abs and bias of the finite `errors`; nan where there is none."""
+    """Return rms, mean_abs, max_abs and bias of the finite `errors`; nan without any."""
     errors = errors[np.isfinite(errors)]
     if not len(errors):
         return {'rms': np.nan, 'mean_abs': np.nan, 'max_abs': np.nan, 'bias': np.nan}
@@ -48,13 +48,13 @@ def summary(errors: Array) -> dict[str, float]:
 def velocity(
     time: Array, estimate: Array, truth: Array, truth_noise: float = 0.0
 ) -> dict[str, Any]:
-    """The numbers of a velocity.
+    """Return the metrics of a velocity.
 
     Parameters
     ----------
     time : shape (n,), increasing [s].
     estimate, truth : shape (n,) [rad/s or m/s].
-    truth_noise : rms noise of the truth, by which a constant one may still change.
+    truth_noise : rms noise of the truth; a constant truth may change by it.
     """
     return {
         **summary(estimate - truth),
@@ -64,7 +64,7 @@ def velocity(
 
 
 def position(time: Array, estimate: Array, truth: Array, period: float) -> dict[str, Any]:
-    """The numbers of a position, whose error is the shorter way round the circle.
+    """Return the metrics of a position, whose error is the shorter way around the circle.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def position(time: Array, estimate: Array, truth: Array, period: float) -> dict[
 
 
 def _middle(time: Array, estimate: Array, truth: Array) -> tuple[Array, Array, Array]:
-    """As much of a long record as tells its delay, from its middle: memory stays bounded."""
+    """Return the middle of a long record, enough for its delay: this bounds the memory."""
     first = max(0, (len(time) - LONG) // 2)
     part = slice(first, first + LONG)
     return time[part], estimate[part], truth[part]
@@ -88,9 +88,9 @@ def _middle(time: Array, estimate: Array, truth: Array) -> tuple[Array, Array, A
 def noise_at_constant_speed(
     time: Array, estimate: Array, truth: Array, truth_noise: float = 0.0
 ) -> float:
-    """The rms deviation of the estimate from its own mean where the truth is constant, else nan.
+    """Return the rms deviation of the estimate from its mean while the truth is constant, else nan.
 
-    A stretch counts from its second block on: what the estimate still settles is no noise.
+    Each stretch counts from its second block on: the settling before is not noise.
     """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
@@ -110,26 +110,26 @@ def noise_at_constant_speed(
 def _stretches(
     truth: Array, blocks: list[tuple[int, int]], noise: float
 ) -> Iterator[list[tuple[int, int]]]:
-    """The blocks (first, behind the last) in a row over which the truth is constant."""
+    """Yield the consecutive blocks (first, last + 1) over which the truth is constant."""
     steady = STEADY * float(np.max(np.abs(truth))) + 1e-12
 
-    def alike(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    def equal_speed(one: tuple[int, int], other: tuple[int, int]) -> bool:
         return _same_speed(truth[slice(*one)], truth[slice(*other)], steady, noise)
 
     stretch: list[tuple[int, int]] = []
     for block in blocks:
-        if stretch and not alike(stretch[0], block):
+        if stretch and not equal_speed(stretch[0], block):
             yield stretch
             stretch = []
-        if stretch or alike(block, block):
+        if stretch or equal_speed(block, block):
             stretch.append(block)
     yield stretch
 
 
 def _same_speed(first: Array, block: Array, steady: float, noise: float) -> bool:
-    """True if the truth of `block` is constant, and that of `first` too.
+    """Return True if the truth of `block` is constant, and equal to that of `first`.
 
-    What noise lets through in single samples, the means of half blocks do not.
+    Single samples may differ by noise; the means of half blocks may not.
     """
     if len(block) < BLOCK_SAMPLES // 2:
         return False
@@ -144,9 +144,9 @@ def _same_speed(first: Array, block: Array, steady: float, noise: float) -> bool
 
 
 def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -> float:
-    """The shift [s] that minimises the position error, by Gauss-Newton.
+    """Return the shift [s] that minimises the position error, by Gauss-Newton.
 
-    nan where the position never moves, or not as the truth does.
+    nan if the position does not move, or moves differently from the truth.
     """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]

@@ -1,8 +1,8 @@
-"""Drives tell every sample of a batch, truth and estimate alike, beside one state for each batch.
+"""Compare drives sample by sample: their batches contain truth and estimate of every sample.
 
-Where a bag has the truth of every sample, the electrical joint is compared sample by sample: a
-second of a drive is then as good as thousands of states of another joint. Its mechanical joint
-stays as it is, one state for each batch.
+If a bag has the truth of every sample, the electrical joint is compared per sample: a second of a
+drive then counts as much as thousands of messages of another joint. The mechanical joint keeps one
+state per batch.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.streams.drive import ELECTRICAL
 
 TRUE_SAMPLES = '/ground_truth/samples'
-BATCHES = '_samples'  # follows the name of the topic of estimates
+BATCHES = '_samples'  # suffix of the topic of estimates
 
 
 def available(bag: Bag, options: Options) -> bool:
-    """True if the truth of every sample is there, and nobody asked for another one."""
+    """Return True if the bag has the truth of every sample, and no other truth is requested."""
     return (
         options.truth is None
         and options.reference != SMOOTHER
@@ -34,11 +34,11 @@ def available(bag: Bag, options: Options) -> bool:
 
 
 def finer(bag: Bag, topic: str, series: Mapping[str, Series]) -> dict[str, Series]:
-    """The series, that of the electrical joint out of the batches of `topic` if there are any.
+    """Return the series, with the electrical joint taken from the batches of `topic` if possible.
 
     Raises
     ------
-    UserError : a message there is no batch.
+    UserError : a message there is not a batch.
     """
     electrical = [joint for joint in series if joint.endswith(ELECTRICAL)]
     if len(electrical) != 1 or not _there(bag, topic):

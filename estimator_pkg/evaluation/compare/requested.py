@@ -1,4 +1,4 @@
-"""The observers that a user names, each with those of the parameters given that are its own."""
+"""The requested observers, each with those of the parameters that it has."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ OBSERVER = 'observer'
 
 
 def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]) -> list[Entry]:
-    """One entry per observer, in their order.
+    """Return one entry per observer, in order.
 
-    A parameter file that says which observer it is for holds for that one alone; else it holds,
-    as --set does, for every observer that knows the name.
+    A parameter file that names its observer applies to that one only; other files and --set apply
+    to every observer that has the parameter.
 
     Parameters
     ----------
-    names : of observers, or 'all' for those of single angles.
-    params : parameter file. assignments : as of --set; they win over the file.
+    names : names of observers, or 'all' for those of single angles.
+    params : parameter file. assignments : those of --set; they override the file.
 
     Raises
     ------
-    UserError, UsageError : no such observer or file, or a parameter that none of them has.
+    UserError, UsageError : no such observer or file, or a parameter that no observer has.
     """
     wanted: list[str] = []
     for name in names:
@@ -36,9 +36,7 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     given = parse_assignments(list(assignments))
     if not wanted:
         if given or params:
-            raise UsageError(
-                '--set and --params are for observers that are run: name one with --observer'
-            )
+            raise UsageError('--set and --params need an observer to run: name one with --observer')
         return []
     by_observer = {name: _known(name) for name in wanted}
     values_of = params_file.modern(*({**_from_file(params, name), **given} for name in wanted))
@@ -64,7 +62,7 @@ def _known(observer: str) -> dict[str, Parameter]:
 
 
 def _from_file(params: str | None, observer: str) -> dict[str, Any]:
-    """What the file says for this observer."""
+    """Return the parameters in the file for this observer."""
     if params is None:
         return {}
     node = streams.of_observer(observer).NODE

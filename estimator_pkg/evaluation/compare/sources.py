@@ -1,4 +1,4 @@
-"""Where estimates come from: recorded topics, or observers run on the recorded measurement."""
+"""Sources of estimates: recorded topics, or observers run on the recorded measurement."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ Array = NDArray[np.float64]
 COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
 PUBLISHED, WITHHELD = 'published', 'withheld'
 STAMP_SOURCE = 'stamp_source'
-HELD = 5.0  # an estimate stands for the time since the one before, up to so many steps
+HELD = 5.0  # an estimate counts for the time since the previous one, at most this many steps
 
 
 def measured(bag: Bag, options: Options) -> dict[str, Series]:
-    """The measured positions by joint, as the observers take them; {}: none are.
+    """Return the measured positions by joint, as the observers use them; {} without any.
 
-    Observers that need something else may be run on a bag without them.
+    Observers of other measurements can run on a bag without positions.
 
     Raises
     ------
-    UserError, UsageError : what was asked for is not there, or a parameter is wrong; observers that
-        take their samples at different times.
+    UserError, UsageError : a requested topic does not exist, a parameter is wrong, or the observers
+        use different clocks.
     """
-    _check_alike(options.observers)
-    asked = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
-    for entry in asked:
+    _check_clocks(options.observers)
+    chosen = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
+    for entry in chosen:
         found = recordings.measured(bag, _setup(entry, bag, options))
         if found:
             return found
-    if options.measurement is not None and not asked:
+    if options.measurement is not None and not chosen:
         bag.require(options.measurement, (TYPE,))
     try:
         topic = measurement_topic(bag, options.measurement)
@@ -57,16 +57,16 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
             found = positions(bag, topic)
             if any((series.stamps_ns > 0).any() for series in found.values()):
                 return found
-            return positions(bag, topic, by_publisher=True)  # as their estimates must have been
+            return positions(bag, topic, by_publisher=True)  # as the estimates must have been
     except UnreadableError:
         raise
-    except UserError:  # of a truth, estimates can be judged without a measurement
+    except UserError:  # estimates can be compared with a truth without a measurement
         pass
     return {}
 
 
-def _check_alike(observers: Sequence[Entry]) -> None:
-    """One reference is for all: they must go by the same clock."""
+def _check_clocks(observers: Sequence[Entry]) -> None:
+    """Raise UsageError unless all observers, which share a reference, use the same clock."""
     clocks = {
         dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source)
         for entry in observers
@@ -74,8 +74,8 @@ def _check_alike(observers: Sequence[Entry]) -> None:
     }
     if len(clocks) > 1:
         raise UsageError(
-            f"'{STAMP_SOURCE}' must be the same for all observers that are compared: "
-            'give it with --set'
+            f"the observers have different '{STAMP_SOURCE}' ({', '.join(sorted(clocks))}): "
+            'set one for all with --set'
         )
 
 
@@ -84,7 +84,7 @@ def _stream(entry: Entry) -> type[Stream]:
 
 
 def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
-    """Parameters and topics of an observer; raises UserError or UsageError."""
+    """Return parameters and topics of an observer; raise UserError or UsageError."""
     stream = _stream(entry)
     values: dict[str, Any] = {'observer': entry.observer}
     if stream.WRAPS:
@@ -97,11 +97,11 @@ def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
 def sources(
     bag: Bag, path: str, measurement: dict[str, Series], options: Options
 ) -> Iterator[tuple[str, dict[str, Estimate]]]:
-    """(name, estimates by joint) of everything that is to be compared.
+    """Yield (name, estimates by joint) of everything to compare.
 
     Raises
     ------
-    UserError : there is nothing.
+    UserError : there is nothing to compare.
     """
     if options.observers:
         with progress(path, len(options.observers)) as advance:
@@ -121,7 +121,7 @@ def sources(
     if not topics:
         raise UserError(
             f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
-            "with 'velocity_estimator replay', or compare observers on the measurement "
+            "with 'velocity_estimator replay', or run observers on the measurement "
             "with '--observer all'"
         )
     for topic in topics:
@@ -133,7 +133,7 @@ def sources(
                 deviations = joint_series(bag, beside.name)
             except UnreadableError:
                 raise
-            except UserError:  # no joint was ever valid
+            except UserError:  # no joint was valid at any time
                 pass
         found = joint_series(bag, topic)
         if per_sample.available(bag, options):
@@ -152,18 +152,18 @@ def sources(
 def recording(
     entry: Entry, bag: Bag, measurement: Mapping[str, Series], options: Options
 ) -> Recording:
-    """What this observer needs of the bag, with its parameters.
+    """Return the input of this observer from the bag, with its parameters.
 
     Raises
     ------
-    UserError, UsageError : the bag lacks it, or a parameter is wrong.
+    UserError, UsageError : the bag lacks an input, or a parameter is wrong.
     """
     found = recordings.recording(bag, _setup(entry, bag, options), measurement)
     return found.per_sample() if per_sample.available(bag, options) else found
 
 
 def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None) -> Estimate:
-    """What a topic of estimates says of one joint."""
+    """Return the estimates of one joint from a recorded topic."""
     stddev: NDArray[np.float64] = np.full(len(estimates.stamps_ns), np.nan)
     if deviations is not None:
         deviations = with_velocity(deviations)
@@ -181,7 +181,7 @@ def _recorded(estimates: Series, deviations: Series | None, measurement: Series 
 
 
 def _published(estimates: Series, measurement: Series | None) -> dict[str, float]:
-    """Seconds with estimates, and seconds with samples alone."""
+    """Return seconds with estimates, and seconds with samples but no estimate."""
     if measurement is None or not len(measurement.stamps_ns):
         return {}
     good = measurement.stamps_ns[np.isfinite(measurement.position) & (measurement.stamps_ns > 0)]
@@ -195,9 +195,9 @@ def _published(estimates: Series, measurement: Series | None) -> dict[str, float
 
 
 def _samples(estimates: Series, measurement: Series | None) -> dict[str, Any]:
-    """What the guard says of the samples in the bag; of the estimates alone where there are none.
+    """Return the guard's counts of the samples in the bag, or the number of estimates without one.
 
-    Which samples are dropped does not depend on the observer, unless it was misconfigured.
+    The dropped samples do not depend on the observer, unless it was misconfigured.
     """
     if measurement is None:
         count = len(estimates.stamps_ns)

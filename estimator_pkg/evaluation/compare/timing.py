@@ -1,4 +1,4 @@
-"""Timing two or more things side by side, so that what else the machine does hits them alike."""
+"""Measure times of several functions in turn, so that other load on the machine hits all."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Side = Callable[[int], float]
 def interleave(
     sides: Mapping[str, Side], rounds: int, advance: Callable[[int], Any] = lambda steps: None
 ) -> dict[str, list[float]]:
-    """A B C A B C ...: the times [s] of each side, one per round.
+    """Run A B C A B C ...; return the times [s] of each side, one per round.
 
     Parameters
     ----------
     sides : name -> (round number) -> its time [s].
-    rounds : how often each side runs; one more run of each before them does not count.
-    advance : told of each run (for a progress bar).
+    rounds : runs of each side, after one warm-up run that does not count.
+    advance : called with 1 after each run (for a progress bar).
     """
     times: dict[str, list[float]] = {name: [] for name in sides}
     was_enabled = gc.isenabled()
@@ -39,12 +39,12 @@ def interleave(
 
 
 def best_and_median(times: Sequence[float]) -> tuple[float, float]:
-    """The smallest and the median of some times."""
+    """Return the smallest and the median time."""
     return min(times), statistics.median(times)
 
 
 def ratio(of: Sequence[float], to: Sequence[float]) -> float:
-    """The median over the rounds of one side's time over the other's in the same round."""
+    """Return the median over the rounds of one side's time over the other's in the same round."""
     return statistics.median(a / b for a, b in zip(of, to))
 
 
@@ -57,14 +57,14 @@ def row(
     at_least: bool = False,
     **more: Any,
 ) -> dict[str, Any]:
-    """One line of a benchmark.
+    """Return one row of a benchmark.
 
     Parameters
     ----------
-    value : what was measured; None: not run (say why in `why`).
-    limit : what is required of it; None: nothing.
+    value : the measured value; None: not run (give the reason in `why`).
+    limit : the required limit; None: none.
     at_least : the value must reach the limit; else it must not exceed it.
-    more : min, median, peer, why, ...: kept as they are.
+    more : min, median, peer, why, ...: copied into the row.
     """
     met = None
     if limit is not None and value is not None:
@@ -81,5 +81,5 @@ def row(
 
 
 def not_run(name: str, why: str) -> dict[str, Any]:
-    """A line for what could not be measured here."""
+    """Return a row for a benchmark that could not run here."""
     return row(name, None, '', why=why)

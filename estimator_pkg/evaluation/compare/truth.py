@@ -1,4 +1,4 @@
-"""The truth in a bag, or the off-line smoother in its place where there is none."""
+"""The truth in a bag, or the off-line smoother if there is none."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from estimator_pkg.streams.angle import AngleSettings
 
 Array = NDArray[np.float64]
 
-LAG_SEEN = 2.0  # a lag or bias is corrected if it is so many standard deviations
-ENOUGH = 600_000  # samples that tell what a truth is worth
+LAG_SEEN = 2.0  # a lag or bias is corrected above this many standard deviations
+ENOUGH = 600_000  # number of samples that determine the quality of a truth
 SMOOTHED = 'the off-line smoother'
 
 
 @dataclass
 class Truth:
-    """The velocities to compare with, by joint.
+    """The reference velocities by joint.
 
     name : the topic, or `SMOOTHED`.
     series : positions and velocities.
-    references : what is known of each.
-    corrected : lag and bias that were taken off.
-    smoothed : how the smoother came by them; empty where the bag has a truth.
+    references : quality of each.
+    corrected : lag and bias that were removed.
+    smoothed : results of the smoother; empty if the bag has a truth.
     """
 
     name: str
@@ -48,11 +48,11 @@ class Truth:
 
 
 def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> Truth:
-    """The truth of the bag, or the reference made from its measurement.
+    """Return the truth of the bag, or the reference computed from its measurement.
 
     Raises
     ------
-    UserError : no truth and no measurement to make a reference from; a truth without velocity.
+    UserError : neither truth nor measurement, or a truth without velocity.
     """
     if options.reference == SMOOTHER or (
         options.reference == AUTO
@@ -68,9 +68,9 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     topic = options.truth or TRUTH
     if options.truth is None and topic not in bag.topics:
         raise UserError(
-            f'{path}: no truth: there is no topic {TRUTH}; name another JointState '
-            f'that carries velocities with --truth ({_joint_state_topics(bag)}), or '
-            'with --measurement or --angle what a reference can be made from'
+            f'{path}: no truth: there is no topic {TRUTH}; name another JointState with '
+            f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
+            'off-line reference with --measurement or --angle'
         )
     bag.require(topic, (TYPE,))
     series = joint_series(bag, topic)
@@ -80,7 +80,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     series = {joint: _finite(each) for joint, each in series.items()}
     series = {joint: each for joint, each in series.items() if len(each.stamps_ns)}
     if not series:
-        raise UserError(f'{path}: {topic} carries no velocity')
+        raise UserError(f'{path}: {topic} has no velocities: name another topic with --truth')
     found = Truth(topic, series, {})
     for joint, each in series.items():
         known = _reference(each, measurement.get(joint), options.wrap_period)
@@ -92,7 +92,10 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
 
 def _from_smoother(path: str, measurement: dict[str, Series], options: Options) -> Truth:
     if not measurement:
-        raise UserError(f'{path}: no measured positions to make a reference from')
+        raise UserError(
+            f'{path}: no measured positions for an off-line reference: name them with '
+            '--measurement or --angle'
+        )
     found = Truth(SMOOTHED, {}, {})
     with progress(f'{path}: reference', len(measurement)) as advance:
         for joint, each in measurement.items():
@@ -112,18 +115,18 @@ def _from_smoother(path: str, measurement: dict[str, Series], options: Options) 
         raise UserError(
             f'{path}: no truth, and '
             + (
-                'too few readings to make a reference from'
+                'too few readings for an off-line reference'
                 if stamped
-                else 'readings without a stamp: --set stamp_source=publisher takes publish times'
+                else 'readings without a stamp: use --set stamp_source=publisher'
             )
         )
     return found
 
 
 def _reference(truth: Series, measurement: Series | None, period: float) -> Reference:
-    """The truth's own lag, bias and noise against the measured position; without one, its noise.
+    """Return the truth's own lag, bias and noise against the measured position, or its noise only.
 
-    Of a long record the middle `ENOUGH` samples tell.
+    For a long record the middle `ENOUGH` samples are used.
     """
     if len(truth.stamps_ns) > ENOUGH:
         first = (len(truth.stamps_ns) - ENOUGH) // 2
@@ -134,7 +137,7 @@ def _reference(truth: Series, measurement: Series | None, period: float) -> Refe
             measurement = _part(measurement, near)
     if measurement is None:
         alone = match(truth.stamps_ns, truth.stamps_ns, truth.velocity, truth.velocity, 0.0)
-        return reference.unheld(alone.time, alone.velocity, truth.position[alone.rows], period)
+        return reference.noise_only(alone.time, alone.velocity, truth.position[alone.rows], period)
     good = np.isfinite(measurement.position)
     position = measurement.position[good]
     at = match(truth.stamps_ns, measurement.stamps_ns[good], position, position, period)
@@ -150,7 +153,7 @@ def _part(series: Series, rows: slice | NDArray[np.bool_]) -> Series:
 
 
 def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]:
-    """The truth without the lag and bias that were found, and what was taken off."""
+    """Return the truth without the fitted lag and bias, and the removed values."""
     lag = known.lag_s if abs(known.lag_s) > LAG_SEEN * known.lag_stddev else 0.0
     bias = known.bias if abs(known.bias) > LAG_SEEN * known.bias_stddev else 0.0
     series = truth._replace(
@@ -160,19 +163,19 @@ def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]
 
 
 def _finite(series: Series) -> Series:
-    """Only the rows that carry a velocity."""
+    """Return only the rows with a velocity."""
     good = np.isfinite(series.velocity)
-    nothing = np.broadcast_to(np.nan, int(np.count_nonzero(good)))  # nobody reads it here
+    nothing = np.broadcast_to(np.nan, int(np.count_nonzero(good)))  # efforts are not used here
     return Series(series.stamps_ns[good], series.position[good], series.velocity[good], nothing)
 
 
 def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> None:
-    """Raises UserError if the truth has none of these joints."""
+    """Raise UserError if the truth has none of these joints."""
     if set(joints) & set(true.series):
         return
     hint = ''
     if list(joints) == [AngleSettings.angle_joint] and len(true.series) == 1:
-        hint = f' (--set angle_joint={next(iter(true.series))} gives the number that name)'
+        hint = f': --set angle_joint={next(iter(true.series))} gives the number that name'
     raise UserError(
         f'{path}: {source} has the joints {listed(joints)}, {true.name} has '
         f'{listed(true.series)}: none in common{hint}'
@@ -180,7 +183,7 @@ def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> 
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names in a line."""
+    """Return names in one line."""
     return ', '.join(name or "''" for name in sorted(names)) or 'none'
 
 

@@ -1,4 +1,4 @@
-"""``velocity_estimator identify``: a model's numbers from a recording, judged on its other part."""
+"""``velocity_estimator identify``: fit a model's parameters to a recording and validate them."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from estimator_pkg.progress import progress
 from estimator_pkg.yaml_text import comment, scalar
 
 JOINT = 'single_joint'
-LITTLE = 0.5  # of the motion explained elsewhere: below it the model is not to be trusted
+LITTLE = 0.5  # below this explained fraction of held-out motion the model is not trusted
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
     parser.add_argument(
         '--model',
         metavar='NAME',
         default=JOINT,
-        help=f'which model: {JOINT} (the default), cart_pendulum, robotic_leg, or '
+        help=f'model: {JOINT} (the default), cart_pendulum, robotic_leg, or '
         'your own as package.module:Name',
     )
     parser.add_argument(
@@ -48,8 +48,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         action='append',
         default=[],
-        help='which joint of the topic; for a mechanism once for each of the '
-        "model's positions, in their order",
+        help="joint of the topic; for a mechanism once for each of the model's positions, in order",
     )
     parser.add_argument(
         '--measurement', metavar='TOPIC', help='joint states with positions and efforts'
@@ -59,38 +58,38 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='KEY=VALUE',
         action='append',
         default=[],
-        help='a number of the model that is known, and held',
+        help='fix a parameter of the model at a known value',
     )
     parser.add_argument(
         '--start',
         metavar='KEY=VALUE',
         action='append',
         default=[],
-        help="a number to start from, where the model's own is far off",
+        help='start the fit of a parameter here, if the default is far from the true value',
     )
     unpacking.arguments(parser)
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Identifies, prints, writes."""
-    given, start = parse_assignments(parsed.set), parse_assignments(parsed.start)
-    wanted = unknowns(parsed.model, given, start)
+    """Fit, print, write; return the results."""
+    fixed, start = parse_assignments(parsed.set), parse_assignments(parsed.start)
+    fitted = unknowns(parsed.model, fixed, start)
     out = Path(parsed.out) if parsed.out else None
     if out is not None:
         destination.check(out)
         if out.exists():
-            raise UserError(f'{out} exists already')
+            raise UserError(f'{out} exists already: choose another file, or remove it first')
     with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         topic = measurement_topic(bag, parsed.measurement)
-        samples, names = recording(bag, topic, wanted.make(wanted.start), parsed.joint)
+        samples, names = recording(bag, topic, fitted.make(fitted.start), parsed.joint)
     delay = 0.0
     if parsed.model == JOINT:
-        wanted, delay = _first_guess(samples, wanted, given, start)
+        fitted, delay = _first_guess(samples, fitted, fixed, start)
     with progress('identify', 2 * ROUNDS) as advance:
-        found = fit(samples, wanted, delay, advance)
-    texts = wanted.texts(found.values[: len(wanted.names)])
+        found = fit(samples, fitted, delay, advance)
+    texts = fitted.texts(found.values[: len(fitted.names)])
     load(parsed.model, texts)  # what is found must pass the checks of every model
-    units = (*wanted.units, 's')
+    units = (*fitted.units, 's')
     _print(parsed.bag, parsed.model, names, found, units)
     if out is not None:
         _write(out, parsed.model, names, texts, found, str(parsed.bag))
@@ -113,7 +112,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 def _first_guess(
     samples: Recording, wanted: Unknowns, given: Mapping[str, Any], start: Mapping[str, Any]
 ) -> tuple[Unknowns, float]:
-    """Where a single joint starts from, and the delay of its torque: the weak form is linear."""
+    """Return the start of the fit for a single joint, and its torque delay, by the weak form."""
     from estimator_pkg.models.single_joint import Parameters
 
     fixed = build(Parameters, {**start, **given})
@@ -132,20 +131,20 @@ def _print(
 ) -> None:
     show(
         f'{bag}: {model}, {", ".join(names)}; {found.pieces[0]} pieces to identify, '
-        f'{found.pieces[1]} to judge'
+        f'{found.pieces[1]} to validate'
     )
-    for name, value, spread, unit in zip(found.names, found.values, found.deviations, units):
-        show(f'  {name} = {value:.5g} +- {spread:.2g} {unit}'.rstrip())
+    for name, value, sigma, unit in zip(found.names, found.values, found.deviations, units):
+        show(f'  {name} = {value:.5g} +- {sigma:.2g} {unit}'.rstrip())
     print(
         f'  explains {100.0 * found.explained:.2f} % of the motion beyond constant velocity '
-        f'there, {100.0 * found.explained_elsewhere:.2f} % in the other part'
+        f'in that part, {100.0 * found.explained_elsewhere:.2f} % in the held-out part'
     )
     for name, here, there in zip(names, found.residual, found.residual_elsewhere):
-        show(f'  {name}: {here:.3g} rms are left there, {there:.3g} in the other part')
+        show(f'  {name}: residual {here:.3g} rms in that part, {there:.3g} in the held-out part')
     if found.explained_elsewhere < LITTLE:
         print(
-            '  the model explains little of what it was not fitted to: do not trust it beyond '
-            'a low disturbance'
+            '  the model explains little of the held-out motion: do not rely on it; use a low '
+            'disturbance bandwidth only'
         )
 
 
@@ -160,7 +159,7 @@ def _write(
             f'Identified from {Path(bag).name}: {100.0 * found.explained_elsewhere:.2f} % '
             'of the motion beyond constant'
         ),
-        comment('velocity explained in the part that was not used.'),
+        comment('velocity explained in the held-out part.'),
         '/**:',
         '  ros__parameters:',
         f'    model: {scalar(model)}',

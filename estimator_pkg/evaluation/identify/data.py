@@ -1,4 +1,4 @@
-"""From a bag to what `identify` needs: one mechanism's times, positions and inputs."""
+"""Read the input of `identify` from a bag: one mechanism's times, positions and inputs."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ Array = NDArray[np.float64]
 def recording(
     bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str]
 ) -> tuple[Recording, tuple[str, ...]]:
-    """The mechanism's samples, in order of time, and the names of its joints in the topic.
+    """Return the mechanism's samples, sorted by time, and the names of its joints in the topic.
 
-    Stamps at which a joint is missing are left out, and so are those not newer than the one before.
+    Stamps at which a joint is missing are skipped, as are repeated and older ones.
 
     Parameters
     ----------
     wanted : names of the joints, in the order of the model's positions; empty: the model's own, or
-        the only one that there is.
+        the only joint of the topic.
 
     Raises
     ------
     UsageError : the joints must be named, or are too many or too few.
-    UserError : a joint is not there, or an input has no efforts.
+    UserError : a joint does not exist, or an input has no efforts.
     """
     every = joint_series(bag, topic)
     names = _names(bag, topic, mechanics, wanted, every)
@@ -42,15 +42,15 @@ def recording(
         inputs[:, place] = every[names[joint]].effort[rows[joint]]
         if np.count_nonzero(np.isfinite(inputs[:, place])) < 0.5 * len(stamps):
             raise UserError(
-                f"joint '{names[joint]}' has no efforts: identify needs positions and "
-                'efforts in the same messages'
+                f"joint '{names[joint]}' has no efforts, and identify needs positions and "
+                'efforts in the same messages: record both'
             )
     good = np.all(np.isfinite(positions), axis=1) & np.all(np.isfinite(inputs), axis=1)
     stamps, positions, inputs = stamps[good], positions[good], inputs[good]
     if len(stamps) < 2:
         raise UserError(
-            f"topic '{topic}' of {bag.path} has no two usable samples of "
-            f'{", ".join(names)} at the same stamps'
+            f"topic '{topic}' of {bag.path} has fewer than two samples of "
+            f'{", ".join(names)} with positions and efforts at the same stamps'
         )
     for column, period in enumerate(mechanics.periods):
         if period > 0.0:
@@ -68,9 +68,8 @@ def _names(
         if len(every) == count == 1:
             return tuple(every)
         raise UsageError(
-            f"topic '{topic}' has the joints {', '.join(every)}: name with --joint, "
-            f'once for each, those that are {", ".join(mechanics.joints)} of model '
-            f"'{mechanics.name}'"
+            f"topic '{topic}' has the joints {', '.join(every)}: choose those of model "
+            f"'{mechanics.name}' with --joint, once for each of {', '.join(mechanics.joints)}"
         )
     for name in wanted:
         if name not in every:
@@ -89,7 +88,7 @@ def _names(
 def _common(
     names: tuple[str, ...], every: dict[str, Series]
 ) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
-    """(stamps that every joint has, rising; the rows of each joint at them)."""
+    """Return (ascending stamps that every joint has, rows of each joint at them)."""
     rows = []
     for name in names:
         stamps = every[name].stamps_ns

@@ -1,13 +1,13 @@
-"""A model's numbers by output error: its motion under the recorded inputs against the positions.
+"""Fit a model's parameters by output error: simulated motion under the recorded inputs.
 
-The recording is cut into pieces; in each the model starts at positions and velocities of its own,
-which are found with the numbers, and moves under the inputs as they were. The numbers make the
-squares of position minus measurement least, over the pieces of the first part (Gauss-Newton with
-the starts eliminated piece by piece, damped as by Levenberg and Marquardt). Nothing is
-differentiated, so that noise and quantisation of the measurement bias nothing.
+The recording is cut into pieces. In each, the model starts at positions and velocities of its own,
+which are fitted with the parameters, and moves under the recorded inputs. The fit minimises the
+squares of position minus measurement over the pieces of the first part (Gauss-Newton with the
+starts eliminated piece by piece, damped as by Levenberg and Marquardt). No measurement is
+differentiated, so noise and quantisation cause no bias.
 
-Standard deviations are those of the sandwich with a piece as the unit: what is left over may be
-correlated in any way within a piece, as it is where the encoder is coarse or the model wrong.
+Standard deviations come from the sandwich estimator with a piece as the unit: residuals may be
+correlated in any way within a piece, as they are with a coarse encoder or a wrong model.
 Ljung, System Identification (1999), 7.4 and 9.2; MacKinnon and White (1985) for small samples.
 """
 
@@ -36,23 +36,23 @@ from estimator_pkg.observers.mechanism.motion import make_course
 
 Array = NDArray[np.float64]
 
-FINEST = 5e-4  # s, longest step of the integration where the model compiles
-ROUNDS = 60  # at most
-SETTLED = 0.01  # of a standard deviation: a smaller change is none
+FINEST = 5e-4  # longest integration step if the model compiles [s]
+ROUNDS = 60  # largest number of iterations
+SETTLED = 0.01  # a smaller change, in standard deviations, ends the fit
 DELAY = 'input_delay'
-LATEST = 0.1  # s, of the delay of the inputs
+LATEST = 0.1  # largest delay of the inputs [s]
 
 
 class Found(NamedTuple):
-    """Numbers with their standard deviations.
+    """Parameters with their standard deviations.
 
-    names : of the model's numbers, then input_delay if the model has inputs.
+    names : of the model's parameters, then input_delay if the model has inputs.
     values, deviations : shape (p,).
     residual, residual_elsewhere : rms of position minus measurement of each joint [rad or m], in
-        the part that the numbers are from and in the other.
-    explained, explained_elsewhere : part of the squares beyond motion at constant velocity that the
-        model explains there.
-    pieces : how many, in both parts.
+        the fitted and in the held-out part.
+    explained, explained_elsewhere : fraction of the squared motion beyond constant velocity that
+        the model explains in each part.
+    pieces : their numbers in both parts.
     """
 
     names: tuple[str, ...]
@@ -65,7 +65,7 @@ class Found(NamedTuple):
     pieces: tuple[int, int]
 
 
-Predict = Callable[[Array, 'Piece', Array], Array]  # (numbers, piece, start) -> positions
+Predict = Callable[[Array, 'Piece', Array], Array]  # (parameters, piece, start) -> positions
 
 
 def fit(
@@ -74,16 +74,16 @@ def fit(
     delay: float = 0.0,
     advance: Callable[[int], None] = lambda rounds: None,
 ) -> Found:
-    """The numbers that explain the recording best.
+    """Return the parameters that explain the recording best.
 
     Parameters
     ----------
-    delay : of the inputs, to start from [s].
+    delay : start value of the inputs' delay [s].
     advance : called with 1 after each round.
 
     Raises
     ------
-    UserError : too short a recording, or a motion that does not tell the numbers.
+    UserError : the recording is too short, or its motion does not determine the parameters.
     """
     mechanics = unknowns.make(unknowns.start)
     if not mechanics.compiles:
@@ -97,7 +97,7 @@ def fit(
     predict = _predictor(recording, unknowns, driven)
     weights: Array = np.ones(recording.positions.shape[1])
     starts = {piece: first_guess(recording, piece) for piece in (*first, *second)}
-    for _ in range(2):  # the joints' weights follow from what is left over
+    for _ in range(2):  # the joints' weights follow from the residuals
         numbers = _minimise(recording, predict, first, starts, numbers, low, high, weights, advance)
         weights = 1.0 / np.maximum(_rms(recording, predict, first, starts, numbers), 1e-12)
     deviations = _deviations(recording, predict, first, starts, numbers, weights, names)
@@ -116,7 +116,7 @@ def fit(
 
 
 def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predict:
-    """positions of a piece at numbers and a start (positions, then velocities)."""
+    """Return a function for the positions of a piece by parameters and start (q, then v)."""
     time, n = recording.time, recording.positions.shape[1]
     total = accumulated(time, recording.inputs)
     made: dict[bytes, tuple[Mechanics, Callable]] = {}
@@ -163,13 +163,13 @@ def _rest(
     numbers: Array,
     weights: Array,
 ) -> Array:
-    """Weighted position minus measurement, shape (rows * n,)."""
+    """Return weighted position minus measurement, shape (rows * n,)."""
     positions = predict(numbers, piece, start)
     return ((positions - recording.positions[piece.begin : piece.end]) * weights).ravel()
 
 
 def _slopes(function: Callable[[Array], Array], at: Array, value: Array, step: Array) -> Array:
-    """The derivatives of `function` by each number, one-sided."""
+    """Return the derivatives of `function` by each parameter, one-sided."""
     columns = []
     for index in range(len(at)):
         moved = at.copy()
@@ -183,11 +183,11 @@ def _steps_of(numbers: Array) -> Array:
 
 
 class _Linear(NamedTuple):
-    """A piece about the present numbers: what is left over, and what can be done about it."""
+    """A piece, linearised about the present parameters, with its start eliminated."""
 
-    rest: Array  # without what another start would take away
-    by_number: Array  # likewise
-    start: Array  # (rest, slopes by number) -> change of the start
+    rest: Array  # residual without the part that another start would remove
+    by_number: Array  # its slopes by parameter, likewise
+    start: Array  # (residual, slopes by parameter) -> change of the start
 
 
 def _linear(
@@ -198,7 +198,7 @@ def _linear(
     numbers: Array,
     weights: Array,
 ) -> tuple[_Linear, Array, Array]:
-    """The piece, its plain residual, and its plain slopes by number."""
+    """Return the linearised piece, its full residual, and its full slopes by parameter."""
     start = starts[piece]
     rest = _rest(recording, predict, piece, start, numbers, weights)
     by_start = _slopes(
@@ -241,7 +241,7 @@ def _minimise(
     weights: Array,
     advance: Callable[[int], None],
 ) -> Array:
-    """The best numbers; the starts are brought along."""
+    """Return the best parameters; updates the starts."""
     damping = 1e-3
     fresh = True
     for _ in range(ROUNDS):
@@ -257,8 +257,8 @@ def _minimise(
                 slope = slope + line[0].by_number.T @ line[0].rest
             if not np.all(np.isfinite(square)) or not np.isfinite(cost):
                 raise UserError(
-                    'the model runs away from the recording with the numbers to start '
-                    'from: give better ones'
+                    'the model diverges from the recording with the start values of its '
+                    'parameters: give better ones with --start'
                 )
         advance(1)
         size = np.diag(square).copy()
@@ -282,7 +282,7 @@ def _minimise(
                     for piece in pieces
                 ]
             )
-        except UserError:  # numbers that make no sense
+        except UserError:  # invalid parameters
             after = np.inf
         fresh = after <= cost
         if fresh:
@@ -290,7 +290,7 @@ def _minimise(
             starts.update(moved)
             noise = cost / sum(len(line[1]) for line in lines)
             damping = max(0.1 * damping, 1e-12)
-            # in units of what noise alone would make of it
+            # in units of the change that noise alone would cause
             if np.all(np.abs(change) * np.sqrt(size) <= SETTLED * np.sqrt(noise)):
                 return numbers
         else:
@@ -308,7 +308,7 @@ def _settle_start(
     numbers: Array,
     weights: Array,
 ) -> None:
-    """The best start of a piece at these numbers."""
+    """Fit the start of a piece at these parameters."""
     for _ in range(5):
         start = starts[piece]
         rest = _rest(recording, predict, piece, start, numbers, weights)
@@ -336,28 +336,28 @@ def _deviations(
     weights: Array,
     names: tuple[str, ...],
 ) -> Array:
-    """One standard deviation of each number; raises UserError."""
+    """Return one standard deviation of each parameter; raise UserError."""
     lines = [_linear(recording, predict, piece, starts, numbers, weights)[0] for piece in pieces]
     square = np.array(sum(line.by_number.T @ line.by_number for line in lines))
     scale = np.sqrt(np.diag(square))
     if not np.all(scale > 0.0):
         names_of = ', '.join(name for name, size in zip(names, scale) if not size > 0.0)
         raise UserError(
-            f'the motion in the recording does not depend on {names_of}: hold it with --set'
+            f'the motion in the recording does not depend on {names_of}: fix it with --set'
         )
     normal = square / np.outer(scale, scale)
     sizes, axes = np.linalg.eigh(normal)
     if sizes[0] < 1e-9:
         mixed = [name for name, part in zip(names, np.abs(axes[:, 0])) if part > 0.3]
         raise UserError(
-            f'the motion in the recording does not tell {", ".join(mixed)} apart: it '
-            'needs to move more, or hold some of them with --set'
+            f'the motion in the recording does not distinguish {", ".join(mixed)}: record more '
+            'varied motion, or fix some of them with --set'
         )
     inverse = np.linalg.inv(normal) / (scale[:, None] * scale)
     count = len(pieces)
     middle = np.zeros_like(square)
     for line in lines:
-        # the piece takes part in the fit, which makes what it leaves over too small
+        # the piece is part of the fit, which makes its residual too small
         push = line.by_number.T @ line.rest
         lever = line.by_number.T @ line.by_number @ inverse
         push = np.linalg.solve(np.eye(len(push)) - lever, push)
@@ -373,7 +373,7 @@ def _rms(
     starts: dict[Piece, Array],
     numbers: Array,
 ) -> Array:
-    """Rms of position minus measurement of each joint."""
+    """Return the rms of position minus measurement of each joint."""
     n = recording.positions.shape[1]
     rests = [
         _rest(recording, predict, piece, starts[piece], numbers, np.ones(n)).reshape(-1, n)
@@ -391,7 +391,7 @@ def _explained(
     numbers: Array,
     weights: Array,
 ) -> float:
-    """1 minus the model's squares over those of motion at constant velocity."""
+    """Return 1 minus the model's squared residual over that of motion at constant velocity."""
     left = _cost(
         [_rest(recording, predict, piece, starts[piece], numbers, weights) for piece in pieces]
     )

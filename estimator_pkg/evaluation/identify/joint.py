@@ -1,14 +1,14 @@
-"""The numbers of a single joint from a recording of its positions and torques.
+"""Fit the parameters of a single joint to a recording of its positions and torques.
 
-The equation of motion is multiplied by smooth windows and integrated by parts, so that it needs no
-derivative of the measurement (the weak form): with a window w that vanishes with its slope at both
+The equation of motion is multiplied by smooth windows and integrated by parts, so it needs no
+derivative of the measurement (weak form). With a window w that is zero with its slope at both
 ends,
 
     J int w'' q - b int w' q + c int w sgn v + gs int w sin q + gc int w cos q + d int w = int w u
 
-is linear in the numbers: least squares, window by window, over one part of the recording; the other
-part judges. The delay of the torque is the one that fits best. Torques in units of the input times
-gear ratio and torque constant, which a recording cannot tell from the rest and so are given.
+is linear in the parameters: least squares over the windows of one part of the recording; the other
+part validates. The delay of the torque is the one that fits best. Torques are the input times gear
+ratio and torque constant, which the recording does not determine and the user must provide.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from estimator_pkg.models.single_joint import Parameters
 
 Array = NDArray[np.float64]
 
-WINDOW = 0.3  # s, length of a window
-OVERLAP = 4  # windows that cover a moment
-PART = 0.6  # of the recording that the numbers are found from
-DELAYS = np.arange(-0.004, 0.0401, 0.001)  # s, of the torque
-GAP = 5.0  # median sample times: no window reaches across a longer hole
-FEWEST = 20  # windows
+WINDOW = 0.3  # length of a window [s]
+OVERLAP = 4  # windows that cover each moment
+PART = 0.6  # fraction of the recording for the fit
+DELAYS = np.arange(-0.004, 0.0401, 0.001)  # of the torque [s]
+GAP = 5.0  # longest gap within a window, in median sample times
+FEWEST = 20  # smallest number of windows
 COLUMNS = ('inertia', 'damping', 'coulomb', 'gravity_sin', 'gravity_cos', 'bias')
 
 
 class Identified(NamedTuple):
-    """Numbers with their standard deviations.
+    """Parameters with their standard deviations.
 
     values, deviations : by name of `single_joint.Parameters` (and input_delay).
-    explained, explained_elsewhere : part of the torque's variance that the model explains, where
-        the numbers are from and in the other part of the recording.
-    residual : rms torque that it does not explain there [N m], window by window.
-    windows : how many, in both parts.
+    explained, explained_elsewhere : fraction of the torque's variance that the model explains, in
+        the fitted and in the held-out part of the recording.
+    residual : rms of the unexplained torque in the held-out part [N m], per window.
+    windows : their numbers in both parts.
     """
 
     values: dict[str, float]
@@ -52,16 +52,16 @@ class Identified(NamedTuple):
 
 
 def identify(time: Array, position: Array, torque: Array, width: float) -> Identified:
-    """The numbers of the joint.
+    """Return the parameters of the joint.
 
     Parameters
     ----------
     time, position, torque : shape (n,) [s, rad, N m]; positions not wrapped.
-    width : of the Coulomb friction's change of sign [rad/s].
+    width : width of the smoothed sign of the Coulomb friction [rad/s].
 
     Raises
     ------
-    UserError : too short, or a motion that does not tell the numbers.
+    UserError : the recording is too short, or its motion does not determine the parameters.
     """
     velocity = _velocity(time, position)
     best: tuple[float, float, Any] | None = None
@@ -73,8 +73,8 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> Ident
         first, second = centres < split - 0.5 * WINDOW, centres > split + 0.5 * WINDOW
         if np.count_nonzero(first) < FEWEST or np.count_nonzero(second) < FEWEST // 2:
             raise UserError(
-                f'the recording is too short to identify a joint: {len(centres)} '
-                f'windows of {WINDOW:g} s without a hole; {2 * FEWEST} are needed'
+                f'the recording is too short to identify a joint: it has {len(centres)} '
+                f'windows of {WINDOW:g} s without a gap and needs {2 * FEWEST}: record longer'
             )
         solved = _solve(rows[first], wanted[first])
         rest = float(np.mean((wanted[first] - rows[first] @ solved[0]) ** 2))
@@ -84,7 +84,7 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> Ident
     rest, found, (rows, wanted, first, second, answer, covariance) = best
     scale = WINDOW * 0.4571428571  # integral of the window
     values, deviations = _named(answer, covariance)
-    # the node takes an effort to have acted since the sample before: half a sample earlier
+    # the node takes an effort as the one since the previous sample: half a sample earlier
     values['input_delay'] = found + 0.5 * float(np.median(np.diff(time)))
     deviations['input_delay'] = float(DELAYS[1] - DELAYS[0]) / math.sqrt(12.0)
 
@@ -103,7 +103,7 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> Ident
 
 
 def _velocity(time: Array, position: Array) -> Array:
-    """A rough velocity, for the sign of the friction alone."""
+    """Return a rough velocity, only for the sign of the friction."""
     count = max(3, round(0.02 / float(np.median(np.diff(time))))) | 1
     kernel = np.hanning(count + 2)[1:-1]
     smooth = np.convolve(np.gradient(position, time), kernel / kernel.sum(), mode='same')
@@ -113,7 +113,7 @@ def _velocity(time: Array, position: Array) -> Array:
 def _windows(
     time: Array, position: Array, velocity: Array, torque: Array, width: float
 ) -> tuple[Array, Array, Array]:
-    """(rows of the least squares, their right-hand sides, the windows' centres)."""
+    """Return (rows of the least squares, their right-hand sides, the windows' centres)."""
     steps = np.diff(time)
     usual = float(np.median(steps))
     half = 0.5 * WINDOW
@@ -143,7 +143,7 @@ def _windows(
 
 
 def _solve(rows: Array, wanted: Array) -> tuple[Array, Array]:
-    """(answer, covariance); negative frictions are left out, as they are none."""
+    """Return (answer, covariance); negative frictions are set to zero."""
     use = np.ones(len(COLUMNS), bool)
     while True:
         part = rows[:, use]
@@ -151,8 +151,8 @@ def _solve(rows: Array, wanted: Array) -> tuple[Array, Array]:
         normal = (part / np.maximum(scale, 1e-300)).T @ (part / np.maximum(scale, 1e-300))
         if not np.all(scale > 0.0) or np.linalg.cond(normal) > 1e8:
             raise UserError(
-                'the motion in the recording does not tell inertia, friction and '
-                'gravity apart: it needs to move more'
+                'the motion in the recording does not distinguish inertia, friction and '
+                'gravity: record more varied motion'
             )
         inverse = np.linalg.inv(normal) / np.outer(scale, scale)
         answer = np.zeros(len(COLUMNS))
@@ -169,11 +169,11 @@ def _solve(rows: Array, wanted: Array) -> tuple[Array, Array]:
 
 
 def _named(answer: Array, covariance: Array) -> tuple[dict[str, float], dict[str, float]]:
-    """By the names of the model; amplitude and angle of gravity from its two parts."""
+    """Return values and deviations by the model's names; amplitude and angle of gravity."""
     if not answer[0] > 0.0:
         raise UserError(
-            f'the inertia that fits best is {answer[0]:.3g}: positions and torques do '
-            'not belong together (a wrong sign of the torque?)'
+            f'the best-fitting inertia is {answer[0]:.3g}, but it must be positive: check the sign '
+            'of the torque, and that positions and torques are of the same joint'
         )
     sine, cosine = float(answer[3]), float(answer[4])
     size = math.hypot(sine, cosine)
@@ -203,7 +203,7 @@ def _named(answer: Array, covariance: Array) -> tuple[dict[str, float], dict[str
 def parameters_of(
     found: Identified, width: float, torque_constant: float, gear_ratio: float, period: float
 ) -> Parameters:
-    """The model's parameters."""
+    """Return the model's parameters."""
     numbers = {name: value for name, value in found.values.items() if name != 'input_delay'}
     return Parameters(
         **numbers,

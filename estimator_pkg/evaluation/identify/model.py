@@ -1,4 +1,4 @@
-"""What `identify` can find of a model: its numbers, where they start, what they may be."""
+"""The parameters of a model that `identify` can fit: start values and bounds."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Unknowns:
-    """A model with some of its numbers to be found.
+    """A model with some of its parameters unknown.
 
     Attributes
     ----------
     model : as users write it.
-    names, units : of the numbers.
+    names, units : of the unknown parameters.
     start, lowest, highest : shape (p,).
-    make : (numbers) -> the model with them; raises UserError where they make no sense.
-    texts : (numbers) -> the assignments that `model_parameters` takes.
+    make : (parameters) -> the model with them; raises UserError if they are invalid.
+    texts : (parameters) -> the assignments that `model_parameters` takes.
     """
 
     model: str
@@ -42,30 +42,32 @@ class Unknowns:
 
 
 def unknowns(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
-    """The unknowns of a built-in model, or of a user's own.
+    """Return the unknowns of a built-in model, or of a user's own.
 
     Parameters
     ----------
-    given : numbers that are known and held.
-    start : numbers to start from; the others start from the model's own.
+    given : fixed parameters with known values.
+    start : start values; the others start from the model's own.
 
     Raises
     ------
-    UsageError : no such model, no such number, or nothing left to find.
+    UsageError : no such model, no such parameter, or no unknown parameter.
     """
     both = set(given) & set(start)
     if both:
-        raise UsageError(f"'{both.pop()}' is both given and to be started from")
+        raise UsageError(f"'{both.pop()}' is in both --set and --start: omit one")
     found = _own(name, given, start) if ':' in name else _built_in(name, given, start)
     if not found.names:
-        raise UsageError(f"model '{name}' has nothing left to identify")
+        raise UsageError(
+            f"model '{name}' has no unknown parameter: --set fixes all; omit some of them"
+        )
     return found
 
 
 def _built_in(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
     record = registry.find(registry.MODELS, name)
     if not isinstance(record, Model) or not record.identified:
-        raise UsageError(f"model '{name}' is not one whose numbers can be identified")
+        raise UsageError(f"model '{name}' has no parameters that can be identified")
     about = declared(record.parameters)
     for key in start:
         if key not in record.identified:
@@ -95,8 +97,8 @@ def _own(path: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unkno
     first = own.numbers(own.instance(path, {**given, **start}), path)
     if not first:
         raise UsageError(
-            f"model '{path}' does not say which of its numbers can be identified: "
-            "give it an attribute 'parameters' with their names"
+            f"model '{path}' lists no parameters to identify: "
+            "add an attribute 'parameters' with their names"
         )
     names = tuple(key for key in first if key not in given)
 

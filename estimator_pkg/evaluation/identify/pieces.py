@@ -12,12 +12,12 @@ from estimator_pkg.errors import UserError
 
 Array = NDArray[np.float64]
 
-PART = 0.6  # of the recording that the numbers are found from
-PIECES = 30  # of that part, if the recording is long enough
-SHORTEST, LONGEST = 0.2, 1.0  # s, of a piece
-FEWEST = 10  # pieces to find the numbers from
-GAP = 5.0  # median sample times: no piece reaches across a longer hole
-COARSE = 1e-2  # s, to which the samples of a model in ordinary Python are thinned
+PART = 0.6  # fraction of the recording for the fit
+PIECES = 30  # number of pieces in that part, if the recording is long enough
+SHORTEST, LONGEST = 0.2, 1.0  # length of a piece [s]
+FEWEST = 10  # smallest number of pieces for the fit
+GAP = 5.0  # longest gap within a piece, in median sample times
+COARSE = 1e-2  # sample time for models in plain Python [s]
 
 
 class Recording(NamedTuple):
@@ -39,7 +39,7 @@ class Piece(NamedTuple):
 
 
 def thinned(recording: Recording) -> Recording:
-    """Samples at least `COARSE` apart: a model in ordinary Python is slow. Inputs are averaged."""
+    """Return samples at least `COARSE` apart, inputs averaged: a model in plain Python is slow."""
     time = recording.time
     every = max(1, round(COARSE / float(np.median(np.diff(time)))))
     keep = np.arange(0, len(time), every)
@@ -50,16 +50,16 @@ def thinned(recording: Recording) -> Recording:
 
 
 def accumulated(time: Array, inputs: Array) -> Array:
-    """The integral of the inputs up to each sample."""
+    """Return the integral of the inputs up to each sample."""
     steps = np.diff(time, prepend=time[0])[:, None]
     return np.cumsum(np.where(steps > 0.0, inputs * steps, 0.0), axis=0)
 
 
 def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
-    """Of the part that the numbers are from, and of the other; raises UserError."""
+    """Return the pieces for the fit and those for validation; raise UserError."""
     time = recording.time
     if len(time) < 2:
-        raise UserError('the recording has fewer than two usable samples')
+        raise UserError('the recording has fewer than two usable samples: record longer')
     usual = float(np.median(np.diff(time)))
     split = time[0] + PART * (time[-1] - time[0])
     length = min(max((split - time[0]) / PIECES, SHORTEST), LONGEST)
@@ -69,7 +69,7 @@ def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
         edges = np.arange(time[begin], time[end - 1] + 0.5 * usual, length)
         rows = np.searchsorted(time[begin:end], edges) + begin
         for left, right in itertools.pairwise(rows):
-            stop = min(int(right) + 1, end)  # neighbours share the sample between them
+            stop = min(int(right) + 1, end)  # neighbours share their common sample
             if stop - left < 8:
                 continue
             if time[stop - 1] <= split:
@@ -78,14 +78,14 @@ def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
                 parts[1].append(Piece(int(left), stop))
     if len(parts[0]) < FEWEST or len(parts[1]) < FEWEST // 3:
         raise UserError(
-            f'the recording is too short to identify a model: {len(parts[0])} pieces '
-            f'of {length:.2g} s without a hole; {FEWEST} are needed'
+            f'the recording is too short to identify a model: it has {len(parts[0])} pieces '
+            f'of {length:.2g} s without a gap and needs {FEWEST}: record longer'
         )
     return parts
 
 
 def first_guess(recording: Recording, piece: Piece) -> Array:
-    """Positions and velocities at the begin of a piece: a parabola through its first samples."""
+    """Return positions and velocities at the start of a piece, by a parabola through samples."""
     count = min(piece.end - piece.begin, max(8, (piece.end - piece.begin) // 4))
     rows = slice(piece.begin, piece.begin + count)
     time = recording.time[rows] - recording.time[piece.begin]

@@ -1,12 +1,12 @@
-"""Is a reported torque worth anything? Observers with and without it on recorded pendulums.
+"""The benefit of a reported torque: observers with and without it on recorded pendulums.
 
     python -m estimator_pkg.evaluation.identify.torque bags
 
-A model is identified on one recording and serves the observer on another, against the drive's own
-velocity (its lag, bias and noise taken off, the noise in quadrature). Every observer has the best
-setting of its grid in hindsight; those that use the torque only settings whose delay is no longer
-than that of the best angle-only one. The same model with the torque set to zero says whether it is
-the torque that helps.
+A model is identified on one recording and used by the observer on another. The reference is the
+drive's own velocity (its lag and bias removed, its noise in quadrature). Every observer has the
+best setting of its grid in hindsight; observers with the torque only settings whose delay does not
+exceed that of the best angle-only one. The same model with zero torque shows whether the torque is
+the reason.
 """
 
 from __future__ import annotations
@@ -41,21 +41,19 @@ from estimator_pkg.parameters import build
 
 Array = NDArray[np.float64]
 
-SKIPPED = 2.0  # s at the begin that are not judged
-CLOSE = 1e-4  # s: delays are not known better
+SKIPPED = 2.0  # ignored at the start [s]
+CLOSE = 1e-4  # accuracy of a delay [s]
 TURN = 2.0 * math.pi
-WIDTH = 'coulomb_speed=0.05'  # rad/s: at the quantum of these recordings no finer can be told
+WIDTH = 'coulomb_speed=0.05'  # rad/s: the quantum of these recordings resolves no finer one
 ANGLE_ONLY = ('hybrid_angle', 'kalman', 'pll')
 
 
 @dataclass(frozen=True)
 class Study:
-    """A pair of recordings and what is tried on it.
+    """A pair of recordings and the observer for it.
 
-    Attributes
-    ----------
     identified, judged : bags.
-    observer, model : that use the torque.
+    observer, model : those that use the torque.
     bandwidths, disturbances : the grid [Hz].
     """
 
@@ -115,19 +113,19 @@ class Result(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What came out for one joint of a pair."""
+    """The result for one joint of a pair."""
 
     study: Study
     joint: str
-    noise: float  # of the reference, rad/s
-    explained: float  # by the model, where it was not fitted
+    noise: float  # of the reference [rad/s]
+    explained: float  # fraction of held-out motion that the model explains
     angle: Result
     torque: Result
-    without: Result  # the same observer, the torque set to zero
+    without: Result  # the same observer with zero torque
 
     @property
     def ratio(self) -> float:
-        """Error with the torque over error without."""
+        """Error with the torque over that of the best angle-only observer."""
         return self.torque.error / self.angle.error
 
 
@@ -154,7 +152,7 @@ class _Judged:
         ]
 
     def judge(self, velocities: Array, what: str) -> list[Result]:
-        """Of every joint; `velocities` has shape (N, n), nan where nothing was estimated."""
+        """Return results per joint; `velocities` has shape (N, n), nan without an estimate."""
         found = []
         for column, at in enumerate(self._matched):
             estimate = velocities[at.rows, column]
@@ -171,7 +169,7 @@ class _Judged:
 
 
 def _late(samples: Recording, lag: float) -> Array:
-    """The inputs as they acted, `lag` [s] after they were reported."""
+    """Return the inputs as they acted, `lag` [s] after they were reported."""
     time, total = samples.time, accumulated(samples.time, samples.inputs)
     found = np.zeros_like(samples.inputs)
     for column in range(found.shape[1]):
@@ -180,7 +178,7 @@ def _late(samples: Recording, lag: float) -> Array:
 
 
 def _run(observer: str, gains: dict[str, Any], judged: _Judged, inputs: Array | None) -> Array:
-    """Velocities, shape (N, n): of the mechanism, or of each joint alone where there are none."""
+    """Return velocities, shape (N, n): of the mechanism, or of each joint alone without inputs."""
     record = observers.find(observer)
     positions = judged.samples.positions
     velocities = np.full_like(positions, np.nan)
@@ -201,7 +199,7 @@ def _run(observer: str, gains: dict[str, Any], judged: _Judged, inputs: Array | 
 
 @lru_cache
 def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
-    """(assignments, delay of the inputs [s], explained elsewhere)."""
+    """Return (assignments, delay of the inputs [s], explained fraction of held-out motion)."""
     given = {'coulomb_speed': float(WIDTH.partition('=')[2])}
     wanted, lag = unknowns(model, given, {}), 0.0
     with open_bag(path) as bag:
@@ -223,11 +221,11 @@ def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
 
 
 def study(folder: Path, which: Study, angle_only: tuple[str, ...] = ANGLE_ONLY) -> Iterator[Line]:
-    """A line for each joint.
+    """Yield a line for each joint.
 
     Raises
     ------
-    UserError : a recording is not there, or its model cannot be identified.
+    UserError : a recording does not exist, or its model cannot be identified.
     """
     judged = _Judged(folder / which.judged, which.model)
     texts, lag, explained = _identified(folder / which.identified, which.model)
@@ -273,13 +271,13 @@ def study(folder: Path, which: Study, angle_only: tuple[str, ...] = ANGLE_ONLY) 
 
 
 def _best(results: list[Result], longest: float) -> Result:
-    """The least error at no longer a delay; of all where none is so fast."""
+    """Return the least error at a delay of at most `longest`; of all if none is that fast."""
     fast = [result for result in results if result.delay <= longest + CLOSE]
     return min(fast or results)
 
 
 def text(lines: list[Line]) -> str:
-    """For a terminal."""
+    """Return the table as text."""
     head = (
         'judged on',
         'joint',
@@ -319,9 +317,9 @@ def text(lines: list[Line]) -> str:
 
 
 def main() -> None:
-    """Every study on the bags below a folder."""
+    """Print every study on the bags in a folder."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').partition('\n')[0])
-    parser.add_argument('folder', type=Path, help='where the recordings are: bags')
+    parser.add_argument('folder', type=Path, help='folder of the recordings (bags)')
     folder = parser.parse_args().folder
     print(text([line for each in STUDIES for line in study(folder, each)]))
 

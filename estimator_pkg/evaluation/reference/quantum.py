@@ -1,4 +1,4 @@
-"""The step of a quantised reading, seen in the readings themselves."""
+"""Estimate the quantum of readings from the readings themselves."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SAME = 1e-6  # readings this close (part of the largest) are one level: they were float32 once
-WIDEST = 4.0  # times that: what is spread further is not one level
-ENOUGH = 8  # levels below which nothing can be said,
-REPEATED = 10  # unless each was read so often
-WHOLE = 0.1  # a spacing is a whole number of quanta if it is off by at most this part of one
-SHARE = 0.9  # so many of the spacings have to be
-CLEARLY_FINER = 0.7  # a step of what passes that is this part of the levels' is the right one
-FEW = 8.0  # only spacings up to so many quanta tell: wider ones may be whole by chance
+SAME = 1e-6  # readings within this fraction of the largest are one level (they were float32)
+WIDEST = 4.0  # largest spread of one level, over that distance
+ENOUGH = 8  # smallest number of levels for a result,
+REPEATED = 10  # unless each was read this often
+WHOLE = 0.1  # a spacing counts as an integer number of quanta within this fraction of a quantum
+SHARE = 0.9  # fraction of the spacings that must be integers
+CLEARLY_FINER = 0.7  # below this ratio, the quantum of the steps replaces that of the levels
+FEW = 8.0  # only spacings up to this many quanta count: wider ones may be integers by chance
 
 
 def quantum(readings: Array) -> float:
-    """The distance between neighbouring levels of `readings`; 0 where they are not quantised.
+    """Return the distance between neighbouring levels of `readings`; 0 if they are not quantised.
 
-    A motion at constant speed is spaced evenly without any count, and one of 32 counts a sample has
-    few levels that are neighbours. So what passes from reading to reading must have levels too.
+    A motion at constant speed has even spacings without any quantum, and one of 32 counts per
+    sample has few neighbouring levels. So the steps between readings must have levels too.
 
     Parameters
     ----------
-    readings : shape (n,), wrapped or not [rad or m]; nan is left out.
+    readings : shape (n,), wrapped or not [rad or m]; nan is ignored.
     """
     finite = readings[np.isfinite(readings)]
     if len(finite) < 2:
@@ -40,11 +40,11 @@ def quantum(readings: Array) -> float:
 
 
 def _spacing(values: Array, same: float) -> float:
-    """The step of which all distances between values are multiples; 0: there is none."""
+    """Return the step of which all distances between values are multiples; 0: none."""
     levels = np.unique(values)
     if len(levels) < 2:
         return 0.0
-    first = np.flatnonzero(np.diff(levels, prepend=-np.inf) > same)  # of those that are one
+    first = np.flatnonzero(np.diff(levels, prepend=-np.inf) > same)  # merges equal levels
     last = np.append(first[1:], len(levels)) - 1
     if np.max(levels[last] - levels[first]) > WIDEST * same:
         return 0.0

@@ -1,11 +1,11 @@
-"""What a measured reference velocity is worth: its own lag, bias, slope and noise.
+"""The quality of a measured reference velocity: its own lag, bias, slope and noise.
 
-The reference of a recording is a sensor too. Held against the measured position, by
+The reference of a recording is a sensor too. Its lag and bias are fitted to the measured position,
 
     integral of the reference = position(t - lag) * slope + bias * t,
 
-over short windows, it tells how late and how biased it is. The windows' length keeps the drift of
-the integral out and the quantisation of the position small.
+over short windows. Their length limits both the drift of the integral and the effect of the
+position's quantisation.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from numpy.typing import NDArray
 from estimator_pkg.evaluation.compare.delay import GAP
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.options import SMOOTHER
-from estimator_pkg.evaluation.reference.doubt import noise
+from estimator_pkg.evaluation.reference.white_noise import noise
 
 Array = NDArray[np.float64]
 
 SENSOR = 'sensor'
-WINDOW = 0.1  # [s], but at least so many samples:
+WINDOW = 0.1  # length of a window [s], but at least this many samples:
 WINDOW_SAMPLES = 10
-FEWEST = 20  # windows end to end, below which nothing is fitted
-NEIGHBOURS = (-3, -2, 2, 3)  # samples that know the speed but not the noise of the one between
-OUTLIER = 6.0  # windows this many robust standard deviations off are left out
-LAG_KNOWN = 1e-3  # a lag, slope or bias is given if its standard deviation is at most this
-SLOPE_KNOWN = 0.01  # (lag [s], slope, part of the reference's rms speed or this much [rad/s])
+FEWEST = 20  # smallest number of windows end to end for a fit
+NEIGHBOURS = (-3, -2, 2, 3)  # samples with the same speed but other noise than the one between
+OUTLIER = 6.0  # windows beyond this many robust standard deviations are ignored
+LAG_KNOWN = 1e-3  # a lag, slope or bias is reported up to this standard deviation
+SLOPE_KNOWN = 0.01  # (lag [s], slope, fraction of the reference's rms speed or this [rad/s])
 BIAS_KNOWN = 0.01
-ALIKE = 1.1  # an error up to this many times the reference's noise says nothing
-CLEARLY = 2.0  # the smoother reads the same sensor as the observers: so many times its own
+ALIKE = 1.1  # an error up to this multiple of the reference's noise cannot be measured
+CLEARLY = 2.0  # the same for the smoother, which uses the same sensor as the observers
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What is known of a reference; nan where the record does not tell.
+    """The quality of a reference; nan where the record does not determine it.
 
-    lag_s, lag_stddev [s]: it shows what the position did so long ago. bias, bias_stddev [rad/s]: it
-    reads so much too high. slope, slope_stddev: times the true speed. noise [rad/s]: rms of its
-    white noise; of the off-line smoother, what it may be wrong by. window_s: length of the windows
-    of the fit. origin: 'sensor' or 'smoother'.
+    lag_s, lag_stddev [s]: delay behind the position. bias, bias_stddev [rad/s]: mean error. slope,
+    slope_stddev: factor on the true speed. noise [rad/s]: rms of its white noise; for the off-line
+    smoother its own error. window_s: length of the windows of the fit. origin: 'sensor' or
+    'smoother'.
     """
 
     lag_s: float
@@ -57,23 +57,23 @@ class Reference:
     origin: str = SENSOR
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the quality for ``--json``."""
         return asdict(self)
 
     def cannot_tell(self, rms: float) -> bool:
-        """True if an rms error [rad/s] is no larger than the reference's own noise."""
+        """Return True if an rms error [rad/s] is below the reference's own error."""
         return bool(rms <= (ALIKE if self.origin == SENSOR else CLEARLY) * self.noise)
 
 
 def from_smoother(uncertainty: float) -> Reference:
-    """A reference that has no lag or bias of its own, and may be wrong by `uncertainty` [rad/s]."""
+    """Return a reference without lag and bias, with the error `uncertainty` [rad/s]."""
     return Reference(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, uncertainty, np.nan, SMOOTHER)
 
 
-def unheld(
+def noise_only(
     time: Array, velocity: Array, own: Array | None = None, period: float = 0.0
 ) -> Reference:
-    """What is known of a reference that nothing measured can be held against: its noise."""
+    """Return the quality of a reference without a measured position: its noise."""
     return Reference(
         np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, noise(time, velocity, own, period), np.nan
     )
@@ -82,7 +82,7 @@ def unheld(
 def fit(
     time: Array, velocity: Array, position: Array, period: float, own: Array | None = None
 ) -> Reference:
-    """Lag, bias, slope and noise of a reference velocity against the measured position.
+    """Return lag, bias, slope and noise of a reference velocity against the measured position.
 
     Parameters
     ----------
@@ -90,11 +90,11 @@ def fit(
     velocity : shape (n,), the reference [rad/s].
     position : shape (n,), the measurement at the same times [rad], in any convention.
     period : wrap period [rad]; 0: none.
-    own : shape (n,), the reference's own position [rad], nan where it has none; None: nowhere.
+    own : shape (n,), the reference's own position [rad], nan for none; None: it has no positions.
     """
     good = np.isfinite(velocity) & np.isfinite(position)
     time, velocity, position = time[good], velocity[good], position[good]
-    unknown = unheld(time, velocity, None if own is None else own[good], period)
+    unknown = noise_only(time, velocity, None if own is None else own[good], period)
     if len(time) < 2 * WINDOW_SAMPLES:
         return unknown
     steps = np.diff(time)
@@ -103,7 +103,7 @@ def fit(
     if len(time) < FEWEST * across:
         return unknown
     travelled = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * steps)])
-    ahead = travelled - position  # changes slowly but for whole turns, at any speed
+    ahead = travelled - position  # changes slowly except for whole turns, at any speed
     holes = np.concatenate([[0], np.cumsum(steps > GAP * step)])
     whole = holes[across:] == holes[:-across]
 
@@ -134,11 +134,11 @@ def fit(
 def _solve(
     columns: Array, instruments: Array, missed: Array, across: int
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """(bias, lag, slope - 1) and their standard deviations; nan for what is not determined.
+    """Return (bias, lag, slope - 1) and their standard deviations; nan for undetermined ones.
 
-    The noise of the reference in `columns` would draw a least-squares lag towards zero, so the
-    equations are weighted with `instruments` that share the speed and not the noise. What the
-    record does not determine (a lag at rest) is left out.
+    The noise of the reference in `columns` would bias a least-squares lag towards zero, so the
+    equations are weighted with `instruments` that have the same speed but other noise. Parameters
+    that the record does not determine (a lag at rest) are omitted.
     """
     speed = float(np.sqrt(np.mean((columns[:, 2] / columns[:, 0]) ** 2)))
     limits = (BIAS_KNOWN * max(1.0, speed), LAG_KNOWN, SLOPE_KNOWN)
@@ -150,7 +150,7 @@ def _solve(
         if np.all(scale > 0.0) and np.linalg.cond(normal / np.outer(scale, scale)) < 1e10:
             inverse = np.linalg.inv(normal)
             values = inverse @ (weights.T @ missed)
-            # neighbouring windows share their samples: only every `across`-th is a new one
+            # neighbouring windows share samples: only every `across`-th is independent
             variance = float(np.mean((missed - part @ values) ** 2)) * across
             deviations = np.sqrt(variance * np.diag(inverse @ (weights.T @ weights) @ inverse.T))
             vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]

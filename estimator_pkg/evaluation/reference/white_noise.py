@@ -1,15 +1,15 @@
-"""The white noise of a reference velocity, told from the motion that it shows.
+"""The white noise of a reference velocity, separated from its motion.
 
-Third differences of a motion are small at usual sample rates, those of white noise are not. Violent
-motion has them too; therefore the quietest tenth of the record counts, and what sees through the
-motion wins where it leaves clearly less:
+At usual sample rates the third differences of a motion are small, and those of white noise are not.
+A violent motion has large ones too. Therefore the quietest tenth of the record counts, and another
+estimate that is less sensitive to motion is used if it is clearly smaller:
 
-- Differences of a higher order: those of white noise grow with the order as they should, those of a
-  motion that is sampled often enough fall.
-- Where the reference has positions too, its velocity must be their derivative. The divided
-  difference of position and velocity over three samples (on even ones that is Simpson's rule) is
-  zero for every motion whose position is a polynomial of degree four. Of a motor that starts it
-  leaves a thirtieth of what third differences leave, at 100 samples a second.
+- Differences of a higher order: with the order, those of white noise grow as expected, and those of
+  a motion that is sampled often enough fall.
+- If the reference has positions, its velocity must be their derivative. The divided difference of
+  position and velocity over three samples (at even steps: Simpson's rule) is zero for every motion
+  whose position is a polynomial of degree four. For a motor that starts, at 100 samples a second,
+  it is a thirtieth of the third differences.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from estimator_pkg.evaluation.compare.metrics import wrapped
 
 Array = NDArray[np.float64]
 
-ORDER, HIGHER = 3, (5, 7, 9)  # of the differences
-CLEARLY_LESS = 0.5  # white noise gives more alike numbers than this, by whatever way
-NODES = 3  # samples of a divided difference, which weighs their velocities 1, 4, 1: so
-MISFITS_ALIKE = 1.0 + 2.0 * (8.0**2 + 1.0) / 18.0**2  # much are neighbours correlated
-QUIETEST = 0.1  # the noise is that of the quietest tenth of the record, which of n samples of
-UNLUCKY = 1.28  # white noise is lower by so many standard deviations of its rms
-BLOCK = 0.2  # [s] of a stretch whose power is one value,
-SHORTEST_BLOCK = 20  # but at least so many samples
+ORDER, HIGHER = 3, (5, 7, 9)  # orders of the differences
+CLEARLY_LESS = 0.5  # for white noise all estimates agree within this ratio
+NODES = 3  # samples of a divided difference; it weighs their velocities 1, 4, 1, so this is the
+MISFITS_ALIKE = 1.0 + 2.0 * (8.0**2 + 1.0) / 18.0**2  # sum of its neighbours' correlations squared
+QUIETEST = 0.1  # the quietest fraction of the record counts; over n samples, the rms of white noise
+UNLUCKY = 1.28  # is below its mean there by this many standard deviations
+BLOCK = 0.2  # length of a block whose power is one value [s],
+SHORTEST_BLOCK = 20  # but at least this many samples
 MANY_BLOCKS = 20
 
 
 def noise(
     time: Array, velocity: Array, position: Array | None = None, period: float = 0.0
 ) -> float:
-    """The rms of the white noise on `velocity` [rad/s], from its quietest stretches; nan: too few.
+    """Return the rms of the white noise on `velocity` [rad/s]; nan for too few samples.
 
     Parameters
     ----------
     time : shape (n,), strictly increasing [s].
     velocity : shape (n,) [rad/s].
-    position : shape (n,), of the same reference [rad], in any convention; None, nan: it has none.
+    position : shape (n,), of the same reference [rad], in any wrap convention; None, nan: none.
     period : wrap period of the positions [rad]; 0: none.
     """
     if len(time) < SHORTEST_BLOCK + ORDER:
@@ -65,18 +65,18 @@ def noise(
 
 
 def _by_differences(velocity: Array, order: int, step: float) -> float:
-    """The noise that would give the differences of this order."""
+    """Return the rms of white noise with these differences of order `order`."""
     gain = math.comb(2 * order, order)
-    # how alike neighbouring differences of white noise are: the sum of their squared correlations
+    # sum of the squared correlations of neighbouring differences of white noise
     alike = math.comb(4 * order, 2 * order) / gain**2
     return _quietest(np.diff(velocity, order) ** 2 / gain, step, alike)
 
 
 def _quietest(squares: Array, step: float, alike: float) -> float:
-    """The root of the mean of `squares` where it is low, corrected for having looked there."""
+    """Return the root of the mean of `squares` where it is low, corrected for this selection."""
     size = int(max(BLOCK / step, SHORTEST_BLOCK))
     last = max(1, len(squares) - size + 1)
-    # in a short record, blocks that overlap: a quiet stretch may lie across two
+    # in a short record blocks overlap, because a quiet stretch may span two of them
     starts = range(0, last, size if last >= MANY_BLOCKS * size else max(1, size // 4))
     powers = [float(np.mean(squares[i : i + size])) for i in starts]
     low = 1.0 - UNLUCKY * math.sqrt(0.5 * alike / size) if len(powers) > 1 else 1.0
@@ -84,9 +84,9 @@ def _quietest(squares: Array, step: float, alike: float) -> float:
 
 
 def _misfit(time: Array, velocity: Array, position: Array, period: float, step: float) -> Array:
-    """The divided differences, scaled so that white noise of the velocity gives its own rms.
+    """Return the divided differences, scaled to the rms of white noise on the velocity.
 
-    None where the position is no more than the sum of the velocities, noise and all (trapezoids).
+    None if the position is only the sum of the velocities with their noise (trapezoids).
 
     With every node twice, f[t0, t0, t1, t1, ...] = sum of w_i^2 (f'(t_i) - 2 s_i f(t_i)), where
     w_i = 1 / prod of (t_i - t_j) and s_i = sum of 1 / (t_i - t_j) over the other nodes (Stoer and

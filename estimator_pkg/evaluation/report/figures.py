@@ -17,8 +17,8 @@ from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, 
 from estimator_pkg.observers.contract import STATUS_NAMES
 from estimator_pkg.printable import printable
 
-# Runs in the browser whenever the range moves: of the points in it, the lowest and the highest of
-# each of `points` / 2 equal parts, as `thinning.extremes` does; nan (a hole) stays.
+# JavaScript that runs whenever the range moves: it selects the lowest and the highest point in each
+# of `points` / 2 equal parts of the range, as `thinning.extremes` does; nan (a gap) stays.
 CHOOSE = """
 if (shown.tags[0]) return;  // once per frame, however many bounds have moved
 shown.tags[0] = true;
@@ -54,7 +54,7 @@ requestAnimationFrame(() => {
 
 
 def zoomed(span: Any, whole: Any, shown: Any, points: int) -> None:
-    """Fills the source `shown` from `whole` by what is to be seen in the range `span`."""
+    """Fill the source `shown` from `whole` with the points visible in the range `span`."""
     from bokeh.models import CustomJS
 
     shown.tags = [False]
@@ -82,20 +82,20 @@ INK = '#222222'
 TRUE = '#a7a7a7'
 HIGH, LOW = 260, 150
 COLUMNS = 3  # of the legend
-LEFT = 78  # room for the axes, so that frames stand above each other
+LEFT = 78  # width of the axis labels, so that all frames are aligned
 HOLES_MARKED = 200
 TOOLS = 'box_zoom,pan,xwheel_zoom,reset,save'
-DRAWN = 1600  # points of a line at a time
-AROUND = 400  # samples on either side of the worst error
+DRAWN = 1600  # points of a line that are drawn at a time
+AROUND = 400  # samples on either side of the largest error
 
 
 def _short(values: NDArray) -> NDArray:
-    """Half the bytes: seven digits are enough to be drawn."""
+    """Return half the bytes: seven digits are enough for drawing."""
     return np.asarray(values, np.float32)
 
 
 def over_time(comparison: Comparison, joint: str, rows: Sequence[Row], points: int) -> list[Any]:
-    """Angle, velocity, error and status over time, their zoom linked."""
+    """Return angle, velocity, error and status over time, with linked zoom."""
     from bokeh.models import Range1d
 
     first = min([float(row.time[0]) for row in rows])
@@ -115,7 +115,7 @@ def over_time(comparison: Comparison, joint: str, rows: Sequence[Row], points: i
 
 
 def around_the_worst(rows: Sequence[Row]) -> Any:
-    """Every sample around the worst error of the best estimate: what is thinned out elsewhere."""
+    """Return every sample around the largest error of the best estimate, without thinning."""
     from bokeh.models import Range1d
 
     best = min(rows, key=lambda row: row.velocity['rms'])
@@ -125,7 +125,7 @@ def around_the_worst(rows: Sequence[Row]) -> Any:
         float(best.time[min(len(best.time) - 1, worst + AROUND)]),
     )
     shown = _figure(
-        f'around the worst of {best.source} [rad/s]',
+        f'around the largest error of {best.source} [rad/s]',
         HIGH,
         x_range=Range1d(start=window[0], end=window[1]),
     )
@@ -155,7 +155,7 @@ def around_the_worst(rows: Sequence[Row]) -> Any:
 
 
 def link(figures: Sequence[Any]) -> None:
-    """A click on a name in the legend, which is in one of them, hides that estimate in all."""
+    """Link the legend: a click on a name hides that estimate in all figures."""
     for item in next(figure.legend[0] for figure in figures if figure.legend).items:
         name = item.label.value
         leader = item.renderers[0]
@@ -166,14 +166,14 @@ def link(figures: Sequence[Any]) -> None:
 
 
 def closer(comparison: Comparison, rows: Sequence[Row]) -> list[Any]:
-    """Error against speed, its spectrum and its distribution in units of its deviation."""
+    """Return error against speed, its spectrum, and its normalised distribution."""
     return [_by_speed(rows), _spectrum(rows), _distribution(rows)]
 
 
 def sample_times(seen: Measurement) -> Any:
-    """Histogram of sample times, the holes marked."""
+    """Return a histogram of sample times with the gaps marked."""
     holes = np.array([length for _, length in seen.holes[:HOLES_MARKED]]) * 1e3
-    title = 'sample times' + (' (triangles: holes)' if len(holes) else '')
+    title = 'sample times' + (' (triangles: gaps)' if len(holes) else '')
     milliseconds = seen.steps[seen.steps > 0.0] * 1e3
     low, high = float(np.min(milliseconds)), float(np.max(milliseconds))
     usual = 1e3 / seen.rate
@@ -222,7 +222,7 @@ def _figure(title: str, height: int, **options: Any) -> Any:
 
 
 def _legend(figure: Any) -> Any:
-    """The legend above the frame, where it hides no data, in columns that a narrow page holds."""
+    """Put the legend above the frame, in columns that fit a narrow page; return it."""
     legend = figure.legend[0]
     figure.center.remove(legend)
     figure.add_layout(legend, 'above')
@@ -240,7 +240,7 @@ def _legend(figure: Any) -> Any:
 def _line(
     figure: Any, time: NDArray, values: NDArray, chosen: NDArray[np.int64], **style: Any
 ) -> None:
-    """A line; if it has many points, a zoom chooses anew which of them are drawn."""
+    """Draw a line; for many points, each zoom selects which of them are drawn."""
     from bokeh.models import ColumnDataSource
 
     at, drawn = broken(time, values, chosen)
@@ -249,14 +249,14 @@ def _line(
         figure.line('x', 'y', source=whole, **style)
         return
     few = extremes(drawn, DRAWN)
-    style['line_width'] = 1  # browsers draw hairlines many times faster than anything wider
+    style['line_width'] = 1  # browsers draw thin lines many times faster
     shown = ColumnDataSource({'x': at[few], 'y': _short(drawn[few])})
     figure.line('x', 'y', source=shown, **style)
     zoomed(figure.x_range, whole, shown, DRAWN)
 
 
 def _lookup(rows: Sequence[Row]) -> list[tuple[Row, dict[str, Any]]]:
-    """Each row with how its lines are drawn."""
+    """Return each row with the style of its lines."""
     return [
         (
             row,
@@ -273,7 +273,7 @@ def _lookup(rows: Sequence[Row]) -> list[tuple[Row, dict[str, Any]]]:
 def _mark_outside(
     figure: Any, outer: tuple[float, float], time: NDArray, values: NDArray, style: dict[str, Any]
 ) -> None:
-    """Small triangles at the edge of the picture, where a line leaves it."""
+    """Draw small triangles at the edge of the frame where a line leaves it."""
     from bokeh.models import Range1d
 
     low, high = outer
@@ -329,7 +329,6 @@ def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
                 _short(middle - band),
                 _short(middle + band),
                 color=style['color'],
-                alpha=0.25,
                 legend_label='95 % band',
                 name='95 % band',
             )
@@ -349,7 +348,7 @@ def _velocity(rows: Sequence[Row], points: int, shared: Any) -> Any:
 
 def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
     def error_of(row: Row) -> NDArray:
-        return row.estimate - row.truth  # one at a time: they may be long
+        return row.estimate - row.truth  # computed one at a time: they may be long
 
     outer = limits(error_of(row) for row in rows)
     if outer is None:
@@ -358,7 +357,7 @@ def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
             max(float(np.nanmax(error_of(row))) for row in rows),
         )
     room = 0.05 * max(outer[1] - outer[0], 1e-9)
-    outer = outer[0] - room, outer[1] + room  # of the errors: the bands may be wider
+    outer = outer[0] - room, outer[1] + room  # range of the errors: the bands may be wider
     shown = _figure('error and 95 % band [rad/s]', HIGH, x_range=shared)
     for row, style in _lookup(rows):
         error = error_of(row)
@@ -376,7 +375,7 @@ def _error(rows: Sequence[Row], points: int, shared: Any) -> Any:
 
 
 def _status(rows: Sequence[Row], points: int, shared: Any) -> Any:
-    """Each estimate a little beside the other, so that none hides behind another."""
+    """Draw each estimate with a small offset, so that all are visible."""
     from bokeh.models import FixedTicker
 
     shown = _figure('status', LOW, x_range=shared)
@@ -391,7 +390,7 @@ def _status(rows: Sequence[Row], points: int, shared: Any) -> Any:
                 line_width=1.5,
                 **style,
             )
-    # lines stand beside their status, so the range is that of the statuses: each keeps its name
+    # lines have an offset, so the range is that of the statuses: each keeps its label
     known = np.concatenate([row.status for row in rows])
     shown.y_range.start, shown.y_range.end = known.min() - 0.5, known.max() + 0.5
     shown.yaxis.ticker = FixedTicker(ticks=list(range(len(STATUS_NAMES))))

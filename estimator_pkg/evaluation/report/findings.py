@@ -1,4 +1,4 @@
-"""What the measurement itself shows, and what to do about it, in sentences."""
+"""Findings about the measurement and the estimates, with recommendations, as sentences."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from estimator_pkg.streams.contract import WHY_DROPPED
 
 Array = NDArray[np.float64]
 
-MOVING = 3.0  # a joint moves if it passes so many quanta per sample
-REPEATS = 0.2  # so many equal readings in motion are no chance
-HOLES_NAMED = 5  # holes that are told one by one
-JITTER_SEEN = 3.0  # jitter is told if the error at speed is so many times that at rest
-JITTER_MATTERS = 1e-3  # and if it is more than this part of a sample time
-FEWEST = 200  # samples below which nothing is said of jitter
-USUAL = Entry('', 'hybrid_angle')  # whose noise the jitter is turned into
+MOVING = 3.0  # a joint counts as moving above this many quanta per sample
+REPEATS = 0.2  # this fraction of equal readings in motion is not chance
+HOLES_NAMED = 5  # number of gaps that are listed individually
+JITTER_SEEN = 3.0  # jitter is reported if the error at speed is this multiple of that at rest
+JITTER_MATTERS = 1e-3  # and if it is more than this fraction of a sample time
+FEWEST = 200  # smallest number of samples for an estimate of jitter
+USUAL = Entry('', 'hybrid_angle')  # observer whose noise the jitter is converted to
 SETTLED = 400  # samples after which its noise gain is steady
-MOSTLY = 0.7  # a cause makes up most of an error if so much remains of it without the cause,
-# or comes from it alone (of an rms, half of the squares)
-HONEST = 0.85  # a 95 % band that holds less than this is too narrow
-WITHHELD = 0.05  # of the time without an estimate is worth a word
+MOSTLY = 0.7  # a cause explains most of an error if at most this ratio remains without the cause,
+# or this ratio comes from it alone (of an rms, half of the squares)
+HONEST = 0.85  # a 95 % interval with a smaller coverage is too narrow
+WITHHELD = 0.05  # a larger fraction of time without an estimate is reported
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What is seen in one joint's readings.
+    """Properties of one joint's readings.
 
     rate : [Hz], from the median sample time; rate_mean : from the mean.
-    quantum : [rad]; 0: none seen. repeats : every so many samples bring a new reading; 1: each.
-    jitter_s : standard deviation of the stamps' error [s]; 0: none seen.
-    speed : largest [rad/s], where the position was measured well enough to say (99.9 %).
-    holes : (when, how long) [s], by length.
+    quantum : [rad]; 0: none found. repeats : a new reading comes every n-th sample; 1: each.
+    jitter_s : standard deviation of the stamps' error [s]; 0: none found.
+    speed : largest speed [rad/s] (99.9 %), if the position was measured accurately enough.
+    holes : gaps (when, how long) [s], by length.
     steps : sample times [s].
-    strays : single stamps far ahead of those around them.
+    strays : number of single stamps far ahead of their neighbours.
     """
 
     rate: float
@@ -62,18 +62,18 @@ class Measurement:
     strays: int
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``--json``: all but the sample times."""
+        """Return all but the sample times for ``--json``."""
         found = asdict(self)
         del found['steps']
         return found
 
 
 def look(series: Series, start: int, period: float) -> Measurement | None:
-    """What the readings of a joint show; None where there are too few.
+    """Return the properties of a joint's readings; None for too few.
 
     Parameters
     ----------
-    start : stamp at which its time begins [ns].
+    start : stamp of time zero [ns].
     period : wrap period [rad]; 0: none.
     """
     good = np.flatnonzero(np.isfinite(series.position) & (series.stamps_ns > 0))
@@ -102,7 +102,7 @@ def look(series: Series, start: int, period: float) -> Measurement | None:
 
 
 def _repeats(moves: Array, count: float) -> int:
-    """Every how many samples a new reading comes, where the joint moves."""
+    """Return n if a new reading comes every n-th sample while the joint moves."""
     small = count if count else 0.0
     window = 12
     if len(moves) < 4 * window:
@@ -116,10 +116,10 @@ def _repeats(moves: Array, count: float) -> int:
 
 
 def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float) -> float:
-    """The standard deviation of the stamps' error [s], from errors that grow with speed.
+    """Return the standard deviation of the stamps' error [s], from errors that grow with speed.
 
-    Each reading is held against the straight line between its neighbours. What noise gives does
-    not depend on the speed; what a wrong stamp gives is the speed times its error.
+    Each reading is compared with the straight line between its neighbours. The effect of noise
+    does not depend on the speed; that of a wrong stamp is the speed times its error.
     """
     time = (series.stamps_ns[run] - series.stamps_ns[run[0]]) * 1e-9
     if len(time) < FEWEST:
@@ -132,17 +132,17 @@ def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float)
     part = before / (before + after)
     missed = angle[1:-1] - (1.0 - part) * angle[:-2] - part * angle[2:]
     spread = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
-    # neighbours next but one know the speed without the stamps in question
+    # the neighbours after next know the speed without the stamps in question
     speed = np.abs(slopes(time, angle))[1:-1]
     missed, speed = (missed / spread)[usable], speed[usable]
-    bends = np.diff(missed)  # what acceleration leaves changes slowly
+    bends = np.diff(missed)  # the effect of acceleration changes slowly
     fast = speed[1:] >= np.percentile(speed, 75)
     slow = speed[1:] <= np.percentile(speed, 25)
     if not fast.any() or not slow.any():
         return 0.0
 
-    # steady jitter of a straight line: the second difference's spread is 1.22 of one stamp's, and
-    # neighbouring ones are correlated by -2/3
+    # steady jitter on a straight line: the second difference has 1.22 times one stamp's deviation,
+    # and neighbouring ones are correlated by -2/3
     def scale(which: NDArray[np.bool_]) -> float:
         return 1.4826 * float(np.median(np.abs(bends[which]))) / math.sqrt(2.0 * (1.0 + 2.0 / 3.0))
 
@@ -156,7 +156,7 @@ def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float)
 
 
 def speed_noise(position_noise: float, step: float) -> float:
-    """What white noise of a position [rad] gives in the usual observer's velocity [rad/s]."""
+    """Return the usual observer's velocity noise [rad/s] for white position noise [rad]."""
     if 'noise' not in declared(USUAL.joint().observer.gains):
         return math.nan
     joint = Entry('', USUAL.observer, (('noise', position_noise),)).joint()
@@ -166,7 +166,7 @@ def speed_noise(position_noise: float, step: float) -> float:
 
 
 def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]:
-    """What to know and what to do next, most important first."""
+    """Return findings and recommendations, most important first."""
     found: list[str] = list(comparison.refused.values())
     for joint, measurement in seen.items():
         found += _of_measurement(joint, measurement)
@@ -177,9 +177,7 @@ def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]
         for row in rows if len(rows) <= 2 else [best]:
             found += _of_errors(row, joint in comparison.refused)
     found += comparison.notes
-    return found or [
-        'nothing stands out: no holes, repeats or jitter, and errors without a dominant cause'
-    ]
+    return found or ['no findings: no gaps, repeats or jitter, and no dominant cause of errors']
 
 
 def _of_measurement(joint: str, seen: Measurement) -> list[str]:
@@ -187,8 +185,8 @@ def _of_measurement(joint: str, seen: Measurement) -> list[str]:
     if seen.repeats > 1:
         every = 'second' if seen.repeats == 2 else f'{seen.repeats}th'
         found.append(
-            f'{joint}: a new reading comes only with every {every} sample: the encoder '
-            f'repeats itself at {seen.rate:.0f} Hz; read it at '
+            f'{joint}: the encoder gives a new reading only every {every} sample at '
+            f'{seen.rate:.0f} Hz; read it at '
             f'{seen.rate / seen.repeats:.0f} Hz, or stamp it when it is read'
         )
     if seen.jitter_s:
@@ -200,7 +198,7 @@ def _of_measurement(joint: str, seen: Measurement) -> list[str]:
         )
         found.append(
             f'{joint}: stamps jitter by {_time(seen.jitter_s)}{expect}; stamp readings '
-            'where they are taken'
+            'when they are taken'
         )
     for when, length in seen.holes[:HOLES_NAMED]:
         found.append(
@@ -210,15 +208,15 @@ def _of_measurement(joint: str, seen: Measurement) -> list[str]:
     if seen.strays:
         found.append(
             f'{joint}: {seen.strays} single stamp{"s" * (seen.strays > 1)} far ahead of '
-            'those around: a wrong clock, or a damaged message'
+            'the neighbours: a wrong clock, or a damaged message'
         )
     if len(seen.holes) > HOLES_NAMED:
-        found.append(f'{joint}: {len(seen.holes)} gaps in all')
+        found.append(f'{joint}: {len(seen.holes)} gaps in total')
     if seen.quantum:
         per_turn = 2.0 * math.pi / seen.quantum
         found.append(
             f'{joint}: one count is {number(seen.quantum, 3)} rad (about {per_turn:.0f} '
-            f'per turn), {number(seen.quantum * seen.rate, 3)} rad/s of a finite '
+            f'per turn), which is {number(seen.quantum * seen.rate, 3)} rad/s of a finite '
             f"difference at {seen.rate:.0f} Hz; set 'quantum: {seen.quantum:.4g}'"
         )
     return found
@@ -240,7 +238,7 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
     if not refused and not row.reference_cannot_tell and len(row.time) > 8:
         if late == late and late > 0.0 and _shifted(row, late) < MOSTLY * rms:
             found.append(
-                f'{name}: most of its error comes from being {_time(late)} late'
+                f'{name}: most of its error comes from its delay of {_time(late)}'
                 + _advice(
                     row.source,
                     'raise bandwidth_hz, or tune it for less delay',
@@ -254,8 +252,8 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
             )
     if row.coverage == row.coverage and row.coverage < HONEST and not row.reference_cannot_tell:
         found.append(
-            f'{name}: its 95 % band holds {row.coverage:.0%} of the errors: in motion '
-            'they are larger than the noise it knows of'
+            f'{name}: its 95 % band contains only {row.coverage:.0%} of the errors: in motion '
+            'they are larger than its noise model predicts'
             + _advice(
                 row.source, "set 'noise' and 'quantum', or raise bandwidth_hz", "set 'prefer: fast'"
             )
@@ -275,7 +273,7 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
 
 
 def _advice(source: str, with_bandwidth: str, with_preference: str) -> str:
-    """What to set, of what the observer has; of a recorded topic the observer is not known."""
+    """Return what to set, if the observer has it; for a recorded topic the first suggestion."""
     if source not in registry.names(registry.OBSERVERS):
         return f': {with_bandwidth}'
     parameters = declared(registry.find(registry.OBSERVERS, source).gains)
@@ -285,7 +283,7 @@ def _advice(source: str, with_bandwidth: str, with_preference: str) -> str:
 
 
 def _shifted(row: Row, late: float) -> float:
-    """The rms error that is left when the truth is as late as the estimate."""
+    """Return the rms error against the truth delayed like the estimate."""
     inside = row.time - late >= row.time[0]
     rest = row.estimate[inside] - cubic(row.time, row.truth, row.time[inside] - late)
     return float(np.sqrt(np.mean(np.square(rest)))) if len(rest) else math.inf

@@ -1,4 +1,4 @@
-"""All the numbers of a comparison in an .npz, written array by array."""
+"""All samples of a comparison in an .npz file, written array by array."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from estimator_pkg import destination
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 
-LEVEL = 1  # of compression: a second more saves a third
+LEVEL = 1  # compression level: one second more saves a third
 
 
 class FullData:
-    """An .npz that grows, so that not every bag has to be in memory at once.
+    """An .npz file that grows, so that not all bags must be in memory at once.
 
     Parameters
     ----------
-    path : of the file; it appears there when all is written.
+    path : of the file; it appears when it is complete.
 
     Raises
     ------
-    UserError : no file can be written there.
+    UserError : the file cannot be written.
     """
 
     def __init__(self, path: str) -> None:
@@ -35,7 +35,7 @@ class FullData:
         )
 
     def add(self, comparison: Comparison) -> None:
-        """Every sample of one bag that was compared."""
+        """Add every compared sample of one bag."""
         for joint in dict.fromkeys(row.joint for row in comparison.rows):
             base = _name(comparison.bag, joint)
             if joint in comparison.measurement:
@@ -58,7 +58,7 @@ class FullData:
                     self.write(f'{here}/velocity_stddev', row.stddev)
 
     def write(self, name: str, values: NDArray) -> None:
-        """One array, as ``numpy.load(path)[name]`` will give it."""
+        """Add an array, which ``numpy.load(path)[name]`` returns."""
         with self._zip.open(f'{name}.npy', 'w', force_zip64=True) as stream:
             np.lib.format.write_array(stream, np.ascontiguousarray(values), allow_pickle=False)
 
@@ -71,7 +71,7 @@ class FullData:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Complete: under its name. Broken off: gone."""
+        """Give the complete file its name, or delete it after an error."""
         try:
             self._zip.close()
         except BaseException as problem:
@@ -81,5 +81,5 @@ class FullData:
 
 
 def _name(*parts: str) -> str:
-    """A name inside the .npz: no part of it can leave it."""
+    """Return a name inside the .npz; no part of it can lead out of it."""
     return '/'.join(part.strip('/').replace('..', '_') for part in parts)

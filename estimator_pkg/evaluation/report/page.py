@@ -16,8 +16,8 @@ from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import escaped
 
-POINTS_OF_A_PAGE = 240_000  # of all lines over time: so many make a few megabytes,
-POINTS = (600, 40000)  # and fewest and most of one line
+POINTS_OF_A_PAGE = 240_000  # of all lines over time: a few megabytes,
+POINTS = (600, 40000)  # smallest and largest number of one line
 LINES = 3  # per estimate: velocity, error, band
 
 STYLE = """
@@ -42,23 +42,23 @@ tr.best td { font-weight: 600; } .note { color: #666; font-size: 13px; }
 
 
 class Report:
-    """Gathers bags and writes the page; a context manager.
+    """Collects bags and writes the page; a context manager.
 
     Parameters
     ----------
-    path : of the page; nothing is there before it is complete.
-    bags : how many will come, so that the points can be shared out.
+    path : of the page; it appears when it is complete.
+    bags : number of bags, which share the points.
     period : wrap period of the positions [rad].
-    data : file with every sample, which the page names; None: there is none.
+    data : file with every sample, to which the page refers; None: none.
 
     Raises
     ------
-    UserError : Bokeh is missing, or no file can be written there.
+    UserError : Bokeh is missing, or the file cannot be written.
     """
 
     def __init__(self, path: str, bags: int, period: float, data: str | None = None) -> None:
         try:
-            import bokeh  # noqa: F401  (only to see whether it is there)
+            import bokeh  # noqa: F401  (checks that it is installed)
         except ImportError as error:
             raise UserError(f'pages: {needs("bokeh")}') from error
         self.path = Path(path)
@@ -79,29 +79,29 @@ class Report:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """The page appears, unless something went wrong."""
+        """Write the page, unless an error occurred."""
         if kind is None:
             self._write()
 
     def add(self, comparison: Comparison) -> list[str]:
-        """One bag more; what there is to know of it, in sentences."""
+        """Add a bag; return its findings as sentences."""
         seen: dict[str, Measurement] = {}
         for joint in dict.fromkeys(row.joint for row in comparison.rows):
             if joint in comparison.measurement:
                 found = look(comparison.measurement[joint], comparison.starts[joint], self._period)
                 if found is not None:
                     seen[joint] = found
-        said = sentences(comparison, seen)
+        findings = sentences(comparison, seen)
         bag = Path(comparison.bag)
         parts = [
             f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>',
             f'<p class="note">{escaped(str(bag))}</p>',
-            f'<p>Velocity errors against {escaped(comparison.truth)}, at zero shift; '
-            'the delay stands beside them.</p>',
+            f'<p>Velocity errors against {escaped(comparison.truth)}, at zero shift, and '
+            'the delay.</p>',
             table(comparison),
             worth(comparison),
-            '<h3>What to know, and what to do next</h3>',
-            '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in said) + '</ul>',
+            '<h3>Findings and recommendations</h3>',
+            '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in findings) + '</ul>',
         ]
         points = self._points(comparison)
         for joint in dict.fromkeys(row.joint for row in comparison.rows):
@@ -109,19 +109,19 @@ class Report:
             parts.append(f'<h3>{escaped(joint)}</h3>')
             parts += self._draw(comparison, joint, rows, seen.get(joint), points)
         self._sections.append('\n'.join(parts))
-        return said
+        return findings
 
     def leave_out(self, bags: Sequence[LeftOut]) -> None:
-        """What is said of bags that could not be judged."""
+        """Add the list of bags that could not be evaluated."""
         if bags:
             self._sections.append(
-                '<h2>Left out</h2><ul>'
+                '<h2>Skipped</h2><ul>'
                 + ''.join(f'<li>{escaped(str(bag))}</li>' for bag in bags)
                 + '</ul>'
             )
 
     def _points(self, comparison: Comparison) -> int:
-        """How many points a line may have."""
+        """Return the number of points of a line."""
         share = POINTS_OF_A_PAGE // (self._bags * LINES * max(1, len(comparison.rows)))
         return min(max(share, POINTS[0]), POINTS[1])
 
@@ -144,10 +144,9 @@ class Report:
         return [
             self._place('over_time', wide),
             self._place('closer', small),
-            '<p class="note">Drag a box over a plot to zoom: time moves together in all that '
-            'show it. The tools above a plot pan, zoom with the wheel, go back and save. A '
-            'click on a name hides it in all plots of the joint. A triangle at the edge: a '
-            'value beyond the picture.</p>',
+            '<p class="note">Drag a box over a plot to zoom; the time axes are linked. The tools '
+            'above a plot pan, zoom with the wheel, reset and save. A click on a name hides it in '
+            'all plots of the joint. A triangle at the edge marks a value outside the plot.</p>',
         ]
 
     def _place(self, kind: str, drawn: Sequence[Any]) -> str:
@@ -167,7 +166,7 @@ class Report:
         from bokeh.resources import Resources
 
         document = Document()
-        with document.models.freeze():  # else all figures are gone through for each one more
+        with document.models.freeze():  # else Bokeh visits all figures for each new one
             for figure in self._figures.values():
                 document.add_root(figure)
         script, slots = components(self._figures)
@@ -181,7 +180,7 @@ class Report:
             f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
             f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
             f'{__version__}. {self._where()}The plots show the extremes of each stretch, and '
-            f'more of them the closer one looks.</p>\n{script}\n'
+            f'more detail when zoomed.</p>\n{script}\n'
             '</body></html>\n'
         )
         destination.write_text(self.path, page)
@@ -189,6 +188,4 @@ class Report:
     def _where(self) -> str:
         if self._data is None:
             return ''
-        return (
-            f'Every sample that was compared is in {escaped(Path(self._data).name)} (numpy.load). '
-        )
+        return f'Every compared sample is in {escaped(Path(self._data).name)} (numpy.load). '

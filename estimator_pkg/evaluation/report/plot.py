@@ -1,4 +1,4 @@
-"""The picture of a comparison: true and estimated velocity, and the error below."""
+"""The plot of a comparison: true and estimated velocity, and the error below."""
 
 from __future__ import annotations
 
@@ -20,33 +20,34 @@ from estimator_pkg.printable import drawn
 Array = NDArray[np.float64]
 
 COLUMNS = 4
-POINTS = 20_000  # of a line
+POINTS = 20_000  # largest number of points of a line
 
 
 def check(path: str) -> None:
-    """Holds that `path` can be drawn: better before the work than after it.
+    """Raise UserError unless `path` can be drawn: called before the work, not after it.
 
     Raises
     ------
-    UserError : matplotlib is missing or knows no such kind of file, or none can be written there.
+    UserError : matplotlib is missing, does not support the file type, or the file is not writable.
     """
     try:
         from matplotlib.backend_bases import FigureCanvasBase
     except ImportError as error:
         raise UserError(f'plots: {needs("matplotlib")}') from error
-    logging.getLogger('matplotlib').setLevel(logging.ERROR)  # it lists fonts that it misses
+    logging.getLogger('matplotlib').setLevel(logging.ERROR)  # it lists missing fonts
     kinds = FigureCanvasBase.get_supported_filetypes()
     kind = Path(path).suffix[1:].lower()
     if kind not in kinds:
         raise UserError(
-            f'{path}: plots can be {", ".join(sorted(kinds))}'
-            + (f', not {kind}' if kind else ': end the name so')
+            f'{path}: '
+            + (f'{kind} is not supported' if kind else 'the name has no ending')
+            + f': end it in one of {", ".join(sorted(kinds))}'
         )
     destination.check(path)
 
 
 def draw(comparisons: Sequence[Comparison], path: str) -> None:
-    """Writes a picture (its kind by the suffix) with a pair of panels per bag and joint.
+    """Write a plot (type by the suffix) with a pair of panels per bag and joint.
 
     Raises
     ------
@@ -118,13 +119,13 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
 
 
 def save(figure: Any, path: str) -> None:
-    """Write a figure, whole or not at all; its kind by the suffix."""
-    with destination.replacing(path) as beside:
-        figure.savefig(beside, dpi=120, format=Path(path).suffix[1:].lower())
+    """Write a figure, completely or not at all; its type is that of the suffix."""
+    with destination.replacing(path) as temporary:
+        figure.savefig(temporary, dpi=120, format=Path(path).suffix[1:].lower())
 
 
 def _line(axis: Any, time: Array, values: Array, **style: Any) -> Any:
-    """A line without its thousands of points that nobody could see, broken at holes."""
+    """Draw a line, thinned to the visible points and broken at gaps."""
     at, drawn = broken(time, values, extremes(values, POINTS))
     (line,) = axis.plot(at, drawn, **style)
     return line

@@ -1,4 +1,4 @@
-"""Views of an error: over frequency, over speed, and in units of its own standard deviation."""
+"""Views of an error: over frequency, over speed, and normalised by its standard deviation."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ Array = NDArray[np.float64]
 
 WINDOW = 2048  # samples of a window of the spectrum, or a quarter of the record
 BINS = 24  # of speed
-SPREAD = 5.0  # the histogram reaches so many standard deviations
+SPREAD = 5.0  # range of the histogram [standard deviations]
 CELLS = 60
-FEW = 5  # samples in a bin of speed, below which it is left out
+FEW = 5  # bins of speed with fewer samples are skipped
 
 
 def density(time: Array, error: Array) -> tuple[Array, Array]:
-    """(frequency [Hz], root of the power spectral density [(rad/s)/sqrt Hz]) of an error.
+    """Return (frequency [Hz], root of the power spectral density [(rad/s)/sqrt Hz]) of an error.
 
-    The samples are put on an even grid (the error is held across holes); Hann windows overlap by
-    half. Empty where there are too few samples.
+    The samples are put on an even grid (the error is constant across gaps); Hann windows overlap by
+    half. Empty for too few samples.
     """
     good = np.isfinite(error)
     time, error = time[good], error[good]
@@ -26,7 +26,7 @@ def density(time: Array, error: Array) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     step = float(np.median(np.diff(time)))
     count = min(len(time), int((time[-1] - time[0]) / step) + 1)
-    # holes are cut out: a record of pieces keeps its samples, not its pauses
+    # gaps are cut out: a record of pieces keeps its samples, not its pauses
     if count > 2 * len(time) or np.max(np.diff(time)) > 20.0 * step:
         even = error
     else:
@@ -46,7 +46,7 @@ def density(time: Array, error: Array) -> tuple[Array, Array]:
 
 
 def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
-    """(speed, rms error, mean error) over bins of the signed true speed that hold equally many."""
+    """Return (speed, rms error, mean error) over bins of signed true speed with equal counts."""
     good = np.isfinite(truth) & np.isfinite(error)
     truth, error = truth[good], error[good]
     if len(truth) < FEW:
@@ -63,7 +63,7 @@ def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
 
 
 def normalised(error: Array, stddev: Array) -> tuple[Array, Array]:
-    """(middles, density) of error / standard deviation; empty without a standard deviation."""
+    """Return (middles, density) of error / standard deviation; empty without the latter."""
     good = np.isfinite(error) & np.isfinite(stddev) & (stddev > 0.0)
     if not good.any():
         return np.zeros(0), np.zeros(0)

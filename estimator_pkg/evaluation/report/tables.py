@@ -1,4 +1,4 @@
-"""The tables of a report page: one of each bag, and one over all of them."""
+"""The tables of a report page: one per bag, and one over all bags."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.compare.words import describe_smoother, describe_truth
+from estimator_pkg.evaluation.compare.description import describe_smoother, describe_truth
 from estimator_pkg.evaluation.text import error, fixed, number
 from estimator_pkg.printable import escaped
 
@@ -31,7 +31,7 @@ UNITS = ('', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's'
 
 
 class Overview:
-    """The rms errors of many bags, which a page begins with."""
+    """The table of rms errors of many bags at the start of a page."""
 
     def __init__(self) -> None:
         self._bags = 0
@@ -39,7 +39,7 @@ class Overview:
         self._lines: list[tuple[str, str, dict[str, str]]] = []  # bag, joint, cells by source
 
     def add(self, comparison: Comparison) -> str:
-        """One bag more; the name of the place on the page that its line leads to."""
+        """Add a bag; return the anchor on the page to which its line links."""
         self._bags += 1
         place = f'bag_{self._bags}'
         best = _best(comparison)
@@ -55,7 +55,7 @@ class Overview:
         return place
 
     def html(self) -> str:
-        """The table; empty for a single bag."""
+        """Return the table as HTML; empty for a single bag."""
         if self._bags < 2:
             return ''
         head = ''.join(f'<th>{escaped(each)}</th>' for each in ('bag', 'joint', *self._sources))
@@ -66,25 +66,25 @@ class Overview:
             for bag, joint, cells in self._lines
         )
         return (
-            '<p>Rms velocity error [rad/s] at zero shift; *: the reference cannot tell.</p>'
+            "<p>Rms velocity error [rad/s] at zero shift; *: below the reference's own error.</p>"
             f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>'
         )
 
 
 def worth(comparison: Comparison) -> str:
-    """What is known of the truth, or of the reference made in its place."""
-    told = [
+    """Return the quality of the truth or the off-line reference as HTML."""
+    descriptions = [
         f'{joint}: {describe_smoother(comparison.smoothed[joint])}'
         if joint in comparison.smoothed
-        else f'The truth of {joint}, held against the measured position: {describe_truth(known)}'
+        else f'The truth of {joint}, compared with the measured position: {describe_truth(known)}'
         for joint, known in comparison.references.items()
         if any(row.joint == joint for row in comparison.rows)
     ]
-    return ''.join(f'<p class="note">{escaped(each)}.</p>' for each in told)
+    return ''.join(f'<p class="note">{escaped(each)}.</p>' for each in descriptions)
 
 
 def table(comparison: Comparison) -> str:
-    """Every estimate of one bag, the best of each joint in bold."""
+    """Return every estimate of one bag as HTML, the best of each joint in bold."""
     head = ''.join(
         f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
         for name, unit in zip(HEADER, UNITS)
@@ -92,17 +92,12 @@ def table(comparison: Comparison) -> str:
     best = _best(comparison)
     lines = ''.join(_line(row, best.get(row.joint) is row) for row in comparison.rows)
     marked = any(row.reference_cannot_tell for row in comparison.rows)
-    star = (
-        '<p class="note">* The reference cannot tell: the error is no larger than what the '
-        'reference itself may be wrong by.</p>'
-        if marked
-        else ''
-    )
+    star = '<p class="note">* The error is below the reference\'s own error.</p>' if marked else ''
     return f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>{star}'
 
 
 def _best(comparison: Comparison) -> dict[str, Row]:
-    """By joint; none where the reference cannot rank them."""
+    """Return the best row by joint; none where the reference cannot rank them."""
     found = {}
     for joint in {row.joint for row in comparison.rows} - set(comparison.refused):
         best = min(
@@ -116,8 +111,12 @@ def _best(comparison: Comparison) -> dict[str, Row]:
 
 def _line(row: Row, best: bool) -> str:
     v = row.velocity
-    off = np.abs(row.estimate - row.truth)
-    worst = float(row.time[int(np.nanargmax(off))]) if np.isfinite(off).any() else math.nan
+    difference = np.abs(row.estimate - row.truth)
+    worst = (
+        float(row.time[int(np.nanargmax(difference))])
+        if np.isfinite(difference).any()
+        else math.nan
+    )
     dropped = ', '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
     total = sum(row.validity.values())
     valid = (

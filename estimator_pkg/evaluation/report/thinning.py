@@ -1,4 +1,4 @@
-"""Fewer points for the same picture: what is drawn of a long record."""
+"""Thin a long record for drawing without a visible change."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-HOLE = 10.0  # median sample times: a line is not drawn across a longer hole
-ENOUGH = 100_000  # values tell a percentile
-MOST, ROOM = 99.5, 2.5  # an outlier beyond so many times this percentile is not drawn but marked
+HOLE = 10.0  # a line is not drawn across a longer gap [median sample times]
+ENOUGH = 100_000  # number of values that determine a percentile
+MOST, ROOM = 99.5, 2.5  # an outlier beyond ROOM times this percentile is marked, not drawn
 
 
 def extremes(values: Array, points: int) -> NDArray[np.int64]:
-    """Which samples to draw: the lowest and the highest of each of `points` / 2 equal stretches.
+    """Return the samples to draw: lowest and highest of each of `points` / 2 equal stretches.
 
-    Spikes survive, as they would not if every n-th sample were taken. In ascending order; all of
-    them where there are no more than `points`.
+    Spikes stay visible, unlike with every n-th sample. Indices in ascending order; all of them if
+    there are at most `points`.
     """
     count = len(values)
     if count <= points:
@@ -37,7 +37,7 @@ def extremes(values: Array, points: int) -> NDArray[np.int64]:
 
 
 def changes(values: NDArray, points: int) -> NDArray[np.int64]:
-    """Which samples draw a staircase: those at which it steps, with both ends; at most `points`."""
+    """Return the samples that draw a staircase: at its steps, and both ends; at most `points`."""
     if not len(values):
         return np.zeros(0, np.int64)
     steps = np.flatnonzero(np.diff(values)) + 1
@@ -48,7 +48,7 @@ def changes(values: NDArray, points: int) -> NDArray[np.int64]:
 
 
 def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Array, NDArray]:
-    """What to draw of a line: its chosen samples, with nan where the record has a hole."""
+    """Return (time, values) of the chosen samples, with nan where the record has a gap."""
     steps = np.diff(time)
     known = steps[np.isfinite(steps)]
     if not len(known):
@@ -63,7 +63,7 @@ def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Arr
 
 
 def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
-    """The range to draw, where outliers would otherwise crush all the rest; None where not."""
+    """Return the range to draw if outliers would compress all the rest; else None."""
     some, least, most = [], np.inf, -np.inf
     for line in lines:  # one at a time: they may be long
         if np.isfinite(line).any():

@@ -1,4 +1,4 @@
-"""A progress bar with the best so far, where a person looks."""
+"""A progress bar with the best trial so far, on a terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from estimator_pkg.printable import printable, terminal
 
 @contextmanager
 def bar(label: str, trials: int) -> Iterator[Callable[[int, Search], None]]:
-    """What is to be told of each batch: how many trials it had, and the search so far."""
+    """Yield a function to call after each batch: (number of trials, search so far)."""
     if not sys.stderr.isatty() or not is_there('rich'):
         yield lambda count, found: None
         return
@@ -31,23 +31,23 @@ def bar(label: str, trials: int) -> Iterator[Callable[[int, Search], None]]:
     ) as shown:
         task = shown.add_task(printable(label), total=trials, best='')
 
-        def told(count: int, found: Search) -> None:
+        def show(count: int, found: Search) -> None:
             best = found.best
             text = (
                 ''
                 if best is None
                 else (
-                    f'best {best.cost:.3f} of the defaults: '
+                    f'best cost {best.cost:.3f} of that of the defaults: '
                     + ', '.join(f'{name} {written(value)}' for name, value in best.values.items())
                 )
             )
             shown.update(task, advance=count, best=text)
 
-        yield told
+        yield show
 
 
 def written(value: Value | None) -> str:
-    """A gain as a person reads it."""
+    """Return a gain as readable text."""
     if value is None:
         return '-'
     return value if isinstance(value, str) else f'{value:.4g}'

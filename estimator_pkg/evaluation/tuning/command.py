@@ -1,4 +1,4 @@
-"""``velocity_estimator tune``: gains from data, as a YAML that the node loads."""
+"""``velocity_estimator tune``: find gains from data, and write a YAML that the node loads."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from estimator_pkg.evaluation.tuning import live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
 from estimator_pkg.evaluation.tuning.seek import seek
-from estimator_pkg.evaluation.tuning.wishes import WRAP_PERIOD, Wishes, wishes
+from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import drawn, show
 from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Which of the (delay, noise) no other beats in both, by rising delay."""
+    """Return the Pareto front: indices of (delay, noise) that no other beats in both, by delay."""
     order = sorted(range(len(points)), key=lambda i: (abs(points[i][0]), points[i][1]))
     kept: list[int] = []
     for i in order:
@@ -39,11 +39,11 @@ def front(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
-    """Draw every trial, the Pareto front of noise against delay, and what was chosen.
+    """Draw every trial, the Pareto front of noise against delay, and the chosen gains.
 
     Raises
     ------
-    UserError : it cannot be drawn there.
+    UserError : the plot cannot be written.
     """
     check(path)
     from matplotlib.figure import Figure
@@ -63,7 +63,7 @@ def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
             '-o',
             markersize=4,
             color='tab:blue',
-            label='nothing is better in both',
+            label='Pareto front',
         )
         _, _, best = min(each['trials'], key=lambda trial: trial[1])
         if best:
@@ -93,7 +93,7 @@ def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
         if noises and min(noises) > 0.0:
             axis.set_yscale('log')
         if not points:
-            axis.text(0.5, 0.5, 'the motion tells no delay', ha='center', transform=axis.transAxes)
+            axis.text(0.5, 0.5, 'the motion shows no delay', ha='center', transform=axis.transAxes)
         axis.set_title(drawn(f'{observer}: {each["joint"] or "all joints"}'))
         axis.grid(alpha=0.3)
         if points:
@@ -105,7 +105,7 @@ TRIALS = 40
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument(
         'bags', nargs='*', metavar='BAG', help='bags to tune on, or folders with bags in them'
     )
@@ -113,47 +113,46 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--live',
         type=float,
         metavar='SECONDS',
-        help='in place of bags: record the measurement of the live graph for so long',
+        help='instead of bags: record the measurement from the live graph for SECONDS',
     )
     parser.add_argument(
         '--apply',
         metavar='NODE',
-        help='set the gains found on this running node (nothing is set without)',
+        help='set the gains on this running node (default: set nothing)',
     )
-    parser.add_argument('--observer', required=True, metavar='NAME', help='whose gains')
-    parser.add_argument('--out', required=True, metavar='YAML', help='where the gains go')
+    parser.add_argument('--observer', required=True, metavar='NAME', help='observer to tune')
+    parser.add_argument('--out', required=True, metavar='YAML', help='parameter file to write')
     parser.add_argument(
         '--prefer',
         choices=tuple(PREFERENCES),
         default='balanced',
-        help='what matters more: a quiet estimate, a prompt one, or the error '
-        'alone with a little of both (default)',
+        help='trade-off: low noise (smooth), low delay (fast), or mainly the error (balanced, '
+        'the default)',
     )
     parser.add_argument(
         '--weights',
         metavar='E,D,N',
-        help='in place of --prefer: how much count the rms error, the error that '
-        'the delay makes, and the noise (all in rad/s)',
+        help='instead of --prefer: weights of rms error, error by delay, and noise (all in rad/s)',
     )
     parser.add_argument(
         '--search',
         action='append',
         default=[],
         metavar='GAIN=LOW:HIGH',
-        help='seek this gain between these values (or NAME=ONE|OTHER, a choice); '
-        'repeatable (default: what the observer names for it)',
+        help='search this gain in this range (or NAME=ONE|OTHER for a choice); '
+        "repeatable (default: the observer's own search ranges)",
     )
     parser.add_argument(
         '--params',
         metavar='YAML',
-        help="parameter file of the observer's node: what it says is held",
+        help="parameter file of the observer's node: its parameters are fixed",
     )
     parser.add_argument(
         '--set',
         action='append',
         default=[],
         metavar='KEY=VALUE',
-        help='hold this parameter; repeatable',
+        help='fix this parameter; repeatable',
     )
     parser.add_argument(
         '--joint', action='append', default=[], metavar='NAME', help='only this joint; repeatable'
@@ -161,46 +160,46 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--per-joint',
         action='store_true',
-        help='gains for each joint of its own, in place of common ones',
+        help='separate gains for each joint, instead of common ones',
     )
     parser.add_argument(
         '--held-out',
         type=float,
         default=0.3,
         metavar='PART',
-        help='part of each record, at its end, that is kept for the judgement (default 0.3)',
+        help='fraction at the end of each record that is held out for validation (default 0.3)',
     )
     parser.add_argument(
         '--judge',
         action='append',
         default=[],
         metavar='BAG',
-        help='judge the gains on this recording, or folder of recordings, that the '
-        'search does not see, in place of a part held out; repeatable',
+        help='validate the gains on this recording, or folder of recordings, instead of '
+        'held-out parts of BAG; repeatable',
     )
     parser.add_argument(
         '--trials',
         type=int,
         default=TRIALS,
         metavar='N',
-        help=f'how many gains are tried (default {TRIALS})',
+        help=f'number of trials (default {TRIALS})',
     )
-    parser.add_argument('--seed', type=int, default=0, help='of the search (default 0)')
+    parser.add_argument('--seed', type=int, default=0, help='random seed of the search (default 0)')
     parser.add_argument(
         '--measurement',
         metavar='TOPIC',
-        help=f'topic of the measurement (default {MEASUREMENT}, or what the observer listens to)',
+        help=f"topic of the measurement (default {MEASUREMENT}, or the observer's own)",
     )
     parser.add_argument(
         '--angle',
         metavar='TOPIC:FIELD',
-        help='the measurement is a number in messages of any type, as of replay',
+        help='the measurement is a number in messages of any type, as in replay',
     )
     parser.add_argument(
         '--truth', metavar='TOPIC', help=f'JointState with the true velocities (default {TRUTH})'
     )
     parser.add_argument(
-        '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as of evaluate'
+        '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
     )
     parser.add_argument(
         '--wrap-period',
@@ -214,23 +213,25 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     unpacking.arguments(parser)
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='local processes')
-    parser.add_argument('--scheduler', metavar='ADDRESS', help='a Dask scheduler, in their place')
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='address of a Dask scheduler, used instead of --jobs'
+    )
     parser.add_argument(
         '--storage',
         metavar='URL',
-        help='Optuna storage that keeps the trials, e.g. sqlite:///study.db',
+        help='Optuna storage for the trials, for example sqlite:///study.db',
     )
     parser.add_argument(
         '--study',
         default='velocity_estimator',
         metavar='NAME',
-        help='name of the study in the storage; one that is there goes on',
+        help='name of the study in the storage; an existing one continues',
     )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Searches, judges on what was held out, writes."""
-    wished = wishes(parsed)
+    """Search, validate on held-out data, write; return the results."""
+    tuning = tune_settings(parsed)
     out = Path(parsed.out)
     destination.check(out)
     if parsed.plot:
@@ -238,7 +239,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     options = Options(
         parsed.measurement,
         parsed.truth,
-        observers=(wished.entry,),
+        observers=(tuning.entry,),
         wrap_period=parsed.wrap_period,
         correct_reference=True,
         reference=parsed.reference,
@@ -248,7 +249,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         if parsed.live is not None:
-            parsed.bags = [stack.enter_context(_recorded(parsed, wished))]
+            parsed.bags = [stack.enter_context(_recorded(parsed, tuning))]
         held_out = 0.0 if parsed.judge else parsed.held_out
         left_out: list[LeftOut] = []
 
@@ -257,7 +258,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 run_many,
                 records,
                 expanded(paths),
-                wished.entry,
+                tuning.entry,
                 options,
                 held_out,
                 tuple(parsed.joint),
@@ -268,7 +269,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         seen, judged = of(parsed.bags, held_out), of(parsed.judge, 0.0)
         _check_apart(seen, judged)
         tuned = []
-        for joint, chosen in _groups(seen, wished, parsed.per_joint).items():
+        for joint, chosen in _groups(seen, tuning, parsed.per_joint).items():
             name = f'{parsed.study}/{joint}' if joint else parsed.study
             try:
                 tuned.append(
@@ -276,7 +277,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                         joint,
                         chosen,
                         _of(judged, joint),
-                        wished,
+                        tuning,
                         parsed.trials,
                         parsed.seed,
                         parsed.storage,
@@ -293,7 +294,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     notes = _notes(seen)
     print(output.describe(tuned, notes))
     destination.write_text(
-        out, output.as_yaml(wished, _held(parsed, wished, seen[0].bag), tuned, held_out)
+        out, output.as_yaml(tuning, _held(parsed, tuning, seen[0].bag), tuned, held_out)
     )
     show(f'gains: {out}')
     if parsed.plot:
@@ -306,7 +307,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         each.pop('trials')
     return {
         'observer': parsed.observer,
-        'preference': wished.preference,
+        'preference': tuning.preference,
         'out': str(out),
         'notes': notes,
         'left_out': {each.path: each.why for each in left_out},
@@ -314,39 +315,43 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _recorded(parsed: argparse.Namespace, wished: Wishes) -> Any:
-    """A bag of what the observer listens to, from the live graph, as a context."""
+def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:
+    """Record the observer's topics from the live graph; return a context with the bag's path."""
     named = parsed.measurement or (parsed.angle or '').partition(':')[0]
-    usual = streams.of_observer(wished.entry.observer).USUAL
+    usual = streams.of_observer(tuning.entry.observer).USUAL
     return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
 
 
 def _check_apart(seen: Sequence[Record], judged: Sequence[Record]) -> None:
-    """A recording cannot be both; raises UsageError."""
+    """Raise UsageError if a recording is used both for tuning and for validation."""
     both = {Path(record.bag).resolve() for record in seen} & {
         Path(record.bag).resolve() for record in judged
     }
     if both:
-        raise UsageError(f'--judge {min(both)}: the gains are sought on this recording')
+        raise UsageError(
+            f'--judge {min(both)}: the gains are tuned on this recording: name another'
+        )
 
 
-def _groups(found: Sequence[Record], wished: Wishes, per_joint: bool) -> dict[str, list[Record]]:
-    """What gets gains of its own."""
+def _groups(
+    found: Sequence[Record], tuning: TuneSettings, per_joint: bool
+) -> dict[str, list[Record]]:
+    """Return the groups of records that get separate gains, by name."""
     if not per_joint:
         return {'': list(found)}
     groups: dict[str, list[Record]] = {}
     for record in found:
         if not record.label:
             raise UsageError(
-                f"--per-joint: '{wished.entry.observer}' estimates its joints "
-                'together, so they share its gains'
+                f"--per-joint: '{tuning.entry.observer}' estimates its joints together, so they "
+                'share its gains: omit --per-joint'
             )
         groups.setdefault(record.label, []).append(record)
     return groups
 
 
 def _of(judged: Sequence[Record], joint: str) -> list[Record]:
-    """What a group is judged on; raises UserError if nothing is left of it."""
+    """Return the records for validating a group; raise UserError if there are none."""
     found = [record for record in judged if not joint or record.label == joint]
     if judged and not found:
         raise UserError(f"no recording of --judge has a joint '{joint}'")
@@ -354,7 +359,7 @@ def _of(judged: Sequence[Record], joint: str) -> list[Record]:
 
 
 def _notes(seen: Sequence[Record]) -> list[str]:
-    """What a person should know of the bags."""
+    """Return notes on the bags for the user."""
     by_bag: dict[str, list[str]] = {}
     for record in seen:
         by_bag.setdefault(record.bag, []).extend(record.joints)
@@ -364,28 +369,28 @@ def _notes(seen: Sequence[Record]) -> list[str]:
     return [
         'the bags have different joints ('
         + '; '.join(', '.join(joints) for joints in sorted(sets))
-        + '): every joint counts as much as any '
-        'other; --joint takes one, --per-joint gives each its own gains'
+        + '): every joint has the same weight; --joint selects one, --per-joint tunes each '
+        'separately'
     ]
 
 
-def _held(parsed: argparse.Namespace, wished: Wishes, path: str) -> dict[str, Any]:
-    """The parameters that were held, which the node needs too.
+def _held(parsed: argparse.Namespace, tuning: TuneSettings, path: str) -> dict[str, Any]:
+    """Return the fixed parameters, which the node needs too.
 
     Parameters
     ----------
-    path : of a bag that was tuned on.
+    path : of a bag of the search.
     """
-    held = wished.held
+    held = tuning.held
     if parsed.angle:
         with open_bag(path, parsed.unpack_limit) as bag:
             kind = bag.topics[parsed.angle.partition(':')[0]].type.rpartition('/')[2]
         if kind in ANGLE_TYPES:  # else it is a number that no node reads, but replay does
             held |= {'input': ANGLE, 'angle_type': kind}
-    wraps = streams.of_observer(wished.entry.observer).WRAPS
+    wraps = streams.of_observer(tuning.entry.observer).WRAPS
     if wraps and parsed.wrap_period != WRAP_PERIOD:
         held.setdefault('wrap_period', parsed.wrap_period)
     return held
 
 
-COMMAND = Command('gains from recorded bags, as a YAML that the node loads', arguments, run)
+COMMAND = Command('find gains from recorded bags, for a YAML that the node loads', arguments, run)

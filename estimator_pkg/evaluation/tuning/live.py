@@ -1,4 +1,4 @@
-"""``tune --live``: what a standing node has just seen, and its new gains if they are wanted."""
+"""``tune --live``: record from a running node, and set its new gains on request."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from estimator_pkg.params_file import parameter_of
 
 @contextmanager
 def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]:
-    """A bag of what comes on `topics` (and on `truth`, if anything does) for so long [s].
+    """Record `topics` (and `truth`, if it is published) for `seconds`; yield the bag's path.
 
-    It is gone when the context ends.
+    The bag is deleted when the context ends.
 
     Raises
     ------
-    UserError : nothing came.
+    UserError : no message arrived.
     """
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
         path = str(Path(folder) / 'live')
@@ -34,14 +34,14 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
         )
         if interrupts.came() not in (0, signal.SIGINT):
             raise KeyboardInterrupt
-        interrupts.forget()  # Ctrl-C ended the recording alone
+        interrupts.forget()  # Ctrl-C ended only the recording
         yield path
 
 
 def apply(
     node: str, gains: Mapping[str, Any], declared: Mapping[str, Parameter] = MappingProxyType({})
 ) -> list[str]:
-    """Sets parameters of a running node; its state goes on.
+    """Set parameters of a running node, whose state is kept.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ def apply(
 
     Returns
     -------
-    What was changed, in words: each gain as it was in the node and as it is now.
+    The changes as text: each gain before and after.
 
     Raises
     ------
-    UserError : no such node, no answer, or it refuses a value (why, in its own words).
+    UserError : no such node, no answer, or a refused value (with the node's reason).
     """
     from estimator_pkg.bags.live import live
 
@@ -72,7 +72,7 @@ def apply(
 
 
 def _text(value: Any, parameter: Parameter | None = None) -> str:
-    """A value as one would write it; None: the parameter was not set."""
+    """Return a value as text; None: the parameter was not set."""
     if value is None:
         return 'not set'
     if parameter is not None and parameter.is_automatic(value):

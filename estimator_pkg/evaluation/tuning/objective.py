@@ -1,4 +1,4 @@
-"""What the tuner minimises: an observer's error, delay and noise on parts of recorded bags."""
+"""The objective of the tuner: an observer's error, delay and noise on parts of recorded bags."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from estimator_pkg.evaluation.compare.delay import delay
 
 Array = NDArray[np.float64]
 
-SETTLING = 0.5  # [s] at the beginning of a part that do not count
-AVERAGE = 0.05  # [s] noise is what changes faster than the mean over so long,
-AVERAGE_SAMPLES = 11  # or over so many samples
-FEWEST = 10  # estimates, below which they say nothing
+SETTLING = 0.5  # time at the beginning of a part that is ignored [s]
+AVERAGE = 0.05  # moving-average window that separates noise from motion [s],
+AVERAGE_SAMPLES = 11  # or at least this many samples
+FEWEST = 10  # smallest number of estimates for a result
 
 
 @dataclass(frozen=True)
 class Weights:
-    """How much error, delay and noise count; all three in rad/s, so that they can be added.
+    """Weights of error, delay and noise; all three are in rad/s, so they can be added.
 
-    error : rms velocity error at zero shift. delay : the error that the delay alone makes, which is
-    the delay times the rms acceleration. noise : rms of the fast part of the estimate, whether it
-    moved or not.
+    error : rms velocity error at zero shift. delay : the error caused by the delay alone, which is
+    the delay times the rms acceleration. noise : rms of the fast part of the estimate, in motion
+    and at rest.
     """
 
     error: float
@@ -45,7 +45,7 @@ PREFERENCES = {
 
 @dataclass(frozen=True)
 class Known:
-    """The truth of one joint where an estimate is due.
+    """The truth of one joint at the stamps where an estimate is due.
 
     stamps : shape (n,), ascending. velocity : shape (n,). acceleration : rms [rad/s^2].
     """
@@ -57,7 +57,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Part:
-    """A stretch of a bag: what the observer needs of it, and what is true, by joint."""
+    """A part of a bag: the observer's input, and the truth by joint."""
 
     recording: Recording
     known: dict[str, Known]
@@ -66,7 +66,7 @@ class Part:
 class Result(NamedTuple):
     """Error [rad/s], delay [s] and noise [rad/s] of an observer on one joint of a part.
 
-    delay is nan where the motion does not tell it. published : the share of the samples with an
+    delay is nan if the motion does not determine it. published : fraction of the samples with an
     estimate.
     """
 
@@ -80,7 +80,7 @@ Results = dict[str, Result]  # by joint
 
 
 def measure(part: Part, observer: str, values: Mapping[str, Any], fast: bool) -> Results | None:
-    """What an observer with these values makes of a part; None: they cannot work on it."""
+    """Return the results of an observer with these values on a part; None if they do not work."""
     try:
         found = part.recording.run(observer, values, fast)
     except UserError:
@@ -119,9 +119,9 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
 
 
 def cost(result: Result, known: Known, weights: Weights) -> float:
-    """The weighted sum [rad/s]; samples without an estimate make it dearer.
+    """Return the weighted sum [rad/s]; samples without an estimate increase it.
 
-    Where the delay cannot be told, the whole error may come from it.
+    An unknown delay counts as if it caused the whole error.
     """
     late = abs(result.delay) * known.acceleration if math.isfinite(result.delay) else result.error
     total = weights.error * result.error + weights.noise * result.noise + weights.delay * late
@@ -129,18 +129,18 @@ def cost(result: Result, known: Known, weights: Weights) -> float:
 
 
 def costs(results: Results | None, part: Part, weights: Weights) -> dict[str, float]:
-    """By joint; inf where the values cannot work."""
+    """Return costs by joint; inf if the values do not work."""
     if results is None:
         return dict.fromkeys(part.known, math.inf)
     return {joint: cost(result, part.known[joint], weights) for joint, result in results.items()}
 
 
 def averaged(time: Array) -> int:
-    """How many samples the mean is over that noise is told from."""
+    """Return the length of the moving-average window that separates noise from motion [samples]."""
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     return max(1, min(max(AVERAGE_SAMPLES, round(AVERAGE / step)), len(time) // 4))
 
 
 def mean(values: Sequence[float]) -> float:
-    """The mean, inf where there is none."""
+    """Return the mean, inf without values."""
     return math.fsum(values) / len(values) if values else math.inf

@@ -1,4 +1,4 @@
-"""What `tune` says and leaves behind: a table, and a YAML with comments for the node."""
+"""The output of `tune`: a table, and a commented YAML for the node."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import Any
 from estimator_pkg import params_file, streams, yaml_text
 from estimator_pkg.evaluation.text import number, table
 from estimator_pkg.evaluation.tuning.bar import written
-from estimator_pkg.evaluation.tuning.wishes import Wishes, single
+from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
 from estimator_pkg.printable import printable
 from estimator_pkg.yaml_text import scalar
 
-WORSE = 'on what was held out these gains are no better than the defaults: keep the defaults'
+WORSE = 'on held-out data these gains do not beat the defaults: keep the defaults'
 HEADER = ('joint', '', 'gains', 'error rad/s', 'delay ms', 'noise rad/s', 'cost')
 
 
 def worse(each: Mapping[str, Any]) -> bool:
-    """True if the gains found do worse than the defaults where the search did not look."""
+    """Return True if the gains do worse than the defaults on held-out data."""
     best, default = each['best'], each['default']
     return default is not None and (best is None or best['cost'] > default['cost'])
 
 
 def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The gains by the node's parameter names: common ones, and ``per_joint.<joint>.<gain>``."""
+    """Return the gains by the node's parameter names: ``<gain>`` or ``per_joint.<joint>.<gain>``."""
     found: dict[str, Any] = {}
     for each in tuned:
         prefix = f'{params_file.OVERRIDES}.{each["joint"]}.' if each['joint'] else ''
@@ -33,24 +33,27 @@ def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def rounded(value: Any) -> Any:
-    """A gain with the digits that it deserves."""
+    """Return a gain rounded to six digits."""
     return value if isinstance(value, str) else float(f'{value:.6g}')
 
 
 def as_yaml(
-    wishes: Wishes, held: Mapping[str, Any], tuned: Sequence[Mapping[str, Any]], held_out: float
+    tuning: TuneSettings,
+    held: Mapping[str, Any],
+    tuned: Sequence[Mapping[str, Any]],
+    held_out: float,
 ) -> str:
-    """A parameter file for the observer's node, which says where its numbers come from.
+    """Return a parameter file for the observer's node, with comments on the tuning.
 
     Parameters
     ----------
-    held : parameters that were held, and hold for the node too.
-    tuned : results of `seek.seek`; one without a joint holds for all of them.
+    held : fixed parameters, which the node needs too.
+    tuned : results of `seek.seek`; one without a joint applies to all of them.
     """
-    observer = wishes.entry.observer
+    observer = tuning.entry.observer
     stream = streams.of_observer(observer)
     about = [
-        f'Gains of {observer}, tuned from data (preference: {wishes.preference}).',
+        f'Gains of {observer}, tuned from data (preference: {tuning.preference}).',
         f'For the node {stream.NODE}: --ros-args --params-file THIS_FILE',
     ]
     for each in tuned:
@@ -70,7 +73,7 @@ def as_yaml(
             lines.append(f'    {yaml_text.key(params_file.OVERRIDES + "." + each["joint"])}:')
             indent = '      '
         lines += [
-            f'{indent}{name}: {scalar(rounded(value))}{_about(wishes.gains[name])}'
+            f'{indent}{name}: {scalar(rounded(value))}{_about(tuning.gains[name])}'
             for name, value in each['gains'].items()
         ]
     return '\n'.join(lines) + '\n'
@@ -91,11 +94,11 @@ def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
     of = f'Joint {each["joint"]}' if each['joint'] else f'Joints {", ".join(each["joints"])}'
     lines = [f'{of}, from', *(f'  {bag}' for bag in each['bags'])]
     if each['judged_on']:
-        where = 'recordings that the search did not see'
+        where = 'recordings that the search did not use'
     elif each['held_out']:
-        where = f'the last {held_out:.0%} of each record, which the search did not see'
+        where = f'the last {held_out:.0%} of each record, which the search did not use'
     else:
-        where = 'the data they were tuned on'
+        where = 'the data of the search'
     lines.append(
         f'{each["evaluations"]} trials'
         + (', interrupted' if each['interrupted'] else '')
@@ -104,14 +107,13 @@ def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
     lines += [f'  {bag}' for bag in each['judged_on']]
     for label, result in (('these gains', each['best']), ('the defaults', each['default'])):
         if result is None:
-            lines.append(f'  {label}: cannot work on it')
+            lines.append(f'  {label}: do not work on it')
             continue
         lines.append(f'  {label}: {_expected(result)}')
         if len(result['by_joint']) > 1:
             lines += [f'    {joint}: {_expected(one)}' for joint, one in result['by_joint'].items()]
     lines += [
-        f"'{name}' changes nothing in these bags and is left at its default."
-        for name in each['idle']
+        f"'{name}' has no effect in these bags and stays at its default." for name in each['idle']
     ]
     if worse(each):
         lines.append(f'{WORSE[0].upper()}{WORSE[1:]}.')
@@ -126,7 +128,7 @@ def _expected(result: Mapping[str, Any]) -> str:
 
 
 def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> str:
-    """What was found, before and after, on what was held out."""
+    """Return the results as text: gains, default and tuned errors, on held-out data."""
     rows = []
     for each in tuned:
         for label, gains, result in (
@@ -146,11 +148,11 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
             )
             rows.append((each['joint'] or 'all joints', label, text, *cells))
     if all(each['judged_on'] for each in tuned):
-        judged = 'the recordings named with --judge'
+        judged = 'the recordings of --judge'
     elif all(each['held_out'] for each in tuned):
-        judged = 'the part held out'
+        judged = 'held-out data'
     else:
-        judged = 'the part that was tuned on: nothing was held out'
+        judged = 'the data of the search: nothing was held out'
     lines = [
         f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials',
         *table(HEADER, rows, left=3).split('\n'),
@@ -158,7 +160,7 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
     for each in tuned:
         of = each['joint'] or 'all joints'
         lines += [
-            f"{of}: '{name}' changes nothing in these bags and is left at its default"
+            f"{of}: '{name}' has no effect in these bags and stays at its default"
             for name in each['idle']
         ]
         if worse(each):

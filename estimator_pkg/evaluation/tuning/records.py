@@ -1,4 +1,4 @@
-"""The bags to tune on: parts that the search sees, and parts that it does not."""
+"""The bags for tuning: parts for the search, and held-out parts."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
 
-SHORTEST = 20  # samples of a part with a truth, below which it says nothing
+SHORTEST = 20  # smallest number of samples of a part with a truth
 
 
 @dataclass(frozen=True)
 class Record:
-    """What can have gains of its own in a bag: a joint, or the joints estimated together.
+    """A part of a bag that can have its own gains: a joint, or joints estimated together.
 
-    label : the joint; '' where there is no choice. seen : what the gains are sought on. held_out :
-    what they are judged on. uncertainty : what the reference itself may be wrong by [rad/s], by
-    joint. origin : 'sensor' or 'smoother', by joint.
+    label : the joint; '' if there is no choice. seen : data of the search. held_out : data for
+    validation. uncertainty : the reference's own error [rad/s], by joint. origin : 'sensor' or
+    'smoother', by joint.
     """
 
     bag: str
@@ -41,34 +41,34 @@ class Record:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Those that are judged."""
+        """The evaluated joints."""
         return tuple(self.seen.known)
 
 
 def records(
     path: str, entry: Entry, options: Options, held_out: float, joints: Sequence[str] = ()
 ) -> list[Record]:
-    """What of a bag the observer can be tuned on.
+    """Return the records of a bag on which the observer can be tuned.
 
     Parameters
     ----------
-    held_out : part of each record, at its end, that the search does not see.
-    joints : these alone; empty: all that have a truth.
+    held_out : fraction at the end of each record that the search does not use.
+    joints : only these; empty: all with a truth.
 
     Raises
     ------
-    UserError, UsageError : the bag lacks what the observer needs, a parameter is wrong, no truth
-        and too little to make a reference from.
+    UserError, UsageError : the bag lacks an input of the observer, a parameter is wrong, or there
+        is no truth and too little data for an off-line reference.
     """
     with open_bag(path, options.unpack_limit) as bag:
         measurement = measured(bag, options)
         whole = recording(entry, bag, measurement, options)
         true = truth(bag, path, measurement, options)
-    apart = whole.apart()
+    apart = whole.by_joint()
     if '' not in apart:
         check_common(path, entry.observer, apart, true)
     if joints and set(apart) == {''}:
-        raise UsageError(f"--joint: '{entry.observer}' estimates its joints together")
+        raise UsageError(f"--joint: '{entry.observer}' estimates its joints together: omit --joint")
     for name in joints:
         if name not in apart:
             raise UserError(f"{path}: no joint '{name}'; it has {', '.join(sorted(apart))}")
@@ -94,7 +94,9 @@ def records(
             )
         )
     if not found:
-        raise UserError(f'{path}: too few samples with a truth to tune on (fewer than {SHORTEST})')
+        raise UserError(
+            f'{path} has fewer than {SHORTEST} samples with a truth, too few for tuning'
+        )
     return found
 
 
@@ -105,11 +107,11 @@ def _part(
     options: Options,
     after: Part | None = None,
 ) -> Part | None:
-    """The part with its truth; None if that is too little.
+    """Return the part with its truth; None for too few samples.
 
     Parameters
     ----------
-    after : what the search sees: its samples do not count, although the observer may run through
+    after : the data of the search: its samples do not count, although the observer may run through
         them first.
     """
     if not part.size():

@@ -1,10 +1,10 @@
-"""The search for gains: Optuna keeps and suggests the trials, batch by batch.
+"""The search for gains: Optuna suggests and stores the trials, batch by batch.
 
-Suggestions are asked for in batches of a fixed size and told in their order, so that the result
-depends on the seed and not on how many workers there are. The first batch holds the defaults, the
-defaults with one gain changed after the other (which shows what each gain does), and points spread
-evenly over the space; later ones are half suggested by Optuna's sampler and half from the bottom of
-a parabola through the best trials, which is what makes few trials enough.
+Trials run in batches of a fixed size and are recorded in a fixed order, so the result depends on
+the seed and not on the number of workers. The first batch contains the defaults, the defaults with
+one gain changed at a time (which shows the effect of each gain), and points spread evenly over the
+space. Later batches come half from Optuna's sampler and half from the minimum of a parabola through
+the best trials, which makes few trials sufficient.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ import numpy as np
 from estimator_pkg import interrupts
 from estimator_pkg.evaluation.tuning.study import BATCH, Dimension, Study, Trial, Value
 
-SPREAD = 2  # batches that look everywhere, before the parabola
-NEAREST = 10  # trials that the parabola goes through, at least
+SPREAD = 2  # batches of evenly spread points, before the parabola
+NEAREST = 10  # smallest number of trials for the parabola
 GOLDEN = 0.6180339887498949
 
 
 @dataclass
 class Search:
-    """All trials in their order, and the best of them.
+    """All trials in order, and the best of them.
 
-    asked : how many of them are of this run; a stored study brings earlier ones.
-    idle : the gains that change nothing; they are not sought any further.
+    asked : number of trials of this run; a stored study has earlier ones.
+    idle : gains without effect; they are no longer searched.
     """
 
     trials: list[Trial] = field(default_factory=list)
@@ -39,7 +39,7 @@ class Search:
 
     @property
     def best(self) -> Trial | None:
-        """The cheapest; None if none works."""
+        """The trial with the lowest cost; None if none works."""
         working = [trial for trial in self.trials if math.isfinite(trial.cost)]
         return min(working, key=lambda trial: trial.cost) if working else None
 
@@ -52,21 +52,21 @@ def search(
     seed: int = 0,
     storage: str | None = None,
     name: str = 'velocity_estimator',
-    told: Callable[[int, Search], None] = lambda count, so_far: None,
+    report: Callable[[int, Search], None] = lambda count, so_far: None,
     about: str = '',
     same: Callable[[Trial, Trial], bool] = lambda one, other: False,
 ) -> Search:
-    """Seeks the gains of the lowest cost.
+    """Search the gains with the lowest cost.
 
     Parameters
     ----------
-    start : the gains to begin with.
+    start : start values of the gains.
     judge : a batch of gains -> (cost, details) of each, in the same order.
-    trials : how many at most.
-    storage : of Optuna, a URL; None: in memory. An existing study of this name goes on.
-    told : called after each batch with how many were new.
-    about : what the costs depend on beside the gains; a study of something else is not gone on.
-    same : whether two trials gave the same. A gain that changes nothing at the start is dropped.
+    trials : largest number of trials.
+    storage : of Optuna, a URL; None: in memory. An existing study of this name continues.
+    report : called after each batch with the number of new trials.
+    about : everything else that the costs depend on; a study of something else does not continue.
+    same : whether two trials gave the same. A gain without effect at the start is dropped.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def search(
             points: list[dict[str, Value]] = []
             if number == 0:
                 points = _first(dimensions, start)[:size]
-            if number < SPREAD:  # a study that goes on has had these
+            if number < SPREAD:  # a study that continues has these already
                 while len(points) < size:
                     points.append(_even(dimensions, offsets, number * BATCH + len(points)))
             else:
@@ -104,8 +104,8 @@ def search(
                 offsets = offsets[: len(dimensions)]
             found.asked += size
             number += 1
-            told(size, found)
-            if interrupts.came():  # an exception may be lost where something is tidied up
+            report(size, found)
+            if interrupts.came():  # an exception may be lost during clean-up
                 raise KeyboardInterrupt
     except KeyboardInterrupt:
         found.interrupted = True
@@ -113,7 +113,7 @@ def search(
 
 
 def _first(dimensions: Sequence[Dimension], start: Mapping[str, Value]) -> list[dict[str, Value]]:
-    """The start, and the start with one gain changed after the other where there are several."""
+    """Return the start, and, for several gains, the start with one gain changed at a time."""
     begin = {each.name: start[each.name] for each in dimensions}
     if len(dimensions) == 1:
         return [begin]
@@ -123,7 +123,7 @@ def _first(dimensions: Sequence[Dimension], start: Mapping[str, Value]) -> list[
 def _idle(
     dimensions: Sequence[Dimension], batch: Sequence[Trial], same: Callable[[Trial, Trial], bool]
 ) -> list[str]:
-    """The gains that changed nothing when they were changed alone; none if that holds for all."""
+    """Return the gains that had no effect when changed alone; none if that is true of all."""
     if len(dimensions) == 1:
         return []
     found = [each.name for each, trial in zip(dimensions, batch[1:]) if same(batch[0], trial)]
@@ -131,7 +131,7 @@ def _idle(
 
 
 def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> dict[str, Value]:
-    """The n-th of points that fill the space evenly (an additive recurrence)."""
+    """Return the n-th of points that fill the space evenly (an additive recurrence)."""
     ratio = 2.0
     for _ in range(30):  # the root of x^(d+1) = x + 1
         ratio = (1.0 + ratio) ** (1.0 / (len(dimensions) + 1))
@@ -142,7 +142,7 @@ def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> 
 def _parabola(
     dimensions: Sequence[Dimension], found: Search, count: int, number: int, seed: int
 ) -> list[dict[str, Value]]:
-    """Points at and around the lowest of a parabola through the best trials."""
+    """Return points at and around the minimum of a parabola through the best trials."""
     working = sorted(
         (trial for trial in found.trials if math.isfinite(trial.cost)), key=lambda trial: trial.cost
     )

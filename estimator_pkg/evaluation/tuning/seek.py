@@ -1,4 +1,4 @@
-"""The best gains for a group of records, and how they do on what the search did not see."""
+"""Find the best gains for a group of records, and validate them on held-out data."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from estimator_pkg.evaluation.tuning.objective import (
 )
 from estimator_pkg.evaluation.tuning.records import Record
 from estimator_pkg.evaluation.tuning.search import Search, search
+from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.evaluation.tuning.study import Trial, Value
-from estimator_pkg.evaluation.tuning.wishes import Wishes
 from estimator_pkg.evaluation.workers import Map
 
-COMPILE_FROM = 400_000  # samples over all trials from which compiling pays
-SAME = 1e-6  # errors this close are equal [part, or rad/s]
+COMPILE_FROM = 400_000  # number of samples over all trials from which compiling pays
+SAME = 1e-6  # errors this close are equal [relative, or rad/s]
 
 Details = Sequence[Results | None]  # of a trial, by part
 
@@ -39,26 +39,26 @@ def seek(
     joint: str,
     chosen: Sequence[Record],
     judged: Sequence[Record],
-    wishes: Wishes,
+    tuning: TuneSettings,
     trials: int,
     seed: int,
     storage: str | None,
     study: str,
     run_many: Map,
 ) -> dict[str, Any]:
-    """The best gains for these records, as a dictionary for output and JSON.
+    """Return the best gains for these records, as a dictionary for output and JSON.
 
     Parameters
     ----------
-    joint : whose gains these are; '' : of all.
-    judged : records that the search does not see; empty: what is held out of those chosen.
+    joint : the joint of these gains; '' : all.
+    judged : records for validation; empty: the held-out parts of those chosen.
     study : its name in the storage.
 
     Raises
     ------
-    UserError : no gains work; the reference is too coarse to judge; a gain changes nothing.
+    UserError : no gains work; the reference is too inaccurate; no gain has an effect.
     """
-    observer, weights = wishes.entry.observer, wishes.weights
+    observer, weights = tuning.entry.observer, tuning.weights
     seen = [record.seen for record in chosen]
     fast = sum(part.recording.size() for part in seen) * trials >= COMPILE_FROM
     first = list(run_many(measure, [(part, observer, {}, fast) for part in seen]))
@@ -80,17 +80,17 @@ def seek(
             judged_.append((_total(details, seen, weights, units), details))
         return judged_
 
-    with bar(f'{observer} {joint}'.strip(), trials) as told:
+    with bar(f'{observer} {joint}'.strip(), trials) as report:
         found = search(
-            wishes.dimensions,
-            wishes.start(),
+            tuning.dimensions,
+            tuning.start(),
             judge,
             trials,
             seed,
             storage,
             study,
-            told,
-            about=_about(chosen, wishes),
+            report,
+            about=_about(chosen, tuning),
             same=_same,
         )
     best = found.best
@@ -98,11 +98,11 @@ def seek(
         if found.interrupted:
             raise KeyboardInterrupt
         raise UserError(
-            f"no gains of '{observer}' within the search work on these bags: widen "
-            '--search, or look at the sample rate'
+            f"no gains of '{observer}' in the search ranges work on these bags: widen "
+            '--search, or check the sample rate'
         )
-    interrupts.finish()  # judging takes as long as one trial
-    _check_effect(found, wishes)
+    interrupts.finish()  # validation takes as long as one trial
+    _check_effect(found, tuning)
     idle = found.idle
     gains = {name: value for name, value in best.values.items() if name not in idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
@@ -118,7 +118,7 @@ def seek(
         'joint': joint,
         'gains': gains,
         'default_gains': {
-            name: value for name, value in wishes.defaults().items() if name not in idle
+            name: value for name, value in tuning.defaults().items() if name not in idle
         },
         'idle': idle,
         'default_point': points[0],
@@ -137,18 +137,18 @@ def seek(
     }
 
 
-def _about(chosen: Sequence[Record], wishes: Wishes) -> str:
-    """What the costs depend on beside the gains, for a storage that keeps them."""
+def _about(chosen: Sequence[Record], tuning: TuneSettings) -> str:
+    """Return everything but the gains that the costs depend on, for a storage."""
     parts = [f'{record.bag}:{record.label}:{record.seen.recording.size()}' for record in chosen]
     return (
-        f'{wishes.entry.observer} {sorted(wishes.held.items())} {wishes.weights} {" ".join(parts)}'
+        f'{tuning.entry.observer} {sorted(tuning.held.items())} {tuning.weights} {" ".join(parts)}'
     )
 
 
 def _total(
     results: Details, parts: Sequence[Part], weights: Weights, units: Sequence[Mapping[str, float]]
 ) -> float:
-    """The mean over records and joints of the cost in units of the defaults'; inf where one
+    """Return the mean over records and joints of the cost over that of the defaults; inf if one
     fails.
     """
     return mean(
@@ -161,7 +161,7 @@ def _total(
 
 
 def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[str, Any] | None:
-    """Error, delay, noise and cost over all parts and joints, and by joint."""
+    """Return error, delay, noise and cost over all parts and joints, and by joint."""
     if any(result is None for result in results):
         return None
     by_joint: dict[str, list[tuple[Any, float]]] = {}
@@ -185,9 +185,9 @@ def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
 
 
 def _points(trials: Sequence[Details | None]) -> list[tuple[float, float] | None]:
-    """(delay, noise) of each over its records; None where it does not tell.
+    """Return (delay, noise) of each trial over its records; None without a delay.
 
-    A record that never tells a delay (constant speed) is left out.
+    A record that never has a delay (constant speed) is ignored.
     """
     every = [_flat(details) for details in trials]
     delays = np.array([[abs(one.delay) for one in results] for results in every if results])
@@ -203,7 +203,7 @@ def _points(trials: Sequence[Details | None]) -> list[tuple[float, float] | None
 
 
 def _flat(details: Details | None) -> list[Result]:
-    """The results of all records and joints; none where one is missing."""
+    """Return the results of all records and joints; none if one is missing."""
     if not details or None in details:
         return []
     return [one for result in details if result is not None for one in result.values()]
@@ -225,11 +225,11 @@ def _check_reference(chosen: Sequence[Record], results: Details) -> None:
                 )
 
 
-def _check_effect(found: Search, wishes: Wishes) -> None:
+def _check_effect(found: Search, tuning: TuneSettings) -> None:
     """Raises UserError if the gains were varied and the data never felt it."""
     working = [trial for trial in found.trials if _works(trial)]
     if len(working) >= 3 and _alike(working):
-        names = ' nor '.join(f"'{each.name}'" for each in wishes.dimensions)
+        names = ' nor '.join(f"'{each.name}'" for each in tuning.dimensions)
         raise UserError(
             f'nothing in these bags depends on {names}: hold it with --set, or tune '
             'on a bag with motion'
@@ -245,7 +245,7 @@ def _works(trial: Trial) -> bool:
 
 
 def _alike(trials: Sequence[Trial]) -> bool:
-    """True if these trials gave the same errors."""
+    """Return True if these trials gave the same errors."""
     errors = np.array(
         [[one.error for result in trial.details for one in result.values()] for trial in trials]
     )

@@ -1,4 +1,4 @@
-"""What is asked of the tuner, checked: whose gains, between which values, and what counts."""
+"""The checked settings of a tuning run: observer, search ranges, and weights."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from estimator_pkg import observers
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.evaluation.compare import asked
+from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
 from estimator_pkg.evaluation.tuning.study import Dimension, Value
@@ -20,11 +20,11 @@ WRAP_PERIOD = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """Whose gains are sought, and what counts.
+class TuneSettings:
+    """Observer, search ranges, and weights of a tuning run.
 
-    entry : the observer with what is held. weights : of error, delay and noise. preference : the
-    same in words. dimensions : what is sought.
+    entry : the observer with its fixed parameters. weights : of error, delay, noise. preference :
+    the name of the weights. dimensions : the searched gains.
     """
 
     entry: Entry
@@ -34,7 +34,7 @@ class Wishes:
 
     @property
     def held(self) -> dict[str, Any]:
-        """The parameters that are held."""
+        """The fixed parameters."""
         return dict(self.entry.values)
 
     @property
@@ -43,7 +43,7 @@ class Wishes:
         return declared(observers.find(self.entry.observer).gains)
 
     def start(self) -> dict[str, Value]:
-        """Where to begin: at the defaults within the search, in its middle where there is none."""
+        """Return the start values: the defaults if inside the range, else its middle."""
         found: dict[str, Value] = {}
         for each in self.dimensions:
             default = single(self.gains[each.name].default)
@@ -56,37 +56,37 @@ class Wishes:
         return found
 
     def defaults(self) -> dict[str, Value | None]:
-        """The defaults of what is sought; None: it follows from other parameters."""
+        """Return the defaults of the searched gains; None: computed from other parameters."""
         return {each.name: single(self.gains[each.name].default) for each in self.dimensions}
 
 
 def single(default: Any) -> Any:
-    """A default as what is sought: of a list with one number for all, that number."""
+    """Return a default as a search value: for a list of equal numbers, that number."""
     if isinstance(default, (list, tuple)):
         return float(default[0]) if len(set(default)) == 1 else None
     return default if default is None or isinstance(default, str) else float(default)
 
 
-def wishes(parsed: argparse.Namespace) -> Wishes:
-    """The arguments of the command, checked; raises UsageError."""
+def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
+    """Return the checked arguments of the command; raise UsageError."""
     if bool(parsed.bags) == (parsed.live is not None):
-        raise UsageError('name bags, or --live SECONDS without bags')
+        raise UsageError('give either bags or --live SECONDS')
     if parsed.live is not None and not 1.0 <= parsed.live < math.inf:
-        raise UsageError('--live must be 1 s or more')
+        raise UsageError(f'--live is {parsed.live:g} s: it must be 1 or more')
     if not 0.0 <= parsed.held_out < 0.9:
-        raise UsageError('--held-out must be a part from 0 to 0.9')
+        raise UsageError(f'--held-out is {parsed.held_out:g}: it must be from 0 to below 0.9')
     if parsed.trials < 1:
-        raise UsageError('--trials must be 1 or more')
+        raise UsageError(f'--trials is {parsed.trials}: it must be 1 or more')
     if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
-        raise UsageError('--wrap-period must be an angle of 0 or more')
-    if parsed.observer == asked.ALL:
-        raise UsageError('--observer: name one observer')
-    (entry,) = asked.entries([parsed.observer], parsed.params, parsed.set)
+        raise UsageError(f'--wrap-period is {parsed.wrap_period:g} rad: it must be 0 or more')
+    if parsed.observer == requested.ALL:
+        raise UsageError("--observer is 'all', but tuning needs one: name it")
+    (entry,) = requested.entries([parsed.observer], parsed.params, parsed.set)
     known = declared(observers.find(entry.observer).gains)
     for name, value in entry.values:
         if name in known:
             known[name].check(value)
-    return Wishes(
+    return TuneSettings(
         entry,
         _weights(parsed),
         f'weights {parsed.weights}' if parsed.weights else parsed.prefer,
@@ -119,7 +119,7 @@ def _dimensions(
                 raise UsageError(
                     f"unknown parameter '{name}' of {observer}: {suggestion(name, known)}"
                 )
-            found[name] = _asked(known[name], ends, text)
+            found[name] = _searched(known[name], ends, text)
     else:
         found = {
             name: Dimension(name, *(each.search or (0.0, 1.0)), each.among)
@@ -129,28 +129,28 @@ def _dimensions(
     found = {name: each for name, each in found.items() if name not in held}
     if not found:
         raise UsageError(
-            f"nothing to seek: '{observer}' names no gains for it, or --set and "
-            '--params hold them all; name some with --search'
+            f"nothing to search: '{observer}' has no search ranges, or --set and "
+            '--params fix all its gains; add one with --search'
         )
     return tuple(found.values())
 
 
-def _asked(parameter: Parameter, ends: str, text: str) -> Dimension:
-    """What the user says."""
+def _searched(parameter: Parameter, ends: str, text: str) -> Dimension:
+    """Return the dimension that the user requests."""
     if parameter.kind is str:
         choices = tuple(parameter.check(choice) for choice in ends.split('|'))
         if len(choices) < 2:
-            raise UsageError(f"--search '{text}' is not of the form NAME=ONE|OTHER")
+            raise UsageError(f"--search '{text}' is invalid: write it as NAME=ONE|OTHER")
         return Dimension(parameter.name, choices=choices)
     if parameter.kind not in (float, list):
-        raise UsageError(f"--search '{text}': only numbers and choices can be sought")
+        raise UsageError(f"--search '{text}': choose a gain that is a number or a choice")
     low, colon, high = ends.partition(':')
     try:
         bounds = float(low), float(high)
     except ValueError:
         bounds = (math.nan, math.nan)
     if not colon or not -math.inf < bounds[0] < bounds[1] < math.inf:
-        raise UsageError(f"--search '{text}' is not of the form GAIN=LOW:HIGH")
+        raise UsageError(f"--search '{text}' is invalid: write it as GAIN=LOW:HIGH")
     for value in bounds:
         parameter.check(value)
     return Dimension(parameter.name, *bounds)

@@ -1,4 +1,4 @@
-"""What is sought, and the Optuna study that keeps and suggests the trials."""
+"""The searched gains, and the Optuna study that stores and suggests the trials."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.optional import needs
 
 BATCH = 8
-ELSEWHERE = 0.3  # of the range, how far a gain is changed to see what it does
+ELSEWHERE = 0.3  # change of a gain that shows its effect, as a fraction of its range
 
 ABOUT = 'about'
-ATTEMPTS, PAUSE = 4, 0.4  # to open a storage, [s] in between
+ATTEMPTS, PAUSE = 4, 0.4  # attempts to open a storage, pause between them [s]
 
 T = TypeVar('T')
 Value = float | str
@@ -24,9 +24,9 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Dimension:
-    """A gain that is sought between two values, on a logarithmic scale where both are positive.
+    """A gain with its search range, on a logarithmic scale if both ends are positive.
 
-    choices : what is sought among instead, in an order in which neighbours are alike.
+    choices : values to choose from instead, in an order in which neighbours are similar.
     """
 
     name: str
@@ -36,11 +36,11 @@ class Dimension:
 
     @property
     def logarithmic(self) -> bool:
-        """True if ratios count, not differences."""
+        """True for a logarithmic scale."""
         return self.low > 0.0
 
     def value(self, part: float) -> Value:
-        """The gain at a place in [0, 1]."""
+        """Return the gain at a place in [0, 1]."""
         part = min(max(part, 0.0), 1.0)
         if self.choices:
             return self.choices[min(int(part * len(self.choices)), len(self.choices) - 1)]
@@ -49,7 +49,7 @@ class Dimension:
         return self.low + part * (self.high - self.low)
 
     def place(self, value: Value) -> float:
-        """Where in [0, 1] a gain lies."""
+        """Return the place of a gain in [0, 1]."""
         if isinstance(value, str):
             return (self.choices.index(value) + 0.5) / len(self.choices)
         if self.logarithmic:
@@ -57,14 +57,14 @@ class Dimension:
         return (value - self.low) / (self.high - self.low)
 
     def elsewhere(self, value: Value) -> Value:
-        """A gain well apart from this one."""
+        """Return a gain at a distance of `ELSEWHERE` from this one."""
         place = self.place(value)
         return self.value(place + ELSEWHERE if place + ELSEWHERE <= 1.0 else place - ELSEWHERE)
 
 
 @dataclass
 class Trial:
-    """Gains that were tried; cost inf where they cannot work."""
+    """The gains of a trial and its cost, inf if they do not work."""
 
     values: dict[str, Value]
     cost: float
@@ -76,13 +76,13 @@ class Study:
 
     Parameters
     ----------
-    storage : a URL; None: in memory. A study of this name that is there goes on.
-    about : what the costs depend on beside the gains.
+    storage : a URL; None: in memory. An existing study of this name continues.
+    about : everything but the gains that the costs depend on.
 
     Raises
     ------
     UserError : Optuna is missing, the storage cannot be used, now or later, or its study of this
-        name is about something else.
+        name has other data.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Study:
         self._distributions = {each.name: _distribution(each) for each in dimensions}
         self._failed = optuna.trial.TrialState.FAIL
         with warnings.catch_warnings():
-            warnings.simplefilter('ignore')  # that options are called experimental
+            warnings.simplefilter('ignore')  # about experimental options
             self._sampler = optuna.samplers.TPESampler(
                 seed=seed,
                 multivariate=len(dimensions) > 1,
@@ -120,16 +120,16 @@ class Study:
             self._guarded(lambda: self._study.set_user_attr(ABOUT, about))
         elif before != about:
             raise UserError(
-                f"the study '{name}' in '{storage}' is of other data, another observer "
-                'or other wishes: name another one with --study'
+                f"the study '{name}' in '{storage}' has other data, another observer "
+                'or other settings: choose another name with --study'
             )
 
     def _opened(self, call: Callable[[], T]) -> T:
-        """Processes that begin together may all be about to make the tables of the storage."""
+        """Retry `call`: processes that start together may all create the storage's tables."""
         for _ in range(ATTEMPTS - 1):
             try:
                 return call()
-            except Exception:  # as below; the last attempt says what is wrong
+            except Exception:  # as below; the last attempt reports the reason
                 time.sleep(PAUSE)
         return self._guarded(call)
 
@@ -144,7 +144,7 @@ class Study:
             ) from error
 
     def earlier(self) -> list[Trial]:
-        """Trials of the same gains that the storage has."""
+        """Return the stored trials of the same gains."""
         known = self._guarded(lambda: self._study.get_trials(deepcopy=False))
         return [
             Trial(self._values(trial.params), float(trial.value))
@@ -155,7 +155,7 @@ class Study:
         ]
 
     def leave_out(self, names: Sequence[str]) -> list[Dimension]:
-        """Seek these no longer; what is left."""
+        """Stop searching these gains; return the others."""
         self._dimensions = [each for each in self._dimensions if each.name not in names]
         self._distributions = {
             each.name: self._distributions[each.name] for each in self._dimensions
@@ -165,14 +165,14 @@ class Study:
     def ask(
         self, points: Sequence[Mapping[str, Value]], more: int
     ) -> list[tuple[Any, dict[str, Value]]]:
-        """(trial, gains) of these points, and of so many more that the sampler suggests.
+        """Return (trial, gains) of these points, and of `more` points from the sampler.
 
         The points are not queued in the study: another process that shares it would take them.
         """
         trials = []
         for point in points:
             with warnings.catch_warnings():
-                warnings.simplefilter('ignore')  # that it is called experimental
+                warnings.simplefilter('ignore')  # about an experimental sampler
                 self._study.sampler = self._fixed(dict(point), self._sampler)
             trials.append(self._guarded(lambda: self._study.ask(self._distributions)))
         self._study.sampler = self._sampler
@@ -180,7 +180,7 @@ class Study:
         return [(trial, self._values(trial.params)) for trial in trials]
 
     def tell(self, trial: Any, cost: float) -> None:
-        """What a trial came to; infinite: it failed."""
+        """Record the cost of a trial; infinite: it failed."""
         if math.isfinite(cost):
             self._guarded(lambda: self._study.tell(trial, cost))
         else:

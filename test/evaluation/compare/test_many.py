@@ -66,7 +66,7 @@ def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys,
     )
     warned = capsys.readouterr().err.splitlines()
     bad = [str(mixed / 'short'), str(mixed / 'torn')]
-    assert [line.split()[1] for line in warned if 'is left out' in line] == bad
+    assert [line.split()[1] for line in warned if 'is skipped' in line] == bad
     found = json.loads(result.read_text())
     assert list(found['bags']) == [str(mixed / 'good')]
     assert list(found['left_out']) == bad
@@ -93,18 +93,18 @@ def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys,
     )
     found = json.loads(result.read_text())
     assert found['tuned'][0]['bags'] == [str(mixed / 'good')]
-    assert 'too few samples' in found['left_out'][str(mixed / 'short')]
+    assert 'too few for tuning' in found['left_out'][str(mixed / 'short')]
 
 
 def test_a_bag_that_was_named_is_judged_or_the_command_fails(mixed, tmp_path, capsys):
     words = ['--observer', 'pll', '--out', str(tmp_path / 'gains.yaml')]
     short = str(mixed / 'short')
     assert main(['tune', str(mixed), short, *words]) == 1
-    assert 'too few samples' in capsys.readouterr().err.splitlines()[-1]
+    assert 'too few for tuning' in capsys.readouterr().err.splitlines()[-1]
     assert main(['evaluate', str(mixed), short, '--observer', 'pll']) == 1
     for name in ('good', 'torn'):
         shutil.rmtree(mixed / name)
     assert main(['tune', str(mixed), *words]) == 1
     said = capsys.readouterr().err.strip().splitlines()
-    assert said[-1].endswith(f'{mixed}: none of the bags in it can be judged')
+    assert said[-1].endswith(f'{mixed}: none of the bags in it can be evaluated (reasons above)')
     assert not (tmp_path / 'gains.yaml').exists()

@@ -10,7 +10,7 @@ from estimator_pkg.evaluation.compare.delay import delay
 from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.compare.matching import match, pieces
 from estimator_pkg.evaluation.reference import reference
-from estimator_pkg.evaluation.reference.doubt import noise
+from estimator_pkg.evaluation.reference.white_noise import noise
 from estimator_pkg.evaluation.text import error, fixed
 
 TURN = 2.0 * np.pi

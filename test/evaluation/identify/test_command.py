@@ -277,13 +277,13 @@ def test_recorded_joint_is_found_near_what_its_makers_say(tmp_path):
 @pytest.mark.parametrize(
     'words, message',
     [
-        (['--model', 'cart_pendulum'], 'name with --joint, once for each, those that are pendulum'),
+        (['--model', 'cart_pendulum'], 'with --joint, once for each of pendulum'),
         (['--model', 'cart_pendulum', '--joint', 'joint'], 'give --joint 2 times, not 1'),
         (['--joint', 'jiont'], "did you mean 'joint'?"),
         (['--set', 'inertai=1'], "did you mean 'inertia'?"),
         (['--start', 'period=1'], "'period' of model 'single_joint' is not identified"),
-        (['--set', 'bias=0', '--start', 'bias=1'], 'both given and to be started from'),
-        (['--model', 'own_models:CartPendulum'], "give it an attribute 'parameters'"),
+        (['--set', 'bias=0', '--start', 'bias=1'], 'is in both --set and --start'),
+        (['--model', 'own_models:CartPendulum'], "add an attribute 'parameters'"),
         (['--model', 'own_models:Nothing'], "has no 'Nothing'"),
         (['--set', 'torque_constant=x'], 'must be a number'),
     ],
@@ -300,7 +300,7 @@ def test_wrong_use_is_told_in_one_line(recording, words, message, capsys):
     [
         ('simulated/sine_12bit', 'has no efforts'),
         ('dfki_double_pendulum/sys_id_500hz', 'has the joints shoulder, elbow'),
-        ('dfki_simple_pendulum/gravity_compensation_1000hz', 'do not belong together'),
+        ('dfki_simple_pendulum/gravity_compensation_1000hz', 'check the sign of the torque'),
     ],
 )
 def test_recordings_that_cannot_tell_are_refused_in_one_line(bag, message, capsys):
@@ -319,7 +319,7 @@ def test_a_joint_at_rest_tells_nothing(tmp_path, capsys):
     )
     capsys.readouterr()
     assert cli.main(['identify', str(bag)]) == 1
-    assert 'needs to move more' in capsys.readouterr().err
+    assert 'record more varied motion' in capsys.readouterr().err
 
 
 def test_nothing_is_overwritten(recording, tmp_path, capsys):

@@ -62,7 +62,7 @@ def test_the_page_is_small_and_stands_alone(page):
     assert '<script src' not in text and '<link rel' not in text
     assert 'gravity_compensation_1000hz' in text and 'finite_difference' in text
     assert 'name="viewport" content="width=device-width' in text  # phones
-    assert 'The truth of pendulum, held against the measured position: lag ' in text
+    assert 'The truth of pendulum, compared with the measured position: lag ' in text
 
 
 def test_many_bags_begin_with_one_table(page, tmp_path):
@@ -140,7 +140,7 @@ def test_in_a_browser_without_network(page):
             'velocity against',
             'error and 95 % band',
             'status',
-            'around the worst',
+            'around the largest error',
             'error against speed',
             'spectrum',
             'error / deviation',

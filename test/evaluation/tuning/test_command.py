@@ -342,7 +342,7 @@ def test_the_picture_shows_the_front_and_the_choice(tmp_path, monkeypatch):
     assert (tmp_path / 'front.png').read_bytes().startswith(b'\x89PNG')
     best = found['tuned'][0]['best']
     assert drawn['chosen'][0] == pytest.approx((best['delay_s'] * 1e3, best['noise']))
-    line = drawn['nothing is better in both']
+    line = drawn['Pareto front']
     assert len(line) > 2 and set(line) <= set(drawn['tried'])
     assert all(a[0] <= b[0] and a[1] > b[1] for a, b in itertools.pairwise(line))
     assert not any(x < best['delay_s'] * 1e3 - 1e-9 and y < best['noise'] - 1e-9 for x, y in line)
@@ -527,7 +527,7 @@ def test_other_errors(bag, tmp_path, capsys):
     assert "no joint 'knee'" in fails(capsys, bag, *out, '--joint', 'knee')
     assert 'does not exist' in fails(capsys, str(tmp_path / 'nowhere'), *out)
     (tmp_path / 'empty').mkdir()
-    assert 'no bag in this folder' in fails(capsys, str(tmp_path / 'empty'), *out)
+    assert 'contains no bag' in fails(capsys, str(tmp_path / 'empty'), *out)
     assert 'there is no folder' in fails(capsys, bag, '--observer', 'pll', '--out', '/no/g.yaml')
     assert 'is a folder' in fails(capsys, bag, '--observer', 'pll', '--out', str(tmp_path))
     assert 'there is no folder' in fails(capsys, bag, *out, '--plot', '/no/g.png')
@@ -571,7 +571,7 @@ def test_what_is_recorded_of_the_live_graph(words, topics, monkeypatch):
     command.arguments(parser)
     parsed = parser.parse_args(['--live', '2', '--observer', 'pll', '--out', 'g.yaml', *words])
     monkeypatch.setattr(command.live, 'recorded', lambda *arguments: arguments)
-    assert command._recorded(parsed, command.wishes(parsed)) == (
+    assert command._recorded(parsed, command.tuning(parsed)) == (
         topics,
         '/ground_truth/joint_states',
         2.0,

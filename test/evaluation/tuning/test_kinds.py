@@ -106,8 +106,8 @@ def test_gains_that_change_nothing_are_left_alone(pendulum, tmp_path, capsys):
     assert 'bandwidth_hz' not in values and values['disturbance_hz'] == pytest.approx(
         each['gains']['disturbance_hz'], rel=1e-5
     )
-    assert "'damping' changes nothing" in out.read_text()
-    assert "'damping' changes nothing" in capsys.readouterr().out
+    assert "'damping' has no effect" in out.read_text()
+    assert "'damping' has no effect" in capsys.readouterr().out
 
 
 def test_the_adaptive_node_takes_the_file_unchanged(probe, tmp_path):
@@ -364,7 +364,7 @@ def test_wrong_use(words, said, code, pendulum, tmp_path, capsys):
 
 
 def test_a_recording_cannot_judge_itself(pendulum, tmp_path, capsys):
-    assert 'the gains are sought on this recording' in fails(
+    assert 'the gains are tuned on this recording' in fails(
         capsys,
         pendulum,
         '--judge',

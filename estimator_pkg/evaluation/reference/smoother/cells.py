@@ -1,16 +1,16 @@
-"""Readings of a counter as what they are: cells, one quantum wide, in which the position lay.
+"""Readings of a counter as cells: intervals of one quantum in which the position was.
 
-Taken as a number with variance quantum^2/12, an unchanged reading is counted again and again, and
-the moment at which it changes, which is worth far more, counts no more than any other. Here each
-reading is the statement "within half a quantum of this, blurred by noise". Expectation propagation
-(Minka 2001; on a chain as by Heskes and Zoeter 2002) finds for each the Gaussian factor, its site,
-that gives the same mean and variance in the company of all others; the linear smoother then takes
-the sites in place of the readings. Where the motion passes many counts per sample, the sites come
-out as the usual quantum^2/12.
+As a number with variance quantum^2/12, an unchanged reading would count again and again, and the
+moment at which it changes, which is worth far more, no more than any other. Here each reading is
+the statement "within half a quantum of this, blurred by noise". Expectation propagation (Minka
+2001; on a chain as by Heskes and Zoeter 2002) finds a Gaussian factor for each, its site, that
+gives the same mean and variance together with all others. The linear smoother then uses the sites
+instead of the readings. Where the motion passes many counts per sample, the sites become the usual
+quantum^2/12.
 
 A site is (precision, pull), relative to the centre of its cell: exp(-precision u^2/2 + pull u).
-A message is a state of `smoother_steps` without the site of its own reading. The backward one is
-the filter of the reversed record, in which only the sign of the speed differs.
+A message is a state of `smoother.steps` without the site of its own reading. The backward message
+is the filter of the reversed record, in which only the sign of the speed differs.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from estimator_pkg.evaluation.reference.smoother.steps import predict
 
 Array = NDArray[np.float64]
 
-FAR = -20.0  # standard deviations outside the cell, beyond which a series is used
+FAR = -20.0  # beyond this many standard deviations outside the cell, a series is used
 ROOT_2 = math.sqrt(2.0)
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
-SURE = 1e-12  # part of a variance that is always left
+SURE = 1e-12  # smallest fraction of a variance that remains
 
 
 def site(mean: float, variance: float, half: float, noise: float) -> tuple[float, float, float]:
-    """(precision, pull, log of the probability) of a cell, met by a Gaussian.
+    """Return (precision, pull, log of the probability) of a cell for a Gaussian.
 
     Parameters
     ----------
-    mean, variance : of the Gaussian, from the centre of the cell.
-    half : half of the width of the cell; noise : one standard deviation of what blurs it.
+    mean, variance : of the Gaussian, relative to the centre of the cell.
+    half : half of the width of the cell; noise : standard deviation of its blur.
     """
     sign = 1.0 if mean >= 0.0 else -1.0
     spread = math.sqrt(variance + noise * noise)
@@ -61,7 +61,7 @@ def site(mean: float, variance: float, half: float, noise: float) -> tuple[float
 
 
 def _absorb(x: tuple, centre: float, precision: float, pull: float) -> tuple:
-    """The state after a site."""
+    """Return the state after a site."""
     q, v, a, p00, p01, p02, p11, p12, p22 = x
     kept = 1.0 / (1.0 + precision * p00)
     e = (pull + precision * (centre - q)) * kept
@@ -80,7 +80,7 @@ def _absorb(x: tuple, centre: float, precision: float, pull: float) -> tuple:
 
 
 def _together(x: tuple, y: tuple) -> tuple[float, float]:
-    """(mean, variance) of the position that the messages `x` and `y` agree on.
+    """Return (mean, variance) of the position from the messages `x` and `y` together.
 
     The variance is the first element of P_x (P_x + P_y)^-1 P_y; `y` is of the reversed record.
     """
@@ -103,7 +103,7 @@ def _together(x: tuple, y: tuple) -> tuple[float, float]:
 
 
 def _scale(mean: float, variance: float, precision: float, pull: float) -> float:
-    """Log of the integral of a Gaussian times a site."""
+    """Return the log of the integral of a Gaussian times a site."""
     grown = 1.0 + precision * variance
     return -0.5 * (
         math.log(grown)
@@ -114,7 +114,7 @@ def _scale(mean: float, variance: float, precision: float, pull: float) -> float
 def towards(
     x: tuple, steps: Array, centres: Array, jerk: float, sites: Array, messages: Array
 ) -> None:
-    """The messages of one way along a stretch, its sites left as they are."""
+    """Compute the messages of one direction along a stretch, with fixed sites."""
     for i in range(len(centres)):
         if i > 0:
             x = predict(x, steps[i], jerk)
@@ -134,9 +134,9 @@ def sweep(
     messages: Array,
     sites: Array,
 ) -> float:
-    """One way along a stretch: every site anew, from what the messages of the other way say.
+    """Update every site along one direction of a stretch, with the other direction's messages.
 
-    Returns the log of the probability of all readings, which is right once the sites stay.
+    Return the log of the probability of all readings, which is correct once the sites converged.
 
     Parameters
     ----------

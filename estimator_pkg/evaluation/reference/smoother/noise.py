@@ -1,4 +1,4 @@
-"""What the readings of a record most likely come from: their noise, and the jerk of the motion."""
+"""Estimate the noise of a record's readings and the jerk of its motion by maximum likelihood."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from estimator_pkg.evaluation.reference.smoother.steps import likelihood
 
 Array = NDArray[np.float64]
 
-STRETCH = 4000  # the likelihood is judged on stretches of so many readings,
-STRETCHES = 12  # at most so many of them, spread over the record
-RATIOS = (-16.0, 6.0)  # log10 of qc h^5 / r is sought between these
-TINY = 1e-10  # part of a large reading that its rounding may be,
-USUAL = 0.99  # which is larger than this part of all: wild ones tell nothing
-CELL_READINGS = 24_000  # the probability of cells is judged on about so many readings
-PLAIN_READINGS = 3_000  # (where nothing is compiled), in stretches of
-CELL_STRETCH = 1500  # so many or, if that is longer, of so many
+STRETCH = 4000  # the likelihood is evaluated on stretches of this many readings,
+STRETCHES = 12  # at most this many of them, evenly over the record
+RATIOS = (-16.0, 6.0)  # search range of log10 of qc h^5 / r
+TINY = 1e-10  # rounding error of a large reading, as a fraction of it,
+USUAL = 0.99  # where large is the reading above this fraction of all, to ignore outliers
+CELL_READINGS = 24_000  # the probability of cells is evaluated on about this many readings
+PLAIN_READINGS = 3_000  # (without compilation), in stretches of
+CELL_STRETCH = 1500  # this many readings or, if that is longer, with this many
 CHANGES = 20  # changes of the reading
-SOME = 3  # every so many of the stretches for the first look
+SOME = 3  # the first coarse search uses every third stretch
 COARSE = 4.0  # noise of more quanta than this hides the cells
-SHARP = 0.01  # part of a quantum by which the best of encoders blurs its edges
+SHARP = 0.01  # smallest blur of the cells' edges, in quanta
 BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, COARSE)
-STEEP = 9  # the jerk is sought so many decades above that of white noise at least
+STEEP = 9  # the search for the jerk covers this many decades below that of white noise
 
 
 class Noise(NamedTuple):
-    """What the readings are most likely to have come from.
+    """The most likely noise of the readings and jerk of the motion.
 
     reading : one standard deviation of a reading [rad].
     jerk : intensity of the white jerk [rad^2/s^5].
-    quantum : of the readings [rad]; 0: none seen.
-    at_floor : the quantisation explains all the noise there is.
-    blur : one standard deviation of what blurs the cells of a quantiser [rad]; nan: the readings
-        are taken as numbers with white noise.
+    quantum : of the readings [rad]; 0: not quantised.
+    at_floor : the quantisation explains all the noise.
+    blur : standard deviation of the blur of the cells [rad]; nan: the readings are numbers with
+        white noise.
     """
 
     reading: float
@@ -52,23 +52,23 @@ class Noise(NamedTuple):
 
     @property
     def cells(self) -> bool:
-        """Whether the readings are taken as cells."""
+        """True if the readings are cells."""
         return self.blur == self.blur
 
     @property
     def quantised(self) -> float:
-        """The part of a reading's variance that the quantisation explains."""
+        """Fraction of a reading's variance that the quantisation explains."""
         return min(1.0, self.quantum**2 / 12.0 / self.reading**2)
 
 
 def white(
     parts: list[Piece], readings: Array, period: float, reading: float | None = None
 ) -> Noise | None:
-    """Noise of the readings and intensity of the jerk by maximum innovation likelihood.
+    """Return reading noise and jerk intensity by maximum innovation likelihood, or None.
 
-    With all variances in units of that of the readings, the latter follows in closed form, so that
-    one search over the ratio of both is enough. Where it comes out below what the quantisation
-    gives, it is held there and the intensity alone is sought; a given `reading` is held likewise.
+    With all variances in units of the readings' one, the latter follows in closed form, so one
+    search over the ratio of both is enough. If it is below that of the quantisation, it is fixed
+    there and only the intensity is searched; a given `reading` is fixed likewise.
     """
     chosen = stretches(parts, STRETCH, STRETCHES)
     if not chosen:
@@ -109,12 +109,12 @@ def white(
 
 
 def in_cells(parts: list[Piece], rough: Noise) -> Noise:
-    """The same for readings as cells: blur and jerk of the highest probability of the readings.
+    """Return the same for readings as cells: the most probable blur and jerk.
 
     Parameters
     ----------
-    parts : with the middles of the cells, turns counted, as readings.
-    rough : what `white` found.
+    parts : with the unwrapped middles of the cells as readings.
+    rough : the result of `white`.
     """
     count = rough.quantum
     chosen = _telling(parts, count)
@@ -130,7 +130,7 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
             (unlikely(some, part * count, 10.0 ** (middle + up), 1), part, middle + up)
             for up in range(STEEP + 1)
         ]
-        while seen[0] <= min(seen[:2]):  # the lowest is the last on the way down
+        while seen[0] <= min(seen[:2]):  # the lowest value is the last one: go on downwards
             power = seen[0][2] - 1.0
             if power < middle - STEEP:
                 break
@@ -154,7 +154,7 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
 
 
 def _telling(parts: list[Piece], count: float) -> list[Piece]:
-    """Stretches long enough that the reading changes in them."""
+    """Return stretches long enough to contain changes of the reading."""
     changes = sum(
         int(np.count_nonzero(np.abs(np.diff(part.readings)) > 0.5 * count)) for part in parts
     )
@@ -165,7 +165,7 @@ def _telling(parts: list[Piece], count: float) -> list[Piece]:
 
 
 def _lowest(function: Callable[[float], float], low: float, high: float, fine: float) -> float:
-    """Where `function` is lowest: a coarse look, then golden section."""
+    """Return the argument of the minimum of `function`: a grid, then golden section."""
     grid = np.arange(low, high + 0.5, 1.0)
     values = [function(float(at)) for at in grid]
     best = float(grid[int(np.argmin(values))])

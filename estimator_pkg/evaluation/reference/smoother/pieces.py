@@ -1,4 +1,4 @@
-"""A record of positions cut where it has holes."""
+"""Cut a record of positions at its gaps."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from estimator_pkg.evaluation.compare.matching import pieces
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-HOLE = 0.2  # a longer hole [s], or one of
-HOLE_STEPS = 10.0  # so many median sample times if that is longer, parts the record
-FEWEST = 12  # readings in a piece, below which it is left out
+HOLE = 0.2  # a longer gap [s] cuts the record, or, if that is longer, one of
+HOLE_STEPS = 10.0  # this many median sample times
+FEWEST = 12  # pieces with fewer readings are ignored
 LOOSE = 1e6  # variance of speed and acceleration at the start of a piece
 
 
 class Piece(NamedTuple):
-    """Readings in a row without a hole.
+    """Consecutive readings without a gap.
 
-    rows : shape (n,), which of the record. steps : shape (n,), since the reading before [s]; the
-    first is 0. readings : shape (n,) [rad]; nan: none.
+    rows : shape (n,), indices in the record. steps : shape (n,), since the previous reading [s];
+    the first is 0. readings : shape (n,) [rad]; nan: none.
     """
 
     rows: NDArray[np.int64]
@@ -30,13 +30,13 @@ class Piece(NamedTuple):
     readings: Array
 
     def part(self, first: int, count: int) -> Piece:
-        """At most `count` readings from the `first` on."""
+        """Return at most `count` readings from the `first` on."""
         which = slice(first, first + count)
         return Piece(self.rows[which], self.steps[which], self.readings[which])
 
 
 def cut(stamps: Stamps, position: Array) -> list[Piece]:
-    """The record between holes and clock jumps."""
+    """Return the pieces between gaps and clock jumps."""
     found = []
     for run in pieces(stamps):
         steps = np.diff(stamps[run]) * 1e-9
@@ -51,7 +51,7 @@ def cut(stamps: Stamps, position: Array) -> list[Piece]:
 
 
 def stretches(parts: list[Piece], length: int, most: int) -> list[Piece]:
-    """Everything, or `most` stretches of `length` readings spread evenly over the record."""
+    """Return all parts, or `most` stretches of `length` readings, evenly over the record."""
     found = [
         part.part(at, length)
         for part in parts
@@ -64,5 +64,5 @@ def stretches(parts: list[Piece], length: int, most: int) -> list[Piece]:
 
 
 def start(reading: float, variance: float) -> tuple[float, ...]:
-    """The state before a piece: where its first reading is, speed and acceleration open."""
+    """Return the state before a piece: at its first reading, speed and acceleration unknown."""
     return (float(reading), 0.0, 0.0, 100.0 * variance, 0.0, 0.0, LOOSE, 0.0, LOOSE)

@@ -1,4 +1,4 @@
-"""What the smoother leaves of the readings: white noise, or motion that it did not follow."""
+"""The residual of the smoother: white noise, or motion that it did not follow."""
 
 from __future__ import annotations
 
@@ -11,26 +11,25 @@ from estimator_pkg.evaluation.reference.smoother.pieces import Piece
 
 Array = NDArray[np.float64]
 
-WINDOW = 128  # readings of a window of the spectrum
-CLEAR = 2.0  # of white noise, the spectrum stays below so many times its level
-NEWS = 0.1  # a window tells something if its readings weigh so much of the heaviest
+WINDOW = 128  # readings in a window of the spectrum
+CLEAR = 2.0  # the spectrum of white noise stays below this multiple of its level
+NEWS = 0.1  # a window counts if its readings have this fraction of the largest weight
 
 
 def unexplained(
     parts: list[Piece], rest: list[Array], weights: list[Array], quantised: float
 ) -> float:
-    """The rms speed of the part of `rest` that stands out of white noise [rad/s].
+    """Return the rms speed of the part of `rest` above white noise [rad/s].
 
-    Power spectral density over half-overlapping windows; what exceeds `CLEAR` times the white level
-    (the median, but at least that of the quantisation) is held to be motion. Each reading counts as
-    much as it weighs, and windows in which nothing is told (a count that does not change) are held
-    to be at rest.
+    Power spectral density over half-overlapping windows. The part above `CLEAR` times the white
+    level (the median, but at least that of the quantisation) counts as motion. Readings count by
+    their weight, and windows without information (a count that does not change) count as rest.
 
     Parameters
     ----------
-    rest : shape (n,) each, readings less smoothed positions [rad]; nan: none.
-    weights : shape (n,) each, their inverse variances; quantised : the part of these variances that
-        is the quantisation's.
+    rest : shape (n,) each, readings minus smoothed positions [rad]; nan: none.
+    weights : shape (n,) each, their inverse variances; quantised : fraction of these variances
+        due to quantisation.
     """
     step = float(np.median(np.concatenate([part.steps[1:] for part in parts])))
     heaviest = max((float(np.max(each)) for each in weights if len(each)), default=0.0)

@@ -1,4 +1,4 @@
-"""Sites of a stretch of cells: which cells are met, and the sweeps until the sites stay."""
+"""Sites of a stretch of cells: the cells to use, and the sweeps until the sites converge."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start
 
 Array = NDArray[np.float64]
 
-SWEEPS = 3  # there and back: the sites stay after two
-OF_A_RUN = 15  # so many cells of a run of equal readings are met, and its last
-DRIFT = 0.25  # but more, where the motion may drift by so many quanta between them
+SWEEPS = 3  # forward and backward: the sites converge after two
+OF_A_RUN = 15  # number of used cells in a run of equal readings, and its last,
+DRIFT = 0.25  # or more, if the motion can drift by this many quanta between them
 
 
 def find_sites(
     part: Piece, quantum: float, blur: float, jerk: float, sweeps: int = SWEEPS
 ) -> tuple[Array, float]:
-    """(sites, log of the probability) of a stretch of cells; see `smoother_cells.sweep`.
+    """Return (sites, log of the probability) of a stretch of cells; see `smoother.cells.sweep`.
 
-    Of a run of equal readings only some are met: the first, the last, and as many between as say
-    something new. Cells that say the same again and again would be counted as if they did not.
+    In a run of equal readings only some cells are used: the first, the last, and as many between
+    as are informative. More would count as independent although they are not.
 
     Parameters
     ----------
-    part : its readings are the middles of the cells, turns counted; nan: none.
-    quantum, blur : width of a cell, and one standard deviation of what blurs it [rad].
+    part : its readings are the unwrapped middles of the cells; nan: none.
+    quantum, blur : width of a cell, and standard deviation of its blur [rad].
     jerk : intensity of the white jerk [rad^2/s^5].
     """
-    centres = np.where(met(part, quantum, jerk), part.readings, np.nan)
+    centres = np.where(used(part, quantum, jerk), part.readings, np.nan)
     known = np.flatnonzero(np.isfinite(centres))
     sites: Array = np.zeros((len(centres), 2))
     if not len(known):
@@ -44,7 +44,7 @@ def find_sites(
     sites = sites[::-1].copy()
     compiled(towards)(starts[1], steps[1], ways[1], jerk, sites, messages)
     along, log_z = compiled(sweep), 0.0
-    for turn in range(2 * sweeps):  # each way fills the messages that the other has used
+    for turn in range(2 * sweeps):  # each direction replaces the messages of the other
         way = turn % 2
         messages, sites = messages[::-1].copy(), sites[::-1].copy()
         log_z = along(
@@ -53,8 +53,8 @@ def find_sites(
     return sites[::-1].copy(), log_z
 
 
-def met(part: Piece, quantum: float, jerk: float) -> NDArray[np.bool_]:
-    """Shape (n,): which cells are met."""
+def used(part: Piece, quantum: float, jerk: float) -> NDArray[np.bool_]:
+    """Return which cells are used, shape (n,)."""
     count = len(part.readings)
     changed = ~(np.abs(np.diff(part.readings)) < 0.5 * quantum)
     firsts = np.concatenate([[0], np.flatnonzero(changed) + 1])

@@ -1,15 +1,14 @@
-"""The off-line reference: velocity from the measured position alone, with hindsight.
+"""The off-line reference: velocity from the measured position alone, with past and future samples.
 
 A fixed-interval smoother for a motion driven by white jerk, at irregular stamps and on wrapped
-angles. Counted readings are taken as cells (`smoother_cells`), others as numbers with white noise;
-`smoother_noise` finds the noise and the intensity of the jerk. It gives its own standard deviation,
-and with that it can say whether it is good enough to judge an observer.
+angles. Counted readings are cells (`cells`), others are numbers with white noise; `noise` finds the
+noise and the intensity of the jerk. The smoother computes its own standard deviation, which decides
+whether it is good enough to evaluate an observer.
 
-What it cannot see: jumps of the acceleration (dry friction, square waves) are smeared over a few
-samples. A fast motion within a slow one, as the chatter of a drive, is taken for noise; but then
-what is left of the readings is not white, and the speed that it would be, were it motion, is told
-beside the standard deviation (`unexplained`). Observers and reference read the same sensor, so that
-their errors are not independent.
+Limitations: it smears jumps of the acceleration (dry friction, square waves) over a few samples. It
+treats a fast motion within a slow one, such as the chatter of a drive, as noise. In that case its
+residual is not white, and the speed that this residual would be as motion is reported
+(`unexplained`). Observers and reference use the same sensor, so their errors are not independent.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.evaluation.reference.smoother.noise import COARSE, Noise, in_cells, white
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
-from estimator_pkg.evaluation.reference.smoother.rest import unexplained
+from estimator_pkg.evaluation.reference.smoother.residual import unexplained
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.steps import backward, forward
 from estimator_pkg.observers.angle.core import LARGEST
@@ -31,25 +30,25 @@ from estimator_pkg.observers.angle.core import LARGEST
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-CHUNK = 65536  # readings whose filter states are in memory at a time
-BLOCK, MARGIN = 50_000, 5_000  # cells are met in blocks of readings, which overlap by a margin
-OUTLIER = 8.0  # readings so many robust deviations from the smoothed are left out
-COUNTS = 2.0  # if they are at least so many quanta off, and so many times farther than
-ALONE = 3.0  # both neighbours: what a jump of the acceleration leaves is not alone
-FEWEST_CHANGES = 40  # of a counted reading, below which nothing is said of the motion
-LOOSER = 3.0  # times the median standard deviation: what is vaguer is an end
-NO_NEWS = 1e-9  # of a reading's usual weight: a cell that tells so little is left out
+CHUNK = 65536  # number of readings whose filter states are in memory at a time
+BLOCK, MARGIN = 50_000, 5_000  # cells are processed in blocks of readings, overlapping by a margin
+OUTLIER = 8.0  # readings beyond this many robust deviations from the smoothed are ignored
+COUNTS = 2.0  # if their error is at least this many quanta, and this many times that of
+ALONE = 3.0  # both neighbours: a jump of the acceleration affects neighbours too
+FEWEST_CHANGES = 40  # smallest number of changes of a counted reading that shows the motion
+LOOSER = 3.0  # a larger multiple of the median standard deviation marks the ends of a piece
+NO_NEWS = 1e-9  # a cell below this fraction of a reading's usual weight is ignored
 
 
 class Smoothed(NamedTuple):
-    """The reference, at the stamps of the readings it rests on.
+    """The reference, at the stamps of the readings that it uses.
 
-    stamps : shape (n,), [ns], in the order of the record, without repeated ones.
-    position, velocity : shape (n,); the position counts turns within a piece.
-    position_stddev, velocity_stddev : shape (n,), one standard deviation of each.
-    outliers : how many readings were left out.
-    unexplained : rms speed of what is neither smooth motion nor white noise [rad/s].
-    changes : how often a counted reading changes; -1 where readings are not counted.
+    stamps : shape (n,), [ns], in the order of the record, without duplicates.
+    position, velocity : shape (n,); the position is multi-turn within a piece.
+    position_stddev, velocity_stddev : shape (n,), standard deviation of each.
+    outliers : number of ignored readings.
+    unexplained : rms speed of the residual that is not white noise [rad/s].
+    changes : number of changes of a counted reading; -1 if readings are not counted.
     """
 
     stamps: Stamps
@@ -64,19 +63,19 @@ class Smoothed(NamedTuple):
 
     @property
     def firm(self) -> NDArray[np.bool_]:
-        """Where it knows about as much as in the middle: not at the ends of a piece."""
+        """True where the standard deviation is about that of the middle: not at a piece's ends."""
         return self.velocity_stddev <= LOOSER * float(np.median(self.velocity_stddev))
 
     @property
     def seldom(self) -> bool:
-        """Whether the reading changes too seldom to tell how the joint moves."""
+        """True if the reading changes too rarely to show the motion."""
         return 0 <= self.changes < FEWEST_CHANGES
 
     @property
     def uncertainty(self) -> float:
-        """The rms velocity error to be expected where it is firm [rad/s]; nan: nothing is known.
+        """Expected rms velocity error where `firm` [rad/s]; nan without any reading.
 
-        Infinite where the reading changes too seldom to tell how the joint moves.
+        Infinite if the reading changes too rarely to show the motion.
         """
         if not len(self.stamps):
             return math.nan
@@ -94,15 +93,15 @@ def smooth(
     noise: Noise | None = None,
     reading: float | None = None,
 ) -> Smoothed:
-    """The smoothed motion behind a record of positions.
+    """Return the smoothed motion of a record of positions.
 
     Parameters
     ----------
-    stamps : shape (n,) [ns], as recorded; repeated and late ones are put in order.
-    position : shape (n,) [rad or m]; what is no reading of any encoder is left out.
+    stamps : shape (n,) [ns], as recorded; they are sorted and duplicates are dropped.
+    position : shape (n,) [rad or m]; values outside the range of any encoder are ignored.
     period : wrap period [rad]; 0: none.
-    noise : None: found by maximum likelihood.
-    reading : one standard deviation of a reading, where only the jerk is to be found.
+    noise : None: estimated by maximum likelihood.
+    reading : standard deviation of a reading, if only the jerk is to be estimated.
     """
     good = np.flatnonzero((np.abs(position) < LARGEST) & (stamps > 0))
     parts = cut(stamps[good], position[good])
@@ -145,17 +144,17 @@ def smooth(
 
 
 def _weights(part: Piece, noise: Noise) -> Array:
-    """One over the variance of each reading; 0 where there is none."""
+    """Return one over the variance of each reading; 0 without a reading."""
     return np.where(np.isfinite(part.readings), 1.0 / noise.reading**2, 0.0)
 
 
 def _as_numbers(part: Piece, noise: Noise, period: float) -> Array:
-    """Shape (n, 4): see `smoother_steps.backward`; every reading has the same variance."""
+    """Return shape (n, 4), see `steps.backward`; every reading has the same variance."""
     return _smooth(part, _weights(part, noise), noise, period)
 
 
 def _as_cells(part: Piece, noise: Noise) -> tuple[Array, Array, Array]:
-    """(as `_as_numbers`, what is left of the sites, their weights), of the middles of cells."""
+    """Return (as `_as_numbers`, residuals of the sites, their weights) for cells."""
     count = len(part.rows)
     sites = np.empty((count, 2))
     for at in range(0, count, BLOCK):
@@ -166,15 +165,15 @@ def _as_cells(part: Piece, noise: Noise) -> tuple[Array, Array, Array]:
     weights = sites[:, 0]
     weights[weights < NO_NEWS / noise.reading**2] = 0.0
     known = weights > 0.0
-    told = np.where(known, part.readings, np.nan)
-    told[known] += sites[known, 1] / weights[known]
-    smoothed = _smooth(part._replace(readings=told), weights, noise, 0.0)
-    return smoothed, told - smoothed[:, 0], weights
+    equivalent = np.where(known, part.readings, np.nan)
+    equivalent[known] += sites[known, 1] / weights[known]
+    smoothed = _smooth(part._replace(readings=equivalent), weights, noise, 0.0)
+    return smoothed, equivalent - smoothed[:, 0], weights
 
 
 def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
-    """Forward once for the states at the beginning of each chunk; then backward chunk by chunk,
-    each filtered again, so that memory does not grow with the record.
+    """Filter forward once, storing the state before each chunk; then smooth backward chunk by
+    chunk, each filtered again, so that memory does not grow with the record.
     """
     ahead, back = compiled(forward), compiled(backward)
     count = len(part.rows)
@@ -226,26 +225,26 @@ def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
 def _without_outliers(
     part: Piece, smoothed: Array, noise: Noise, period: float
 ) -> tuple[Piece, int]:
-    """The piece without readings that are far from the smoothed motion, and how many were."""
+    """Return the piece without outliers, and their number."""
     rest = _rest(part, smoothed, period)
     spread = 1.4826 * float(np.nanmedian(np.abs(rest)))
     far = np.abs(rest) > max(OUTLIER * spread, COUNTS * noise.quantum, 1e-12)
     size = np.nan_to_num(np.abs(rest))
     far[1:-1] &= size[1:-1] > ALONE * np.maximum(size[:-2], size[2:])
     far[0] = False  # a piece starts from its first reading
-    if not far.any() or np.mean(far) > 0.1:  # so many are no outliers
+    if not far.any() or np.mean(far) > 0.1:  # a tenth of all readings are not outliers
         return part, 0
     return part._replace(readings=np.where(far, np.nan, part.readings)), int(np.sum(far))
 
 
 def _rest(part: Piece, smoothed: Array, period: float) -> Array:
-    """What is left of the readings."""
+    """Return the readings minus the smoothed positions, wrapped."""
     rest = part.readings - smoothed[:, 0]
     return rest - period * np.floor(rest / period + 0.5) if period > 0.0 else rest
 
 
 def _changes(parts: list[Piece], quantum: float) -> int:
-    """How often the reading changes; -1 where it is not counted (0 where it never changes)."""
+    """Return how often the reading changes; -1 if it is not counted (0 if it never changes)."""
     moves = np.concatenate([np.diff(part.readings) for part in parts])
     count = int(np.count_nonzero(np.abs(moves) > 0.5 * quantum))
     return count if quantum or not count else -1

@@ -1,4 +1,4 @@
-"""The sample-by-sample part of the off-line smoother: what Numba compiles.
+"""The sample-by-sample functions of the off-line smoother, which Numba compiles.
 
 State (q, v, a) driven by white jerk of intensity `qc`, measured position with variance `r`, the
 inverse of a reading's weight:
@@ -6,8 +6,8 @@ inverse of a reading's weight:
     F = [[1, h, h^2/2], [0, 1, h], [0, 0, 1]]
     Q = qc [[h^5/20, h^4/8, h^3/6], [h^4/8, h^3/3, h^2/2], [h^3/6, h^2/2, h]]
 
-Forward a Kalman filter whose innovation is wrapped; backward the adjoint form of the fixed-interval
-smoother (Bierman 1973), which gives the same numbers as Rauch, Tung and Striebel and inverts no
+Forward it is a Kalman filter with a wrapped innovation; backward the adjoint form of the
+fixed-interval smoother (Bierman 1973), equal to Rauch, Tung and Striebel without inverting a
 covariance. A state is (q, v, a, p00, p01, p02, p11, p12, p22).
 """
 
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-UNSETTLED = 5  # innovations at the start of a piece say more of its start than of the noise
+UNSETTLED = 5  # innovations at the start of a piece depend more on its start than on the noise
 
 
 def predict(x: tuple, h: float, qc: float) -> tuple:
-    """The state `h` seconds later."""
+    """Return the state `h` seconds later."""
     q, v, a, p00, p01, p02, p11, p12, p22 = x
     k = 0.5 * h * h
     a0 = p00 + h * p01 + k * p02
@@ -46,7 +46,7 @@ def predict(x: tuple, h: float, qc: float) -> tuple:
 
 
 def correct(x: tuple, e: float, weight: float) -> tuple:
-    """The state after a reading with innovation `e`."""
+    """Return the state after a reading with innovation `e`."""
     q, v, a, p00, p01, p02, p11, p12, p22 = x
     kept = 1.0 / (1.0 + weight * p00)
     g = weight * kept
@@ -64,7 +64,7 @@ def correct(x: tuple, e: float, weight: float) -> tuple:
 
 
 def _wrap(e: float, period: float) -> float:
-    """`e` in [-period/2, period/2); unchanged where there is no period."""
+    """Return `e` in [-period/2, period/2); unchanged for period 0."""
     if period > 0.0:
         return e - period * math.floor(e / period + 0.5)
     return e
@@ -73,12 +73,12 @@ def _wrap(e: float, period: float) -> float:
 def likelihood(
     start: tuple, steps: Array, readings: Array, r: float, qc: float, period: float
 ) -> tuple[float, float, int]:
-    """(sum of log S, sum of e^2 / S, how many) over the innovations of one piece.
+    """Return (sum of log S, sum of e^2 / S, their number) over the innovations of one piece.
 
     Parameters
     ----------
-    start : the state at the first reading, which it has already taken in.
-    steps : shape (n,), time since the reading before [s]; the first is not used.
+    start : the state at the first reading, which it already includes.
+    steps : shape (n,), time since the previous reading [s]; the first is not used.
     readings : shape (n,); nan: no reading.
     """
     x = start
@@ -107,7 +107,7 @@ def forward(
     states: Array,
     innovations: Array,
 ) -> tuple:
-    """The filter from the state `x` over a stretch; the state after its last reading.
+    """Run the filter from the state `x` over a stretch; return the state after its last reading.
 
     Parameters
     ----------
@@ -135,12 +135,12 @@ def forward(
 def backward(
     adjoint: tuple, steps: Array, weights: Array, states: Array, innovations: Array, smoothed: Array
 ) -> tuple:
-    """Backward over the same stretch; the adjoint before its first reading.
+    """Run backward over the same stretch; return the adjoint before its first reading.
 
     Parameters
     ----------
-    adjoint : (l0, l1, l2, m00, m01, m02, m11, m12, m22), what the readings behind the stretch say.
-    smoothed : shape (n, 4), filled with position, velocity and one standard deviation of each.
+    adjoint : (l0, l1, l2, m00, m01, m02, m11, m12, m22), from the readings after the stretch.
+    smoothed : shape (n, 4), filled with position, velocity and the standard deviation of each.
     """
     l0, l1, l2, m00, m01, m02, m11, m12, m22 = adjoint
     for i in range(len(steps) - 1, -1, -1):
