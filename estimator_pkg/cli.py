@@ -1,6 +1,6 @@
-"""The command line ``velocity_estimator``: finds its commands through entry points, and is thin.
+"""The command line ``velocity_estimator``, which finds its commands through entry points.
 
-A command is a `Command`: its module adds its arguments and runs. Errors that a user can mend are
+A command is a `Command`: its module adds its arguments and runs. Errors that a user can correct are
 one line; exit codes are 0 (done), 1 (failed), 2 (usage error) and 128 + N (ended by signal N).
 """
 
@@ -23,20 +23,20 @@ from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import PrintableStream, printable, show
 
-INTERRUPTED = 128  # and the number of the signal: exit code of what a signal ended
+INTERRUPTED = 128  # plus the number of the signal: exit code after a signal
 
 
 @dataclass(frozen=True)
 class Command:
-    """What an entry point of the group ``velocity_estimator.commands`` names.
+    """A command, as an entry point of the group ``velocity_estimator.commands`` names it.
 
     Attributes
     ----------
     summary : one line.
     arguments : adds the command's arguments to its parser.
-    run : (arguments) -> result, a dictionary for ``--json`` (or None). It prints what a person
-        wants to see; a key 'ok' that is False makes the exit code 1, a key 'interrupted' that is
-        True makes it 128 and the number of the signal, as of a command that has nothing to show.
+    run : (arguments) -> result, a dictionary for ``--json`` (or None). It prints the readable
+        output. 'ok': False makes the exit code 1; 'interrupted': True makes it 128 plus the number
+        of the signal, as for a command without a result.
     """
 
     summary: str
@@ -60,12 +60,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def guarded(task: Callable[[], int], prog: str) -> int:
-    """Run a task whose output stays printable; returns its exit code, that of an error included.
+    """Run a task with printable output; return its exit code, also after an error.
 
     Parameters
     ----------
     task : returns an exit code.
-    prog : name that begins the line of an error.
+    prog : name at the start of an error's line.
     """
     with contextlib.ExitStack() as stack:
         for stream, redirect in (
@@ -83,7 +83,7 @@ def _ended(task: Callable[[], int], prog: str) -> int:
     try:
         try:
             return task()
-        finally:  # here, where a reader that went away or a full disk is one line
+        finally:  # here, so that a closed pipe or a full disk is reported in one line
             if sys.stdout is not None:
                 sys.stdout.flush()
     except UserError as error:
@@ -98,7 +98,7 @@ def _ended(task: Callable[[], int], prog: str) -> int:
             raise
         interrupts.say(f'{prog}: {line}')
         return 1
-    except BrokenPipeError:  # the reader of our output went away, as with `| head`
+    except BrokenPipeError:  # the reader of our output ended, as with `| head`
         _give_up_output()
         return 1
     except OSError as error:
@@ -148,13 +148,13 @@ def run(command: Command, words: Sequence[str], prog: str) -> int:
 
 
 def _give_up_output() -> None:
-    """What is still to be written goes nowhere, so that the end of the process is quiet."""
-    with contextlib.suppress(OSError, ValueError):  # a stdout without a file has nothing to lose
+    """Discard the rest of the output, so that the process ends without another error."""
+    with contextlib.suppress(OSError, ValueError):  # stdout may have no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Ctrl-C, which comes as an ImportError while a C extension is being imported."""
+    """Return True for Ctrl-C, which becomes an ImportError during the import of a C extension."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
@@ -169,7 +169,7 @@ def _write_json(path: str, result: Any) -> None:
 
 
 def _strict(value: Any) -> Any:
-    """JSON knows no NaN and no infinity: they become null; numpy's numbers become Python's."""
+    """Return a value for JSON: NaN and infinity become null, numpy's numbers Python's."""
     if isinstance(value, dict):
         return {str(key): _strict(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -189,7 +189,7 @@ def _overview() -> str:
         except UserError as error:
             summary = printable(f'({error})')
         lines.append(f'  {name:<12} {summary}')
-    return '\n'.join([*lines, '', "'velocity_estimator COMMAND --help' tells the rest."])
+    return '\n'.join([*lines, '', "'velocity_estimator COMMAND --help' describes a command."])
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""Where results go: checked before the work, written whole, and nothing else is overwritten."""
+"""Output files: checked before the work, written completely or not at all, never an input."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 
 from estimator_pkg.errors import UsageError, UserError
 
-STDOUT = '-'  # in place of a file's name
-OUTPUTS = ('out', 'html', 'data', 'plot', 'json')  # options that name what a command writes
-INPUTS = ('bag', 'bags', 'judge', 'recover')  # and the bags that it reads
+STDOUT = '-'  # instead of a file name
+OUTPUTS = ('out', 'html', 'data', 'plot', 'json')  # options with output files
+INPUTS = ('bag', 'bags', 'judge', 'recover')  # options with input bags
 METADATA = 'metadata.yaml'
-OF_BAGS = ('.mcap', '.db3', '.zstd')  # files in the folder of a bag, beside it
+OF_BAGS = ('.mcap', '.db3', '.zstd')  # data files in the folder of a bag
 
 
 def check(path: str | Path) -> None:
@@ -23,19 +23,19 @@ def check(path: str | Path) -> None:
 
     Raises
     ------
-    UserError : there is no such folder, a folder has that name, or it may not be written.
+    UserError : the folder does not exist, the path is a folder, or it is not writable.
     """
     place = Path(path)
     if place.is_dir():
         raise UserError(f'{path} is a folder: name a file')
     if not place.parent.is_dir():
-        raise UserError(f'{path}: there is no folder {place.parent}')
+        raise UserError(f'{path}: the folder {place.parent} does not exist: create it first')
     if not os.access(place if place.exists() else place.parent, os.W_OK):
-        raise UserError(f'{path} may not be written')
+        raise UserError(f'{path} is not writable: name another file, or change its permissions')
 
 
 def check_apart(parsed: argparse.Namespace) -> None:
-    """Raise UsageError where two options of a command name one file, or one the command's input."""
+    """Raise UsageError if two outputs of a command are the same file, or one is an input."""
     outputs = [
         (f'--{name}', Path(value))
         for name in OUTPUTS
@@ -47,15 +47,13 @@ def check_apart(parsed: argparse.Namespace) -> None:
         for other, taken in outputs[:number]:
             if _same(path, taken):
                 raise UsageError(
-                    f'{other} and {option} name the same file {path}: give each a name of its own'
+                    f'{other} and {option} name the same file {path}: give each its own name'
                 )
         for name in INPUTS:
             value = getattr(parsed, name, None)
             for read in [value] if isinstance(value, str) else value or ():
                 if _same(path, Path(read)) or _within(path, Path(read)):
-                    raise UsageError(
-                        f'{option} {path} would overwrite what is read: name another file'
-                    )
+                    raise UsageError(f'{option} {path} would overwrite an input: name another file')
 
 
 def _same(one: Path, other: Path) -> bool:
@@ -66,7 +64,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _within(path: Path, bag: Path) -> bool:
-    """True if a file that is there belongs to the bag in this folder."""
+    """Return True if an existing file belongs to the bag in this folder."""
     return (
         (path.suffix in OF_BAGS or path.name == METADATA)
         and path.is_file()
@@ -77,10 +75,10 @@ def _within(path: Path, bag: Path) -> bool:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """A new file beside `path`, which takes its place when the context ends well.
+    """Yield a new file next to `path`, which replaces `path` when the context ends without error.
 
-    If it does not end well the new file is deleted and `path` is as it was. What is no ordinary
-    file (/dev/null), or stands in a folder that may not be written, is written directly.
+    After an error the new file is deleted and `path` is unchanged. A special file (/dev/null), or
+    one in a folder that is not writable, is written directly.
 
     Raises
     ------
@@ -104,6 +102,6 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a file, whole or not at all."""
-    with replacing(path) as beside:
-        beside.write_text(text, encoding='utf-8')
+    """Write a file, completely or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding='utf-8')

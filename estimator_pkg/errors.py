@@ -1,4 +1,4 @@
-"""The one error a user sees: a single clear line, never a traceback."""
+"""Errors for users: a single clear line, never a traceback."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from traceback import extract_tb
 
 
 class UserError(Exception):
-    """Something the user can mend. Commands print it as one line and exit with 1 (or 2)."""
+    """An error that the user can correct. Commands print one line and exit with 1 (or 2)."""
 
     exit_code = 1
 
@@ -22,12 +22,12 @@ class UsageError(UserError):
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of what an error says, or what kind of error it is."""
+    """Return the first line of an error's message, or the name of its type."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def where(error: BaseException) -> str:
-    """What a caught error says, in one line, and the line of the file that raised it."""
+    """Return a caught error's message in one line, with the file and line that raised it."""
     place = extract_tb(error.__traceback__)[-1]
     return (
         f'{type(error).__name__}: {first_line(error)} (line {place.lineno} of '
@@ -37,11 +37,11 @@ def where(error: BaseException) -> str:
 
 @contextmanager
 def plainly(what: str) -> Iterator[None]:
-    """Around code of a user's own, which may raise anything.
+    """Convert any exception of a user's own code within the block into a UserError.
 
     Raises
     ------
-    UserError : `what` failed, why and where.
+    UserError : `what` failed; the message has the reason and the line.
     """
     try:
         yield
@@ -52,12 +52,12 @@ def plainly(what: str) -> Iterator[None]:
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """A half-sentence that names the nearest known name, or all of them.
+    """Return a clause for an error message with the nearest known name, or all of them.
 
     Parameters
     ----------
-    name : what the user wrote.
-    known : the names that would have been right.
+    name : the unknown name.
+    known : the valid names.
     """
     names = sorted(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)

@@ -1,8 +1,8 @@
-"""INT, TERM and HUP end a command with what it has.
+"""The signals INT, TERM and HUP end a command; its results so far are kept.
 
-A dropped ssh session sends HUP, a service manager TERM, a person INT (Ctrl-C). Within `handled` all
+A dropped ssh session sends HUP, a service manager TERM, a user INT (Ctrl-C). Within `handled` all
 three raise KeyboardInterrupt. Within `gently` they only set a flag, so that no message is written
-by half; what is written then looks at `came` and ends by itself.
+incompletely; the loop that writes checks `came` and ends.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ NUMBERS = tuple(
     getattr(signal, name) for name in ('SIGINT', 'SIGTERM', 'SIGHUP') if hasattr(signal, name)
 )
 HANGUP = getattr(signal, 'SIGHUP', None)
-ONE_WISH = 1.0  # [s] signals so close together mean the same: launchers pass Ctrl-C on
+ONE_PRESS = 1.0  # signals within this time count as one, because launchers forward Ctrl-C [s]
 
 
 class _State:
-    """Of the process, which has one handler for each signal."""
+    """State of the process, which has one handler for each signal."""
 
-    depth = 0  # of `handled`
-    gentle = 0  # of `gently`
-    number = 0  # the first signal that came; 0: none
-    at = 0.0  # when [s]
+    depth = 0  # nesting of `handled`
+    gentle = 0  # nesting of `gently`
+    number = 0  # the first received signal; 0: none
+    at = 0.0  # its time [s]
     terminals: tuple[int, ...] = ()
 
 
 def came() -> int:
-    """Return the number of the signal that is to end the command; 0 if none came."""
+    """Return the number of the received signal that ends the command; 0: none."""
     return _State.number
 
 
 def forget() -> None:
-    """Go on: the signal that came was meant for what has ended."""
+    """Forget the received signal: it ended only a part of the command."""
     _State.number = 0
 
 
@@ -75,7 +75,7 @@ def gently(background: bool = False) -> Iterator[None]:
 
     Parameters
     ----------
-    background : take INT too where a shell ignores it for a job in the background.
+    background : handle INT also in a background job, for which a shell ignores it.
     """
     with handled():
         ignored = (
@@ -95,7 +95,7 @@ def gently(background: bool = False) -> Iterator[None]:
 
 
 def finish() -> None:
-    """Let no first signal interrupt the command any more: it has its result and writes it."""
+    """Ignore a first signal from now on: the command has its result and writes it."""
     _State.gentle += 1
 
 
@@ -106,12 +106,12 @@ def _take(number: int, frame: FrameType | None) -> None:
         _State.number, _State.at = number, time.monotonic()
         if not _State.gentle:
             raise KeyboardInterrupt
-    elif number == signal.SIGINT and time.monotonic() > _State.at + ONE_WISH:
-        raise KeyboardInterrupt  # Ctrl-C again: at once
+    elif number == signal.SIGINT and time.monotonic() > _State.at + ONE_PRESS:
+        raise KeyboardInterrupt  # a second Ctrl-C ends the command at once
 
 
 def _leave_terminal() -> None:
-    """Send output nowhere where its terminal is gone: each write would fail."""
+    """Discard output whose terminal has closed: each write would fail."""
     for number in _State.terminals:
         if not os.isatty(number):
             with suppress(OSError):
@@ -121,6 +121,6 @@ def _leave_terminal() -> None:
 
 
 def say(text: str) -> None:
-    """Print to stderr, if that is still there."""
+    """Print to stderr, if it is still open."""
     with suppress(OSError, ValueError):
         print(printable(text), file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
-"""``velocity_estimator list``: what there is, with every parameter and its default.
+"""``velocity_estimator list``: observers, models, simulators, commands, and all parameters.
 
-Of one thing by name it says what each parameter means, and of an observer of mechanisms what the
-gains mean: poles, limits, noise. The tables of docs/parameters.md are its ``--markdown`` output.
+With a name it describes each parameter, and for an observer of mechanisms the effect of the gains:
+poles, limits, noise. The tables of docs/parameters.md are its ``--markdown`` output.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from estimator_pkg.parameters import Parameter, build, declared, parse_assignmen
 
 
 def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dict[str, str]]:
-    """What the gains mean, by model: of the one that is set, else of every built-in one.
+    """Return the effect of the gains by model: for the model that is set, else each built-in one.
 
-    Empty for what is no observer of mechanisms.
+    Empty if `name` is not an observer of mechanisms.
 
     Parameters
     ----------
-    name : of the observer.
+    name : name of the observer.
     values : parameters that differ from their defaults.
     rate : samples per second.
 
@@ -39,11 +39,13 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
     UsageError, UserError : values that cannot be used, or that this observer does not have.
     """
     if not rate > 0.0:
-        raise UsageError(f'--rate must be above 0, not {rate:g}')
+        raise UsageError(f'--rate is {rate:g} Hz: it must be above 0')
     record = observers.find(name) if name in registry.names(registry.OBSERVERS) else None
     if record is None or record.kind != 'mechanical':
         if values:
-            raise UsageError(f"'--set' is for observers of mechanisms, not for '{name}'")
+            raise UsageError(
+                f"'--set' is for observers of mechanisms, and '{name}' is not one: omit it"
+            )
         return {}
     models = [str(values['model'])] if 'model' in values else registry.names(registry.MODELS)
     found: dict[str, dict[str, str]] = {}
@@ -64,8 +66,8 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
 
 
 def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
-    """`meanings` for a terminal."""
-    lines = [f'  what the gains mean at {rate:g} Hz (--rate, --set NAME=VALUE for others):']
+    """Return `meanings` as text."""
+    lines = [f'  effect of the gains at {rate:g} Hz (--rate, --set NAME=VALUE for others):']
     for model, words in found.items():
         lines.append(f'    {model}')
         lines += [f'      {MEANINGS.get(name, name)}: {text}' for name, text in words.items()]
@@ -84,7 +86,7 @@ TYPE_NAMES = {
 
 @dataclass(frozen=True)
 class Item:
-    """One thing that can be named on the command line or in a parameter file."""
+    """An observer, model, node, simulator or command of the catalogue."""
 
     name: str
     summary: str
@@ -93,7 +95,7 @@ class Item:
     live: bool = True  # served by a node whose parameters may change while it runs
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the item for ``--json``."""
         return {
             'summary': self.summary,
             'reference': self.reference,
@@ -117,7 +119,7 @@ class Item:
 
 
 def catalogue() -> dict[str, list[Item]]:
-    """Everything there is, by kind; what cannot be imported says so in its summary."""
+    """Return all items by kind; an item that cannot be imported has the error as its summary."""
     streams = _records(registry.STREAMS)
     simulators = _records(registry.SIMULATORS)
     return {
@@ -148,7 +150,7 @@ def _records(group: str) -> dict[str, Any]:
 
 
 def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
-    """The entry points of a group; `declaring` is the attribute that holds the dataclass."""
+    """Return the entry points of a group; `declaring` is the attribute with the dataclass."""
     items = []
     for name, record in _records(group).items():
         if isinstance(record, UserError):
@@ -168,7 +170,7 @@ def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
 
 
 def _settings(records: Mapping[str, Any], attribute: str, live: bool = True) -> list[Item]:
-    """The classes of settings that these objects name, each once: 'joint' is JointSettings."""
+    """Return the classes of settings that these objects name, each once."""
     classes = dict.fromkeys(
         getattr(record, attribute)
         for record in records.values()
@@ -178,7 +180,7 @@ def _settings(records: Mapping[str, Any], attribute: str, live: bool = True) -> 
 
 
 def _declared(name: str, cls: type, live: bool = True) -> Item:
-    """The parameters of a class of settings; the first line of its docstring is the summary."""
+    """Return the parameters of a class of settings, summarised by its docstring's first line."""
     summary = (cls.__doc__ or '').strip().partition('\n')[0].rstrip('.')
     return Item(
         name,
@@ -189,7 +191,7 @@ def _declared(name: str, cls: type, live: bool = True) -> Item:
 
 
 def default_text(parameter: Parameter) -> str:
-    """The default as one would write it."""
+    """Return the default as text."""
     value = parameter.default
     if parameter.automatic is not None:
         return f'{parameter.automatic_text} ({parameter.text(value)})'
@@ -210,7 +212,7 @@ def _with_unit(parameter: Parameter) -> str:
 
 
 def meaning(parameter: Parameter, live: bool) -> str:
-    """Description, equation, and (where others are live) that it cannot change in mid-run."""
+    """Return description, equation, and (for a live node) whether it can change during a run."""
     text = parameter.description
     if parameter.equation:
         text += f'; {parameter.equation}'
@@ -220,7 +222,7 @@ def meaning(parameter: Parameter, live: bool) -> str:
 
 
 def describe(item: Item, width: int) -> str:
-    """The item for a terminal of so many columns."""
+    """Return the item as text of `width` columns."""
     lines = [f'{item.name}: {item.summary}']
     if item.reference:
         lines.append(f'  from: {item.reference}')
@@ -233,17 +235,17 @@ def describe(item: Item, width: int) -> str:
 
 
 def overview(item: Item, width: int) -> str:
-    """The item in brief: its parameters with their defaults, without what they mean."""
+    """Return the item in brief: its parameters with their defaults, without descriptions."""
     lines = [f'{item.name}: {item.summary}']
-    # a value stays with its name and its unit
-    given = [
+    # no line break between a name, its value and its unit
+    assignments = [
         f'{p.name} = {default_text(p) if p.default is None else _with_unit(p)}'.replace(' ', '\0')
         for p in item.parameters
     ]
     lines += [
         line.replace('\0', ' ')
         for line in textwrap.wrap(
-            ', '.join(given),
+            ', '.join(assignments),
             width,
             initial_indent='    ',
             subsequent_indent='    ',
@@ -255,7 +257,7 @@ def overview(item: Item, width: int) -> str:
 
 
 def markdown_tables(kinds: dict[str, list[Item]]) -> str:
-    """docs/parameters.md."""
+    """Return the text of docs/parameters.md."""
     parts = [
         '# Parameters',
         '',
@@ -301,8 +303,8 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the command."""
-    parser.add_argument('name', nargs='?', help='only this one, and what each parameter means')
+    """Add the arguments of the command."""
+    parser.add_argument('name', nargs='?', help='describe only this one, with all parameters')
     parser.add_argument(
         '--markdown', action='store_true', help='the parameter tables as in docs/parameters.md'
     )
@@ -311,19 +313,19 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='KEY=VALUE',
         action='append',
         default=[],
-        help='for an observer of mechanisms: say what these gains mean',
+        help='for an observer of mechanisms: show the effect of these gains',
     )
     parser.add_argument(
         '--rate',
         metavar='HZ',
         type=float,
         default=1000.0,
-        help='the samples per second for which that is said (1000)',
+        help='sample rate for the effect of the gains [Hz] (default 1000)',
     )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Prints the catalogue, or the one thing asked for."""
+    """Print the catalogue, or the requested item; return it."""
     kinds = catalogue()
     if parsed.name is not None:
         kinds = _only(kinds, parsed.name)
@@ -332,14 +334,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     }
     values = parse_assignments(parsed.set)
     if values and parsed.name is None:
-        raise UsageError('name the observer that --set is for')
+        raise UsageError('--set needs an observer: name it')
     gains = meanings(parsed.name, values, parsed.rate) if parsed.name is not None else {}
     if parsed.markdown:
         print(markdown_tables(kinds))
     else:
         _print(kinds, overview if parsed.name is None else describe)
         if parsed.name is None:
-            print("'velocity_estimator list NAME' tells what each parameter means")
+            print("'velocity_estimator list NAME' describes each parameter")
         if gains:
             print(as_text(gains, parsed.rate))
     return {**result, 'gains': gains} if gains else result
@@ -350,16 +352,16 @@ def _only(kinds: dict[str, list[Item]], name: str) -> dict[str, list[Item]]:
     chosen = {kind: items for kind, items in chosen.items() if items}
     if not chosen:
         known = {item.name for items in kinds.values() for item in items}
-        raise UsageError(f"nothing is called '{name}': {suggestion(name, known)}")
+        raise UsageError(f"unknown name '{name}': {suggestion(name, known)}")
     return chosen
 
 
 def _print(kinds: dict[str, list[Item]], show: Callable[[Item, int], str]) -> None:
     width = max(40, min(100, shutil.get_terminal_size((100, 24)).columns))
     for kind, items in kinds.items():
-        apart = '\n\n' if any(item.parameters for item in items) else '\n'
+        separator = '\n\n' if any(item.parameters for item in items) else '\n'
         print(kind.upper())
-        print((apart.join(show(item, width) for item in items) or 'none') + '\n')
+        print((separator.join(show(item, width) for item in items) or 'none') + '\n')
 
 
 COMMAND = Command(

@@ -1,6 +1,6 @@
-"""Libraries that need not be there: they are imported when used, and a user learns to install one.
+"""Optional libraries: imported when used; if one is missing, the error has the install command.
 
-What is installed here is decided by the package's metadata, so that the ranges are those of setup.
+The version ranges come from the package's metadata, so they are those of its set-up.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 
 PACKAGE = 'velocity_estimator'
 OWN = ('estimator_pkg', 'sim_pkg')
-# What comes with a requirement of ours, and requirements that are used only together.
+# Libraries that another requirement installs, and requirements that are used only together.
 COMES_WITH = {
     'lz4': 'mcap',
     'zstandard': 'mcap',
@@ -31,12 +31,12 @@ OF_ROS = re.compile(
     r'rclpy|rmw.*|rpyutils|ament_index_python|builtin_interfaces|\w+_(msgs|srvs)'
     r'|\w+_interfaces'
 )
-BAGS = ('mcap', 'rosbags', 'rich')  # what every command that reads or writes bags needs
+BAGS = ('mcap', 'rosbags', 'rich')  # needed by every command that reads or writes bags
 PLACE = '~/velocity_estimator_venv'
 
 
 class Lazy:
-    """A module that is imported when it is first used, so that ``--help`` works without it."""
+    """A module that is imported at its first use, so that ``--help`` works without it."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -46,7 +46,7 @@ class Lazy:
 
 
 def is_there(module: str) -> bool:
-    """True if `module` can be found; it is not imported."""
+    """Return True if `module` is installed; it is not imported."""
     try:
         return find_spec(module) is not None
     except (ImportError, ValueError):
@@ -54,11 +54,11 @@ def is_there(module: str) -> bool:
 
 
 def missing(error: BaseException | None) -> str | None:
-    """Return one line with the command that installs what an import did not find.
+    """Return one line with the command that installs a missing library, or None.
 
     Parameters
     ----------
-    error : what was raised. None is returned if it, or what caused it, is no missing library.
+    error : the exception; None is returned unless it, or its cause, is a missing library.
     """
     while error is not None:
         module = (getattr(error, 'name', None) or '').partition('.')[0]
@@ -81,17 +81,17 @@ def needs(module: str) -> str:
     name = COMES_WITH.get(module, module)
     if name not in ranges:  # of a user's own module: a guessed name may be another's package
         return f'{line} for {sys.executable}'
-    wanted = [name]
+    required = [name]
     if name in BAGS:
-        wanted += [other for other in BAGS if other != name and not is_there(other)]
-    return f'{line}: {install(*(ranges[each] for each in wanted))}'
+        required += [other for other in BAGS if other != name and not is_there(other)]
+    return f'{line}: {install(*(ranges[each] for each in required))}'
 
 
 def install(*requirements: str) -> str:
-    """Return the command that installs `requirements` for the Python that runs.
+    """Return the command that installs `requirements` for this Python.
 
-    A Python that the system manages (PEP 668) refuses pip: there it is an environment that sees the
-    packages of the system, ROS among them.
+    A Python that the system manages (PEP 668) refuses pip: for it the command creates a virtual
+    environment that includes the system's packages, such as ROS.
     """
     words = ' '.join(map(shlex.quote, requirements))
     if not externally_managed():
@@ -99,12 +99,12 @@ def install(*requirements: str) -> str:
     return (
         f'{shlex.quote(sys.executable)} -m venv --system-site-packages {PLACE} && '
         f'{PLACE}/bin/pip install {words} (the system manages this Python); then run '
-        f'{PLACE}/bin/python -m estimator_pkg.cli in place of {PACKAGE}'
+        f'{PLACE}/bin/python -m estimator_pkg.cli instead of {PACKAGE}'
     )
 
 
 def externally_managed() -> bool:
-    """True if pip refuses to install into this Python (PEP 668)."""
+    """Return True if pip refuses to install into this Python (PEP 668)."""
     if sys.prefix != sys.base_prefix:
         return False  # a virtual environment
     stdlib = sysconfig.get_path('stdlib', sysconfig.get_default_scheme())
@@ -112,7 +112,7 @@ def externally_managed() -> bool:
 
 
 def _ranges() -> dict[str, str]:
-    """Each requirement of ours, with its range, by its name; of extras too."""
+    """Return our requirements (extras included) by name, each with its version range."""
     try:
         every = requires(PACKAGE) or []
     except PackageNotFoundError:  # run from a checkout

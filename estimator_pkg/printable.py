@@ -1,6 +1,6 @@
-"""Text of others (names of joints, topics and frames, paths, contents of files) made printable.
+"""Make text from outside (names of joints, topics and frames, paths, file contents) printable.
 
-A bag may name a joint so that it clears the screen, turns the line round or forges a second one.
+Such a name may clear the screen, reverse the line, or forge a second one.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from typing import Any, TextIO
 
 
 def printable(text: object) -> str:
-    r"""Return `text` in one line, with an escape for every character that no reader sees.
+    r"""Return `text` in one line, with an escape for every unprintable character.
 
-    These are control characters, line ends, what changes the direction of writing, what is
-    invisible and lone surrogates: U+202E becomes ``\u202e``.
+    These are control characters, line ends, direction marks, invisible characters and lone
+    surrogates: U+202E becomes ``\u202e``.
     """
     line = str(text)
     if line.isprintable():
@@ -24,24 +24,24 @@ def printable(text: object) -> str:
 
 
 def show(*lines: object, file: TextIO | None = None) -> None:
-    """Print each of `lines` as one line, as `printable` makes it."""
+    """Print each of `lines` as one `printable` line."""
     print('\n'.join(map(printable, lines)), file=file)
 
 
 def escaped(text: object) -> str:
-    """Return `text` for a page: `printable`, and nothing in it is HTML."""
+    """Return `text` for an HTML page: `printable`, with HTML escaped."""
     return html.escape(printable(text))
 
 
 def drawn(text: object) -> str:
-    """Return `text` for matplotlib: `printable`, and nothing in it is mathematics."""
+    """Return `text` for matplotlib: `printable`, with mathematics escaped."""
     return printable(text).replace('$', r'\$')
 
 
 def terminal(stream: TextIO) -> TextIO:
-    """Return what `stream` writes to, for a display that moves the cursor and colours.
+    """Return the terminal of `stream`, for a display that moves the cursor and uses colours.
 
-    Such a display makes every text of others `printable` by itself.
+    Such a display must make every text from outside `printable` itself.
     """
     return getattr(stream, 'terminal', stream)
 
@@ -51,11 +51,11 @@ class PrintableStream:
 
     Parameters
     ----------
-    stream : where the text goes.
+    stream : the stream that the text is written to.
 
     Attributes
     ----------
-    terminal : `stream`, for what draws on the terminal and makes its texts printable itself.
+    terminal : `stream`, for a display that draws on the terminal and makes its texts printable.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -90,26 +90,26 @@ class PrintableLogger:
 
     Parameters
     ----------
-    logger : as `rclpy.node.Node.get_logger` returns it.
+    logger : from `rclpy.node.Node.get_logger`.
     """
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
 
     def debug(self, text: str) -> None:
-        """Log for developers; the lines of a traceback stay lines."""
+        """Log for developers; the lines of a traceback stay separate."""
         self._logger.debug('\n'.join(map(printable, text.split('\n'))))
 
     def info(self, text: str) -> None:
-        """Log what is as it should be."""
+        """Log normal operation."""
         self._logger.info(printable(text))
 
     def warning(self, text: str) -> None:
-        """Log what a user should look at."""
+        """Log a problem that the user should check."""
         self._logger.warning(printable(text))
 
     def error(self, text: str) -> None:
-        """Log what does not work."""
+        """Log a failure."""
         self._logger.error(printable(text))
 
     def __getattr__(self, name: str) -> Any:

@@ -1,4 +1,4 @@
-"""A progress bar for long work: on stderr, and only where a person looks."""
+"""A progress bar for long work, on stderr, if it is a terminal."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from estimator_pkg.printable import printable, terminal
 
 @contextmanager
 def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """A bar that the given function advances by so many steps; silent without a terminal.
+    """Show a bar; yield a function that advances it by n steps. Silent without a terminal.
 
     Parameters
     ----------
-    label : what is being done.
-    total : all steps; None: not known.
+    label : name of the work.
+    total : number of all steps; None: not known.
     """
     if not sys.stderr.isatty() or not is_there('rich'):
         yield lambda steps: None

@@ -1,6 +1,6 @@
-"""Finding observers, their streams, models, commands and simulators through entry points.
+"""Find observers, their streams, models, commands and simulators through entry points.
 
-Anyone can add one from a package of their own; ours are found in the same way.
+Other packages can add their own; ours are found in the same way.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ def _points(group: str) -> dict[str, EntryPoint]:
 
 
 def names(group: str) -> list[str]:
-    """The names known in an entry-point group, sorted."""
+    """Return the names in an entry-point group, sorted."""
     return sorted(_points(group))
 
 
 def find(group: str, name: str) -> Any:
-    """The object that `name` stands for.
+    """Return the object of the entry point `name`.
 
     Raises
     ------
     UsageError : no such name; the nearest one is suggested.
-    UserError : it is declared but cannot be imported.
+    UserError : it exists but cannot be imported.
     """
     what = group.rpartition('.')[2].rstrip('s')
     point = _points(group).get(name)
@@ -50,15 +50,15 @@ def find(group: str, name: str) -> Any:
 
 
 def load(path: str) -> Any:
-    """The object a user names as ``package.module:name``.
+    """Return the object ``package.module:name``.
 
     Raises
     ------
-    UsageError : not of that form, not importable, or no such name in the module.
+    UsageError : another form, not importable, or no such name in the module.
     """
     module_name, colon, attribute = path.partition(':')
     if not colon or not module_name or not attribute:
-        raise UsageError(f"'{path}' is not of the form package.module:name")
+        raise UsageError(f"'{path}' is incomplete: write it as package.module:name")
     try:
         module = importlib.import_module(module_name)
     except Exception as error:  # a user's module may fail in any way while it is imported

@@ -1,7 +1,7 @@
-"""YAML as ROS reads it, and YAML that stays what it is whatever its texts are.
+"""Read YAML as ROS does, and write YAML that every reader understands in the same way.
 
-ROS parses parameter files with rules of its own: y, n, on and off are booleans, 017 is 15, and
-1:30, 1_000 and 2026-01-01 are texts. What is read here means the same as for a node.
+ROS parses parameter files with its own rules: y, n, on and off are booleans, 017 is 15, and 1:30,
+1_000 and 2026-01-01 are texts. Values read here are the same as in a node.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ _NUMBER = re.compile(
 
 
 class Word(str):
-    """A word of the command line that YAML takes for a boolean, as in ``--set gate=off``."""
+    """A word on the command line that YAML reads as a boolean, as in ``--set gate=off``."""
 
     @property
     def truth(self) -> bool:
-        """What it is as a boolean."""
+        """The word as a boolean."""
         return self in TRUE
 
 
 def is_text(word: str) -> bool:
-    """True if YAML reads `word` as a text without quotes, in ROS and by YAML 1.1."""
+    """Return True if `word` without quotes is a text, in ROS and in YAML 1.1."""
     return (
         yaml.SafeLoader('').resolve(yaml.ScalarNode, word, (True, False)) == f'{_TAG}str'
         and _tag(word) == f'{_TAG}str'
@@ -49,7 +49,7 @@ def is_text(word: str) -> bool:
 
 
 def _tag(word: str) -> str:
-    """The tag of an unquoted word."""
+    """Return the tag of an unquoted word."""
     if word in NULL:
         return f'{_TAG}null'
     if word in TRUE or word in FALSE:
@@ -69,16 +69,16 @@ class Loader(yaml.SafeLoader):
         return super().resolve(kind, value, implicit)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        """Return the mapping; raise ConstructorError if a key comes twice."""
+        """Return the mapping; raise ConstructorError if a key occurs twice."""
         seen = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode) and key.tag != f'{_TAG}merge':
                 if key.value in seen:
                     raise yaml.constructor.ConstructorError(
-                        None, None, f"'{key.value}' comes twice", key.start_mark
+                        None, None, f"key '{key.value}' occurs twice", key.start_mark
                     )
                 seen.add(key.value)
-                key.tag = f'{_TAG}str'  # ROS: a joint y is no boolean here
+                key.tag = f'{_TAG}str'  # as in ROS, a key y is not a boolean
         return super().construct_mapping(node, deep)
 
 
@@ -108,11 +108,11 @@ for _name, _made in (('bool', TRUE.__contains__), ('int', _whole), ('float', _nu
 
 
 def read(text: str) -> Any:
-    """Return what the YAML `text` holds.
+    """Return the value of the YAML `text`.
 
     Raises
     ------
-    yaml.YAMLError : it is no YAML, or what it says is none of the plain types.
+    yaml.YAMLError : invalid YAML, or a type that is not a plain one.
     """
     try:
         return yaml.load(text, Loader=Loader)
@@ -121,9 +121,9 @@ def read(text: str) -> Any:
 
 
 def of_command_line(text: str) -> Any:
-    """Return the value of ``--set key=text``: texts may stand without quotes.
+    """Return the value of ``--set key=text``: texts need no quotes.
 
-    A word such as off becomes a `Word`; what is no YAML is a text as it stands.
+    A word such as off becomes a `Word`; invalid YAML is a text.
     """
     if text in TRUE | FALSE and text.lower() not in ('true', 'false'):
         return Word(text)
@@ -137,7 +137,7 @@ class _Unquoted(Loader):
     """YAML in which y, n, yes, no, on and off are texts, as in ``--set joints=[x,y]``."""
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
-        """Return the tag of a node; true and false alone are booleans."""
+        """Return the tag of a node; only true and false are booleans."""
         found = super().resolve(kind, value, implicit)
         if found == f'{_TAG}bool' and value.lower() not in ('true', 'false') and implicit[0]:
             return f'{_TAG}str'
@@ -145,7 +145,7 @@ class _Unquoted(Loader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML with every text in quotes, so that it is a text for every reader."""
+    """Writes every text in quotes, so that every reader reads a text."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """Return True: no anchors, which ROS does not read."""

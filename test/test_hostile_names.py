@@ -77,13 +77,13 @@ def test_tune_writes_names_as_names(name):
     from estimator_pkg import observers
     from estimator_pkg.parameters import declared
 
-    wishes = SimpleNamespace(
+    tuning = SimpleNamespace(
         entry=SimpleNamespace(observer='pll'),
         preference=name,
         gains=declared(observers.find('pll').gains),
     )
     text = output.as_yaml(
-        wishes, {'angle_joint': name, 'joints': (name,)}, [trial(name, [name])], 0.3
+        tuning, {'angle_joint': name, 'joints': (name,)}, [trial(name, [name])], 0.3
     )
     values = holds_only(text, ['/**'])['/**']['ros__parameters']
     assert values == {
