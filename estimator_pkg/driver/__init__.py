@@ -1,1 +1,1 @@
-"""The driver: takes samples through guard and observer, for the live node and off line alike."""
+"""The driver: passes samples through guard and observer, for the live node and off line."""

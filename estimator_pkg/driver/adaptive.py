@@ -1,4 +1,4 @@
-"""Joints of the observer `adaptive`: known input, evidence, and parameters to start from."""
+"""Joints of the observer `adaptive`: known input, evidence, and start parameters."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from estimator_pkg.observers.adaptive.gains import structure
 from estimator_pkg.observers.adaptive.report import Origin, Report, report
 from estimator_pkg.observers.contract import Observer
 
-PIECE = 0.25  # of a block of evidence
+PIECE = 0.25  # length of a batch, in blocks of evidence
 
 
 class AdaptiveJoint(Joint):
-    """A `Joint` that keeps what its samples say of the parameters.
+    """A `Joint` that collects the evidence of its samples about the parameters.
 
     Parameters
     ----------
-    observer, gains, settings, twin : as of `Joint`.
+    observer, gains, settings, twin : as in `Joint`.
 
     Attributes
     ----------
     evidence : see `estimator_pkg.observers.adaptive.evidence`.
-    origin : of the parameters that it starts with, where they come from a file.
+    origin : origin of its start parameters, if they come from a file.
     """
 
     def __init__(
@@ -45,12 +45,12 @@ class AdaptiveJoint(Joint):
         self.origin: Origin | None = None
 
     def set_gains(self, gains: Any) -> None:
-        """As of `Joint`."""
+        """See `Joint`."""
         super().set_gains(gains)
         self.evidence.memory = gains.memory
 
     def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
-        """One sample in."""
+        """Take one sample; see `Joint`."""
         used = super().update(stamp_ns, measurement, given)
         self._look()
         return used
@@ -63,7 +63,7 @@ class AdaptiveJoint(Joint):
         *,
         fast: bool | None = None,
     ) -> Estimates:
-        """Many samples in, piece by piece: blocks of evidence end where a piece does."""
+        """Take many samples, piece by piece: blocks of evidence end where a piece does."""
         pieces: list[Estimates] = []
         begin = 0
         fast = len(stamps) >= COMPILE_FROM if fast is None else fast
@@ -86,7 +86,7 @@ class AdaptiveJoint(Joint):
         return Estimates(*(np.concatenate(column) for column in zip(*pieces)))
 
     def report(self) -> Report:
-        """What was identified."""
+        """Return the identified parameters."""
         return report(self.gains, self.state, self.mean_dt or 1e-3, self.evidence, self.origin)
 
     def _look(self) -> None:
@@ -96,12 +96,12 @@ class AdaptiveJoint(Joint):
 
 
 class AdaptiveConfiguration(Configuration):
-    """Gains per joint, which start with the parameters of a file where it knows the joint.
+    """Gains per joint, with start parameters from a file for the joints that it contains.
 
     Parameters
     ----------
-    observer, common, overrides : as of `Configuration`.
-    saved : joint -> what a file says of it (see `estimator_pkg.driver.identified`).
+    observer, common, overrides : as in `Configuration`.
+    saved : joint -> its entry in the file (see `estimator_pkg.driver.identified`).
 
     Raises
     ------
@@ -122,15 +122,15 @@ class AdaptiveConfiguration(Configuration):
             self.for_joint(joint)
 
     def for_joint(self, joint: str) -> tuple[Any, JointSettings]:
-        """(gains, settings) of this joint."""
+        """Return (gains, settings) of this joint."""
         gains, settings = super().for_joint(joint)
         own = self.saved.get(joint)
         if own is None or gains.theta is not None:
             return gains, settings
         if own['order'] != gains.order:
             raise UsageError(
-                f"saved parameters of joint '{joint}' are of order {own['order']}, "
-                f'but order is {gains.order}'
+                f"saved parameters of joint '{joint}' have order {own['order']}, "
+                f'but order is {gains.order}: set order to {own["order"]}'
             )
         for word, has in (('load', gains.load), ('gravity', gains.gravity)):
             if own.get(word, 0.0) != 0.0 and not has:
@@ -146,7 +146,7 @@ class AdaptiveConfiguration(Configuration):
         return dataclasses.replace(gains, theta=tuple(theta)), settings
 
     def origin(self, joint: str) -> Origin | None:
-        """What the file says of the parameters that the joint starts with; None: not from there."""
+        """Return the origin of a joint's start parameters; None if they are not from the file."""
         own = self.saved.get(joint)
         if own is None or super().for_joint(joint)[0].theta is not None:
             return None
@@ -156,15 +156,15 @@ class AdaptiveConfiguration(Configuration):
 class AdaptiveBank(Bank):
     """As `Bank`, for positions with efforts.
 
-    What a node or a replay calls: `take` once for each message of joint states, in the order in
-    which they came; from what it returns the estimate is published. `reports()` gives, ten times a
-    second of their own time, the identified parameters; `identified` keeps them. To freeze, give a
+    A node or a replay calls `take` once for each message of joint states, in order of arrival, and
+    publishes the estimates that it returns. `reports()` returns, at 10 Hz of stamp time, the
+    identified parameters, and `identified` saves them. To freeze the parameters, make a
     configuration with `adapt: false` and call `joint.set_gains` with each joint's new gains.
 
     Parameters
     ----------
-    configuration, only, most : as of `Bank`.
-    source : where efforts come from: FIELD (of joint states) or COMMAND (a topic of its own).
+    configuration, only, most : as in `Bank`.
+    source : source of the efforts: FIELD (of joint states) or COMMAND (a separate topic).
     """
 
     def __init__(
@@ -177,8 +177,8 @@ class AdaptiveBank(Bank):
         super().__init__(configuration, only, most)
         self._source = source
         self._acting: dict[str, Acting] = {}
-        self.unknown: set[str] = set()  # joints whose input was not known at their newest sample
-        self.without_input = 0  # messages with positions but without their efforts
+        self.unknown: set[str] = set()  # joints without a known input at their newest sample
+        self.without_input = 0  # messages with positions but without efforts
 
     def _make(self, name: str) -> Joint:
         made = AdaptiveJoint(
@@ -195,11 +195,11 @@ class AdaptiveBank(Bank):
         positions: Sequence[float],
         efforts: Sequence[float],
     ) -> Taken | None:
-        """Take one message in; None if its arrays do not fit (that is counted).
+        """Take one message; return None (and count it) if its arrays do not fit.
 
         Parameters
         ----------
-        positions, efforts : as in a JointState; efforts of COMMAND come by `command`.
+        positions, efforts : as in a JointState; efforts of COMMAND arrive by `command`.
         """
         if not self.fits(names, positions):
             return None
@@ -240,7 +240,7 @@ class AdaptiveBank(Bank):
         return joint.update(stamp_ns, position, given)
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
-        """One effort_command in."""
+        """Take one effort_command."""
         for name, effort in zip(names, efforts):
             if (
                 name in self.joints
@@ -251,7 +251,7 @@ class AdaptiveBank(Bank):
                 self._acting_on(name).command(0, stamp_ns, effort)
 
     def forget(self, name: str) -> None:
-        """As of `Bank`."""
+        """See `Bank`."""
         super().forget(name)
         self._acting.pop(name, None)
         self.unknown.discard(name)
@@ -264,22 +264,22 @@ class AdaptiveBank(Bank):
         return acting
 
     def why_silent(self, name: str) -> str:
-        """Why no sample of this joint can be used, as far as its input is the reason."""
+        """Return why no sample of this joint can be used, if its input is the reason, else ''."""
         if name not in self.unknown:
             return ''
         return (
-            'no effort_command is in force for it'
+            'no effort_command is valid for it'
             if self._source == COMMAND
             else 'its effort is not a number'
         )
 
     def unit(self, name: str) -> str:
-        """Of the input of this joint; empty: not known."""
+        """Return the unit of this joint's input; empty: not known."""
         settings: Any = self.joints[name].settings
         return settings.input_unit
 
     def reports(self) -> dict[str, Report]:
-        """What each joint has identified."""
+        """Return the identified parameters of each joint."""
         return {
             name: joint.report()
             for name, joint in self.joints.items()

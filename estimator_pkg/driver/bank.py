@@ -1,4 +1,4 @@
-"""Any number of joints, which may come, go and change order from message to message."""
+"""Any number of joints, which may appear, disappear and change order between messages."""
 
 from __future__ import annotations
 
@@ -52,18 +52,18 @@ class Received:
 
     Attributes
     ----------
-    mismatched : those whose arrays did not fit their names.
-    empty : those without a position.
+    mismatched : number of messages whose arrays do not fit their names.
+    empty : number of messages without a position.
     """
 
     joints: Mapping[str, Any]
-    refused = expired = 0  # samples of names beyond the most, and joints forgotten: of `Bank`
+    refused = expired = 0  # samples of names beyond the limit, and expired joints: see `Bank`
 
     def __init__(self) -> None:
         self.mismatched = self.empty = 0
 
     def fits(self, names: Sequence[str], positions: Sequence[float]) -> bool:
-        """Whether there are positions, one for each name; counted where not."""
+        """Return True if there is one position per name; otherwise count the message."""
         if not positions:
             self.empty += 1
             return False
@@ -73,34 +73,34 @@ class Received:
         return True
 
     def touched(self) -> Iterable[str]:
-        """The joints that may have had a sample since this was called last."""
+        """Return the joints that may have had a sample since the last call."""
         return tuple(self.joints)
 
     def rehearse(self) -> None:
-        """Let what a first sample needs be made before it comes."""
+        """Prepare everything that the first sample needs."""
         for joint in self.joints.values():
             joint.rehearse()
 
     def why_silent(self, name: str) -> str:
-        """Why there may be no usable sample of a joint, where that can be known; else ''."""
+        """Return why a joint may have no usable sample, if it is known; else ''."""
         return ''
 
 
 class Bank(Received):
-    """The joints of one stream, made as they appear.
+    """The joints of one stream, created when they appear.
 
     Parameters
     ----------
     configuration : observer, gains and settings.
     only : names of the joints to estimate; empty: every joint that appears.
-    most : joints that are kept; None: any number. Named ones (in `only` or an override) are kept in
-        any case.
+    most : largest number of joints; None: no limit. Joints named in `only` or an override are
+        always accepted.
 
     Attributes
     ----------
-    most : as said.
-    refused, expired : samples of names beyond `most`, and joints that `forget` took.
-    refused_name : the newest such name.
+    most : see above.
+    refused, expired : samples of names beyond `most`, and joints removed by `forget`.
+    refused_name : the newest refused name.
     """
 
     def __init__(
@@ -115,38 +115,38 @@ class Bank(Received):
         self.configuration = configuration
         self.only = frozenset(only)
         self.joints: dict[str, Joint] = {}
-        self._twin: Joint | None = None  # of which joints of equal gains take the functions
+        self._twin: Joint | None = None  # joints with equal gains share its functions
         self._unnamed = 0  # joints that the configuration does not name
 
     def rehearse(self) -> None:
-        """Make a joint that is nobody's: the first ones take its functions."""
+        """Create a joint without a name, whose functions the first joints share."""
         self._twin = self._make('')
         self._twin.rehearse()
         self._noting = True
 
     def named(self, name: str) -> bool:
-        """Whether the configuration names this joint."""
+        """Return True if the configuration names this joint."""
         return name in self.only or name in self.configuration.overrides
 
     def touched(self) -> Iterable[str]:
-        """The joints that may have had a sample since this was called last."""
+        """Return the joints that may have had a sample since the last call."""
         recent, self._recent = self._recent, set()
         return {name for names in recent for name in names if name in self.joints}
 
     def forget(self, name: str) -> None:
-        """A joint that has expired; if it comes again it is a new one."""
+        """Remove an expired joint; if it appears again it is a new one."""
         del self.joints[name]
         self._unnamed -= not self.named(name)
         self.expired += 1
 
     def _note(self, names: Sequence[str]) -> None:
-        """A message with these names came."""
+        """Note a message with these names."""
         if self._noting:
             self._recent.add(names if isinstance(names, tuple) else tuple(names))
 
     def joint(self, name: str) -> Joint | None:
-        """The joint called `name`, made at its first appearance; None if it is not wanted, or if
-        there are too many (that sample is counted).
+        """Return the joint `name`, created at its first appearance; None if it is not selected, or
+        if there are too many (the sample is counted).
         """
         joint = self.joints.get(name)
         if joint is None and (not self.only or name in self.only):
@@ -186,7 +186,7 @@ class Bank(Received):
         positions: Sequence[float],
         efforts: Sequence[float] = (),
     ) -> Taken | None:
-        """Take one message in; None if its arrays do not fit (that is counted).
+        """Take one message; return None (and count it) if its arrays do not fit.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Many samples of one joint at once: replay, tuning, benchmarks."""
+"""Process many samples of one joint at once, for replay, tuning and benchmarks."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from estimator_pkg.driver.compiled import cannot_compile, compiled
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.track import TrackFunctions
 
-COMPILE_FROM = 400_000  # samples from which compiling (a few seconds) pays off
+COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
 
 
 class Estimates(NamedTuple):
-    """Arrays of shape (n,), one row per sample received; nan where the sample was dropped.
+    """Arrays of shape (n,), one row per received sample; nan where the sample was dropped.
 
     position [rad or m], velocity, acceleration (SI), one standard deviation of position and of
     velocity, status (see `observers.contract`) and the guard's verdict (see `guard`).
@@ -32,7 +32,7 @@ class Estimates(NamedTuple):
 
 
 def empty(count: int) -> Estimates:
-    """Room for `count` samples."""
+    """Return arrays for `count` samples."""
 
     def nans() -> NDArray[np.float64]:
         return np.full(count, np.nan)
@@ -43,7 +43,7 @@ def empty(count: int) -> Estimates:
 
 
 def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
-    """A loop over samples; compile it with `compiled` or call it as it is."""
+    """Return a loop over samples; compile it with `compiled` or call it as it is."""
     advance, read, deviation = track.advance, track.read, track.deviation
 
     def batch(
@@ -85,15 +85,15 @@ def run(
     *,
     fast: bool | None = None,
 ) -> tuple[tuple, Estimates]:
-    """The track's state after these samples, and the estimates.
+    """Return the track's state after these samples, and the estimates.
 
     Parameters
     ----------
     stamps : shape (n,), int64 nanoseconds.
     measurements : shape (n,) [rad or m].
     given : shape (n,), the known input; None: zero.
-    fast : compile or not; None: where it pays. What Numba does not take (a user's own function)
-        runs as ordinary Python.
+    fast : compile or not; None: if it pays. Functions that Numba does not support (a user's own)
+        run as plain Python.
     """
     count = len(stamps)
     out = empty(count)
@@ -107,7 +107,7 @@ def run(
         except Exception as error:
             if not cannot_compile(error):
                 raise
-    # lists hold Python's own numbers, which are several times faster than numpy's
+    # lists contain Python floats, which are several times faster than numpy's
     rows = (
         np.asarray(stamps).tolist(),
         np.asarray(measurements).tolist(),

@@ -1,8 +1,8 @@
-"""Compiling pure functions with Numba, lazily, where the ``fast`` extra is installed.
+"""Compile pure functions with Numba on demand, if the extra ``fast`` is installed.
 
-The functions stay ordinary Python; their compiled twins are made from the same code objects, with
-every plain function they call replaced by its own twin. Plain and compiled agree to the last bit
-except where the C library's exp, sin and so on differ (fast-math stays off).
+The functions stay plain Python. Their compiled twins are made from the same code objects, with
+every plain function that they call replaced by its twin. Plain and compiled agree to the last bit
+unless the C library's exp, sin and so on differ (fast-math stays disabled).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from estimator_pkg.printable import printable
 
 
 def global_names(code: types.CodeType) -> set[str]:
-    """The globals that the code reads. Attributes do not count: `math.sin` is no global `sin`."""
+    """Return the globals that the code reads, without attributes (`math.sin` is no global)."""
     names = {
         instruction.argval
         for instruction in dis.get_instructions(code)
@@ -36,10 +36,10 @@ def global_names(code: types.CodeType) -> set[str]:
 
 
 def fingerprint(function: types.FunctionType) -> str:
-    """A digest of the function's code, of what it closes over and of the globals it reads.
+    """Return a digest of the function's code, its closure and the globals that it reads.
 
-    Equal in every process for the same sources; another one as soon as any function that it calls,
-    or a constant that one of them uses, has changed.
+    It is equal in every process for the same sources. It changes with every function that it calls,
+    and with every constant that one of them uses.
     """
     digest = hashlib.sha256()
     for part in _parts(function, set()):
@@ -53,7 +53,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
             yield f'seen {value.__qualname__}'
             return
         seen.add(id(value))
-        yield f'of {value.__module__}'  # what is kept is loaded by importing this module
+        yield f'of {value.__module__}'  # the cached code is loaded by importing this module
         yield from _parts(value.__code__, seen)
         yield from _parts(value.__defaults__, seen)
         for cell in value.__closure__ or ():
@@ -70,7 +70,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         yield f'{type(value).__name__} of {len(value)}'
         for item in value:
             yield from _parts(item, seen)
-    elif isinstance(value, frozenset):  # whose order differs from process to process
+    elif isinstance(value, frozenset):  # its order differs between processes
         yield repr(sorted(map(repr, value)))
     elif isinstance(value, (types.ModuleType, types.BuiltinFunctionType, type)):
         yield f'{getattr(value, "__module__", "")} {value.__name__}'
@@ -79,19 +79,19 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
 
 
 _twins: dict[Any, Callable] = {}
-_faults: list[str] = []  # of the cache
+_faults: list[str] = []  # problems of the cache
 
 
 @lru_cache
 def available() -> bool:
-    """True where Numba can be imported (this imports it)."""
+    """Return True if Numba can be imported (this imports it)."""
     try:
-        import numba  # noqa: F401  (only to see whether it is there)
+        import numba  # noqa: F401  (checks that it is installed)
     except ModuleNotFoundError as error:
         if error.name == 'numba':
             return False
         broken: Exception = error
-    except Exception as error:  # another NumPy than it was made for, a library that does not load
+    except Exception as error:  # built for another NumPy, a library that does not load
         broken = error
     else:
         return True
@@ -100,19 +100,19 @@ def available() -> bool:
 
 
 def compiled(function: Callable) -> Callable:
-    """The compiled twin of a pure function; the function itself where Numba is missing."""
+    """Return the compiled twin of a pure function, or the function itself without Numba."""
     if not available():
         return function
     return _twin(function)
 
 
 def cannot_compile(error: Exception) -> bool:
-    """True if `error` is Numba's refusal of a function outside its subset of Python."""
+    """Return True if `error` is Numba's refusal of a function outside its subset of Python."""
     return type(error).__module__.startswith('numba.')
 
 
 def _key(value: Any) -> Any:
-    """What makes two functions the same for the compiler: code and what it closes over."""
+    """Return the identity of a function for the compiler: its code and its closure."""
     if isinstance(value, types.FunctionType):
         return (value.__code__, tuple(_key(cell.cell_contents) for cell in value.__closure__ or ()))
     if isinstance(value, tuple):
@@ -121,9 +121,9 @@ def _key(value: Any) -> Any:
 
 
 def _twin(function: Any, *, inner: bool = False) -> Callable:
-    """The compiled twin; `inner` ones are called by compiled code alone.
+    """Return the compiled twin; only compiled code calls `inner` ones.
 
-    Leaving out what makes them callable from Python saves two fifths of the compiling.
+    Without their Python wrappers, compiling takes two fifths less time.
     """
     import numba
 
@@ -150,30 +150,29 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
 
 
 def _keep_on_disk(twin: Any, copy: Any, function: Any) -> None:
-    """Let Numba keep what it compiles next to the source, as its own ``cache=True`` does.
+    """Let Numba store compiled code next to the source, as its own ``cache=True`` does.
 
-    That would know one source file and what the function closes over; ours is stale as soon as
-    anything changes that the function calls. Compiling takes seconds, loading does not. Without a
-    file of its own (what a user types in) a function is not kept; a fault never stops anybody.
+    Numba's cache checks one source file and the closure. Ours becomes stale as soon as any called
+    function changes. Compiling takes seconds, loading does not. A function without a source file
+    (typed interactively) is not stored, and a failure of the cache never raises.
     """
     if not os.path.exists(function.__code__.co_filename):
         return
     try:
         twin._cache = _cache_class()(copy, fingerprint(function))
-    except Exception as error:  # RuntimeError: nothing can be written anywhere
+    except Exception as error:  # RuntimeError: no folder is writable
         _not_kept(
-            f'{type(error).__name__}: {first_line(error)}; set NUMBA_CACHE_DIR to a folder '
-            'that may be written'
+            f'{type(error).__name__}: {first_line(error)}; set NUMBA_CACHE_DIR to a writable folder'
         )
 
 
 @lru_cache(1)
 def _cache_class() -> type:
-    """The class of the caches; Numba's own stops the caller for a full disk or a damaged file."""
+    """Return the class of the caches; Numba's own raises for a full disk or a damaged file."""
     from numba.core.caching import FunctionCache, IndexDataCacheFile
 
     class Files(IndexDataCacheFile):
-        """Machine code is loaded only as it was written: damaged, it would end the process."""
+        """Loads only intact machine code: damaged code would crash the process."""
 
         def _save_data(self, name: str, data: Any) -> None:
             raw = self._dump(data)
@@ -182,7 +181,7 @@ def _cache_class() -> type:
         def _load_data(self, name: str) -> Any:
             digest, raw = super()._load_data(name)
             if hashlib.sha256(raw).digest() != digest:
-                raise ValueError(f'{name} is not what was written')
+                raise ValueError(f'{name} is damaged')
             return pickle.loads(raw)
 
     class Cache(FunctionCache):
@@ -194,14 +193,14 @@ def _cache_class() -> type:
             )
 
         def _index_key(self, sig: Any, codegen: Any) -> tuple:
-            return (sig, codegen.magic_tuple(), self._content, 'sha256')  # how it is kept
+            return (sig, codegen.magic_tuple(), self._content, 'sha256')  # and the file format
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             try:
                 return super().load_overload(sig, target_context)
             except Exception as error:  # of damaged files: EOFError, UnpicklingError and others
                 _not_kept(
-                    f'a damaged file in {self._cache_path} is written anew '
+                    f'a damaged file in {self._cache_path} is replaced '
                     f'({type(error).__name__}: {first_line(error)})'
                 )
             try:
@@ -224,16 +223,16 @@ def _cache_class() -> type:
 
 
 def _not_kept(why: str) -> None:
-    """Report the first fault of the cache: compiling takes seconds in each process from now on."""
+    """Report the first problem of the cache: from now on each process compiles for seconds."""
     if not _faults:
         print(f'warning: compiled code is not loaded from disk: {printable(why)}', file=sys.stderr)
     _faults.append(why)
 
 
 def longest_dt(limits: Callable[[float], str | None]) -> float:
-    """The longest sample time [s] that an observer's `limits` admits; inf where all do.
+    """Return the longest sample time [s] that an observer's `limits` accepts; inf for no limit.
 
-    `limits` must be monotone: what fails at one dt fails at every longer one.
+    `limits` must be monotone: if it refuses a dt it refuses every longer one.
     """
     low, high = 1e-7, 100.0
     if limits(high) is None:

@@ -1,4 +1,4 @@
-"""Which observer with which gains for each joint: common values, and overrides per joint."""
+"""The observer and its gains for each joint: common values, and overrides per joint."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ KNOW_THE_INPUT = ('angle_and_input', 'switched')  # kinds of observers
 
 
 def settings_of(observer: Observer) -> type[JointSettings]:
-    """What is set per joint beside the gains of this observer."""
+    """Return the class of the parameters per joint in addition to this observer's gains."""
     return DrivenSettings if observer.kind in KNOW_THE_INPUT else JointSettings
 
 
@@ -24,9 +24,9 @@ class Configuration:
 
     Parameters
     ----------
-    observer : whose gains these are.
+    observer : the observer with these gains.
     common : values by parameter name, for every joint.
-    overrides : joint name -> values by parameter name; what is not set follows `common`.
+    overrides : joint name -> values by parameter name; others come from `common`.
 
     Raises
     ------
@@ -46,7 +46,7 @@ class Configuration:
             self._check(values)
 
     def for_joint(self, joint: str) -> tuple[Any, JointSettings]:
-        """(gains, settings) of this joint."""
+        """Return (gains, settings) of this joint."""
         values = {**self.common, **self.overrides.get(joint, {})}
         gains = {name: value for name, value in values.items() if name in self._gains}
         settings = {name: value for name, value in values.items() if name not in self._gains}
@@ -56,7 +56,7 @@ class Configuration:
         )
 
     def parameters(self) -> dict[str, Parameter]:
-        """Everything that can be set, by name: the gains first, then the joint settings."""
+        """Return all parameters by name: the gains first, then the joint settings."""
         return {**self._gains, **declared(self._settings)}
 
     @property

@@ -1,4 +1,4 @@
-"""The drive: many samples at once through guard and observer, and the order of batches.
+"""The drive: pass many samples at once through guard and observer, and check the batches' order.
 
 The same track (guard and observer) as for a joint; a measurement is the tuple
 (i_alpha, i_beta, u_alpha, u_beta).
@@ -30,13 +30,13 @@ from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, Obser
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.pmsm.watch import BLIND, describe
 
-LONGEST_COAST = 10**9  # ns; after a longer gap nothing is said of the way in between
+LONGEST_COAST = 10**9  # longest gap over which the angle is extrapolated [ns]
 
 COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 
 
 class DriveEstimates(NamedTuple):
-    """One row per sample received.
+    """One row per received sample.
 
     rows : shape (n, 4), `COLUMNS`: rad, rad/s, Wb, 0 or 1; nan where withheld or where the sample
         was dropped.
@@ -52,22 +52,22 @@ class DriveEstimates(NamedTuple):
 
     @property
     def electrical_angle(self) -> NDArray[np.float64]:
-        """rad; shape (n,)."""
+        """Electrical angle, shape (n,) [rad]."""
         return self.rows[:, 0]
 
     @property
     def electrical_speed(self) -> NDArray[np.float64]:
-        """rad/s; shape (n,)."""
+        """Electrical speed, shape (n,) [rad/s]."""
         return self.rows[:, 1]
 
     @property
     def flux_linkage(self) -> NDArray[np.float64]:
-        """Wb; shape (n,)."""
+        """Flux linkage, shape (n,) [Wb]."""
         return self.rows[:, 2]
 
 
 def empty(count: int) -> DriveEstimates:
-    """Room for `count` samples."""
+    """Return arrays for `count` samples."""
     return DriveEstimates(
         np.full((count, len(COLUMNS)), np.nan),
         np.full(count, INITIALISING, np.int8),
@@ -77,7 +77,7 @@ def empty(count: int) -> DriveEstimates:
 
 
 def make_drive_batch(functions: Any) -> Callable[..., tuple]:
-    """A loop over samples through guard and observer; compile it, or call it as it is."""
+    """Return a loop over samples through guard and observer; compile it, or call it as it is."""
     track_functions = make_track(functions)
     advance, row_of, coast = track_functions.advance, functions.row, functions.coast
 
@@ -128,7 +128,7 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
             ) = track
             if said == AFTER_GAP:
                 gap = stamps[k] - old_ns
-                if gap <= LONGEST_COAST:  # on by what was turned in it
+                if gap <= LONGEST_COAST:  # extrapolate the angle over the gap
                     state = coast(old_state, old_coefficients, design, measurement, gap * 1e-9)
                     track = (
                         last_ns,
@@ -156,7 +156,7 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
 
 @lru_cache(maxsize=16)
 def _twin(batch: Callable[..., tuple]) -> Callable[..., tuple]:
-    """As `compiled`, known again by identity: finding its key takes as long as a short batch."""
+    """As `compiled`, cached by identity: computing its key takes as long as a short batch."""
     return compiled(batch)
 
 
@@ -170,13 +170,13 @@ def run(
     *,
     fast: bool,
 ) -> tuple[tuple, DriveEstimates]:
-    """The track after these samples, and the estimates.
+    """Return the track after these samples, and the estimates.
 
     Parameters
     ----------
     stamps : shape (n,), int64 nanoseconds.
     samples : shape (n, 4) [A, A, V, V].
-    fast : compile, where Numba is there.
+    fast : compile, if Numba is installed.
     """
     out = empty(len(stamps))
     if fast:
@@ -188,24 +188,29 @@ def run(
             np.ascontiguousarray(samples, float),
             *out,
         )
-    else:  # lists hold Python's own numbers, which are several times faster than numpy's
-        told = [values.tolist() for values in out]
+    else:  # lists contain Python floats, which are several times faster than numpy's
+        columns = [values.tolist() for values in out]
         track = batch(
-            track, design, limits, np.asarray(stamps).tolist(), np.asarray(samples).tolist(), *told
+            track,
+            design,
+            limits,
+            np.asarray(stamps).tolist(),
+            np.asarray(samples).tolist(),
+            *columns,
         )
-        for name, values in zip(out._fields, told):
+        for name, values in zip(out._fields, columns):
             getattr(out, name)[:] = values
     return track, out
 
 
-REMEMBERED = 64  # batches that are known again when they are repeated
-GAP = 2.5  # sample periods without a sample are a gap
-UNKNOWN_GAP = 0.01  # s, of a gap while the sample period is unknown
-FITS = 0.01  # the sample period may be off the stamps by this part of itself
+REMEMBERED = 64  # number of batches for the detection of repeated ones
+GAP = 2.5  # this many sample periods without a sample are a gap
+UNKNOWN_GAP = 0.01  # length of a gap while the sample period is unknown [s]
+FITS = 0.01  # allowed relative difference of the sample period from the stamps
 
 
 class DriveJoint(Joint):
-    """A motor's observer, live: feed it batches of samples, read its estimate.
+    """A motor's observer, live: pass it batches of samples, read its estimate.
 
     A sample is (i_alpha, i_beta, u_alpha, u_beta). The estimate of the base class is the mechanical
     one.
@@ -213,13 +218,13 @@ class DriveJoint(Joint):
     Parameters
     ----------
     observer : one of kind 'drive'.
-    gains, settings : as of `Joint`.
-    sample_period : s; 0: that of the first batch.
-    fast : compile, where Numba is there.
+    gains, settings : as in `Joint`.
+    sample_period : s; 0: from the first batch.
+    fast : compile, if Numba is installed.
 
     Attributes
     ----------
-    misfit : why the sample period cannot be right; '' while it can.
+    misfit : why the sample period contradicts the stamps; '' if it does not.
     """
 
     def __init__(
@@ -246,23 +251,23 @@ class DriveJoint(Joint):
         self._tighten()
 
     def set_settings(self, settings: JointSettings) -> None:
-        """Other guard settings from the next sample on; the state is kept."""
+        """Use other guard settings from the next sample on; the state is kept."""
         super().set_settings(settings)
         self._tighten()
 
     def _tighten(self) -> None:
-        """A gap is far shorter than with joints: the rotor turns much between two samples."""
+        """Shorten the guard's gap: the rotor turns far between two samples."""
         gap = GAP * self._period if self._period > 0.0 else UNKNOWN_GAP
         self._limits = self._limits._replace(gap_ns=min(self._limits.gap_ns, round(gap * 1e9)))
 
     def reset(self) -> None:
-        """Start again, as if no sample had come; the counters go on."""
+        """Reset the observer to its start; the counters continue."""
         super().reset()
         self._recent.clear()
         self._late_batches = 0
 
     def warm_up(self) -> None:
-        """Compile now, before samples wait for it; what Numba does not take runs as it is."""
+        """Compile now, before samples arrive; functions without Numba support run as they are."""
         if not self.fast:
             return
         try:
@@ -281,10 +286,10 @@ class DriveJoint(Joint):
             self.fast = False
 
     def take(self, stamps: NDArray[np.int64], samples: NDArray[np.float64]) -> DriveEstimates:
-        """A batch in; the estimates, one row per sample received.
+        """Take a batch; return the estimates, one row per received sample.
 
-        A batch that came before, or that others have overtaken, is dropped as a whole; three late
-        ones in a row mean that the clock jumped.
+        A repeated batch, or one older than the last, is dropped completely. Three late ones in a
+        row mean that the clock jumped.
 
         Parameters
         ----------
@@ -334,10 +339,10 @@ class DriveJoint(Joint):
         return out
 
     def _fits(self, stamps: NDArray[np.int64]) -> bool:
-        """Whether a batch's stamps fit the sample period; where none is given they make it."""
+        """Return True if a batch's stamps fit the sample period, which they define if unset."""
         if len(stamps) < 3:
             return not self.misfit
-        # the median; numpy's own takes as long as all the samples do compiled
+        # the median; numpy's own takes as long as all compiled samples
         spacing = float(np.sort(stamps[1:] - stamps[:-1])[(len(stamps) - 1) // 2]) * 1e-9
         if self.given_period <= 0.0:
             if spacing > 0.0 and abs(spacing - self._period) > FITS * self._period:
@@ -349,7 +354,8 @@ class DriveJoint(Joint):
             self.misfit = ''
         else:
             self.misfit = (
-                f'sample_period is {self.given_period:g} s, but the stamps are {spacing:g} s apart'
+                f'sample_period is {self.given_period:g} s, but the stamps are '
+                f'{spacing:g} s apart: correct sample_period'
             )
         return not self.misfit
 
@@ -365,25 +371,25 @@ class DriveJoint(Joint):
         self.verdict = int(verdicts[-1])
 
     def estimate(self) -> tuple[float, float, float, int]:
-        """(position, velocity, nan, status), mechanical, at the last used sample."""
+        """Return (position, velocity, nan, status), mechanical, at the last used sample."""
         if self.misfit:
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
         return super().estimate()
 
     def electrical(self) -> tuple[float, float, float, float]:
-        """(angle [rad], speed [rad/s], flux linkage [Wb], 1.0 where it counts), electrical."""
+        """Return (angle [rad], speed [rad/s], flux linkage [Wb], 1.0 if valid), electrical."""
         return self._motor.electrical(self.state, self.coefficients, self._design)
 
     def electrical_stddev(self) -> tuple[float, float, float]:
-        """One standard deviation of electrical angle, electrical speed and flux linkage."""
+        """Return standard deviations of electrical angle, electrical speed and flux linkage."""
         return self._motor.electrical_stddev(self.state, self.coefficients, self._design)
 
     def speed_bound(self) -> float:
-        """Mechanical speed [rad/s] that is not exceeded while the rotor is not observable; inf."""
+        """Return an upper bound of |mechanical speed| [rad/s] while not observable; inf: none."""
         return self._motor.speed_bound(self.state, self.coefficients, self._design)
 
     def why(self) -> str:
-        """What the status means, in words."""
+        """Return the meaning of the status as text."""
         if self.misfit or not self.running:
             return self.misfit
         limit = super().why()
@@ -392,5 +398,5 @@ class DriveJoint(Joint):
         reasons = self._motor.reasons(self.state)
         if self.estimate()[3] != NOT_OBSERVABLE:
             return describe(reasons)
-        said, bound = describe(reasons & BLIND), self.speed_bound()
-        return f'{said}; |speed| is below {bound:.2g} rad/s' if math.isfinite(bound) else said
+        reason, bound = describe(reasons & BLIND), self.speed_bound()
+        return f'{reason}; |speed| is below {bound:.2g} rad/s' if math.isfinite(bound) else reason

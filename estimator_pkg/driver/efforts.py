@@ -1,4 +1,4 @@
-"""Known inputs: which effort acted from one sample to the next.
+"""Known inputs: the effort that acts from one sample to the next.
 
 Efforts come in the messages of the positions or on a topic of their own, as commands, which act
 from their stamp on, or as measurements, which acted since the one before. No ROS here: the live
@@ -25,13 +25,13 @@ Command = tuple[int, Sequence[str], Sequence[float]]  # (stamp [ns], names, effo
 
 
 class EffortCommands:
-    """Decodes a stream of them.
+    """Decodes a stream of effort commands.
 
     Parameters
     ----------
-    kind : JOINT_STATE (efforts by name) or ARRAY (numbers alone; they have no stamp).
-    orders : names that the numbers of an array may stand for; its length says which.
-    by_publisher : the stamp is the time at which a message was sent, as it is of every array.
+    kind : JOINT_STATE (efforts by name) or ARRAY (numbers only, without a stamp).
+    orders : possible names for the numbers of an array; its length selects one.
+    by_publisher : the stamp is the time at which a message was sent, as for every array.
     """
 
     def __init__(self, kind: str, orders: Sequence[Sequence[str]], by_publisher: bool) -> None:
@@ -40,18 +40,18 @@ class EffortCommands:
         self._layout = Decoder().layout
 
     def decode(self, raw: bytes, sent_ns: int) -> Command:
-        """The command in `raw`, which was sent at `sent_ns`.
+        """Decode the command in `raw`, which was sent at `sent_ns`.
 
         Raises
         ------
-        MalformedMessageError : no such message, or an array of another length.
+        MalformedMessageError : not such a message, or an array of another length.
         """
         if self._names is not None:
             numbers = multi_array.numbers(raw)
             names = self._names.get(len(numbers))
             if names is None:
                 raise MalformedMessageError(
-                    f'{len(numbers)} numbers, where there are '
+                    f'{len(numbers)} numbers, but there are '
                     f'{" or ".join(map(str, self._names))} joints'
                 )
             return sent_ns, names, numbers
@@ -62,16 +62,16 @@ class EffortCommands:
         return sent_ns if self._by_publisher else layout.stamp_ns(raw), layout.names, efforts
 
 
-FIELD, COMMAND = 'joint_states', 'effort_command'  # where efforts come from
-COMMANDED, MEASURED = 'commanded', 'measured'  # what they are
-REMEMBERED = 4096  # efforts kept of each input
-LONGEST = 10 * 10**9  # ns between two samples or efforts that belong together
-LARGEST = 1e9  # N m, N, V or A: an input beyond it is garbage
+FIELD, COMMAND = 'joint_states', 'effort_command'  # sources of efforts
+COMMANDED, MEASURED = 'commanded', 'measured'  # kinds of efforts
+REMEMBERED = 4096  # number of stored efforts of each input
+LONGEST = 10 * 10**9  # longest time between related samples or efforts [ns]
+LARGEST = 1e9  # largest valid input [N m, N, V or A]
 
 
 @dataclass(frozen=True)
 class DrivenSettings(JointSettings):
-    """What is set per joint, or per system, of observers that know the input."""
+    """Parameters per joint, or per system, of observers with a known input."""
 
     effort_is: str | None = parameter(
         None,
@@ -79,8 +79,8 @@ class DrivenSettings(JointSettings):
         kind=str,
         choices=(COMMANDED, MEASURED),
         structural=True,
-        description='commanded: an effort acts from its stamp until that of the next one; '
-        'measured: it acted from the stamp before until its own. Automatic: measured in '
+        description='commanded: an effort acts from its stamp to that of the next one; '
+        'measured: it acted from the previous stamp to its own. Automatic: measured in '
         'joint_states, commanded in effort_command',
     )
     input_unit: str = parameter(
@@ -89,49 +89,49 @@ class DrivenSettings(JointSettings):
         choices=('N m', 'newton', 'V', 'A'),
         structural=True,
         formerly={'N': 'newton'},
-        description="unit of the model's input, which is effort times input_scale; it is told with "
-        'the status and stands in the units of identified parameters; empty: unknown',
+        description="unit of the model's input, which is effort times input_scale; it is part of "
+        'the status and of the units of identified parameters; empty: unknown',
     )
     input_scale: tuple[float, ...] = parameter(
         (1.0,),
         unit='',
         kind=list,
         range=(-1e9, 1e9),
-        description='the effort of the topics times this is the input of the model, for all '
-        'inputs or each; a negative one turns the sense round',
+        description="factor from the topic's effort to the model's input, for all inputs or each; "
+        'a negative value reverses the sign',
     )
     input_delay: tuple[float, ...] = parameter(
         (0.0,),
         unit='s',
         kind=list,
         range=(0.0, 1.0),
-        description='how long after its stamp an effort acts, for all inputs or each',
+        description='delay from the stamp of an effort to its action, for all inputs or each',
     )
     input_timeout: float = parameter(
         0.5,
         unit='s',
         range=(0.001, 3600.0),
-        description='an effort_command older than this no longer acts: without another one there '
-        'is no input',
+        description='an effort_command older than this is no longer valid; without a valid one '
+        'there is no input',
     )
 
     def check_inputs(self, count: int, owner: str) -> None:
-        """What a range cannot say; raises UsageError if these are not for so many inputs."""
+        """Raise UsageError unless scales and delays fit this number of inputs."""
         for name in ('input_scale', 'input_delay'):
-            given = len(getattr(self, name))
-            if given not in (1, count):
+            length = len(getattr(self, name))
+            if length not in (1, count):
                 raise UsageError(
-                    f"{owner}: '{name}' has {given} numbers for {count} "
-                    f'input{"" if count == 1 else "s"}'
+                    f"{owner}: '{name}' has {length} numbers for {count} "
+                    f'input{"" if count == 1 else "s"}: give 1 or {count}'
                 )
 
 
 class Inputs:
-    """Inputs over time, each held until the next.
+    """Inputs over time, each constant until the next.
 
     Parameters
     ----------
-    count : how many there are.
+    count : number of inputs.
     """
 
     def __init__(self, count: int) -> None:
@@ -143,7 +143,7 @@ class Inputs:
         return len(self._steps)
 
     def add(self, index: int, stamp_ns: int, value: float) -> None:
-        """From `stamp_ns` on input `index` has this value."""
+        """Set the value of input `index` from `stamp_ns` on."""
         steps = self._steps[index]
         while steps and steps[-1][0] >= stamp_ns:  # a clock that jumped, or a correction
             steps.pop()
@@ -152,12 +152,12 @@ class Inputs:
     def mean(
         self, begin_ns: int, end_ns: int, oldest_ns: int, delays_ns: Sequence[int] = (0,)
     ) -> tuple[float, ...]:
-        """The mean of each over an interval; nan where nothing was in force at its begin.
+        """Return the mean of each input over an interval; nan if none was valid at its start.
 
         Parameters
         ----------
-        oldest_ns : how long an input stays in force [ns].
-        delays_ns : how much earlier than the interval they must have come, for all or each.
+        oldest_ns : how long an input stays valid [ns].
+        delays_ns : delay from an input's stamp to its action, for all or each.
         """
         if len(delays_ns) == 1:
             delays_ns = (delays_ns[0],) * len(self._steps)
@@ -177,7 +177,7 @@ class Inputs:
         ):
             return math.nan
         if end_ns <= begin_ns or len(steps) == 1 or steps[1][0] >= end_ns:
-            return steps[0][1]  # as it is, without a rounding error
+            return steps[0][1]  # exact, without a rounding error
         total, since, value = 0.0, begin_ns, steps[0][1]
         for stamp_ns, following in steps:
             if stamp_ns <= begin_ns:
@@ -189,19 +189,19 @@ class Inputs:
         return (total + value * (end_ns - since)) / (end_ns - begin_ns)
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Remove all inputs."""
         for steps in self._steps:
             steps.clear()
 
 
 class Acting:
-    """What acts on a joint or system, whose samples and efforts it is told of.
+    """The input of a joint or system, from its samples and efforts.
 
     Parameters
     ----------
-    count : how many inputs there are.
-    source : FIELD (each sample brings its efforts) or COMMAND (they come by `command`).
-    settings : of the joint; what is not structural in them may change from sample to sample.
+    count : number of inputs.
+    source : FIELD (each sample has its efforts) or COMMAND (they arrive by `command`).
+    settings : of the joint; those that are not structural may change between samples.
     """
 
     def __init__(self, count: int, source: str, settings: DrivenSettings) -> None:
@@ -210,24 +210,23 @@ class Acting:
             settings.effort_is or (MEASURED if source == FIELD else COMMANDED)
         ) == MEASURED
         self._inputs = Inputs(count)
-        self._last_ns = [0] * count  # of the effort before
+        self._last_ns = [0] * count  # stamp of the previous effort
 
     def command(self, place: int, stamp_ns: int, effort: float) -> None:
-        """An effort came by its own topic; one that is not finite is none."""
+        """Take an effort from its own topic; one that is not finite is ignored."""
         if self._source == COMMAND and math.isfinite(effort):
             self._put(place, stamp_ns, effort)
 
     def given(
         self, before_ns: int, stamp_ns: int, efforts: Sequence[float], settings: DrivenSettings
     ) -> tuple[float, ...]:
-        """The mean input from the sample before to this one; nan where it is not known, or where it
-        is beyond `LARGEST`.
+        """Return the mean input since the previous sample; nan if unknown or beyond `LARGEST`.
 
         Parameters
         ----------
-        before_ns : stamp of the sample before; 0: there was none.
-        efforts : those that came with the sample, one per input; nan: none. Not used where they
-            come by a topic of their own.
+        before_ns : stamp of the previous sample; 0: none.
+        efforts : those of the sample, one per input; nan: none. Unused if they have a topic of
+            their own.
         """
         scales, delays = settings.input_scale, settings.input_delay
         field = self._source == FIELD
@@ -267,6 +266,6 @@ class Acting:
         self._inputs.add(place, since_ns, effort)
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Remove all inputs."""
         self._inputs.clear()
         self._last_ns = [0] * len(self._inputs)

@@ -1,6 +1,6 @@
-"""The guard for time and data that stands before every observer, one per joint.
+"""The guard for time and data before every observer, one per joint.
 
-Stamps stay int64 nanoseconds until two of them are subtracted. `judge` is in the compilable subset.
+Stamps stay int64 nanoseconds until two are subtracted. Numba can compile `judge`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ USED = 0
 FIRST = 1
 AFTER_GAP = 2  # position re-initialised, speed kept
 AFTER_CLOCK_JUMP = 3  # reset: a looping bag, a restarted simulation
-AFTER_STRAY_STAMP = 4  # the sample before had a stamp from the far future: on from before it
-AFTER_OUTAGE = 5  # a new start: nothing is known of the motion before
+AFTER_STRAY_STAMP = 4  # the previous stamp was far in the future: continue from the one before it
+AFTER_OUTAGE = 5  # a new start: the motion before is too old
 DUPLICATE = 6
 LATE = 7
 NON_FINITE = 8
 ZERO_STAMP = 9
 MISCONFIGURED = 10
-REPEATED = 11  # a reading of before, published again: see `driver.repeats`
+REPEATED = 11  # an earlier reading, published again: see `driver.repeats`
 VERDICTS = (
     'used',
     'first',
@@ -40,14 +40,14 @@ VERDICTS = (
 NEW_STARTS = (AFTER_CLOCK_JUMP, AFTER_OUTAGE)  # turns may have been lost in them
 DROPPED = VERDICTS[DUPLICATE:]
 
-LATE_IN_A_ROW = 3  # so many late stamps in a row mean that the clock jumped
-SLOW_STREAM = 4.0  # a gap is at least so many mean sample times: slow streams have none
-LONGEST_FIRST = 8.0  # s; a first sample time up to this may be the rule: 0.5 Hz with three lost
+LATE_IN_A_ROW = 3  # this many late stamps in a row mean that the clock jumped
+SLOW_STREAM = 4.0  # a gap is at least this many mean sample times: slow streams have none
+LONGEST_FIRST = 8.0  # largest plausible first sample time [s]: 0.5 Hz with three samples lost
 
 
 @dataclass(frozen=True)
 class GuardSettings:
-    """What the guard accepts, declared once for nodes, commands and docs."""
+    """Limits of the guard, declared once for nodes, commands and docs."""
 
     gap_max: float = parameter(
         0.2,
@@ -68,14 +68,14 @@ class GuardSettings:
         0.5,
         unit='s',
         range=(0.01, 3600.0),
-        description='without input for so long (steady clock) the joint is lost; a gap between '
-        'stamps that is longer is a new start (neither is ever shorter than gap_max '
-        'or four mean sample times)',
+        description='after this time without input (steady clock) the joint is lost; a longer gap '
+        'between stamps is a new start (neither is ever shorter than gap_max or four mean sample '
+        'times)',
     )
 
 
 class Limits(NamedTuple):
-    """The guard's numbers as the driver uses them."""
+    """The guard's limits in the form that the driver uses."""
 
     gap_ns: int
     reorder_ns: int
@@ -84,7 +84,7 @@ class Limits(NamedTuple):
 
 
 def limits(settings: GuardSettings, longest_dt: float) -> Limits:
-    """The settings in nanoseconds, with the observer's own limit [s]."""
+    """Return the settings in nanoseconds, with the observer's own limit [s]."""
     return Limits(
         round(settings.gap_max * 1e9),
         round(settings.reorder_window * 1e9),
@@ -103,13 +103,13 @@ def judge(
     reorder_ns: int,
     timeout_ns: int,
 ) -> int:
-    """The verdict on a stamp.
+    """Return the verdict on a stamp.
 
     Parameters
     ----------
     last_ns : stamp of the last sample used.
     before_ns : stamp before the last gap, while the first sample after it is the newest; else 0.
-    late : late stamps in a row so far.
+    late : number of late stamps in a row so far.
     mean_dt : mean sample time [s]; 0: not known yet.
     """
     ahead = stamp_ns - last_ns

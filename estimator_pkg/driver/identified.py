@@ -1,7 +1,7 @@
-"""What the joints of the observer `adaptive` have identified: as key and value, and in a file.
+"""The identified parameters of the observer `adaptive`, as key and value and in a file.
 
-The file holds the plant itself, the first column of A and B, so that it serves whatever poles the
-observer has later.
+The file contains the plant itself, the first column of A and B, so it does not depend on the
+observer's poles.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive.gains import structure
 from estimator_pkg.observers.adaptive.report import Report
 
-UNKNOWN_UNIT = 'unit of input'  # as a report calls it
+UNKNOWN_UNIT = 'unit of input'  # name in a report
 
 
 def values_of(said: Report, input_unit: str = '') -> dict[str, Any]:
-    """The state, and of each parameter its value, deviation, unit and whether it is trusted.
+    """Return the state, and value, deviation, unit and trust of each parameter.
 
     Parameters
     ----------
-    input_unit : that of the model's input; empty: not known.
+    input_unit : unit of the model's input; empty: not known.
     """
     values: dict[str, Any] = {
         'state': said.phase,
@@ -55,11 +55,11 @@ ABOUT = "x1' = A x + B u in observable canonical form: a is the first column of 
 
 
 def save(path: str, bank: AdaptiveBank) -> list[str]:
-    """Write what the joints have learnt, beside what the file says of others; their names.
+    """Write the identified parameters, keeping other joints of the file; return the names written.
 
     Raises
     ------
-    UserError : nothing was learnt, or the file cannot be written.
+    UserError : nothing is identified, or the file cannot be written.
     """
     joints = load(path) if Path(path).exists() else {}
     names = []
@@ -81,7 +81,7 @@ def save(path: str, bank: AdaptiveBank) -> list[str]:
                 joints[name][word] = said.theta[said.names.index(f'{letter}{n}')]
         names.append(name)
     if not names:
-        raise UserError('nothing has been learnt yet')
+        raise UserError('nothing is identified yet: excite the joint for longer')
     text = f'{yaml_text.comment(ABOUT)}\n' + yaml_text.block(
         {'adaptive_parameters': FORMAT, 'joints': joints}
     )
@@ -95,11 +95,11 @@ def save(path: str, bank: AdaptiveBank) -> list[str]:
 
 
 def load(path: str) -> dict[str, dict[str, Any]]:
-    """What a file written by `save` says, by joint.
+    """Return the content of a file of `save`, by joint.
 
     Raises
     ------
-    UsageError : it cannot be read or is no such file.
+    UsageError : it cannot be read, or is not such a file.
     """
     try:
         content = yaml_text.read(Path(path).read_text(encoding='utf-8'))
@@ -108,12 +108,11 @@ def load(path: str) -> dict[str, dict[str, Any]]:
     except (yaml.YAMLError, UnicodeDecodeError):
         content = None
     if not isinstance(content, dict) or content.get('adaptive_parameters') != FORMAT:
-        raise UsageError(f'{path} holds no parameters of the adaptive observer')
+        raise UsageError(f'{path} contains no parameters of the adaptive observer')
     joints = content.get('joints') or {}
     if not isinstance(joints, dict):
         raise UsageError(
-            f"{path}: 'joints' must hold each joint's name with its parameters below "
-            f'it, not {joints!r}'
+            f"{path}: 'joints' must map each joint's name to its parameters, not {joints!r}"
         )
     for name, own in joints.items():
         if not _whole(own):
@@ -122,7 +121,7 @@ def load(path: str) -> dict[str, dict[str, Any]]:
 
 
 def _whole(own: Any) -> bool:
-    """True if this is what `save` writes of a joint."""
+    """Return True if this is a joint's entry as `save` writes it."""
     if not isinstance(own, dict) or type(own.get('order')) is not int:
         return False
     a, b = own.get('a'), own.get('b')

@@ -1,4 +1,4 @@
-"""One joint: an observer with its gains, the guard, and what happened to every sample."""
+"""One joint: an observer with its gains, the guard, and counts of all samples."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ SHARED = (
     '_batch',
     '_design',
     'longest_dt',
-)  # what follows from the gains and how angles wrap
+)  # these depend on the gains and the wrap period
 
 
 @dataclass(frozen=True)
 class JointSettings(GuardSettings):
-    """What is set per joint beside the observer's gains."""
+    """Parameters per joint in addition to the observer's gains."""
 
     wrap_period: float = parameter(
         2.0 * math.pi,
@@ -53,7 +53,7 @@ class JointSettings(GuardSettings):
         range=(0.0, 1e6),
         structural=True,
         description='period after which the reading repeats; 0: prismatic or multi-turn joint, '
-        'no wrapping anywhere',
+        'without wrapping',
     )
     unwrap: bool = parameter(
         False,
@@ -64,14 +64,14 @@ class JointSettings(GuardSettings):
 
 
 class Joint:
-    """A joint's observer, live: feed it samples, read its estimate.
+    """A joint's observer, live: pass it samples, read its estimate.
 
     Parameters
     ----------
-    observer : which observer.
+    observer : the observer.
     gains : an instance of ``observer.gains``.
     settings : wrap period, gaps, reordering.
-    twin : a joint of the same observer; where its gains are the same its functions serve both.
+    twin : a joint of the same observer; for equal gains both share its functions.
     """
 
     functions: Functions
@@ -92,7 +92,7 @@ class Joint:
         self.counts = [0] * len(VERDICTS)
         self.stamp_ns = 0
         self.reset_count = 0
-        self._new_starts = 0  # until the last reset
+        self._new_starts = 0  # their number at the last reset
         self._structure(gains)
         self._track = self._blank(self._design)
         self.verdict = DUPLICATE
@@ -127,11 +127,11 @@ class Joint:
         self._limits = limits(self.settings, self.longest_dt)
 
     def goes_on_with(self, functions: Functions) -> bool:
-        """Whether the state can be kept with the functions of other gains. One step is tried.
+        """Return True if the state can be kept with the functions of other gains (tries a step).
 
         Raises
         ------
-        ArithmeticError, ValueError : the functions give no numbers from this state.
+        ArithmeticError, ValueError : the functions fail with this state.
         """
         design = functions.design()
         if _shape(functions.init(functions.blank, design)) != _shape(
@@ -144,21 +144,21 @@ class Joint:
         return True
 
     def set_gains(self, gains: Any) -> None:
-        """Other gains from the next sample on; the state is kept.
+        """Use other gains from the next sample on; the state is kept.
 
-        The caller has made sure that no structural parameter differs.
+        The caller must ensure that no structural parameter changes.
         """
         self._structure(gains)
-        # a dt of 0 ns never comes again, so the coefficients are made anew at the next sample
+        # no sample time is 0 ns, so the next sample computes the coefficients anew
         self._track = replaced(self._track, dt_ns=0)
 
     def set_settings(self, settings: JointSettings) -> None:
-        """Other guard settings from the next sample on; the state is kept."""
+        """Use other guard settings from the next sample on; the state is kept."""
         self.settings = settings
         self._limits = limits(settings, self.longest_dt)
 
     def rehearse(self) -> None:
-        """Take samples and forget them: what a first sample makes or imports is there then."""
+        """Take samples and discard them, so that everything is created or imported in advance."""
         track, still = self._blank(self._design), self.functions.blank
         for k in range(1, 4):
             track, _ = self._advance(
@@ -168,13 +168,13 @@ class Joint:
         self._deviation(track, self._design)
 
     def reset(self) -> None:
-        """Start again, as if no sample had come; the counters go on."""
+        """Reset the observer to its start; the counters continue."""
         self._track = self._blank(self._design)
         self.reset_count += 1
         self._new_starts = self._count_new_starts()
 
     def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
-        """One sample in. True if it was used, False if it was dropped (and counted)."""
+        """Take one sample; return True if it was used, False if it was dropped (and counted)."""
         self._track, verdict = self._advance(
             self._track, self._design, self._limits, stamp_ns, measurement, given
         )
@@ -188,13 +188,13 @@ class Joint:
         return False
 
     def estimate(self) -> tuple[float, float, float, int]:
-        """(position, velocity, acceleration or nan, status) at the last used sample."""
+        """Return (position, velocity, acceleration or nan, status) at the last used sample."""
         if not _is_running(self._track):
             return math.nan, math.nan, math.nan, INITIALISING
         return self._read(self._track, self._design, self._limits, self._measurement, self._given)
 
     def stddev(self) -> tuple[float, float]:
-        """One standard deviation of position and velocity."""
+        """Return the standard deviations of position and velocity."""
         return self._deviation(self._track, self._design)
 
     def written(self, position: float) -> float:
@@ -211,14 +211,14 @@ class Joint:
         *,
         fast: bool | None = None,
     ) -> batches.Estimates:
-        """Many samples in, all estimates out; the same numbers as sample by sample.
+        """Take many samples; return all estimates, equal to those sample by sample.
 
         Parameters
         ----------
         stamps : shape (n,), int64 nanoseconds, as received.
         measurements : shape (n,) [rad or m].
         given : shape (n,), known input; None: zero.
-        fast : compile or not; None: where it pays.
+        fast : compile or not; None: if it pays.
         """
         self._track, out = batches.run(
             self._batch,
@@ -244,22 +244,22 @@ class Joint:
 
     @property
     def running(self) -> bool:
-        """Whether a sample has come since the start or the last reset."""
+        """True if a sample has arrived since the start or the last reset."""
         return _is_running(self._track)
 
     @property
     def state(self) -> Any:
-        """The observer's."""
+        """The observer's state."""
         return _state(self._track)
 
     @property
     def coefficients(self) -> Any:
-        """The observer's, at the last sample time."""
+        """The observer's coefficients at the last sample time."""
         return _coefficients(self._track)
 
     @property
     def last_ns(self) -> int:
-        """The last stamp that the guard took [ns]."""
+        """The last stamp that the guard accepted [ns]."""
         return _last_ns(self._track)
 
     @property
@@ -269,7 +269,7 @@ class Joint:
 
     @property
     def silence(self) -> float:
-        """Silence [s] beyond which the joint is lost; between two stamps it is an outage."""
+        """Silence after which the joint is lost [s]; between two stamps it is an outage."""
         slowest = self.mean_dt
         if slowest == 0.0 and self.running:  # one sample does not show the rate
             slowest = LONGEST_FIRST / SLOW_STREAM
@@ -277,20 +277,20 @@ class Joint:
 
     @property
     def received(self) -> int:
-        """Samples that came, used and dropped."""
+        """Number of received samples, used and dropped."""
         return sum(self.counts)
 
     @property
     def used(self) -> int:
-        """Samples that reached the observer."""
+        """Number of samples that reached the observer."""
         return sum(self.counts[:DUPLICATE])
 
     def dropped(self) -> dict[str, int]:
-        """How many samples were dropped, by kind (kinds that occurred)."""
+        """Return the number of dropped samples by reason; reasons without any are omitted."""
         return {kind: count for kind, count in zip(DROPPED, self.counts[DUPLICATE:]) if count}
 
     def events(self) -> dict[str, int]:
-        """Gaps, outages, clock jumps and stray stamps that samples were used across."""
+        """Return the number of gaps, outages, clock jumps and stray stamps before used samples."""
         return {
             kind: count
             for kind, count in zip(VERDICTS[2:DUPLICATE], self.counts[2:DUPLICATE])
@@ -298,7 +298,7 @@ class Joint:
         }
 
     def why(self) -> str:
-        """What the status means for this joint, or what else a person should know, in words."""
+        """Return the meaning of the status, or another note for the user, as text."""
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
@@ -306,11 +306,11 @@ class Joint:
         if not said and self.functions.why is not None and self.running:
             said = self.functions.why(self.state, self._design)
         if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
-            return 'turns may have been lost in an outage or a clock jump (~/reset counts anew)'
+            return 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
         return said
 
     def _repeating(self) -> str:
-        """That readings are repeated, and how often; '' where they are not."""
+        """Return a note on repeated readings; '' without any."""
         times, *_ = _repeats(self._track)
         if not times:
             return ''
@@ -324,5 +324,5 @@ class Joint:
 
 
 def _shape(state: Any) -> Any:
-    """Of a state: how long its tuples are."""
+    """Return the nested lengths of a state's tuples."""
     return tuple(map(_shape, state)) if isinstance(state, tuple) else ()

@@ -1,6 +1,6 @@
-"""Mechanisms of one stream: joints gathered by stamp, inputs matched to the time they acted.
+"""Mechanisms of one stream: joints are collected by stamp, inputs matched to the time they act.
 
-No ROS here: the live node and replay feed it the same messages and get the same estimates.
+No ROS here: the live node and replay pass it the same messages and get the same estimates.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from estimator_pkg.observers.contract import STATUS_NAMES, VALID, Observer
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.parameters import parameter
 
-WAITING = 16  # stamps of a mechanism that may be incomplete at a time
+WAITING = 16  # largest number of incomplete stamps of a mechanism
 
 
 @dataclass(frozen=True)
 class MechanismSettings(DrivenSettings):
-    """What is set per mechanism beside the observer's gains; `wrap_period` follows the model."""
+    """Parameters per mechanism; `wrap_period` comes from the model."""
 
     joints: tuple[str, ...] | None = parameter(
         None,
@@ -41,8 +41,8 @@ class MechanismSettings(DrivenSettings):
         0.0,
         unit='s',
         range=(0.0, 1.0),
-        description='joints that come in separate messages belong together if their stamps differ '
-        'by no more than this',
+        description='joints in separate messages form one sample if their stamps differ by at most '
+        'this',
     )
 
 
@@ -63,7 +63,7 @@ class Mechanism(Joint):
             raise UsageError(
                 f"mechanism '{name}': model '{mechanics.name}' has "
                 f'{mechanics.degrees} joints ({", ".join(mechanics.joints)}), but '
-                f"'joints' names {len(self.names)}"
+                f"'joints' names {len(self.names)}: name one per model joint"
             )
         if len(set(self.names)) < len(self.names):
             raise UsageError(f"mechanism '{name}': 'joints' names a joint twice")
@@ -84,7 +84,7 @@ class Mechanism(Joint):
         positions: Sequence[float],
         efforts: Sequence[float],
     ) -> bool | None:
-        """Take one message in; None if it completes no sample, else whether the sample was used."""
+        """Take one message; None if it completes no sample, else True if the sample was used."""
         found = self._partial(stamp_ns, names)
         if found is None:
             return None
@@ -139,7 +139,7 @@ class Mechanism(Joint):
         return used
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
-        """An effort_command."""
+        """Take one effort_command."""
         for joint, value in zip(names, efforts):
             place = self._input_of.get(joint)
             if place is not None:
@@ -147,16 +147,16 @@ class Mechanism(Joint):
 
     @property
     def actuated(self) -> tuple[str, ...]:
-        """Names of the joints that have an input, in the order of the inputs."""
+        """Names of the joints with an input, in the order of the inputs."""
         return tuple(self.names[k] for k in self.functions.mechanics.actuated)
 
     def set_settings(self, settings: Any) -> None:
-        """Other settings from the next sample on; the state is kept."""
+        """Use other settings from the next sample on; the state is kept."""
         settings.check_inputs(self.functions.mechanics.inputs, f"mechanism '{self.name}'")
         super().set_settings(settings)
 
     def reset(self) -> None:
-        """Start again, as if no sample had come; the counters go on."""
+        """Reset the observer to its start; the counters continue."""
         super().reset()
         self._acting.clear()
         self._pending.clear()
@@ -180,7 +180,7 @@ class Mechanism(Joint):
         return nearest_turn(measured, position[index], self.functions.mechanics.periods[index])
 
     def why(self) -> str:
-        """What the status means, in words."""
+        """Return the meaning of the status as text."""
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
@@ -189,7 +189,7 @@ class Mechanism(Joint):
         return self.functions.why(self.state, self._design)
 
     def why_silent(self) -> str:
-        """Why samples do not become complete, in words; '' where none is begun."""
+        """Return why samples are incomplete; '' if none is waiting."""
         if not self._pending:
             return ''
         missing = sorted(
@@ -207,18 +207,18 @@ class Mechanism(Joint):
             default=0,
         )
         return (
-            f'its joints come apart, with stamps that differ by {apart_ns * 1e-9:g} s at least '
-            '(pair_tolerance)'
+            f'the stamps of its joints differ by at least {apart_ns * 1e-9:g} s: increase '
+            'pair_tolerance'
         )
 
 
 @dataclass
 class _Partial:
-    """A sample whose joints are still coming."""
+    """A sample that is still incomplete."""
 
     stamp_ns: int
-    positions: dict[int, float] = field(default_factory=dict)  # by place among the joints
-    efforts: dict[int, float] = field(default_factory=dict)  # as well
+    positions: dict[int, float] = field(default_factory=dict)  # by index of the joint
+    efforts: dict[int, float] = field(default_factory=dict)  # by index of the input
 
 
 class MechanismConfiguration(Configuration):
@@ -230,11 +230,11 @@ class MechanismConfiguration(Configuration):
 
 
 def check_names(configuration: MechanismConfiguration, names: Collection[str]) -> None:
-    """Raises UsageError if something is set for a mechanism that is none of `names`."""
+    """Raise UsageError if a parameter is set for a mechanism that is not in `names`."""
     for name in configuration.overrides:
         if name not in names:
             raise UsageError(
-                f"parameters are given for a mechanism '{name}': {suggestion(name, names)}"
+                f"parameters are set for an unknown mechanism '{name}': {suggestion(name, names)}"
             )
 
 
@@ -243,12 +243,12 @@ class MechanismBank(Received):
 
     Parameters
     ----------
-    names : of the mechanisms.
-    source : FIELD (the effort field of the joint states) or COMMAND (a topic of its own).
+    names : names of the mechanisms.
+    source : FIELD (the effort field of the joint states) or COMMAND (a separate topic).
 
     Attributes
     ----------
-    joints : the mechanisms by name, as of `estimator_pkg.driver.bank.Bank`.
+    joints : the mechanisms by name, as in `estimator_pkg.driver.bank.Bank`.
     """
 
     def __init__(
@@ -258,7 +258,7 @@ class MechanismBank(Received):
         self.configuration = configuration
         self.joints: dict[str, Mechanism] = {}
         of_joint: dict[str, str] = {}  # joint -> its mechanism
-        for name in filter(None, names):  # an empty text is how YAML writes an empty list
+        for name in filter(None, names):  # YAML writes an empty list as an empty text
             if name in self.joints:
                 raise UsageError(f"parameter 'mechanisms' names '{name}' twice")
             settings: Any
@@ -273,9 +273,9 @@ class MechanismBank(Received):
                 of_joint[joint] = name
             self.joints[name] = made
         if not self.joints:
-            raise UsageError("parameter 'mechanisms' names no mechanism")
+            raise UsageError("parameter 'mechanisms' is empty: name at least one mechanism")
         check_names(configuration, self.joints)
-        self.orders = (  # names that numbers of an effort_command without names stand for
+        self.orders = (  # possible names for the numbers of an effort_command without names
             tuple(name for each in self.joints.values() for name in each.names),
             tuple(name for each in self.joints.values() for name in each.actuated),
         )
@@ -296,7 +296,7 @@ class MechanismBank(Received):
         positions: Sequence[float],
         efforts: Sequence[float],
     ) -> Taken | None:
-        """Take one message of joint states in; None if it completes no sample of a mechanism.
+        """Take one message of joint states; return None if it completes no mechanism's sample.
 
         The joints are those of the mechanisms whose samples it completes: those that it names, in
         its order, and behind them those that came before.
@@ -356,10 +356,10 @@ class MechanismBank(Received):
         return self._shown
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
-        """One effort_command in."""
+        """Take one effort_command."""
         for mechanism in self.joints.values():
             mechanism.command(stamp_ns, names, efforts)
 
     def why_silent(self, name: str) -> str:
-        """Why a mechanism has no sample, in words, or ''."""
+        """Return why a mechanism has no sample, or ''."""
         return self.joints[name].why_silent()

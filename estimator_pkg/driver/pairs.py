@@ -1,4 +1,4 @@
-"""Currents and voltages that come apart, paired by their stamps."""
+"""Pair currents and voltages from two topics by their stamps."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from estimator_pkg.models.motor import clarke
 
-WAITING = 100  # of each kind at most wait for their partner
-JUMP = 100_000_000  # stamps that go back by more begin anew [ns]
+WAITING = 100  # largest number of messages of each kind that wait for their partner
+JUMP = 100_000_000  # a stamp older than the last by more restarts the pairing [ns]
 CURRENT, VOLTAGE = 0, 1
-FORGETS = 0.999  # the largest current of late, per sample
-LEAST = 1e-9  # A
+FORGETS = 0.999  # decay of the recent largest current, per sample
+LEAST = 1e-9  # smallest value of the recent largest current [A]
 
 Vector = tuple[float, float]
 
@@ -24,17 +24,17 @@ class Pair(NamedTuple):
 
 
 class Pairs:
-    """Pairs what comes on two topics.
+    """Pairs the messages of two topics.
 
     Parameters
     ----------
-    tolerance_ns : stamps of a pair differ by at most this.
+    tolerance_ns : largest difference of the stamps of a pair.
 
     Attributes
     ----------
-    unpaired : messages that never met their partner.
-    apart_ns : how far the stamps nearest to each other were apart, since the last pair; None where
-        nothing could be compared.
+    unpaired : number of messages without a partner.
+    apart_ns : smallest difference of unpaired stamps since the last pair; None if there was
+        nothing to compare.
     """
 
     def __init__(self, tolerance_ns: int) -> None:
@@ -45,7 +45,7 @@ class Pairs:
         self.apart_ns: int | None = None
 
     def put(self, kind: int, stamp_ns: int, vector: Vector) -> list[Pair]:
-        """A message of `kind` in; the pairs that are complete, at most one beyond a jump."""
+        """Take a message of `kind`; return the completed pairs, usually one at most."""
         queue = self._waiting[kind]
         if queue and stamp_ns < queue[-1][0] - JUMP:
             for each in self._waiting:
@@ -77,16 +77,16 @@ class Pairs:
 
 
 class Phases:
-    """Three phase quantities as a vector; currents without a neutral must sum to zero.
+    """Converts three phase quantities to a vector; currents without a neutral must sum to zero.
 
     Parameters
     ----------
-    tolerance : of the sum, relative to the largest phase current of late.
+    tolerance : of the sum, over the recent largest phase current.
 
     Attributes
     ----------
-    unbalanced : currents whose sum was too large; they are not used.
-    worst : the largest such sum over that current.
+    unbalanced : number of unused currents, whose sum was too large.
+    worst : the largest such ratio.
     """
 
     def __init__(self, tolerance: float) -> None:
@@ -96,17 +96,17 @@ class Phases:
         self.worst = 0.0
 
     def current(self, a: float, b: float, c: float) -> Vector | None:
-        """(alpha, beta) [A]; None where the phases do not sum to zero."""
+        """Return (alpha, beta) [A]; None if the phases do not sum to zero."""
         largest = max(abs(a), abs(b), abs(c))
         self._largest = max(largest, FORGETS * self._largest)
-        off = abs(a + b + c) / self._largest
-        if off > self._tolerance:  # false for nan, which the guard finds
+        imbalance = abs(a + b + c) / self._largest
+        if imbalance > self._tolerance:  # False for nan, which the guard drops
             self.unbalanced += 1
-            self.worst = max(self.worst, off)
+            self.worst = max(self.worst, imbalance)
             return None
         return clarke(a, b, c)
 
     @staticmethod
     def voltage(a: float, b: float, c: float) -> Vector:
-        """(alpha, beta) [V]; what all three have in common drives no current and drops out."""
+        """Return (alpha, beta) [V]; the zero-sequence component drives no current and cancels."""
         return clarke(a, b, c)

@@ -1,4 +1,4 @@
-"""Raw counts, or an angle of another zero or sense of turning, as rad."""
+"""Convert raw counts, or an angle with another zero or sign, to rad."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 
 class RawAngle(NamedTuple):
-    """How a number on a wire becomes an angle.
+    """The conversion of a raw number to an angle.
 
-    counts_per_revolution : counts of one turn; 0: the number is in rad already.
+    counts_per_revolution : counts per turn; 0: the number is in rad.
     offset : added after scaling [rad].
     sign : 1 or -1.
     """
@@ -27,9 +27,9 @@ class RawAngle(NamedTuple):
 
     @property
     def quantum(self) -> float:
-        """The smallest step that counts can show [rad]; 0: not known."""
+        """Quantum of counts [rad]; 0: not known."""
         return abs(self.scale) if self.counts_per_revolution > 0.0 else 0.0
 
     def angle(self, value: Any) -> Any:
-        """The angle [rad] of a raw number, or of an array of them (any shape)."""
+        """Return the angle [rad] of a raw number, or of an array of them (any shape)."""
         return value * self.scale + self.offset

@@ -1,18 +1,19 @@
-"""Readings that are repeated: a sensor slower than the driver that publishes it.
+"""Detect repeated readings: a sensor slower than the driver that publishes it.
 
-A driver that publishes at 1 kHz what its sensor reads at 100 Hz repeats each reading nine times.
-An observer that takes the repeated ones for measurements sees a joint that stops and jumps. So
+A driver that publishes at 1 kHz the readings of a 100 Hz sensor repeats each reading nine times. An
+observer that treats the repeated ones as measurements sees a joint that stops and jumps. So
 `advance` of `estimator_pkg.driver.track` drops them, once the pattern is recognised.
 
-The evidence is a hold: a reading that stays while the motion moves. An encoder at creep holds its
-reading as regularly, but then each change is one count, whatever the speed, and the holds become
-longer or shorter with it. Where readings are repeated, the changes follow the speed and the holds
-do not. So holds are gathered in chains of equal length and spacing, and a hold counts if the
-change into it is several times the second smallest change in its chain (one alone may be part of a
-count, where a sensor clips), goes the same way as the one before, and leads to another reading.
-Noise gives equal readings at random, which make no chains. At constant speed a chain shows it too
-whose holds all have exactly the same spacing while their changes differ: creep would have to stay
-at a whole fraction of a count per sample, of readings that are rounded coarsely.
+The evidence is a hold: an unchanged reading while the joint moves. An encoder at creep repeats its
+reading as regularly, but then each change is one count, whatever the speed, and the length of the
+holds depends on the speed. With repeated readings the changes depend on the speed and the holds do
+not. So holds are collected in chains of equal length and spacing. A hold counts if the change into
+it is several times the second smallest change in its chain (a single one may be part of a count,
+where a sensor clips), has the same sign as the previous change, and leads to another reading. Noise
+gives equal readings at random, which form no chains. At constant speed there is another criterion:
+a chain whose holds all have exactly the same spacing while their changes differ. For creep to look
+like this, it would need exactly a rational fraction of a count per sample and coarsely rounded
+readings.
 
 What is known: how many equal readings in a row are dropped (0: no pattern is recognised); how many
 were since the last change, or the last sample used; and the chain, see `Chain`.
@@ -34,28 +35,28 @@ Repeats = tuple[int, int, Chain]
 
 BLANK: Repeats = (0, 0, (0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0.0))
 
-SCORE = 12  # holds of one sample after which a chain is believed; half as many of longer ones
-ALIKE = 50  # the same of holds that are spaced exactly alike, ...
-DIFFERENCES = 10  # ... if so many of their changes differ
-VARIED = 3.0  # times the second smallest change of the chain: motion, not one count
-DIFFERENT = 0.002  # part of a change by which another one differs that is not the same count
-RESIDUE = 1e-10  # rad or m; and part of the reading for float32: smaller changes are rounding
-ROUNDING = 3e-7
-SLIP = 1.25  # samples by which the spacing in a chain may differ, ...
-SLACK = 0.2  # ... or this part of it
-FAR = 16.0  # samples; holds of one sample at a larger distance are no chain
-BREAKS = 3  # changes in a row without a hold, where each had one, end the recognition
+SCORE = 12  # a chain is accepted at this many holds of one sample, half as many longer ones
+ALIKE = 50  # or at this many holds with exactly the same spacing,
+DIFFERENCES = 10  # if this many of their changes differ
+VARIED = 3.0  # a change above this multiple of the second smallest is motion, not one count
+DIFFERENT = 0.002  # two changes differ if their relative difference is larger than this
+RESIDUE = 1e-10  # smaller changes are rounding [rad or m],
+ROUNDING = 3e-7  # or smaller than this fraction of the reading (float32)
+SLIP = 1.25  # allowed difference of the spacing within a chain [samples],
+SLACK = 0.2  # or this fraction of it
+FAR = 16.0  # holds of one sample further apart form no chain [samples]
+BREAKS = 3  # this many changes in a row without a hold end the recognition
 
 
 def hold(
     repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
 ) -> Repeats:
-    """Return what is known once a changed reading is repeated, while no pattern is recognised.
+    """Return the state after a reading is repeated that had changed, without a pattern so far.
 
     Parameters
     ----------
-    stamp_ns : of the repeated reading.
-    reading, earlier : the reading that is repeated, and the one before it [rad or m].
+    stamp_ns : stamp of the repeated reading.
+    reading, earlier : the repeated reading, and the one before it [rad or m].
     mean_dt : mean sample time [s].
     period : wrap period [rad]; 0: none.
     """
@@ -98,9 +99,9 @@ def hold(
 
 
 def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
-    """Return what is known after an equal reading in a pattern, and whether it is a repeated one.
+    """Return the state after an equal reading in a pattern, and True if it is a repeated one.
 
-    One more than the pattern has means that the joint is at rest: a reading of its own.
+    One more than the pattern has means that the joint is at rest: a new reading.
     """
     most, length, chain = repeats
     stamp_ns, spacing_ns, change, value, least, low, _, _, _, _, _, patience, pace = chain
@@ -112,12 +113,12 @@ def repeated(repeats: Repeats) -> tuple[Repeats, bool]:
 
 
 def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
-    """Return what is known after a changed reading in a pattern; `BLANK` where that ends it.
+    """Return the state after a reading that changed in a pattern; `BLANK` if that ends it.
 
     Parameters
     ----------
-    passed_ns : since the last sample that was used.
-    change : of the reading [rad or m].
+    passed_ns : time since the last used sample.
+    change : change of the reading [rad or m].
     """
     most, length, chain = repeats
     stamp_ns, spacing_ns, last, value, least, low, alone, _, _, _, changes, patience, pace = chain

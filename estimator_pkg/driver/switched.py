@@ -1,7 +1,7 @@
 """A joint of the observer `switched`: samples and events, each at its stamp.
 
-An event takes effect at the sample nearest to its stamp, whichever message comes first: the way to
-a sample belongs to the mode that held on it.
+An event takes effect at the sample nearest to its stamp, in any order of arrival: the interval
+before a sample belongs to the mode that was active in it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from estimator_pkg.driver.track import replaced
 from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import Observer
 
-# What becomes of an event
+# Results of an event
 WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY = (
     'waiting',
     'applied',
@@ -31,15 +31,15 @@ REFUSED = (PAST, OUT_OF_ORDER, EARLY)
 
 
 class SwitchedJoint(Joint):
-    """A `Joint` that takes events too.
+    """A `Joint` that also takes events.
 
     Parameters
     ----------
-    observer, gains, settings : as of `Joint`.
+    observer, gains, settings : as in `Joint`.
 
     Attributes
     ----------
-    event_counts : events by what became of them.
+    event_counts : number of events by result.
     """
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
@@ -49,12 +49,12 @@ class SwitchedJoint(Joint):
         self._last_event_ns = 0
 
     def event(self, stamp_ns: int, mode: str, v: tuple[float, ...] = ()) -> str:
-        """One event in; what became of it.
+        """Take one event; return its result.
 
         Parameters
         ----------
         stamp_ns : the switching instant, int nanoseconds.
-        mode, v : as the model understands them.
+        mode, v : as the model defines them.
         """
         said = self._judged(stamp_ns)
         self.event_counts[said] += 1
@@ -79,7 +79,7 @@ class SwitchedJoint(Joint):
         return WAITING
 
     def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
-        """One sample in, and the events that are due by it."""
+        """Take one sample, and first the events that are due by it; see `Joint`."""
         while self._waiting and 2 * self._waiting[0][0] <= self.stamp_ns + stamp_ns:
             self._apply()
         used = super().update(stamp_ns, measurement, given)
@@ -88,15 +88,15 @@ class SwitchedJoint(Joint):
         return used
 
     def reset(self) -> None:
-        """Start again; events that wait are forgotten."""
+        """Reset the observer; waiting events are removed."""
         super().reset()
         self._waiting.clear()
         self._last_event_ns = 0
 
     def why(self) -> str:
-        """What the status means, in words; says when Z is not converged."""
+        """Return the meaning of the status as text, or a note if Z has not converged."""
         if self.used and not self.discrete()[2]:
-            return 'Z is not converged: it is predicted'
+            return 'Z has not converged: it is predicted'
         return super().why()
 
     def _apply(self) -> None:
@@ -111,25 +111,24 @@ class SwitchedJoint(Joint):
         return functions.outputs(self.state, self._measurement) if self.running else ()
 
     def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
-        """(Z, its standard deviations, converged)."""
+        """Return (Z, its standard deviations, converged)."""
         functions: Any = self.functions
         return functions.discrete(self.state)
 
 
 class SwitchedBank(Received):
-    """The joints of one hybrid system, as one; messages carry all its outputs.
+    """The joints of one hybrid system as one; messages contain all its outputs.
 
-    What a node or a replay calls: `take` once for each message of joint states and `system.event`
-    once for each of switch_event, each in the order in which they came; an event that comes before
-    the samples around it waits for them. After `take`, `system.discrete()` gives the discrete
-    state.
+    A node or a replay calls `take` once for each message of joint states and `system.event` once
+    for each switch_event, in order of arrival; an event that arrives before the samples around it
+    waits for them. After `take`, `system.discrete()` returns the discrete state.
 
     Parameters
     ----------
     joint : the system.
-    names : of its joints in the messages, in the order of the model's outputs; the first ones'
-        efforts are the inputs.
-    source : where efforts come from: FIELD (of joint states) or COMMAND (a topic of its own).
+    names : names of its joints in the messages, in the order of the model's outputs; the efforts
+        of the first ones are the inputs.
+    source : source of the efforts: FIELD (of joint states) or COMMAND (a separate topic).
 
     Raises
     ------
@@ -137,13 +136,13 @@ class SwitchedBank(Received):
 
     Attributes
     ----------
-    joints : the system by the name of its first joint.
+    joints : the system, by the name of its first joint.
     """
 
     def __init__(self, joint: SwitchedJoint, names: tuple[str, ...], source: str = FIELD) -> None:
         super().__init__()
         self.system = joint
-        self.configuration: Any = None  # as of other banks; the joint is made already
+        self.configuration: Any = None  # as in other banks; here the joint exists already
         self.names = names
         self.joints: dict[str, Joint] = {names[0]: joint}
         self.only: frozenset[str] = frozenset()
@@ -152,7 +151,7 @@ class SwitchedBank(Received):
         settings.check_inputs(self._inputs, 'switched')
         self._source = source
         self._acting = Acting(self._inputs, source, settings)
-        self._unknown = False  # an input was not known at the newest sample
+        self._unknown = False  # True if an input was not known at the newest sample
 
     @property
     def actuated(self) -> tuple[str, ...]:
@@ -161,23 +160,21 @@ class SwitchedBank(Received):
 
     @property
     def orders(self) -> tuple[tuple[str, ...], ...]:
-        """Names that numbers of an effort_command without names stand for."""
+        """Possible names for the numbers of an effort_command without names."""
         return self.names, self.actuated
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
-        """One effort_command in."""
+        """Take one effort_command."""
         for name, effort in zip(names, efforts):
             if name in self.actuated:
                 self._acting.command(self.names.index(name), stamp_ns, effort)
 
     def why_silent(self, name: str) -> str:
-        """Why no sample can be used, as far as the input is the reason."""
+        """Return why no sample can be used, if the input is the reason, else ''."""
         if not self._unknown:
             return ''
         return (
-            'no effort_command is in force'
-            if self._source == COMMAND
-            else 'an effort is not a number'
+            'no effort_command is valid' if self._source == COMMAND else 'an effort is not a number'
         )
 
     def take(
@@ -187,10 +184,10 @@ class SwitchedBank(Received):
         positions: Sequence[float],
         efforts: Sequence[float],
     ) -> Taken | None:
-        """Take one message in; None if it cannot be used whole (that is counted).
+        """Take one message; return None (and count it) if it cannot be used whole.
 
-        A message without one of the joints, or without the efforts that the model needs, is
-        counted as mismatched.
+        Empty if they are not published. A message without one of the joints, or without the
+        efforts that the model needs, is counted as mismatched.
         """
         if not self.fits(names, positions):
             return None

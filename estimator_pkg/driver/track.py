@@ -1,8 +1,8 @@
-"""One joint's way through guard and observer, as pure functions: the heart of the driver.
+"""One joint's samples through guard and observer, as pure functions: the core of the driver.
 
-The live node calls these as ordinary Python, replay and benchmarks may compile them.
-A track is a plain tuple with the fields of `Track` (making a NamedTuple at each sample would cost
-half a microsecond); `blank` makes an empty one, `advance` takes one sample in, `read` looks at it.
+The live node calls them as plain Python, replay and benchmarks may compile them. A track is a plain
+tuple with the fields of `Track` (making a NamedTuple at each sample would cost half a
+microsecond). `blank` returns an empty one, `advance` takes one sample, `read` returns the estimate.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ class Track(NamedTuple):
     """The fields of a track, in their order."""
 
     last_ns: int  # the last stamp
-    before_ns: int  # the one before it, after a gap or a first sample time that may be one
+    before_ns: int  # the stamp before it, after a gap or an implausible first sample time; else 0
     late: int  # late stamps in a row
     dt_ns: int  # the last sample time
     mean_dt: float  # the mean sample time [s]
     coefficients: tuple  # of the observer
     state: tuple  # of the observer
-    running: bool  # a sample has come
-    kept: tuple  # the state before the last gap, should that stamp prove a stray one
+    running: bool  # True after the first sample
+    kept: tuple  # the state before the last gap, in case that stamp is a stray one
     reading: Any  # the newest reading
     earlier: Any  # the reading before it
-    repeats: Repeats  # what is known of repeated readings
+    repeats: Repeats  # state of the detection of repeated readings
 
 
 def field_of(name: str) -> Callable[[tuple], Any]:
@@ -89,7 +89,7 @@ def make_sieve(period: float) -> Callable[..., tuple[Repeats, bool]]:
         earlier: float,
         mean_dt: float,
     ) -> tuple[Repeats, bool]:
-        """Return what is known of repeated readings, and whether this one is dropped."""
+        """Return the state of the detection, and True if this reading is dropped."""
         most, length, chain = repeats
         if most > 0:
             if measurement == reading:
@@ -115,17 +115,17 @@ def take_all(
     earlier: Any,
     mean_dt: float,
 ) -> tuple[Repeats, bool]:
-    """Return nothing dropped, for measurements that are more than an angle."""
+    """Use every sample: replaces `make_sieve` for measurements that are not a single angle."""
     return repeats, False
 
 
 def make_track(functions: Functions, period: float | None = None) -> TrackFunctions:
-    """Return the driver's functions around an observer's.
+    """Return the driver's functions for an observer's.
 
     Parameters
     ----------
-    period : wrap period of the angle that is measured alone [rad], whose repeated readings are
-        dropped; None: nothing is.
+    period : wrap period of a measurement that is a single angle [rad], whose repeated readings
+        are dropped; None: another measurement, nothing is dropped.
     """
     sieve = take_all if period is None else make_sieve(float(period))
     prepare, init, step = functions.prepare, functions.init, functions.step
@@ -138,7 +138,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
     nothing, restart = functions.blank, functions.new_start
 
     def blank(design: tuple) -> tuple:
-        """Return a track that no sample has reached."""
+        """Return a track before its first sample."""
         empty = init(nothing, design)
         return (
             0,
@@ -158,7 +158,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
     def advance(
         track: tuple, design: tuple, limits: tuple, stamp_ns: int, measurement: Any, given: Any
     ) -> tuple[tuple, int]:
-        """Return (track, verdict) after one sample; a dropped sample leaves the estimate alone."""
+        """Return (track, verdict) after one sample; a dropped one does not change the estimate."""
         (
             last_ns,
             before_ns,
@@ -197,7 +197,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                 FIRST,
             )
         ahead = stamp_ns - last_ns
-        if 0 < ahead <= gap_ns:  # what nearly every sample is, without the call
+        if 0 < ahead <= gap_ns:  # nearly every sample: saves the call
             verdict = USED
         else:
             verdict = judge(
@@ -208,7 +208,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             recognised = dropping > 0
             repeats, drop = sieve(repeats, stamp_ns, ahead, measurement, reading, earlier, mean_dt)
             if drop:
-                if not recognised:  # what was learnt of such a sensor is wrong
+                if not recognised:  # the state learnt from such a sensor is wrong
                     state = restart(state, coefficients, design, measurement)
                 return (
                     (
@@ -229,7 +229,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                 )
         if verdict == USED or verdict == AFTER_STRAY_STAMP:
             passed_ns = ahead
-            since_ns = 0  # the stamp before this sample time, where the next may show it odd
+            since_ns = 0  # set to the previous stamp if the next one may reveal this one as a stray
             if verdict == AFTER_STRAY_STAMP:
                 passed_ns, state = stamp_ns - before_ns, kept
             passed = passed_ns * 1e-9
@@ -237,13 +237,13 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                 coefficients = prepare(design, passed_ns * 1e-9)
             if verdict == AFTER_STRAY_STAMP:
                 if (last_ns - before_ns) * 1e-9 <= mean_dt:
-                    mean_dt = 0.0  # it was made of that stamp alone
+                    mean_dt = 0.0  # it came from that stamp only
             elif mean_dt == 0.0:
                 mean_dt = passed
                 if ahead > gap_ns:
                     since_ns, kept = last_ns, state
             elif before_ns != 0 and SLOW_STREAM * passed < mean_dt:
-                mean_dt = passed  # it was made of holes; a step over one was none
+                mean_dt = passed  # the mean came from gaps, which are no sample times
                 if dt_ns == last_ns - before_ns:
                     verdict = AFTER_OUTAGE
             else:
@@ -304,7 +304,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                     ),
                     AFTER_OUTAGE,
                 )
-            # a sample time that would be unstable if it were the rule is passed over as a gap is
+            # a sample time that would be unstable if it were constant is handled like a gap
             state = resume(state, coefficients, design, measurement)
             return (
                 (
@@ -362,8 +362,8 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                 AFTER_CLOCK_JUMP,
             )
         if before_ns != 0:
-            # One hole, or one stamp from the far future, says nothing of the rate; two in a row
-            # mean that it fell.
+            # One hole, or one stamp from the far future, does not show the rate; two in a row mean
+            # that it fell.
             shorter = min(ahead, last_ns - before_ns) * 1e-9
             if shorter > mean_dt:
                 mean_dt = shorter

@@ -1,7 +1,7 @@
 """One stream per family of observers: messages in, messages out, the same live and in replay.
 
-The entry point of a stream, in the group ``velocity_estimator.streams``, has the name that its
-observers carry as ``kind``.
+The entry point of a stream, in the group ``velocity_estimator.streams``, has the name that is the
+``kind`` of its observers.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from estimator_pkg import observers, registry
 if TYPE_CHECKING:
     from estimator_pkg.streams.contract import Stream
 
-USUAL = 'angle'  # where nothing says otherwise
+USUAL = 'angle'  # the default kind
 
 
 def named(kind: str) -> type[Stream]:
-    """The stream of this kind of observers; raises UsageError where there is none."""
+    """Return the stream of this kind of observers; raise UsageError if there is none."""
     return registry.find(registry.STREAMS, kind)
 
 
 def of_observer(observer: str) -> type[Stream]:
-    """The stream in which this observer runs; raises UsageError for an unknown observer."""
+    """Return the stream of this observer; raise UsageError for an unknown observer."""
     return named(observers.find(observer).kind)
 
 
 def every() -> list[type[Stream]]:
-    """All of them, by name of their kind."""
+    """Return all streams, sorted by kind."""
     return [named(kind) for kind in registry.names(registry.STREAMS)]

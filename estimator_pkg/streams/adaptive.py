@@ -1,4 +1,4 @@
-"""Joints of unknown parameters: the node `adaptive_observer`. It identifies them, too."""
+"""Joints with unknown parameters: the node `adaptive_observer`, which also identifies them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from estimator_pkg.streams.contract import Action, Answer, Output, Reply, Reques
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
 
 IDENTIFIED = Output('identified_parameters', diagnostics.TYPE, on_demand=True)
-PERIOD = 100_000_000  # ns between two messages of it, by the stamps of the measurement
+PERIOD = 100_000_000  # time between two messages of it, by the measurement's stamps [ns]
 
 
 @dataclass(frozen=True)
@@ -39,37 +39,36 @@ class AdaptiveSettings(EffortSettings):
         unit='',
         range=(1, 1_000_000),
         structural=True,
-        description='joints that are kept at most; names that come beyond it get no estimate and '
-        'are counted. Joints that are named in the parameters do not count',
+        description='largest number of joints; further names get no estimate and are counted. '
+        'Joints that the parameters name do not count',
     )
     expiry: float = parameter(
         600.0,
         unit='s',
         range=(0.0, 1e9),
         structural=True,
-        description='without a sample for so long a joint is forgotten, unless the parameters name '
-        'it; what it has learnt is saved first where parameters_file is set. 0: '
-        'never',
+        description='after this time without a sample a joint is removed, unless the parameters '
+        'name it; with parameters_file its parameters are saved first. 0: never',
     )
     parameters_file: str = parameter(
         '',
         unit='',
         structural=True,
-        description='where ~/save writes what was learnt; read at start if it is there. With '
-        'adapt: false the node starts frozen on it',
+        description='file to which ~/save writes the identified parameters; read at start if it '
+        'exists. With adapt: false the node starts frozen with them',
     )
 
     def find_observer(self) -> Observer:
-        """The observer; raises UsageError if the settings do not go together."""
+        """Return the observer; raise UsageError for inconsistent settings."""
         if self.input == COMMAND and self.effort_command_type == ARRAY and not self.only:
             raise UsageError(
-                "effort_command_type 'Float64MultiArray' has no names: set 'joints' "
+                "effort_command_type 'Float64MultiArray' contains no names: set 'joints' "
                 'to the joints in its order'
             )
         folder = Path(self.parameters_file).parent
         if not folder.is_dir():
             raise UsageError(
-                f"parameters_file '{self.parameters_file}': there is no folder {folder}"
+                f"parameters_file '{self.parameters_file}': the folder {folder} does not exist"
             )
         return OBSERVER
 
@@ -108,7 +107,7 @@ class AdaptiveStream(DrivenStream):
         common: Values,
         overrides: Mapping[str, Values],
     ) -> AdaptiveConfiguration:
-        """See `Stream`; what was saved in ``parameters_file`` is where joints start."""
+        """See `Stream`; joints start with the parameters saved in ``parameters_file``."""
         path = settings.parameters_file if settings else ''
         saved = adaptive_file.load(path) if path and Path(path).exists() else {}
         return AdaptiveConfiguration(OBSERVER, common, overrides, saved)
@@ -145,12 +144,12 @@ class AdaptiveStream(DrivenStream):
         ]
 
     def expire(self, names: Sequence[str]) -> bool:
-        """See `Stream`; what was learnt is saved first, where a file is set."""
+        """See `Stream`; with a file, identified parameters are saved first."""
         path, reports = self.settings.parameters_file, self.bank.reports()
         if path and any(name in reports and reports[name].adapted for name in names):
             try:
                 adaptive_file.save(path, self.bank)
-                self._saved.update(adaptive_file.load(path))  # if one of them comes again
+                self._saved.update(adaptive_file.load(path))  # in case one appears again
             except UserError as error:
                 self._notices.append(f'joints do not expire: {error}')
                 return False
@@ -174,12 +173,12 @@ class AdaptiveStream(DrivenStream):
         path = self.settings.parameters_file
         try:
             if not path:
-                raise UserError("parameter 'parameters_file' is not set")
+                raise UserError("parameter 'parameters_file' is not set: set it to a file")
             return Reply(True, f'{", ".join(adaptive_file.save(path, self.bank))}: {path}')
         except UserError as error:
             return Reply(False, str(error))
 
-    # Words
+    # Texts
 
     def unused(self) -> dict[str, int]:
         """See `Stream`."""
@@ -201,7 +200,7 @@ class AdaptiveStream(DrivenStream):
         """See `Stream`."""
         if self.bank.without_input and not self.bank.joints:
             return (
-                f"{self.topics[0]} carries no effort, which the observer needs as the model's input"
+                f'{self.topics[0]} has no effort, and the observer needs it as input of the model'
             )
         return (
             '; '.join(
@@ -228,7 +227,7 @@ class AdaptiveStream(DrivenStream):
         """See `Stream`."""
         if request.angle:
             raise UsageError(
-                '--angle is for observers that need nothing else: adaptive reads the effort too'
+                '--angle is for observers of the angle only; adaptive needs the effort too'
             )
         if request.joints:
             values['joints'] = list(request.joints)

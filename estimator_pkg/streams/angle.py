@@ -51,13 +51,13 @@ NODE_OF = {
 
 @dataclass(frozen=True)
 class AngleSettings(StreamSettings):
-    """Parameters of the node `joint_observer` apart from those of its observer."""
+    """Parameters of the node `joint_observer`, without those of its observer."""
 
     observer: str = parameter(
         'hybrid_angle',
         unit='',
         structural=True,
-        description="which observer; 'velocity_estimator list' names them all",
+        description="observer to run ('velocity_estimator list' names them all)",
     )
     joints: tuple[str, ...] | None = parameter(
         None,
@@ -71,23 +71,23 @@ class AngleSettings(StreamSettings):
         unit='',
         range=(1, 1_000_000),
         structural=True,
-        description='joints that are kept at most; names that come beyond it get no estimate and '
-        'are counted. Joints that are named in the parameters do not count',
+        description='largest number of joints; further names get no estimate and are counted. '
+        'Joints that the parameters name do not count',
     )
     expiry: float = parameter(
         600.0,
         unit='s',
         range=(0.0, 1e9),
         structural=True,
-        description='without a sample for so long a joint is forgotten, unless the parameters name '
-        'it; 0: never',
+        description='after this time without a sample a joint is removed, unless the parameters '
+        'name it; 0: never',
     )
     input: str = parameter(
         JOINT_STATES,
         unit='',
         choices=(JOINT_STATES, ANGLE),
         structural=True,
-        description='which topic is read: joint_states (sensor_msgs/JointState) or angle '
+        description='topic to read: joint_states (sensor_msgs/JointState) or angle '
         '(one number of std_msgs, see angle_type)',
     )
     angle_type: str = parameter(
@@ -101,15 +101,15 @@ class AngleSettings(StreamSettings):
         'joint',
         unit='',
         structural=True,
-        description='name under which the joint of the topic angle is published',
+        description='name of the joint of the topic angle',
     )
     counts_per_revolution: float = parameter(
         0.0,
         unit='counts',
         range=(0.0, 1e12),
         structural=True,
-        description='counts of one turn on the topic angle; 0: it carries rad. It also gives the '
-        'quantum where none is set',
+        description='counts per turn on the topic angle; 0: it is in rad. Also the default of '
+        'quantum',
     )
     angle_offset: float = parameter(
         0.0,
@@ -123,7 +123,7 @@ class AngleSettings(StreamSettings):
         unit='',
         range=(-1, 1),
         structural=True,
-        description='-1 turns the sense of the topic angle round',
+        description='-1 reverses the sign of the topic angle',
     )
     stamp_source: str = parameter(
         'header',
@@ -135,42 +135,44 @@ class AngleSettings(StreamSettings):
     )
 
     def find_observer(self) -> Observer:
-        """The observer.
+        """Return the observer.
 
         Raises
         ------
         UsageError : it needs more than an angle; a sign of 0, an integer angle without counts, an
-            unnamed joint.
+            empty name.
         """
         if self.angle_sign == 0:
             raise UsageError("parameter 'angle_sign' must be 1 or -1, not 0")
         if self.input == ANGLE:
             if 'Int' in self.angle_type and self.counts_per_revolution <= 0.0:
                 raise UsageError(
-                    f"angle_type '{self.angle_type}' carries counts: set 'counts_per_revolution'"
+                    f"angle_type '{self.angle_type}' is in counts: set 'counts_per_revolution'"
                 )
             if not self.angle_joint:
-                raise UsageError("parameter 'angle_joint' must not be empty")
+                raise UsageError("parameter 'angle_joint' must not be empty: set a name")
             if self.only and self.angle_joint not in self.only:
-                raise UsageError(f"angle_joint '{self.angle_joint}' is not among 'joints'")
+                raise UsageError(
+                    f"angle_joint '{self.angle_joint}' is not in 'joints': add it or unset 'joints'"
+                )
         found = observers.find(self.observer)
         if found.kind != AngleStream.KIND:
             hint = f': run the node {NODE_OF[found.kind]}' if found.kind in NODE_OF else ''
-            raise UsageError(f"observer '{found.name}' does not work from an angle alone{hint}")
+            raise UsageError(f"observer '{found.name}' needs more than an angle{hint}")
         return found
 
     @property
     def only(self) -> tuple[str, ...]:
-        """The joints to estimate; empty: all. An empty text is how YAML writes an empty list."""
+        """The joints to estimate; empty: all. YAML writes an empty list as an empty text."""
         return tuple(name for name in self.joints or () if name)
 
     @property
     def raw_angle(self) -> RawAngle:
-        """What turns a number of the topic angle into rad."""
+        """The conversion from a number on the topic angle to rad."""
         return RawAngle(self.counts_per_revolution, self.angle_offset, self.angle_sign)
 
     def implied(self, common: Values) -> dict[str, Any]:
-        """`common` observer parameters with what the counts imply: the quantum, if it is unset."""
+        """Return `common` observer parameters, with the quantum from the counts if it is unset."""
         values = dict(common)
         if self.input == ANGLE and not values.get('quantum') and self.counts_per_revolution > 0.0:
             values['quantum'] = self.raw_angle.quantum
@@ -188,15 +190,15 @@ class Sample(NamedTuple):
 
 
 class Source(Protocol):
-    """What turns the measurement's messages into samples."""
+    """Converts the measurement's messages to samples."""
 
     type: str
 
     def sample(self, raw: bytes, publish_ns: int) -> Sample:
-        """One message; raises MalformedMessageError if it is none of the expected type."""
+        """Convert one message; raise MalformedMessageError if it has another type."""
 
     def samples(self, block: Block) -> tuple[list[Samples], list[int]] | None:
-        """A block of messages, and the rows that are none; None: only one by one."""
+        """Convert a block; return samples and malformed rows, or None: only one by one."""
 
 
 class JointStates:
@@ -204,7 +206,7 @@ class JointStates:
 
     Parameters
     ----------
-    by_publisher : time is when a message was published, not its header stamp.
+    by_publisher : use the time of publishing, not the header stamp.
     """
 
     type = JOINT_STATE
@@ -241,7 +243,7 @@ class JointStates:
 
 
 class Numbers:
-    """Samples of one joint from the numbers of std_msgs, stamped when they were published."""
+    """Samples of one joint from numbers of std_msgs, stamped with the time of publishing."""
 
     def __init__(self, kind: str, joint: str, angle: RawAngle) -> None:
         self.type = f'std_msgs/msg/{kind}'
@@ -258,14 +260,14 @@ class Numbers:
 
 
 class Field(Protocol):
-    """A number within messages of any type, see `estimator_pkg.bags.field`."""
+    """A number in messages of any type, see `estimator_pkg.bags.field`."""
 
     is_integer: bool
     path: str
     type: str
 
     def decode_block(self, block: Block) -> tuple[list[Any], list[int]]:
-        """Groups with `rows`, `frame_id`, `stamps_ns` and `values`, and the malformed rows."""
+        """Return groups with `rows`, `frame_id`, `stamps_ns`, `values`, and the malformed rows."""
 
 
 class FieldSamples:
@@ -273,7 +275,7 @@ class FieldSamples:
 
     Parameters
     ----------
-    field : the number. joint : name of the joint. angle : how the number becomes an angle.
+    field : the number. joint : name of the joint. angle : conversion of the number to an angle.
     """
 
     def __init__(self, field: Field, joint: str, angle: RawAngle) -> None:
@@ -285,7 +287,7 @@ class FieldSamples:
         raise NotImplementedError
 
     def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
-        """See `Source`; without a header, time is when a message was published."""
+        """See `Source`; without a header the time is that of publishing."""
         groups, malformed = self._field.decode_block(block)
         found = []
         for group in groups:
@@ -384,7 +386,7 @@ class AngleStream(Stream):
             )
         self.source = FieldSamples(field, self.settings.angle_joint, self.settings.raw_angle)
 
-    # Words
+    # Texts
 
     def why(self) -> str:
         """See `Stream`."""
@@ -395,10 +397,10 @@ class AngleStream(Stream):
         ):
             if count == received:
                 return f'no message of {topic} {why}'
-        return super().why() or 'too few samples: all were needed to begin'
+        return super().why() or 'too few samples: the start needed all of them'
 
     def finish(self, path: str) -> list[str]:
-        """See `Stream`: the joints that the user named must be there."""
+        """See `Stream`; joints that the user named must exist."""
         seen, topic = self.estimation.seen | set(self.bank.joints), self.topics[0]
         if not seen:
             raise UserError(
@@ -413,7 +415,7 @@ class AngleStream(Stream):
                 f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
             )
         return self._unanswered() + [
-            f"parameters are given for a joint '{name}' that never came; {topic} has {there}"
+            f"parameters are set for joint '{name}', which never appeared; {topic} has {there}"
             for name in self.bank.configuration.overrides
             if name not in seen
         ]
@@ -427,12 +429,12 @@ class AngleStream(Stream):
         """See `Stream`."""
         if request.angle:
             values['input'] = ANGLE
-            values['angle_type'] = 'Float64'  # whatever it is, the bag says
+            values['angle_type'] = 'Float64'  # any type: the bag's is used
         if request.joints:
             values['joints'] = list(request.joints)
             if values.get('input') == ANGLE:
                 if len(request.joints) > 1:
-                    raise UsageError('an angle belongs to one joint: give --joint once')
+                    raise UsageError('--angle is one joint: give --joint once')
                 values['angle_joint'] = request.joints[0]
         return values
 
@@ -443,16 +445,16 @@ class AngleStream(Stream):
         positions: NDArray[np.float64],
         fast: bool | None = None,
     ) -> tuple[Joint, Estimates] | None:
-        """All samples of one joint at once; None for one that is not to be estimated.
+        """Process all samples of one joint at once; return None for a joint not to estimate.
 
         Parameters
         ----------
-        stamps_ns, positions : shape (n,) [ns, rad or m]. fast : compile or not; None: where it
+        stamps_ns, positions : shape (n,) [ns, rad or m]. fast : compile or not; None: if it
             pays.
 
         Raises
         ------
-        UserError : the observer failed, as one of the user's own may.
+        UserError : the observer failed (a user's own can).
         """
         with plainly(f"observer '{self.observer.name}'"):
             joint = self.bank.joint(name)

@@ -1,6 +1,6 @@
-"""Single angles in arrays: many messages at once through guard and observer.
+"""Single angles in arrays: process many messages at once through guard and observer.
 
-The numbers are the same as message by message, because the driver's functions are.
+The results equal those of single messages, because the driver's functions are the same.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from estimator_pkg.streams.history import History
 class Samples(NamedTuple):
     """Messages that name the same joints.
 
-    rows : shape (n,), which messages of the block these are, ascending.
-    frame_id, names : of all of them.
+    rows : shape (n,), indices of these messages in the block, ascending.
+    frame_id, names : the same for all of them.
     stamps_ns : shape (n,), int64.
     positions : shape (n, joints) [rad or m]; as many columns as the messages have numbers.
     efforts : as positions [N m or N]; no columns where there are none.
@@ -39,7 +39,7 @@ class Samples(NamedTuple):
 
 
 class Estimated(NamedTuple):
-    """What became of `Samples`: arrays of shape (n, joints).
+    """The estimates for `Samples`: arrays of shape (n, joints).
 
     samples : of the joints to estimate alone, positions in the convention of the estimates.
     used : the guard let the sample through. valid : the estimate may be published.
@@ -73,11 +73,11 @@ class Estimation:
     Parameters
     ----------
     bank : the joints.
-    fast : compile or not; None: where it pays.
+    fast : compile or not; None: if it pays.
 
     Attributes
     ----------
-    seen : every name that came, selected or not.
+    seen : all received names, selected or not.
     """
 
     def __init__(self, bank: Bank, *, fast: bool | None = None) -> None:
@@ -88,17 +88,17 @@ class Estimation:
     def update(
         self, groups: list[Samples], history: dict[str, History] | None, expected: int = 0
     ) -> list[Estimated]:
-        """One block of messages in; the estimates of every group, in the same order.
+        """Take one block of messages; return the estimates of every group, in the same order.
 
-        A group whose messages have another number of positions than of names gives no estimates.
+        A group whose messages have different numbers of positions and names has no estimates.
 
         Parameters
         ----------
-        history : takes the time by status of each joint.
-        expected : how many messages will come in all; decides whether compiling pays.
+        history : receives the time by status of each joint.
+        expected : number of all messages to come; decides whether compiling pays.
         """
         width_of_first = len(groups[0].names) if groups else 0
-        if self._fast is None:  # for the whole bag or not at all: speed must not depend on blocks
+        if self._fast is None:  # once for the whole bag: speed must not depend on blocks
             self._fast = available() and expected * max(width_of_first, 1) >= COMPILE_FROM
         results = []
         parts: dict[str, list[tuple[int, int]]] = {}
@@ -142,7 +142,7 @@ class Estimation:
         results: list[Estimated],
         history: dict[str, History] | None,
     ) -> None:
-        """Take one joint through the block, its samples in the order of the messages."""
+        """Process one joint over the block, its samples in the order of the messages."""
         sources = [results[index].samples for index, _ in places]
         stamps = np.concatenate([source.stamps_ns for source in sources])
         positions = np.concatenate(
@@ -208,7 +208,7 @@ def _written(
 def patterns(
     shown: NDArray[np.bool_],
 ) -> Iterator[tuple[NDArray[np.bool_] | slice, NDArray[np.bool_]]]:
-    """(rows, joints) of every set of joints that are shown together."""
+    """Yield (rows, joints) of every set of joints that are published together."""
     if shown.all():
         if len(shown):
             yield slice(None), np.ones(shown.shape[1], bool)

@@ -1,9 +1,9 @@
-"""What a node is: messages in, messages out. No ROS, no bags.
+"""The interface of a stream, the ROS-free core of a node: messages in, messages out.
 
 A `Stream` takes the bytes of messages on its input ports and returns the bytes of messages on its
-output ports. A node wires the ports to subscriptions and publishers, a replay wires them to the
-topics of a bag; so both give the same bytes. A new family of observers is one file here and one in
-`observers`, each found through its entry point.
+output ports. A node connects the ports to subscriptions and publishers, a replay to the topics of a
+bag, so both give the same bytes. A new family of observers is one file here and one in `observers`,
+each found through its entry point.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ NO_NUMBERS = 'numbers become too large or too small for these gains'
 PUBLISHER = 'publisher'  # of the parameter stamp_source
 NAN, SKIP = 'nan', 'skip'  # of the parameter no_estimate
 WHY_DROPPED = {
-    'duplicate': 'stamps that repeat: the driver publishes faster than it stamps',
-    'late': 'stamps older than the one before: messages overtake each other',
+    'duplicate': 'repeated stamps: the driver publishes faster than it stamps',
+    'late': 'stamps older than the previous one: messages overtake each other',
     'zero_stamp': "no stamp: use 'stamp_source: publisher'",
     'non_finite': 'NaN or infinite positions',
     'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
-    'repeated': 'readings that are published again: the sensor is slower than its driver',
+    'repeated': 'repeated readings: the sensor is slower than its driver',
 }
 
 Values = Mapping[str, Any]
@@ -50,8 +50,8 @@ class Port(NamedTuple):
     """An input.
 
     topic : relative name. type : as in 'sensor_msgs/msg/JointState'. answered : estimates answer
-    its messages. optional : the stream works without it. any_number : a bag's topic may have any
-    type with a number.
+    its messages. optional : the stream works without it. any_number : in a bag the topic may have
+    any type with a number.
     """
 
     topic: str
@@ -64,7 +64,7 @@ class Port(NamedTuple):
 class Output(NamedTuple):
     """An output below the node's name.
 
-    on_demand : made only while somebody subscribes. latched : late subscribers get the last one.
+    on_demand : only made while there is a subscriber. latched : late joiners get the last message.
     """
 
     name: str
@@ -80,9 +80,9 @@ STDDEV = Output('estimate_stddev', joint_state.TYPE, on_demand=True)
 class Answers(NamedTuple):
     """Messages on one output that answer messages of a block.
 
-    output : number of the output. rows : shape (n,), the messages of the block that they answer,
-    ascending. rank : their order among the answers to one message, shape (n,) or one for all;
-    answers // 8 are equal in messages that belong together. raw : shape (n, bytes).
+    output : number of the output. rows : shape (n,), the answered messages of the block, ascending.
+    rank : their order among the answers to one message, shape (n,) or one for all; messages of one
+    answer have equal ranks // 8. raw : shape (n, bytes).
     """
 
     output: int
@@ -92,7 +92,7 @@ class Answers(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What an action answers; `parameters` are to be set, and may be refused."""
+    """The reply of an action; `parameters` are to be set, and may be refused."""
 
     success: bool
     message: str
@@ -108,7 +108,7 @@ class Action(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What a user says of a bag's topics, apart from parameters; empty: as usual.
+    """The user's choice of a bag's topics, without parameters; empty: the defaults.
 
     measurement : topic. angle : ``TOPIC:FIELD``. joints : names.
     """
@@ -119,14 +119,14 @@ class Request(NamedTuple):
 
 
 class Joints(Protocol):
-    """What a stream keeps its joints in.
+    """The joints of a stream.
 
     Attributes
     ----------
-    configuration : gains and settings of joints, as they are set now.
+    configuration : present gains and settings of the joints.
     only : names of the joints to estimate; empty: every joint that appears.
-    mismatched, empty : messages whose arrays did not fit, and without a position.
-    refused, expired : samples of names beyond the most that are kept; joints that were forgotten.
+    mismatched, empty : numbers of messages with arrays that do not fit, and without a position.
+    refused, expired : numbers of samples of names beyond the limit, and of removed joints.
     """
 
     configuration: Any
@@ -141,13 +141,13 @@ class Joints(Protocol):
         """The joints (or mechanisms) by name."""
 
     def touched(self) -> Iterable[str]:
-        """The joints that may have had a sample since this was called last."""
+        """Return the joints that may have had a sample since the last call."""
 
     def rehearse(self) -> None:
-        """Let what a first sample needs be made before it comes."""
+        """Prepare everything that the first sample needs."""
 
     def why_silent(self, name: str) -> str:
-        """Why a joint may have no usable sample, where that can be known; else ''."""
+        """Return why a joint may have no usable sample, if it is known; else ''."""
 
 
 @dataclass(frozen=True)
@@ -164,12 +164,12 @@ class StreamSettings:
     )
 
     def find_observer(self) -> Observer:
-        """The observer; raises UsageError if the settings do not go together."""
+        """Return the observer; raise UsageError for inconsistent settings."""
         raise NotImplementedError
 
 
 class Stream(ABC):
-    """From the messages of one family's inputs to the messages that answer them.
+    """Computes the messages that answer one family's input messages.
 
     Parameters
     ----------
@@ -183,20 +183,20 @@ class Stream(ABC):
     ----------
     KIND : kind of the family's observers. NODE : name of its node.
     SETTINGS, PER_JOINT : declare the parameters of the node and of each joint.
-    OVERRIDES : joints have parameters of their own.
-    WRAPS : joints take `wrap_period`.
-    SEPARATE : each joint may be estimated without the others.
+    OVERRIDES : joints can have their own parameters.
+    WRAPS : joints have `wrap_period`.
+    SEPARATE : each joint can be estimated without the others.
     IN_ARRAYS : `run` takes all samples of a joint at once.
-    USUAL : topics of a bag that the family may read.
-    KEPT, MISMATCH, NO_STAMP, WRONG : words for people: what a joint is called, why messages are
-        mismatched, what helps where they have no stamps, and what other counters mean.
-    wanted : whether each output is to be made.
-    received, malformed : messages by port. answered : messages answered with an estimate.
-    skip : whether a message that has a joint without an estimate is left unanswered.
-    complaint : (topic, what was wrong) of the newest malformed message.
-    topics : names of the topics by port, as wired; '' where none is.
-    history : time by status of each joint, if it is to be kept; else None.
-    expected : how many messages of the measurement will come; 0: unknown.
+    USUAL : usual topics of the family in a bag.
+    KEPT, MISMATCH, NO_STAMP, WRONG : texts: the word for a joint, why messages are mismatched, the
+        advice for missing stamps, and descriptions of further counters.
+    wanted : True for each output that is to be made.
+    received, malformed : numbers of messages by port. answered : messages with an estimate.
+    skip : True if a message with a joint that has no estimate is not answered.
+    complaint : (topic, error) of the newest malformed message.
+    topics : names of the connected topics by port; '' for none.
+    history : time by status of each joint; None: not recorded.
+    expected : expected number of messages of the measurement; 0: unknown.
     """
 
     KIND: ClassVar[str]
@@ -232,28 +232,28 @@ class Stream(ABC):
         self.history: dict[str, History] | None = None
         self.expected = 0
 
-    # Making one
+    # Construction
 
     @classmethod
     def parameters(cls, observer: str | Observer) -> dict[str, Parameter]:
-        """What can be set apart from `SETTINGS`, by name: gains first; raises UsageError."""
+        """Return all parameters except `SETTINGS` by name: gains first; raise UsageError."""
         return cls.configure(_found(observer), None, {}, {}).parameters()
 
     @classmethod
     def configure(
         cls, observer: Observer, settings: Any, common: Values, overrides: Mapping[str, Values]
     ) -> Configuration:
-        """Gains and settings per joint; raises UsageError for a wrong one."""
+        """Return gains and settings per joint; raise UsageError for a wrong one."""
         return Configuration(observer, common, overrides)
 
     @classmethod
     @abstractmethod
     def start(cls, settings: Any, configuration: Any) -> Stream:
-        """A stream; raises UserError if something is wrong that no range can say."""
+        """Return a stream; raise UserError for problems beyond ranges."""
 
     @classmethod
     def of(cls, values: Values) -> Stream:
-        """A stream with these parameters by name.
+        """Return a stream with these parameters by name.
 
         Raises
         ------
@@ -263,7 +263,7 @@ class Stream(ABC):
         of_node = {name: common.pop(name) for name in declared(cls.SETTINGS) if name in common}
         settings = build(cls.SETTINGS, of_node)
         observer = settings.find_observer()
-        common.pop('observer', None)  # of a node that has but one
+        common.pop('observer', None)  # of a node with a single observer
         known = cls.parameters(observer)
         for name in common:
             if name not in known:
@@ -283,7 +283,7 @@ class Stream(ABC):
     # Messages
 
     def feed(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
-        """The answers to one message.
+        """Return the answers to one message.
 
         Parameters
         ----------
@@ -302,14 +302,14 @@ class Stream(ABC):
 
     @abstractmethod
     def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
-        """As `feed`; raises MalformedMessageError if the bytes are no message of the port."""
+        """As `feed`; raise MalformedMessageError if the bytes are not a message of the port."""
 
     def feed_block(self, ports: Sequence[int], block: Block) -> Iterable[Answers] | None:
-        """As `feed` for a block of messages in arrays; None where the family has no such way.
+        """As `feed` for a block of messages in arrays; None if the family does not support it.
 
         Parameters
         ----------
-        ports : by number of the block's topic.
+        ports : port by number of the block's topic.
         """
         return None
 
@@ -324,7 +324,7 @@ class Stream(ABC):
         ------
         UsageError : the family needs more than a number, or the number cannot be used.
         """
-        raise UsageError(f'--angle is for observers of single angles; {self.NODE} needs more')
+        raise UsageError(f'--angle is for observers of single angles, and {self.NODE} needs more')
 
     def _note(self, history: dict[str, History]) -> None:
         for name, joint in self.bank.joints.items():
@@ -335,11 +335,11 @@ class Stream(ABC):
     # Parameters
 
     def check(self, configuration: Any) -> None:
-        """Refuse gains that do not work at the rates measured so far and from where joints are.
+        """Raise UsageError for gains that do not work at the measured rates and present states.
 
         Raises
         ------
-        UsageError : which gain, of which joint, and why.
+        UsageError : the message has the gain, the joint, and the reason.
         """
         try:
             self.try_gains(configuration)
@@ -351,26 +351,26 @@ class Stream(ABC):
             raise UsageError(f'{NO_NUMBERS} ({error})') from error
 
     def try_gains(self, configuration: Any) -> None:
-        """Raise UsageError for gains that do not work, of joints that have not appeared, too."""
+        """Raise UsageError for gains that do not work, also of joints that have not appeared."""
         for name in ('', *configuration.overrides):
             self._build(configuration, name)
 
     def _build(self, configuration: Any, joint: str) -> Any:
-        """The observer's functions for this joint ('': for one without override)."""
+        """Return the observer's functions for this joint ('': one without override)."""
         gains, settings = configuration.for_joint(joint)
         functions = self.observer.build(gains, Circle(settings.wrap_period, settings.unwrap))
-        functions.prepare(functions.design(), TYPICAL_DT)  # raises, where there are no numbers
+        functions.prepare(functions.design(), TYPICAL_DT)  # raises if it cannot be computed
         return functions
 
     def _check_change(self, name: str, joint: Joint, functions: Any) -> None:
         why = functions.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
         if not why and not joint.goes_on_with(functions):
-            why = 'the state cannot be kept with this: set it before the node starts'
+            why = 'the state cannot be kept with this value: set it before the node starts'
         if why:
             raise UsageError(f'{self._called(name)}: {why}')
 
     def _called(self, name: str) -> str:
-        """A joint in words; '' stands for what is common to all."""
+        """Return the text for a joint; '' is common to all joints."""
         return f"{self.KEPT} '{name}'" if name else self.observer.name
 
     def apply(self, configuration: Any) -> None:
@@ -385,20 +385,20 @@ class Stream(ABC):
                 self._gains_changed(name)
 
     def _gains_changed(self, name: str) -> None:
-        """A joint has other gains from the next sample on."""
+        """React to other gains of a joint, which apply from the next sample on."""
 
-    # Live alone
+    # Live only
 
     def go_live(self) -> None:
-        """Bound what is kept, and make what a first sample needs before it comes."""
+        """Limit the number of joints, and prepare everything that the first sample needs."""
         most = getattr(self.settings, 'joints_max', None)
         if most is not None:
             self.bank.most = most
-        with suppress(Exception):  # of a user's model: reported when a message meets it
+        with suppress(Exception):  # of a user's model: reported at the first message
             self.bank.rehearse()
 
     def expire(self, names: Sequence[str]) -> bool:
-        """Forget these joints, which have had no sample for `expiry`; whether that was possible."""
+        """Remove these joints, which had no sample for `expiry`; return False if that failed."""
         for name in names:
             self.bank.forget(name)
         return True
@@ -406,43 +406,43 @@ class Stream(ABC):
     # Actions
 
     def reset(self) -> str:
-        """Let every joint start again; what did, in words."""
+        """Reset every joint; return a text for the reply."""
         for joint in self.bank.joints.values():
             joint.reset()
-        return f'{len(self.bank.joints)} {self.KEPT}s start again'
+        return f'{len(self.bank.joints)} {self.KEPT}s are reset'
 
     def actions(self) -> Sequence[Action]:
-        """Services apart from ~/reset."""
+        """Return the services other than ~/reset."""
         return ()
 
-    # Words and counters
+    # Texts and counters
 
     def notices(self) -> list[str]:
-        """What a person should be told once, since the last call."""
+        """Return new notices for the user since the last call."""
         return []
 
     def describe(self) -> str:
-        """What is estimated, in words."""
+        """Return what is estimated, as text."""
         return ', '.join(sorted(self.bank.only)) or f'every {self.KEPT}'
 
     def about(self, name: str) -> Mapping[str, Any]:
-        """What the status of a joint says apart from what every joint's does."""
+        """Return further values for the status of a joint."""
         return {}
 
     def always_awake(self, name: str) -> bool:
-        """True while silence of a joint has a reason that its own status names."""
+        """Return True while a joint is silent for a reason that its own status reports."""
         return False
 
     def why_silent(self, name: str) -> str:
-        """Why a joint may have no usable sample, where that can be known; else ''."""
+        """Return why a joint may have no usable sample, if it is known; else ''."""
         return self.bank.why_silent(name)
 
     def unused(self) -> dict[str, int]:
-        """Messages of the measurement that were not used, by kind, apart from malformed ones."""
+        """Return the numbers of unused messages of the measurement, except malformed ones."""
         return {'empty': self.bank.empty, 'mismatched': self.bank.mismatched}
 
     def messages(self) -> dict[str, Any]:
-        """How many messages were 'received', 'used', 'dropped' by kind, and answered."""
+        """Return the numbers of messages: 'received', 'used', 'dropped' by kind, and answered."""
         answered = [number for number, port in enumerate(self.inputs) if port.answered]
         received = sum(self.received[number] for number in answered)
         malformed = sum(self.malformed[number] for number in answered)
@@ -458,11 +458,11 @@ class Stream(ABC):
         return counts
 
     def names_of(self, name: str) -> tuple[str, ...]:
-        """Names of a joint's (or mechanism's) joints in the estimates."""
+        """Return the names of a joint's (or mechanism's) joints in the estimates."""
         return (name,)
 
     def why(self) -> str:
-        """What a person should know where there are no estimates."""
+        """Return a note for the user if there are no estimates."""
         said = (self._why_of(name, joint) for name, joint in self.bank.joints.items())
         return '; '.join(dict.fromkeys(filter(None, said)))
 
@@ -476,7 +476,7 @@ class Stream(ABC):
         return joint.why()
 
     def summary(self) -> dict[str, Any]:
-        """What happened to every message and every sample."""
+        """Return what happened to all messages and samples."""
         return {
             'messages': self.messages(),
             'joints': {
@@ -495,7 +495,7 @@ class Stream(ABC):
         }
 
     def end(self, path: str) -> list[str]:
-        """As `finish`; raises UserError also where no message of one topic can be read."""
+        """As `finish`; also raise UserError if all messages of one topic are malformed."""
         for topic, count, malformed in zip(self.topics, self.received, self.malformed):
             if count and count == malformed:
                 raise UserError(
@@ -505,11 +505,11 @@ class Stream(ABC):
         return self.finish(path)
 
     def finish(self, path: str) -> list[str]:
-        """Once at the end of a bag: warnings.
+        """Return warnings at the end of a bag.
 
         Raises
         ------
-        UserError : what was requested never came in the bag `path`.
+        UserError : a requested joint or topic never appeared in the bag `path`.
         """
         return self._unanswered()
 
@@ -517,7 +517,7 @@ class Stream(ABC):
         if self.answered:
             return []
         why = self.why()
-        return [f'no estimate was given{f": {why}" if why else ""}']
+        return [f'no estimate was published{f": {why}" if why else ""}']
 
     # Bags
 
@@ -525,21 +525,21 @@ class Stream(ABC):
     def requested(
         cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
     ) -> dict[str, Any]:
-        """Parameters with what a user requested of a bag.
+        """Return the parameters with those that follow from a user's request.
 
         Parameters
         ----------
-        has : whether a topic of the bag holds messages.
+        has : returns True for a topic of the bag with messages.
 
         Raises
         ------
-        UsageError : the request makes no sense for this family.
+        UsageError : the request does not fit this family.
         """
         return values
 
     @classmethod
     def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
-        """True if a bag can be for nothing else; `joints`: it holds measured joint states."""
+        """Return True if a bag is only for this family; `joints`: it has measured joint states."""
         return False
 
 
@@ -550,5 +550,5 @@ def _found(observer: str | Observer) -> Observer:
 
 
 def counts_of(joint: Joint) -> dict[str, Any]:
-    """A joint's samples: received, used, dropped by kind."""
+    """Return a joint's samples: received, used, dropped by kind."""
     return {'received': joint.received, 'used': joint.used, 'dropped': joint.dropped()}

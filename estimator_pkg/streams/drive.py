@@ -35,7 +35,7 @@ from estimator_pkg.streams.history import History
 
 DRIVE_SAMPLES, CURRENT_VOLTAGE = 'drive_samples', 'current_voltage'
 ALPHA_BETA, ABC = 'alpha_beta', 'abc'
-ELECTRICAL = '_electrical'  # follows the joint's name
+ELECTRICAL = '_electrical'  # suffix of the joint's name
 FLUX = Output('flux_linkage', vector3.TYPE, on_demand=True)
 SAMPLES = Output('estimate_samples', drive_samples.TYPE)
 PORTS = {
@@ -46,24 +46,22 @@ PORTS = {
 
 @dataclass(frozen=True)
 class DriveSettings(StreamSettings):
-    """Parameters of the node `pmsm_observer` apart from those of its observer."""
+    """Parameters of the node `pmsm_observer`, without those of its observer."""
 
-    observer: str = parameter(
-        'pmsm', unit='', structural=True, description='which observer of a drive'
-    )
+    observer: str = parameter('pmsm', unit='', structural=True, description='observer of a drive')
     joint: str = parameter(
         'motor',
         unit='',
         structural=True,
-        description='name of the joint: mechanical speed and relative position are published under '
-        'it, electrical ones under this and _electrical',
+        description='name of the joint: mechanical speed and relative position have this name, '
+        'electrical quantities this name and _electrical',
     )
     input: str = parameter(
         DRIVE_SAMPLES,
         unit='',
         choices=(DRIVE_SAMPLES, CURRENT_VOLTAGE),
         structural=True,
-        description='what is read: batches (drive_samples, std_msgs/Float64MultiArray), or the '
+        description='input: batches (drive_samples, std_msgs/Float64MultiArray), or the '
         'topics current and voltage (geometry_msgs/Vector3Stamped) paired by stamp',
     )
     sample_period: float = parameter(
@@ -71,8 +69,8 @@ class DriveSettings(StreamSettings):
         unit='s',
         range=(0.0, 0.1),
         structural=True,
-        description='time between two rows of a batch; stamps that do not fit are refused. 0: as '
-        'the stamps say',
+        description='time between two rows of a batch; other stamps are refused. 0: taken from '
+        'the stamps',
     )
     frame: str = parameter(
         ALPHA_BETA,
@@ -87,36 +85,38 @@ class DriveSettings(StreamSettings):
         unit='s',
         range=(0.0, 1.0),
         structural=True,
-        description='stamps of current and voltage that belong together differ by at most this',
+        description='largest difference of the stamps of a pair of current and voltage',
     )
     sum_tolerance: float = parameter(
         0.1,
         unit='',
         range=(0.0, 10.0),
         structural=True,
-        description='phase currents may sum to this part of the largest one of late; beyond it '
-        'they are not used',
+        description='allowed sum of the phase currents over the recent largest one; currents '
+        'beyond it are not used',
     )
     compile: bool = parameter(
         True,
         unit='',
         structural=True,
-        description='drive_samples: compile the observer at start where the extra fast is '
+        description='drive_samples: compile the observer at start if the extra fast is '
         'installed (takes seconds once; then a tenth of the time per sample)',
     )
 
     def find_observer(self) -> Observer:
-        """The observer; raises UsageError if it is not a drive observer, or without a joint."""
+        """Return the observer; raise UsageError if it is no drive observer, or without a joint."""
         if not self.joint:
-            raise UsageError("parameter 'joint' must not be empty")
+            raise UsageError("parameter 'joint' must not be empty: set a name")
         found = observers.find(self.observer)
         if found.kind != DriveStream.KIND:
-            raise UsageError(f"observer '{found.name}' does not work from currents and voltages")
+            raise UsageError(
+                f"observer '{found.name}' does not use currents and voltages: choose pmsm"
+            )
         return found
 
 
 class Motor:
-    """The one joint of a drive, as streams keep joints."""
+    """The one joint of a drive, with the interface of `Joints`."""
 
     only: frozenset[str] = frozenset()
     mismatched = refused = expired = 0
@@ -128,17 +128,17 @@ class Motor:
         self.empty = 0  # batches without a row
 
     def touched(self) -> tuple[str, ...]:
-        """The joint."""
+        """Return the joint."""
         return tuple(self.joints)
 
     def rehearse(self) -> None:
-        """Let what a first sample needs be made before it comes."""
+        """Prepare everything that the first sample needs."""
         self._joint.warm_up()
         if not self._joint.fast:
             self._joint.rehearse()
 
     def why_silent(self, name: str) -> str:
-        """Unknown here."""
+        """Return '': the stream knows the reason."""
         return ''
 
 
@@ -147,7 +147,7 @@ class DriveStream(Stream):
 
     Attributes
     ----------
-    joint : the motor. names : of its mechanical and its electrical joint.
+    joint : the motor. names : names of its mechanical and its electrical joint.
     """
 
     KIND = 'drive'
@@ -190,7 +190,7 @@ class DriveStream(Stream):
 
     @classmethod
     def start(cls, settings: DriveSettings, configuration: Configuration) -> DriveStream:
-        """See `Stream`; the observer is compiled before samples wait for it."""
+        """See `Stream`; the observer is compiled before samples arrive."""
         stream = cls(settings, configuration)
         stream.try_gains(configuration)
         stream.joint.warm_up()
@@ -205,7 +205,7 @@ class DriveStream(Stream):
         return self._vector((CURRENT, VOLTAGE)[port], raw)
 
     def _batch(self, raw: bytes) -> Answer:
-        """The answer to a batch of samples; the newest estimate first: a controller may wait."""
+        """Answer a batch of samples; the newest estimate first, for controllers that wait."""
         batch = drive_samples.decode(raw)
         stamps, samples = batch
         if not len(stamps):
@@ -220,7 +220,7 @@ class DriveStream(Stream):
         return answer
 
     def _vector(self, kind: int, raw: bytes) -> list[Answer]:
-        """The answers that a current [A] or a voltage [V] completes."""
+        """Return the answers that a current [A] or a voltage [V] completes."""
         message = vector3.decode(raw)
         vector: Vector | None = message.x, message.y
         if self.phases is not None:
@@ -236,7 +236,7 @@ class DriveStream(Stream):
         return answers
 
     def _used(self, stamps: Any, out: DriveEstimates) -> bool:
-        """True if any sample was used; counts the time by status."""
+        """Return True if any sample was used; count the time by status."""
         if self.history is not None:
             self.history.setdefault(self.names[0], History()).add(stamps, out.status, out.verdict)
         return bool((out.verdict < DUPLICATE).any())
@@ -262,17 +262,17 @@ class DriveStream(Stream):
         return answer
 
     def _note(self, history: dict[str, History]) -> None:
-        """See `_used`: a message holds many samples."""
+        """Do nothing: `_used` counts the many samples of a message."""
 
     def _gains_changed(self, name: str) -> None:
         self.joint.warm_up()
 
-    # Words
+    # Texts
 
     def reset(self) -> str:
         """See `Stream`."""
         super().reset()
-        return f'{self.names[0]} starts again'
+        return f'{self.names[0]} is reset'
 
     def describe(self) -> str:
         """See `Stream`."""
@@ -283,7 +283,7 @@ class DriveStream(Stream):
         return self.names
 
     def always_awake(self, name: str) -> bool:
-        """See `Stream`: stamps that do not fit the sample period are why no sample is used."""
+        """See `Stream`: stamps that contradict the sample period are why no sample is used."""
         return bool(self.joint.misfit)
 
     def unused(self) -> dict[str, int]:
@@ -304,21 +304,21 @@ class DriveStream(Stream):
             return unbalanced
         if pairs.apart_ns is not None:
             return (
-                f'currents and voltages do not pair: their stamps are {pairs.apart_ns * 1e-9:g}'
-                ' s apart at best (pair_tolerance)'
+                f'currents and voltages do not pair: their stamps differ by at least '
+                f'{pairs.apart_ns * 1e-9:g} s: increase pair_tolerance'
             )
         if received and not pairs.paired and not self.joint.received and not malformed:
-            return 'only one of currents and voltages comes'
+            return 'only one of current and voltage arrives: check both topics'
         return ''
 
     def _why_unbalanced(self) -> str:
-        """That most currents are no three phases without a neutral; '' where they are."""
+        """Return a note if most currents are not three phases without a neutral, else ''."""
         phases = self.phases
         if phases is None or phases.unbalanced <= self.pairs.paired:
             return ''
         return (
             f'the phase currents do not sum to zero (up to {100.0 * phases.worst:.0f} % of the '
-            'largest): a neutral, or not three phases?'
+            'largest): check for a neutral conductor, and that there are three phases'
         )
 
     def why(self) -> str:
@@ -353,7 +353,7 @@ class DriveStream(Stream):
     ) -> dict[str, Any]:
         """See `Stream`."""
         if request.angle:
-            raise UsageError('--angle is not for drives')
+            raise UsageError('--angle is for observers of an angle, not for drives: omit it')
         if request.joints:
             if len(request.joints) > 1:
                 raise UsageError('a drive has one joint: give --joint once')

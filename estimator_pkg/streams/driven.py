@@ -1,4 +1,4 @@
-"""What streams of observers that know an input have in common: positions with efforts."""
+"""Shared by streams of observers with a known input: positions with efforts."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from estimator_pkg.streams.contract import (
 
 @dataclass(frozen=True)
 class EffortSettings(StreamSettings):
-    """Where the efforts of a node come from, and which time its messages have."""
+    """The source of a node's efforts, and the time of its messages."""
 
     input: str = parameter(
         FIELD,
         unit='',
         choices=(FIELD, COMMAND),
         structural=True,
-        description='where efforts come from: the effort field of joint_states, or the topic '
+        description='source of the efforts: the effort field of joint_states, or the topic '
         'effort_command (see effort_is for when they act)',
     )
     effort_command_type: str = parameter(
@@ -44,22 +44,22 @@ class EffortSettings(StreamSettings):
         unit='',
         choices=(BY_NAME, ARRAY),
         structural=True,
-        description='of the topic effort_command: sensor_msgs/JointState, efforts by name; or '
-        'std_msgs/Float64MultiArray, one number per joint (or per joint that has an '
-        'input), in the order of the joints; it has the time at which it was sent',
+        description='type of the topic effort_command: sensor_msgs/JointState, efforts by name; or '
+        'std_msgs/Float64MultiArray, one number per joint (or per joint with an input), in the '
+        'order of the joints, with the time of publishing',
     )
     stamp_source: str = parameter(
         'header',
         unit='',
         choices=('header', 'publisher'),
         structural=True,
-        description='time of a message: its header stamp, or the time at which its publisher sent '
-        'it; events always have their header stamp',
+        description='time of a message: its header stamp, or the time of publishing; events always '
+        'have their header stamp',
     )
 
 
 class Sample(NamedTuple):
-    """One message of the measurement in SI units; `efforts` is empty where it carries none."""
+    """One message of the measurement in SI units; `efforts` is empty if it has none."""
 
     stamp_ns: int
     frame_id: str
@@ -73,15 +73,15 @@ class DrivenStream(Stream):
 
     Parameters
     ----------
-    orders : names of the joints, all and those that have an input, that the numbers of a
-        Float64MultiArray may stand for.
+    orders : possible joint names for the numbers of a Float64MultiArray: of all joints, and of
+        those with an input.
     events : a further input. outputs : further outputs.
     """
 
     USUAL: ClassVar[tuple[str, ...]] = ('/joint_states', '/effort_command')
     MISMATCH = (
-        'their arrays differ in number, or they lack a joint or an effort that the '
-        'observer needs (with input: effort_command efforts come by a topic of their own)'
+        'their arrays differ in length, or a joint or an effort that the observer needs is '
+        'missing (with input: effort_command, efforts have their own topic)'
     )
     settings: EffortSettings
 
@@ -97,7 +97,7 @@ class DrivenStream(Stream):
     ) -> None:
         by_publisher = settings.stamp_source == PUBLISHER
         inputs = [Port('joint_states', JOINT_STATE), *events]
-        self._efforts = -1  # number of the port; -1: there is none
+        self._efforts = -1  # number of the port; -1: none
         if settings.input == COMMAND:
             array = settings.effort_command_type == ARRAY
             self._efforts = len(inputs)
@@ -134,10 +134,10 @@ class DrivenStream(Stream):
 
     @abstractmethod
     def answer(self, sample: Sample) -> Answer:
-        """The answer to a sample."""
+        """Return the answer to a sample."""
 
     def event(self, raw: bytes) -> None:
-        """A message of the port of events."""
+        """Take a message of the port of events."""
 
     def _build(self, configuration: Any, joint: str) -> Any:
         functions = super()._build(configuration, joint)

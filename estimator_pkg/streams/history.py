@@ -1,4 +1,4 @@
-"""How long a joint was in which status."""
+"""The time of a joint in each status."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from estimator_pkg.driver.guard import (
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.contract import STATUS_NAMES
 
-GAP = 'gap'  # time without samples, next to the statuses
-CHUNK = 4096  # single samples that are counted together
+GAP = 'gap'  # time without samples, listed with the statuses
+CHUNK = 4096  # number of single samples that are counted together
 
 
 @dataclass
 class History:
-    """Time of one joint by status [s], from its samples in the order in which they came."""
+    """Time of one joint by status [s], from its samples in order of arrival."""
 
     _seconds: dict[str, float] = field(default_factory=dict)
     _last_ns: int | None = None  # stamp of the last used sample
-    _last_gap: float = 0.0  # before the last used sample [s]; 0: none
+    _last_gap: float = 0.0  # length of the gap before the last used sample [s]; 0: none
     _used: int = 0
     _single: list[tuple[int, int, int]] = field(default_factory=list)
     _noted: list[tuple[NDArray[np.int64], NDArray[np.int8]]] = field(default_factory=list)
@@ -42,7 +42,7 @@ class History:
             self._flush()
 
     def seconds(self) -> dict[str, float]:
-        """Seconds by status."""
+        """Return the seconds by status."""
         self._flush()
         return self._seconds
 
@@ -55,7 +55,7 @@ class History:
             self.add(*columns, np.array(verdict, np.int8))
 
     def noted(self) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """Stamps and statuses of the samples that were noted one by one, each of shape (n,)."""
+        """Return stamps and statuses of the samples noted one by one, each of shape (n,)."""
         self._flush()
         if not self._noted:
             return np.zeros(0, np.int64), np.zeros(0, np.int8)
@@ -83,7 +83,7 @@ class History:
         self._last_ns = int(times[-1])
 
     def _take_back(self, passed: NDArray[np.float64], row: int) -> None:
-        """The gap before a stray stamp was none: its sample continues from before it."""
+        """Subtract the gap before a stray stamp: its sample continues from before it."""
         before = passed[row - 1] if row else self._last_gap
         passed[row] += before
         if row:

@@ -26,7 +26,7 @@ GAINS = Output('gains', diagnostics.TYPE, latched=True)
 
 @dataclass(frozen=True)
 class MechanicalSettings(EffortSettings):
-    """Parameters of the node `mechanical_observer` apart from those of its observer."""
+    """Parameters of the node `mechanical_observer`, without those of its observer."""
 
     observer: str = parameter(
         'geso', unit='', structural=True, description='geso, hgo, ehgo or smo'
@@ -40,11 +40,11 @@ class MechanicalSettings(EffortSettings):
     )
 
     def find_observer(self) -> Observer:
-        """The observer; raises UsageError if it does not use a mechanism model."""
+        """Return the observer; raise UsageError if it does not use a mechanism model."""
         found = observers.find(self.observer)
         if found.kind != MechanicalStream.KIND:
             raise UsageError(
-                f"observer '{found.name}' does not use a mechanism model: take geso, "
+                f"observer '{found.name}' does not use a mechanism model: choose geso, "
                 'hgo, ehgo or smo'
             )
         return found
@@ -57,7 +57,7 @@ class MechanicalStream(DrivenStream):
     NODE = 'mechanical_observer'
     SETTINGS = MechanicalSettings
     PER_JOINT = MechanismSettings
-    WRAPS = False  # a model says which of its positions are angles
+    WRAPS = False  # the model defines which of its positions are angles
     KEPT = 'mechanism'
     bank: MechanismBank
     settings: MechanicalSettings
@@ -67,7 +67,7 @@ class MechanicalStream(DrivenStream):
         super().__init__(settings, configuration.observer, bank, bank.orders, outputs=[GAINS])
         self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
         self._unexplained = set(bank.joints)
-        self._due = False  # ~/gains has something new to say
+        self._due = False  # True if ~/gains has new content
 
     @classmethod
     def configure(
@@ -84,7 +84,7 @@ class MechanicalStream(DrivenStream):
         return cls(settings, configuration)
 
     def try_gains(self, configuration: MechanismConfiguration) -> None:
-        """See `Stream`: all mechanisms are known, and what is common need not suit any of them."""
+        """See `Stream`: checks each mechanism; common values need not suit any of them."""
         check_names(configuration, self.settings.mechanisms)
 
     def answer(self, sample: Sample) -> Answer:
@@ -104,7 +104,7 @@ class MechanicalStream(DrivenStream):
         return answer
 
     def _explain(self) -> None:
-        """Put into words what gains mean at the measured rate, where that is not done yet."""
+        """Describe the effect of new gains at the measured rate."""
         if not self._unexplained:
             return
         new = [name for name in self._unexplained if self.bank.joints[name].mean_dt > 0.0]
@@ -124,7 +124,7 @@ class MechanicalStream(DrivenStream):
         )
 
     def about(self, name: str) -> Mapping[str, Any]:
-        """See `Stream`: stamps that lacked a joint, and what the gains mean, too."""
+        """See `Stream`: also stamps without a joint, and the effect of the gains."""
         self._explain()
         return {
             **super().about(name),
@@ -140,13 +140,13 @@ class MechanicalStream(DrivenStream):
         return {**super()._summary_of(name, joint), 'incomplete': joint.incomplete}
 
     def finish(self, path: str) -> list[str]:
-        """See `Stream`: a mechanism that never became complete is a mistake in the names."""
+        """See `Stream`: raises if a mechanism never got all joints (wrong names)."""
         for mechanism in self.bank.joints.values():
             if mechanism.received == 0:
                 raise UserError(
                     f"topic '{self.topics[0]}' of {path} never has all joints of "
                     f"mechanism '{mechanism.name}' ({', '.join(mechanism.names)}): "
-                    "name them with the parameter 'joints'"
+                    "set its joint names with the parameter 'joints'"
                 )
         return self._unanswered()
 
@@ -157,7 +157,7 @@ class MechanicalStream(DrivenStream):
         """See `Stream`."""
         if request.angle or request.joints:
             raise UsageError(
-                '--angle and --joint are for observers of single angles: name the '
+                '--angle and --joint are for observers of single angles: set the '
                 "joints of a mechanism with --set 'joints=[...]'"
             )
         return values

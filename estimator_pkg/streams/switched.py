@@ -26,7 +26,7 @@ DISCRETE = Output('discrete_state', JOINT_STATE)
 
 @dataclass(frozen=True)
 class SwitchedSettings(EffortSettings):
-    """Parameters of the node `switched_observer` apart from those of its observer."""
+    """Parameters of the node `switched_observer`, without those of its observer."""
 
     joints: tuple[str, ...] | None = parameter(
         None,
@@ -38,11 +38,11 @@ class SwitchedSettings(EffortSettings):
     )
 
     def find_observer(self) -> Observer:
-        """The observer."""
+        """Return the observer."""
         return OBSERVER
 
     def names(self, model: SwitchedModel) -> tuple[str, ...]:
-        """The joints; raises UsageError if they are not as many as the model's outputs."""
+        """Return the joints; raise UsageError unless there is one per output of the model."""
         names = tuple(name for name in self.joints or () if name) or model.joints
         if len(names) != len(model.joints) or len(set(names)) < len(names):
             raise UsageError(
@@ -54,7 +54,7 @@ class SwitchedSettings(EffortSettings):
 
 
 class SwitchedStream(DrivenStream):
-    """See `Stream`; ``bank.system`` is the joints of the system as one."""
+    """See `Stream`; ``bank.system`` is the whole system."""
 
     KIND = 'switched'
     NODE = 'switched_observer'
@@ -81,7 +81,7 @@ class SwitchedStream(DrivenStream):
             outputs=[DISCRETE, *([ACCELERATION] if accelerates else [])],
         )
         self._decode_event, self._encode_discrete = Decoder().decode, Encoder().encode
-        self.refused_event = ''  # the newest event that was not used, and why
+        self.refused_event = ''  # the newest unused event, and why
 
     @classmethod
     def start(cls, settings: SwitchedSettings, configuration: Configuration) -> SwitchedStream:
@@ -109,12 +109,12 @@ class SwitchedStream(DrivenStream):
         if fate in REFUSED:
             self.refused_event = f"the event '{mode}' is not used: {fate.replace('_', ' ')}"
 
-    # Words
+    # Texts
 
     def reset(self) -> str:
         """See `Stream`."""
         super().reset()
-        return 'the system starts again'
+        return 'the system is reset'
 
     def describe(self) -> str:
         """See `Stream`."""
@@ -145,13 +145,13 @@ class SwitchedStream(DrivenStream):
     def finish(self, path: str) -> list[str]:
         """See `Stream`."""
         if self.bank.system.received == 0:
-            raise UserError(f'{path}: {self.why() or "no sample came"}')
+            raise UserError(f'{path}: {self.why() or "no sample arrived"}')
         warnings = self._unanswered()
         for kind, count in self.bank.system.event_counts.items():
             if kind in REFUSED:
                 warnings.append(f'{count} switching events were not used: {kind.replace("_", " ")}')
         if not self.topics[1]:
-            warnings.append(f'{path} has no topic /{EVENTS.topic}: nothing ever switches')
+            warnings.append(f'{path} has no topic /{EVENTS.topic}: the system never switches')
         return warnings
 
     # Bags
@@ -163,7 +163,7 @@ class SwitchedStream(DrivenStream):
         """See `Stream`."""
         if request.angle or request.joints:
             raise UsageError(
-                '--angle and --joint are for observers of single angles: name the '
+                '--angle and --joint are for observers of single angles: set the '
                 "joints of a switched system with --set 'joints=[...]'"
             )
         return values

@@ -196,4 +196,4 @@ def test_the_shared_set_is_the_columns():
 def test_recordings_that_are_asked_for_must_be_there(tmp_path, capsys):
     words = ['accuracy', '--part', 'recordings', '--bags', str(tmp_path)]
     assert command.main(words) == 1
-    assert f'{tmp_path}: no bag with' in capsys.readouterr().err
+    assert f'{tmp_path} contains no bag with' in capsys.readouterr().err

@@ -235,8 +235,8 @@ def test_a_drive_without_stamps_is_not_told_of_a_parameter_it_lacks(own, capfd):
     said = capfd.readouterr().err
     assert '5 samples on /drive_samples carry no time stamp and are dropped: every' in said
     assert 'stamp_source' not in said
-    assert "malformed and dropped: a dimension is called 'columns', not 'channel'" in said
-    assert "1 malformed messages (a dimension is called 'columns'" in entry.message
+    assert "malformed and dropped: a dimension has the label 'columns', not 'channel'" in said
+    assert "1 malformed messages (a dimension has the label 'columns'" in entry.message
 
 
 @dataclasses.dataclass(frozen=True)

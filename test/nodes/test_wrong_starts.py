@@ -68,7 +68,7 @@ WRONG = {
     ],
     'switched': [
         ({'model': f'{OWN}Nope'}, "has no 'Nope'"),
-        ({'model': f'{OWN}Singular'}, 'is no SwitchedModel'),
+        ({'model': f'{OWN}Singular'}, 'is not a SwitchedModel'),
         ({'discrete': 'guess'}, "'guess' is not one of"),
         ({'joints': ['a', 'b']}, "'joints' must name the model's 1 output"),
     ],
