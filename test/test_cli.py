@@ -63,5 +63,5 @@ def test_where_json_cannot_go_is_said_before_the_work(name, said, tmp_path, caps
 def test_a_destination_that_may_not_be_written(tmp_path, monkeypatch):
     destination.check(tmp_path / 'new')
     monkeypatch.setattr(os, 'access', lambda path, mode: path != tmp_path)  # root may all
-    with pytest.raises(UserError, match='may not be written'):
+    with pytest.raises(UserError, match='is not writable'):
         destination.check(tmp_path / 'new')

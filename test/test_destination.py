@@ -42,7 +42,7 @@ def test_the_data_are_written_where_they_are_requested(tmp_path, capsys):
     assert evaluate('--html', tmp_path / 'out.npz') == 0  # it does not overwrite itself
     assert (tmp_path / 'out.npz').read_text().startswith('<!DOCTYPE html>')
     assert evaluate('--data', tmp_path / 'no' / 'numbers') == 1
-    assert 'there is no folder' in capsys.readouterr().err
+    assert 'does not exist' in capsys.readouterr().err
 
 
 def test_tune_writes_the_gains_alone(tmp_path, capsys):
@@ -101,7 +101,7 @@ def test_no_output_overwrites_the_bag_that_is_read(words, tmp_path, monkeypatch,
     before = {file.name: file.read_bytes() for file in Path('B').iterdir()}
     capsys.readouterr()
     assert main(words) == 2
-    assert 'would overwrite what is read' in capsys.readouterr().err
+    assert 'would overwrite an input' in capsys.readouterr().err
     assert {file.name: file.read_bytes() for file in Path('B').iterdir()} == before
 
 

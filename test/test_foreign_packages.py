@@ -102,7 +102,7 @@ def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign,
     said = told(
         foreign, 'list', 'geso', '--set', 'model=slide', '--set', 'model_parameters=[stiffness=5.0]'
     )
-    assert 'what the gains mean' in said
+    assert 'effect of the gains' in said
     said = told(
         foreign,
         'replay',

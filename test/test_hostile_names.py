@@ -134,14 +134,14 @@ def test_save_writes_names_as_names(name, tmp_path):
 @pytest.mark.parametrize(
     'text, said',
     [
-        ('joints: [a, b]', "'joints' must hold each joint's name"),
-        ('joints: 3', "'joints' must hold"),
+        ('joints: [a, b]', "'joints' must map each joint's name"),
+        ('joints: 3', "'joints' must map"),
         ('joints: {a: 3}', "of joint 'a' are damaged"),
-        ('joints: a', "'joints' must hold"),
+        ('joints: a', "'joints' must map"),
         ('joints: {y: {order: true, a: [1.0], b: [1.0]}}', "of joint 'y' are damaged"),
         ('joints: {a: {order: 1, a: [1.0], b: [1.0], stddev: [1.0]}}', "of joint 'a' are damaged"),
         ('joints: {a: {order: 1, a: [1.0], b: [1.0], trusted: 3}}', "of joint 'a' are damaged"),
-        ('joints: !!python/name:os.system ""', 'holds no parameters'),
+        ('joints: !!python/name:os.system ""', 'contains no parameters'),
         ('joints: {[a]: 1}', 'no para'),
     ],
 )

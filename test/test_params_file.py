@@ -117,7 +117,7 @@ def test_no_name_is_that_of_a_value_and_of_a_group():
         ('bandwidth_hz: 3', "'bandwidth_hz' must hold 'ros__parameters:'"),
         ('other: {ros__parameters: {a: 1}}', "no section for 'joint_observer'; it has 'other'"),
         ('/**: {ros__parameters: 3}', 'must hold keys and values'),
-        ('/**: {ros__parameters: {a: 1, a: 2}}', "'a' comes twice"),
+        ('/**: {ros__parameters: {a: 1, a: 2}}', "'a' occurs twice"),
         ('/**: {a: {b: {}}}', "no 'ros__parameters' at all"),
     ],
 )

@@ -1,4 +1,4 @@
-"""What a node says of itself, as diagnostic_msgs."""
+"""Status and diagnostics of a node, as diagnostic_msgs."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ _LEVELS = {
     MISCONFIGURED: ERROR,
 }
 _REASONS = {
-    INITIALISING: 'not settled yet since the start, a reset or the loss of lock',
-    COASTING: 'carried by prediction after a gap, an outlier or a loss of lock',
+    INITIALISING: 'not settled yet after the start, a reset or a loss of lock',
+    COASTING: 'predicted after a gap, an outlier or a loss of lock',
     NOT_OBSERVABLE: 'the signals do not determine the state',
 }
 EVENTS = VERDICTS[2:DUPLICATE]
@@ -51,25 +51,25 @@ _DROPPED_FOR = {
     LATE: 'their stamps are late',
     NON_FINITE: 'their numbers are not finite',
     ZERO_STAMP: 'they have no time stamp',
-    REPEATED: 'they repeat the reading before',
+    REPEATED: 'they repeat the previous reading',
 }
 
 
 def dropped_for(verdict: int) -> str:
-    """Why samples are dropped, in words; '' where this verdict does not say it."""
+    """Return why samples are dropped, as text; '' for other verdicts."""
     why = _DROPPED_FOR.get(verdict, '')
-    return why and f'those that come are dropped: {why}'
+    return why and f'received samples are dropped: {why}'
 
 
 def array(node: Node, entries: Iterable[DiagnosticStatus]) -> DiagnosticArray:
-    """A message with these entries, stamped now."""
+    """Return a message with these entries, stamped now."""
     message = DiagnosticArray(status=list(entries))
     message.header.stamp = node.get_clock().now().to_msg()
     return message
 
 
 def entry(level: bytes, name: str, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:
-    """One entry; numbers are written as a person reads them."""
+    """Return one entry, with readable numbers."""
     return DiagnosticStatus(
         level=level,
         name=name,
@@ -79,15 +79,15 @@ def entry(level: bytes, name: str, message: str, values: Mapping[str, Any]) -> D
 
 
 def group_delay(joint: Joint) -> float:
-    """Delay of the velocity at low frequency and the measured rate [s]; nan while unknown."""
+    """Return the velocity's delay at low frequency and the measured rate [s]; nan if unknown."""
     if joint.mean_dt <= 0.0 or joint.mean_dt > joint.longest_dt:
         return math.nan
     return joint.functions.group_delay(joint.mean_dt)
 
 
 def counters(joints: Mapping[str, Joint]) -> dict[str, int]:
-    """Samples of these joints: received = used + every kind of dropped; events across which
-    samples were used.
+    """Return the samples of these joints (received = used + all dropped kinds), and the events
+    before used samples.
     """
     total = [sum(column) for column in zip(*(joint.counts for joint in joints.values()))]
     total = total or [0] * len(VERDICTS)
@@ -100,11 +100,11 @@ def counters(joints: Mapping[str, Joint]) -> dict[str, int]:
 def joint_status(
     name: str, joint: Joint, status: int, why: str, more: Mapping[str, Any] | None = None
 ) -> DiagnosticStatus:
-    """The entry of one joint in ~/status: its message is the status, with why after a colon.
+    """Return the entry of one joint in ~/status: its message is the status and the reason.
 
     Parameters
     ----------
-    more : values beside those that every joint has.
+    more : values in addition to those of every joint.
     """
     why = why or _REASONS.get(status, '')
     said = STATUS_NAMES[status]

@@ -1,4 +1,4 @@
-"""Subscriptions and publishers of a node: QoS that users can override, and what goes wrong."""
+"""Subscriptions and publishers of a node: QoS that users can override, and their problems."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from estimator_pkg.ros.loss import Loss
 
 
 def get_message(name: str) -> Any:
-    """The message class of a type's name, as in 'sensor_msgs/msg/JointState'."""
+    """Return the message class of a type's name, as in 'sensor_msgs/msg/JointState'."""
     package, _, kind = name.split('/')
     return getattr(importlib.import_module(f'{package}.msg'), kind)
 
@@ -51,12 +51,12 @@ def sensor_data() -> QoSProfile:
 
 
 def estimates() -> QoSProfile:
-    """Of what a node gives: what is sent before a listener has connected is sent again."""
+    """QoS for outputs: reliable; depth 500 keeps what a listener that connects has missed."""
     return QoSProfile(depth=500, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched() -> QoSProfile:
-    """Of what late subscriptions must see too."""
+    """QoS for latched topics: late joiners get the last message."""
     return QoSProfile(
         depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
     )
@@ -69,12 +69,12 @@ _OPEN = (
     QoSPolicyKind.DURABILITY,
 )
 
-DEEPEST = 100_000  # messages of a queue
+DEEPEST = 100_000  # largest depth of a queue
 SETTLED = 0.1  # [s] without a change among publishers and listeners: they know us, too
 AT_FIRST = 0.5  # [s] the same from our start: not all of them are known at once
 NOBODY = 10.0  # [s] without a publisher after which we subscribe all the same: some bridges
 # publish only what somebody has subscribed to
-UNNAMED = '_NODE_NAME_UNKNOWN_'  # what ROS calls a node of which it has not heard all yet
+UNNAMED = '_NODE_NAME_UNKNOWN_'  # ROS's name for a node that is not completely discovered
 
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
 
@@ -142,12 +142,12 @@ class Input:
 
 
 class OnDemand:
-    """A publisher of what is made only while somebody listens.
+    """A publisher of messages that are made only while there is a subscriber.
 
     Attributes
     ----------
-    wanted : whether somebody did when it was last looked.
-    publish : as of the publisher.
+    wanted : True if there was a subscriber at the last check.
+    publish : publishes a message.
     """
 
     def __init__(self, publisher: Publisher) -> None:
@@ -156,16 +156,16 @@ class OnDemand:
         self.wanted = False
 
     def look(self) -> None:
-        """See whether somebody listens."""
+        """Check for subscribers."""
         self.wanted = self._publisher.get_subscription_count() > 0
 
 
 class Endpoints:
-    """Makes a node's subscriptions and publishers and counts what the middleware reports.
+    """Creates a node's subscriptions and publishers and counts the problems that DDS reports.
 
     Attributes
     ----------
-    qos_mismatches : publishers and subscriptions met that could not be connected to.
+    qos_mismatches : number of publishers and subscriptions with incompatible QoS.
     """
 
     def __init__(self, node: Node) -> None:
@@ -179,7 +179,7 @@ class Endpoints:
 
     @property
     def inputs(self) -> list[str]:
-        """Names of the topics that are read."""
+        """Names of the input topics."""
         return [each.topic_name for each in self._inputs]
 
     @property
@@ -203,25 +203,25 @@ class Endpoints:
             each.connect(publishers, now >= self._settled, node)
 
     def of_other_types(self) -> list[str]:
-        """Who publishes on our inputs what we do not read, each in words.
+        """Return, as texts, the publishers on our inputs with another message type.
 
-        The middleware says nothing of them: they are not connected, as if they were not there.
+        DDS does not report them: they are not connected, as if they did not exist.
         """
         texts = []
         for each in self._inputs:
-            topic, wanted = each.topic_name, _type_name(each.kind)
+            topic, expected = each.topic_name, _type_name(each.kind)
             texts += [
                 f'{found.node_name} publishes {found.topic_type} on {topic}, where this node '
-                f'reads {wanted}: they are not connected'
+                f'needs {expected}: they are not connected; remap one of them'
                 for found in self._node.get_publishers_info_by_topic(topic)
-                if found.topic_type != wanted and found.node_name != UNNAMED
+                if found.topic_type != expected and found.node_name != UNNAMED
             ]
         return texts
 
     def subscribe(
         self, kind: type, topic: str, receive: Receive, qos: QoSProfile | None = None
     ) -> Input:
-        """A raw subscription, which `connect` makes: `receive` gets every message's bytes and info.
+        """Return an input that `connect` subscribes; `receive` gets every message's bytes and info.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class Endpoints:
         saw = loss.saw
 
         def callback(*arguments: Any) -> None:
-            # EventsExecutor of rclpy 7.1 hands over one tuple, other executors two arguments.
+            # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
             raw, info = arguments if len(arguments) == 2 else arguments[0]
             saw(info['publication_sequence_number'], info['source_timestamp'])
             receive(raw, info)
@@ -278,18 +278,18 @@ class Endpoints:
         return made
 
     def look(self) -> None:
-        """See who listens, and receive what still waits; to be called now and then."""
+        """Check for subscribers, and receive waiting messages; to be called regularly."""
         self._drain()
         for publisher in self._on_demand:
             publisher.look()
 
     def _drain(self) -> None:
-        """Receive what still waits on the subscriptions."""
+        """Receive the messages that still wait on the subscriptions."""
         for each in self._inputs:
             each.drain()
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
-        """A publisher; raises UsageError for a wrong ``qos_overrides`` parameter."""
+        """Create a publisher; raise UsageError for a wrong ``qos_overrides`` parameter."""
         holder: list[Publisher] = []
 
         def mismatch(event: Any) -> None:
@@ -309,18 +309,18 @@ class Endpoints:
         return holder[0]
 
     def on_demand(self, kind: type, topic: str) -> OnDemand:
-        """A publisher of what is made only while somebody listens; errors as of `publisher`."""
+        """Create a publisher of messages made on demand; raises as `publisher`."""
         made = OnDemand(self.publisher(kind, topic))
         self._on_demand.append(made)
         return made
 
     def _made(self, topic: str, make: Callable[..., Any], events: dict[str, Any]) -> Any:
         try:
-            with warnings.catch_warnings():  # of a depth of 0, which is refused
+            with warnings.catch_warnings():  # about a depth of 0, which is refused
                 warnings.simplefilter('ignore', UserWarning)
                 try:
                     return make(**events)
-                except UnsupportedEventTypeError:  # of this middleware: then without
+                except UnsupportedEventTypeError:  # this middleware has no such events
                     return make()
         except ParameterException as error:
             raise UsageError(in_words(error)) from error
@@ -348,7 +348,7 @@ def _overriding() -> QoSOverridingOptions:
 
 
 def _possible(qos: QoSProfile) -> SetParametersResult:
-    """Whether the middleware can keep so many messages; it would say it in ten lines."""
+    """Check that the depth is valid; the middleware would report it in ten lines."""
     if 1 <= qos.depth <= DEEPEST or qos.history == HistoryPolicy.KEEP_ALL:
         return SetParametersResult(successful=True)
     return SetParametersResult(

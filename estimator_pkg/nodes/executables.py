@@ -1,4 +1,4 @@
-"""The executables of the observer nodes: one function each, which runs until it is interrupted.
+"""Main functions of the observer executables; each runs until it is interrupted.
 
 ``python -m estimator_pkg.nodes.executables joint_observer --ros-args ...`` runs one without its
 script.
@@ -14,14 +14,14 @@ from estimator_pkg.ros.runtime import run
 
 
 def of_stream(kind: str) -> Callable[..., int]:
-    """The function that runs the node of this kind of observers; it returns the exit code.
+    """Return the main function for the node of this kind of observers; it returns the exit code.
 
-    A family from outside the package names its executable so: ``my_observer =
+    A package with its own family defines its executable like this: ``my_observer =
     of_stream('my_kind')``.
     """
 
     def make() -> Any:
-        # ROS takes a while to import, and an interrupt before that must end the process quietly
+        # ROS imports slowly, and an interrupt during it must end the process quietly
         from estimator_pkg.nodes.observer import ObserverNode
 
         return ObserverNode(kind)
@@ -41,6 +41,6 @@ switched_observer = of_stream('switched')
 if __name__ == '__main__':
     name = sys.argv.pop(1) if len(sys.argv) > 1 else ''
     if not name.endswith('_observer') or name not in globals():
-        sys.exit(f"which node? '{name}' is none of them")
+        sys.exit(f"unknown node '{name}': pass the name of an executable, as joint_observer")
     sys.argv[0] = name
     sys.exit(globals()[name]())

@@ -1,4 +1,4 @@
-"""How a node that estimates joints is: status of each joint, diagnostics, warnings."""
+"""The health of an observer node: status of each joint, diagnostics, warnings."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
 from estimator_pkg.streams.contract import Stream
 
-DIAGNOSTICS = 1.0  # [s] between two of /diagnostics
-UNHEARD_OF = 5.0  # [s] after which what never appeared is named
-ALL_HERE = 1.0  # [s] after the first joint by which the others have come too
-SAY_AGAIN_AFTER = 10.0  # [s] between two warnings of the same kind
-NAMED = 5  # joints that a warning names at most
+DIAGNOSTICS = 1.0  # time between two messages on /diagnostics [s]
+UNHEARD_OF = 5.0  # time after which missing inputs are reported [s]
+ALL_HERE = 1.0  # time after the first joint in which the others appear too [s]
+SAY_AGAIN_AFTER = 10.0  # time between two warnings of the same kind [s]
+NAMED = 5  # largest number of joints in a warning
 
 
 class Health:
-    """Watches the joints of a bank by the steady clock, which runs while a simulated one rests.
+    """Watches the joints of a bank by the steady clock, which runs while simulated time is paused.
 
     Parameters
     ----------
-    node : whose health it is.
-    stream : what estimates.
+    node : the node.
+    stream : its stream.
 
     Attributes
     ----------
-    input : the topic of the measurement; set once it is known.
-    WRONG : what is no good, in words, by the name of its counter.
+    input : the input of the measurement; set after its creation.
+    WRONG : description of each problem, by the name of its counter.
     """
 
     WRONG: ClassVar[Mapping[str, str]] = {
@@ -59,10 +59,10 @@ class Health:
         'dropped.repeated': 'repeated readings',
         'events.outage': 'outages',
         'events.clock_jump': 'clock jumps',
-        'events.stray_stamp': 'stamps from far ahead',
-        'dropped.refused': 'samples of new joints beyond joints_max (name the joints that you need '
+        'events.stray_stamp': 'stamps far in the future',
+        'dropped.refused': 'samples of new joints beyond joints_max (name the required joints '
         'in joints, or raise joints_max)',
-        'joints_expired': 'joints that were forgotten after expiry',
+        'joints_expired': 'joints that were removed after expiry',
         'lost_by_dds': 'messages lost by DDS',
     }
 
@@ -79,43 +79,43 @@ class Health:
         self._step_time = self._longest_step = 0.0
         self._started = self._last_report = monotonic()
         self._named_unknown = self._named_unseen = False
-        self._told: set[str] = set()  # of topics on which nothing comes
+        self._reported: set[str] = set()  # texts about topics without messages
         self._first_input = 0.0
-        # samples used; when that last grew, and how many had been received then
+        # used samples; time of their last increase, and the number of received ones then
         self._used: dict[str, tuple[int, float, int]] = {}
         self._alive: set[str] = set()  # joints that are not lost
-        self._gone: dict[str, int] = {}  # counters of joints that have expired
+        self._gone: dict[str, int] = {}  # counters of expired joints
         self._lost: Mapping[str, int] = {}  # by topic
-        self._said: dict[str, tuple[int, str]] = {}  # status and why, as published
+        self._said: dict[str, tuple[int, str]] = {}  # published status and reason
         self._warned: dict[str, float] = {}
         self._before = _Totals()
         self._publish_status()
 
     def took(self, seconds: float) -> None:
-        """A message was decoded, estimated and answered in so much time [s]."""
+        """Count the time that decoding, estimating and answering a message took [s]."""
         self._step_time += seconds
         if seconds > self._longest_step:
             self._longest_step = seconds
 
     def failed(self, topic: str, why: str) -> None:
-        """The observer raised an exception on a message; the joints start again."""
+        """Report an exception of the observer on a message; the joints are reset."""
         self._failed += 1
         self._say(
             'failed',
             f'the observer failed on a message of {topic}, and all '
-            f'{self._stream.KEPT}s start again: {why}',
+            f'{self._stream.KEPT}s are reset: {why}',
             severe=True,
         )
 
     def look(self) -> None:
-        """Publish what has changed, and once a second the diagnostics."""
+        """Publish changes, and once a second the diagnostics."""
         now = monotonic()
         due = now - self._last_report >= DIAGNOSTICS
         if due:
             self._expire(now)
         joints, said = self._stream.bank.joints, self._said
-        # A joint that is lost stays so until a sample comes: ten times a second the others are
-        # judged alone, and once a second all.
+        # A lost joint stays lost until a sample arrives: only the others are checked ten times a
+        # second, and all of them once a second.
         touched = self._stream.bank.touched()
         names = set(joints) if due or len(joints) != len(said) else self._alive.union(touched)
         new = {name: self._judge(name, joints[name], now) for name in names}
@@ -127,7 +127,7 @@ class Health:
         self._alive.update(name for name in changed if new[name][0] != LOST)
         self._alive.difference_update(name for name in changed if new[name][0] == LOST)
         if changed:
-            self._tell_changes(changed)
+            self._report_changes(changed)
             said.update(changed)
         statuses = said
         if changed or due:
@@ -144,7 +144,7 @@ class Health:
                 self._name_unseen()
 
     def _expire(self, now: float) -> None:
-        """Forget joints that have had no sample for its `expiry`."""
+        """Remove joints that had no sample for the stream's `expiry`."""
         expiry = getattr(self._stream.settings, 'expiry', 0.0)
         bank = self._stream.bank
         old = (
@@ -170,8 +170,7 @@ class Health:
             named = ', '.join(map(repr, old[:NAMED]))
             self._say(
                 'expired',
-                f'{self._stream.KEPT} {named}{more}: no sample for {expiry:g} s, '
-                'forgotten (expiry)',
+                f'{self._stream.KEPT} {named}{more}: no sample for {expiry:g} s, removed (expiry)',
             )
 
     def _counts_of(self, names: Iterable[str]) -> dict[str, int]:
@@ -179,7 +178,7 @@ class Health:
         return {**counters(joints), 'resets': sum(each.reset_count for each in joints.values())}
 
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
-        """(status, why) of a joint; without a usable sample for too long it is lost."""
+        """Return (status, why) of a joint; it is lost after too long without a usable sample."""
         if self._stream.always_awake(name):
             return joint.estimate()[3], joint.why()
         used, received = joint.used, joint.received
@@ -298,12 +297,12 @@ class Health:
     # Warnings
 
     def _warn(self, new: _Totals) -> None:
-        """One line for what a person should know of, at most one of a kind in ten seconds."""
+        """Log problems for the user, each kind at most once in ten seconds."""
         topic = self.input.topic_name
         if new['dropped.zero_stamp']:
             self._say(
                 'zero',
-                f'{new["dropped.zero_stamp"]} samples on {topic} carry no time stamp '
+                f'{new["dropped.zero_stamp"]} samples on {topic} have no time stamp '
                 f'and are dropped: {self._stream.NO_STAMP}',
             )
         if new['events.clock_jump']:
@@ -311,8 +310,8 @@ class Health:
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
             self._say(
                 'jump',
-                'the clock of the measurements jumped (a bag that loops, a restarted '
-                f'simulation{several}): its {self._stream.KEPT}s start again',
+                'the clock of the measurements jumped (a looping bag, a restarted '
+                f'simulation{several}): its {self._stream.KEPT}s are reset',
             )
         if new['messages_dropped.malformed']:
             where, why = self._stream.complaint
@@ -324,8 +323,8 @@ class Health:
             self._say(
                 'refused',
                 f'{new["dropped.refused"]} samples on {topic} are beyond '
-                f"joints_max (the newest is '{bank.refused_name}'; "
-                f'{len(bank.joints)} are kept): name those that you need in '
+                f"joints_max (newest name: '{bank.refused_name}'; "
+                f'{len(bank.joints)} joints exist): name the required joints in '
                 "'joints', or raise 'joints_max'",
             )
         before, self._lost = self._lost, self._endpoints.lost
@@ -335,13 +334,13 @@ class Health:
         if where:
             self._say(
                 'lost',
-                f'{new["lost_by_dds"]} messages on {where} were lost: more come than '
-                'this node or the network can take, or they came before the '
-                'connection was made',
+                f'{new["lost_by_dds"]} messages on {where} were lost: their rate is too high for '
+                'this node or the network, or they were sent before the '
+                'connection was complete',
             )
 
-    def _tell_changes(self, statuses: Mapping[str, tuple[int, str]]) -> None:
-        """Joints that have become misconfigured, or of which every sample is dropped."""
+    def _report_changes(self, statuses: Mapping[str, tuple[int, str]]) -> None:
+        """Log joints that have become misconfigured, or whose samples are all dropped."""
         lost: dict[str, list[str]] = {}
         for name, (status, why) in statuses.items():
             if status == self._said.get(name, (INITIALISING, ''))[0]:
@@ -350,7 +349,7 @@ class Health:
                 self._node.get_logger().error(
                     f"{self._stream.KEPT} '{name}' is misconfigured: {why}"
                 )
-            if status == LOST and ';' in why:  # more than silence
+            if status == LOST and ';' in why:  # with a reason beyond silence
                 lost.setdefault(why, []).append(f"'{name}'")
         for why, names in lost.items():
             more = f' and {len(names) - NAMED} more' if len(names) > NAMED else ''
@@ -366,31 +365,31 @@ class Health:
                 self._node.get_logger().warning(text)
 
     def _name_unknown(self) -> None:
-        """Misspelt parameters, once."""
+        """Log unknown parameters, once."""
         if not self._named_unknown:
             self._named_unknown = True
             for name, hint in self._ros.unknown().items():
                 self._node.get_logger().warning(f"unknown parameter '{name}': {hint}")
 
     def _name_unheard(self) -> None:
-        """No input at all, or publishers of another type: as often as that changes."""
+        """Log missing input, or publishers of another type, whenever this changes."""
         texts = self._endpoints.of_other_types()
         if not sum(self._stream.received):
             texts.append(
-                f'nothing has been received on {self.input.topic_name} yet; publishers '
-                f'connected: {self.input.publishers()}'
+                f'no message has been received on {self.input.topic_name} yet; connected '
+                f'publishers: {self.input.publishers()}'
             )
         for text in texts:
-            if text not in self._told:
-                self._told.add(text)
+            if text not in self._reported:
+                self._reported.add(text)
                 self._node.get_logger().warning(text)
 
     def _name_unseen(self) -> None:
-        """Joints that were named and did not come with the others."""
+        """Log joints that were named in the parameters but have not appeared."""
         seen = self._stream.bank.joints
         for joint in sorted({*self._ros.overrides, *self._stream.bank.only} - set(seen)):
             self._node.get_logger().warning(
-                f"{self._stream.KEPT} '{joint}' was named in the parameters and never seen: "
+                f"{self._stream.KEPT} '{joint}' is named in the parameters but did not appear: "
                 f'{suggestion(joint, seen)}'
             )
 
@@ -399,5 +398,5 @@ class _Totals(dict[str, int]):
     """Counters since the start."""
 
     def since(self, before: _Totals) -> _Totals:
-        """What was counted since `before`."""
+        """Return the increase since `before`."""
         return _Totals({key: count - before.get(key, 0) for key, count in self.items()})

@@ -1,7 +1,7 @@
-"""What the files of launch/ share: one node of this package, its parameter file, its arguments.
+"""Shared by the files of launch/: one node of this package with its parameter file and arguments.
 
-Imports launch and launch_ros, which an installation of ROS 2 has and PyPI does not; launch files
-alone import this module.
+This module imports launch and launch_ros, which are part of a ROS 2 installation but not on PyPI.
+Only launch files import it.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = 'velocity_estimator'
-TAKES_TIME = 'take the time from /clock'
-MAKES_TIME = 'has no effect here: the simulator makes its own time'
+TAKES_TIME = 'use the time of /clock'
+MAKES_TIME = 'has no effect: the simulator uses the system time'
 
 
 def one_node(name: str, use_sim_time: str = TAKES_TIME) -> LaunchDescription:
-    """One node, with its parameters from a file, and the arguments that every launch file has.
+    """Return one node, with its parameters from a file, and the arguments of every launch file.
 
     Parameters
     ----------
-    name : of the executable; unless told otherwise the node's too, and its parameters are those of
+    name : of the executable; by default also of the node, with the parameters in
         config/`name`.yaml.
-    use_sim_time : what that argument does to this node.
+    use_sim_time : description of that argument for this node.
     """
     default_file = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', f'{name}.yaml'])
     arguments = (
@@ -42,8 +42,8 @@ def one_node(name: str, use_sim_time: str = TAKES_TIME) -> LaunchDescription:
                 DeclareLaunchArgument(argument, default_value=default, description=description)
                 for argument, default, description in arguments
             ),
-            # The file goes to the node by itself, which ends where there is none; with `parameters`
-            # launch would only warn of it, and the node would run with its defaults.
+            # The file is an argument of the node, which ends if it is missing; with `parameters`
+            # launch would only warn, and the node would run with its defaults.
             Node(
                 package=PACKAGE,
                 executable=name,

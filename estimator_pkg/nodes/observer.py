@@ -1,4 +1,4 @@
-"""The node: a stream wired to ROS. Every observer node is this class with another stream."""
+"""The node: a stream connected to ROS. Every observer node is this class with another stream."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ CONNECT = 0.02  # [s] between looks for publishers
 
 
 class ObserverNode(Node):
-    """A stream whose ports are wired to subscriptions and publishers.
+    """A stream whose ports are connected to subscriptions and publishers.
 
-    It declares the parameters, publishes what the stream answers, serves ``~/reset`` and the
-    stream's other actions, and ten times a second looks who listens and how the joints are.
+    It declares the parameters, publishes the stream's answers, and serves ``~/reset`` and the
+    stream's other actions. Ten times a second it checks for subscribers and the joints' health.
 
     Parameters
     ----------
     stream : a class of streams, or the kind of its observers ('angle', 'drive', ...).
-    node_name, options : as of `rclpy.node.Node`; ``parameter_overrides`` sets parameters (see
-        `estimator_pkg.nodes.ros_parameters.ros_values`). The name is the stream's by default.
+    node_name, options : as in `rclpy.node.Node`; ``parameter_overrides`` sets parameters (see
+        `estimator_pkg.nodes.ros_parameters.ros_values`). The default name is the stream's.
 
     Raises
     ------
@@ -46,7 +46,7 @@ class ObserverNode(Node):
 
     Attributes
     ----------
-    stream : what estimates.
+    stream : the stream.
     health : status, diagnostics and warnings.
     """
 
@@ -58,7 +58,7 @@ class ObserverNode(Node):
                 node_name or family.NODE,
                 **{'allow_undeclared_parameters': family.OVERRIDES, **options},
             )
-        except ParameterException as error:  # of a parameter of rclpy's own, as use_sim_time
+        except ParameterException as error:  # a parameter of rclpy, such as use_sim_time
             raise UsageError(in_words(error)) from error
         observer = None
         try:
@@ -84,11 +84,11 @@ class ObserverNode(Node):
             raise
 
     def get_logger(self) -> Any:
-        """The node's logger, whose texts are printable whatever names are in them."""
+        """Return a logger that escapes unprintable characters in its messages."""
         return PrintableLogger(super().get_logger())
 
     def _open(self) -> None:
-        """Wire the ports."""
+        """Connect the ports."""
         stream, self._endpoints = self.stream, Endpoints(self)
         self._wired: list[Any] = [
             self._endpoints.on_demand(get_message(output.type), f'~/{output.name}')
@@ -113,7 +113,7 @@ class ObserverNode(Node):
         # It subscribes once the executor runs: the queues of subscriptions are not long.
         self.create_timer(CONNECT, self._endpoints.connect, clock=steady)
         self.get_logger().info(
-            f'{stream.observer.name} estimates {stream.describe()} of '
+            f'{stream.observer.name} estimates {stream.describe()} from '
             f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}'
         )
 
@@ -126,7 +126,7 @@ class ObserverNode(Node):
             begun = perf_counter()
             try:
                 answers = feed(number, raw, info['source_timestamp'])
-            except Exception as error:  # of a user's model, or of numbers that nobody foresaw
+            except Exception as error:  # of a user's model, or of unexpected numbers
                 if not self.context.ok():
                     raise
                 self._failed(self.stream.topics[number], error)
@@ -140,13 +140,13 @@ class ObserverNode(Node):
         return self._endpoints.subscribe(get_message(port.type), port.topic, came)
 
     def _failed(self, topic: str, error: Exception) -> None:
-        """An observer that fails must not take the others' estimates with it: start again."""
+        """Reset after a failure of the observer, so that other joints keep their estimates."""
         self.stream.reset()
         self.health.failed(topic, where(error))
         self.get_logger().debug(''.join(format_exception(error)))
 
     def _look_around(self) -> None:
-        """Ten times a second, by the steady clock: who listens, and how the joints are."""
+        """Check subscribers and joints, ten times a second by the steady clock."""
         self._endpoints.look()
         for number, publisher in enumerate(self._wired):
             if isinstance(publisher, OnDemand):

@@ -1,4 +1,4 @@
-"""A ROS domain that nobody on this machine uses, for processes that shall be among themselves."""
+"""Find a ROS domain that is unused on this machine, for processes that must be isolated."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import random
 import socket
 
 DOMAINS = range(1, 101)
-# DDS (RTPS 9.6.1): ports of a domain begin at 7400 + 250 domain; every participant listens on the
-# first one, and the first participant of this machine on the one that is 10 further.
+# DDS (RTPS 9.6.1): the ports of a domain start at 7400 + 250 domain; every participant listens on
+# the first one, and the first participant of this machine also on the first one + 10.
 BASE, STEP, FIRST = 7400, 250, 10
 
 
 def free_domain() -> int:
-    """A domain without a participant on this machine; any, where all seem to be in use."""
+    """Return a domain without a participant on this machine; any, if all seem to be in use."""
     domains = list(DOMAINS)
     random.SystemRandom().shuffle(domains)
     return next(filter(is_free, domains), domains[0])
 
 
 def is_free(domain: int) -> bool:
-    """Whether no participant of this domain listens on this machine."""
+    """Return True if no participant of this domain listens on this machine."""
     begin = BASE + STEP * domain
     return all(_can_be_bound(port) for port in (begin, begin + FIRST))
 

@@ -1,11 +1,11 @@
-"""The executor of our executables: no stream of messages, however fast, starves the rest.
+"""The executor of our executables: services and timers run at every rate of messages.
 
-rclpy's EventsExecutor costs least per message, but it queues one event for each, without a bound,
-and services and timers behind them. A stream that is faster than its callback makes that queue, and
-so what a service waits, grow for ever: most of the events then find no message, because the
-subscription's own queue (KEEP_LAST) keeps the newest alone. So the age of that queue is measured,
-and while it is too old `TurnsExecutor` does the work, which has no queue. It costs some 25 us more
-per message as long as it waits for each of them, and less once several wait.
+rclpy's EventsExecutor has the lowest cost per message, but it queues one event for each, without a
+bound, and services and timers wait behind them. With a stream that is faster than its callback this
+queue, and the response time of a service, grow without end: most events then find no message,
+because the subscription's own queue (KEEP_LAST) keeps only the newest. So the age of the queue is
+measured. While it is too old `TurnsExecutor`, which has no such queue, does the work. It costs
+about 25 us more per message if messages arrive one by one, and less if several wait.
 """
 
 from __future__ import annotations
@@ -33,50 +33,50 @@ try:
 except ImportError:  # an rclpy without it: SteadyExecutor does without, too
     EventsExecutor = None  # type: ignore[assignment]  # it is compared with None alone
 
-TURN = 0.01  # [s] for the messages of one subscription before everything else has its turn
-ASK_EVERY = 0.05  # [s] how old the queue of events is
-OLDEST = 0.1  # [s] it may be
-AT_LEAST = 20  # callbacks within that time: a process that was not given the processor has fewer
-CALM = 1.0  # [s] without a full turn after which events are queued again
-LONGEST_CALM = 60.0  # [s] where that has failed again and again
+TURN = 0.01  # time for the messages of one subscription before everything else may run [s]
+ASK_EVERY = 0.05  # time between two measurements of the queue's age [s]
+OLDEST = 0.1  # allowed age of the queue [s]
+AT_LEAST = 20  # smallest number of callbacks in that time; fewer: the process had no CPU time
+CALM = 1.0  # time without a full turn after which EventsExecutor is used again [s]
+LONGEST_CALM = 60.0  # the same after repeated failures [s]
 
 
 class TurnsExecutor(SingleThreadedExecutor):
-    """Takes the messages that wait for a limited time, then lets everything else run.
+    """Takes waiting messages for a limited time, then lets everything else run.
 
     Callbacks run in the thread that calls `spin` or `spin_once`.
 
     Attributes
     ----------
-    busy : when more messages waited than it could take in a turn, by `monotonic` [s].
+    busy : time when more messages waited than one turn could take, by `monotonic` [s].
     """
 
     def __init__(self, *, context: Any = None) -> None:
         super().__init__(context=context)
         self.busy = 0.0
-        self._changed = True  # nodes or what they consist of
+        self._changed = True  # nodes or their entities have changed
         self._looks = False
         self._entities: dict[str, list[Any]] = {}
-        self._takes: dict[int, Subscription] = {}  # by pointer, as the wait set gives them back
+        self._takes: dict[int, Subscription] = {}  # by pointer, as the wait set returns them
         self._wait_set: Any = None
 
     def add_node(self, node: Node) -> bool:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         self._changed = True
         return super().add_node(node)
 
     def remove_node(self, node: Node) -> None:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         self._changed = True
         super().remove_node(node)
 
     def wake(self) -> None:
-        """Something of a node was made or destroyed."""
+        """React to a new or destroyed entity of a node."""
         self._changed = True
         super().wake()
 
     def can_execute(self, entity: Any) -> bool:
-        """Whether the executor of rclpy sees to `entity`: not to messages, which are taken here."""
+        """Return True if rclpy's executor handles `entity`; messages are taken here instead."""
         return (
             not _taken_here(entity)
             and not (self._looks and isinstance(entity, Waitable))
@@ -84,7 +84,7 @@ class TurnsExecutor(SingleThreadedExecutor):
         )
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait until something is ready; then a turn of messages, and all else that is ready."""
+        """Wait until something is ready; then run a turn of messages, and everything else."""
         if not self._context.ok():
             raise ExternalShutdownException
         if self._is_shutdown:
@@ -96,9 +96,9 @@ class TurnsExecutor(SingleThreadedExecutor):
             self._run_others()
 
     def look_at(self, nodes: list[Node]) -> None:
-        """Run once what is ready of nodes that EventsExecutor has.
+        """Run everything that is ready in nodes of EventsExecutor, once.
 
-        Waitables are its own: each keeps its place in a wait set of that executor.
+        Waitables are excluded: each has its place in a wait set of that executor.
         """
         self._nodes, self._changed, self._looks = set(nodes), True, True
         try:
@@ -107,7 +107,7 @@ class TurnsExecutor(SingleThreadedExecutor):
             self._nodes, self._changed, self._looks = set(), True, False
 
     def _wait(self, timeout_sec: float | None) -> tuple[list[Subscription], bool]:
-        """(the subscriptions with messages, whether anything else may be ready)."""
+        """Return (the subscriptions with messages, True if anything else may be ready)."""
         if self._changed:
             self._collect()
         if self._tasks:
@@ -125,16 +125,16 @@ class TurnsExecutor(SingleThreadedExecutor):
         wait_set.wait(-1 if timeout_sec is None or timeout_sec < 0.0 else round(1e9 * timeout_sec))
         takes = self._takes
         came = [takes[pointer] for pointer in wait_set.get_ready_entities('subscription')]
-        # Waitables (what the middleware reports of publishers) wait for a timer, or the timeout:
-        # watching them costs as much as all the rest.
+        # Waitables (events of the middleware about publishers) wait for a timer or the timeout:
+        # checking them costs as much as everything else.
         return came, not came or bool(self._tasks) or any(
             wait_set.get_ready_entities(kind)
             for kind in ('timer', 'service', 'client', 'guard_condition')
         )
 
     def _collect(self) -> None:
-        """Make the wait set for what the nodes consist of now."""
-        self._changed = False  # first: what changes meanwhile is seen next time
+        """Make the wait set for the present entities of the nodes."""
+        self._changed = False  # first: later changes are then seen next time
         nodes = self.get_nodes()
         taken = [each for node in nodes for each in node.subscriptions if _taken_here(each)]
         self._takes = {each.handle.pointer: each for each in taken}
@@ -152,7 +152,7 @@ class TurnsExecutor(SingleThreadedExecutor):
             self._wait_set = rclpy_implementation.WaitSet(*counts, 0, context)
 
     def _take(self, subscription: Subscription) -> None:
-        """Call back with the messages that wait, for one turn."""
+        """Call the callback with the waiting messages, for one turn."""
         kind, raw, handle = subscription.msg_type, subscription.raw, subscription.handle
         alone = subscription._callback_type is Subscription.CallbackType.MessageOnly
         end = perf_counter() + TURN
@@ -160,7 +160,7 @@ class TurnsExecutor(SingleThreadedExecutor):
             try:
                 with handle:
                     taken = handle.take_message(kind, raw)
-            except InvalidHandle:  # the callback before has destroyed it
+            except InvalidHandle:  # the previous callback has destroyed it
                 return
             if taken is None:
                 return
@@ -171,7 +171,7 @@ class TurnsExecutor(SingleThreadedExecutor):
         self.busy = monotonic()
 
     def _run_others(self) -> None:
-        """Run all that is ready but messages, once."""
+        """Run everything that is ready except messages, once."""
         while not self._is_shutdown and self._context.ok():
             try:
                 handler, _, _ = self.wait_for_ready_callbacks(0.0)
@@ -183,7 +183,7 @@ class TurnsExecutor(SingleThreadedExecutor):
 
 
 class SteadyExecutor:
-    """EventsExecutor while it keeps up, `TurnsExecutor` while it does not.
+    """Uses EventsExecutor while it keeps up, otherwise `TurnsExecutor`.
 
     Callbacks run in the thread that calls `spin` or `spin_once`.
     """
@@ -194,26 +194,26 @@ class SteadyExecutor:
         self._turns = TurnsExecutor(context=context)
         self._events: Any = None
         self._calm = CALM
-        self._since = 0.0  # that these events are queued
-        self._asked = 0.0  # when an event was queued to see how long it waits; 0: it has run
+        self._since = 0.0  # start time of the present EventsExecutor
+        self._asked = 0.0  # when an event was queued to measure its waiting time; 0: it has run
         self._ask_at = 0.0
         self._ran = 0  # callbacks since then
-        self._look = False  # at what came while nodes were taken in, which may go unnoticed
+        self._look = False  # check for messages that arrived while nodes were added
         if EventsExecutor is not None:
             self._queue_events()
 
     @property
     def context(self) -> Any:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         return self._context
 
     @property
     def in_turns(self) -> bool:
-        """Whether more comes than EventsExecutor can do."""
+        """True while EventsExecutor cannot keep up."""
         return self._events is None
 
     def add_node(self, node: Node) -> bool:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         if node in self._nodes:
             return False
         self._nodes.append(node)
@@ -221,21 +221,21 @@ class SteadyExecutor:
         return (self._events or self._turns).add_node(node)
 
     def remove_node(self, node: Node) -> None:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         if node in self._nodes:
             self._nodes.remove(node)
             (self._events or self._turns).remove_node(node)
 
     def get_nodes(self) -> list[Node]:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         return list(self._nodes)
 
     def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Any:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         return (self._events or self._turns).create_task(callback, *args, **kwargs)
 
     def wake(self) -> None:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         (self._events or self._turns).wake()
 
     def spin(self) -> None:
@@ -261,13 +261,13 @@ class SteadyExecutor:
                 return
         if self._look:
             self._look = False
-            self._events.spin_once(timeout_sec=0.0)  # takes the nodes in
+            self._events.spin_once(timeout_sec=0.0)  # adds the nodes
             self._turns.look_at(self._nodes)
             return
         self._events.spin_once(timeout_sec=timeout_sec)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """As of `rclpy.executors.Executor`."""
+        """See `rclpy.executors.Executor`."""
         if self._events is not None:
             self._events.shutdown()
         return self._turns.shutdown(timeout_sec)
@@ -276,9 +276,9 @@ class SteadyExecutor:
         self._asked = 0.0
 
     def _take_turns(self, now: float) -> None:
-        """Forget the queue of events: `TurnsExecutor` sees for itself what is ready."""
+        """Discard the queue of events: `TurnsExecutor` finds by itself what is ready."""
         for node in self._nodes:
-            self._turns.add_node(node)  # which takes it from the other
+            self._turns.add_node(node)  # this removes it from the other executor
         self._events.shutdown()
         self._events = None
         self._turns.busy = now

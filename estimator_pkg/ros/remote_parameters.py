@@ -1,4 +1,4 @@
-"""Parameters of another node that is running: what they are, and setting them."""
+"""Read and set the parameters of another running node."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from estimator_pkg.errors import UserError
 
-PATIENCE = 5.0  # [s] for a node to be found, and to answer
-TURN = 0.05  # [s] between looks
+PATIENCE = 5.0  # longest wait for a node to be found, and to answer [s]
+TURN = 0.05  # time between checks [s]
 
 
 class Spinning(Protocol):
-    """A node with its executor, as of `estimator_pkg.bags.live.live`."""
+    """A node with its executor, as `estimator_pkg.bags.live.live` returns it."""
 
     node: Node
 
     @property
     def stopping(self) -> bool:
-        """The process is to end."""
+        """True when the process must end."""
 
     def spin(self, seconds: float) -> None:
-        """Let callbacks run for at most so long."""
+        """Run callbacks for at most `seconds`."""
 
 
 class RemoteParameters:
@@ -36,12 +36,12 @@ class RemoteParameters:
 
     Parameters
     ----------
-    here : who asks.
-    name : of the node; without a leading '/', in the root namespace.
+    here : the requesting node.
+    name : of the other node; without a leading '/', in the root namespace.
 
     Raises
     ------
-    UserError : there is no such node; later also where it does not answer.
+    UserError : there is no such node; later also if it does not answer.
     """
 
     def __init__(self, here: Spinning, name: str) -> None:
@@ -49,33 +49,34 @@ class RemoteParameters:
         self._here = here
         self._client = AsyncParameterClient(here.node, self.name)
         self._until(
-            self._client.services_are_ready, f"no node '{self.name}' whose parameters could be set"
+            self._client.services_are_ready,
+            f"no node '{self.name}' with parameter services: check the name ('ros2 node list')",
         )
 
     def get(self, names: Sequence[str]) -> dict[str, Any]:
-        """What they are now, by name; None where one is not set, or the node has none such."""
+        """Return the present values by name; None for a parameter that is unset or unknown."""
         if not names:
             return {}
         future = self._client.get_parameters(list(names))
         values = self._answer(future).values
-        if len(values) < len(names):  # an unknown name among them: nothing is said of any
+        if len(values) < len(names):  # one name is unknown: the answer is empty
             if len(names) == 1:
                 return {names[0]: None}
             return {name: value for each in names for name, value in self.get([each]).items()}
         return {name: parameter_value_to_python(value) for name, value in zip(names, values)}
 
     def set(self, values: Mapping[str, Any]) -> None:
-        """Set them together; raises UserError if the node refuses one (why, in its own words)."""
+        """Set them together; raise UserError if the node refuses one (with its reason)."""
         asked = [
             Parameter(name, value=list(value) if isinstance(value, tuple) else value)
             for name, value in values.items()
         ]
         result = self._answer(self._client.set_parameters_atomically(asked)).result
         if not result.successful:
-            raise UserError(f"the node '{self.name}' keeps its gains: {result.reason}")
+            raise UserError(f"the node '{self.name}' refused the gains: {result.reason}")
 
     def _answer(self, future: Any) -> Any:
-        self._until(future.done, f"the node '{self.name}' does not answer")
+        self._until(future.done, f"the node '{self.name}' does not answer: check that it runs")
         return future.result()
 
     def _until(self, condition: Any, otherwise: str) -> None:

@@ -1,6 +1,6 @@
-"""What every node's process does: environment, executor, clean ends.
+"""Shared by the processes of all nodes: environment, executor, clean ends.
 
-Import this module before rclpy and numpy: it settles the environment that they read.
+Import this module before rclpy and numpy: it prepares the environment that they read.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
     from estimator_pkg.ros.executor import SteadyExecutor
 
-MIXED = 'Sequence should be of same type'  # rcl of a list in which y, n, on or off is a boolean
-SPIN = 0.1  # [s] at most until an interrupt is seen
-AGAIN = 0.05  # [s] until what cannot be interrupted now is interrupted
+MIXED = 'Sequence should be of same type'  # rcl's error for a list with booleans such as y, n, on
+SPIN = 0.1  # longest time until an interrupt is noticed [s]
+AGAIN = 0.05  # time until an interrupt is retried that was not possible [s]
 
 
 def settle_environment() -> None:
@@ -41,21 +41,21 @@ settle_environment()
 
 
 def make_executor() -> SteadyExecutor:
-    """The executor that costs least, and that no rate of messages starves."""
+    """Return the executor with the lowest cost whose services and timers always run."""
     from estimator_pkg.ros.executor import SteadyExecutor
 
     return SteadyExecutor()
 
 
 class Interrupts:
-    """Ctrl-C and SIGTERM: `came` says whether one did.
+    """Handlers for Ctrl-C and SIGTERM; `came` is True after one of them.
 
-    While something is made they also end that, by SystemExit. Once the node runs they only say that
-    it is to end: ROS's own handlers would take its context away under a call.
+    During the construction of the node they also end it, by SystemExit. Once the node runs they
+    only set `came`: ROS's own handlers would shut its context down during a call.
 
     Attributes
     ----------
-    making : whether they end what is being done.
+    making : True during the construction, while they raise SystemExit.
     """
 
     NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)  # the last one comes from `_take`
@@ -75,16 +75,16 @@ class Interrupts:
         raise SystemExit(0)
 
     def over(self, last: bool) -> None:
-        """Give them back; `last`: the process ends, and a second Ctrl-C is to change nothing."""
+        """Restore the handlers; `last`: the process ends, and ignores a second Ctrl-C."""
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if last else handler)
 
 
 def _at_work(frame: FrameType | None) -> bool:
-    """Whether this is within an import, or within ROS.
+    """Return True within an import, or within ROS.
 
-    An import would drop an exception or make an ImportError of it; rclpy would leave things half
-    made, which complain when they are taken away.
+    An import would drop an exception or turn it into an ImportError; rclpy would leave incomplete
+    objects, which print errors when they are destroyed.
     """
     while frame is not None:
         file = frame.f_code.co_filename
@@ -95,17 +95,17 @@ def _at_work(frame: FrameType | None) -> bool:
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Run a node until it is interrupted; returns the exit code.
+    """Run a node until it is interrupted; return the exit code.
 
     Parameters
     ----------
-    make_node : makes the node, once ROS is initialised. What it imports then is imported after
-        Ctrl-C has become quiet.
+    make_node : makes the node, after ROS is initialised. Its imports happen after Ctrl-C has become
+        quiet.
     args : command line; None: that of the process, which ends afterwards.
 
     Raises
     ------
-    SystemExit : it was interrupted before it ran; the exit code is 0.
+    SystemExit : interrupted before the node ran; the exit code is 0.
     """
     interrupts = Interrupts()
     try:
@@ -128,7 +128,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
         return _missing(program, error)
     executor = node = None
     try:
-        set_logger_level('rcl', LoggingSeverity.FATAL)  # it would log the error told below
+        set_logger_level('rcl', LoggingSeverity.FATAL)  # it would log the error reported below
         try:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         except Exception as error:  # of rcl, for a command line it cannot parse
@@ -144,7 +144,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
         gc.disable()  # a collection takes long, while messages wait in a queue
         node = make_node()
         executor.add_node(node)
-        gc.freeze()  # nor is what has been imported looked through again
+        gc.freeze()  # later collections skip all imported objects
         gc.enable()
         interrupts.making = False
         while rclpy.ok() and not interrupts.came:
@@ -158,11 +158,11 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
     except Exception:
         if rclpy.ok():
             raise
-        return 0  # the node has ended ROS itself, under a call
+        return 0  # the node has shut ROS down itself, during a call
     finally:
         gc.enable()
         interrupts.making = False
-        rclpy.try_shutdown()  # first: the threads of a node look whether ROS is there
+        rclpy.try_shutdown()  # first: the threads of a node check whether ROS is running
         if executor is not None:
             executor.shutdown()
         if node is not None:
@@ -180,7 +180,7 @@ def _usage(program: str, word: str) -> int:
 
 
 def _missing(program: str, error: ImportError) -> int:
-    """Report a library that is not installed; returns the exit code."""
+    """Report a library that is not installed; return the exit code."""
     line = missing(error)
     if line is None:
         raise error
@@ -190,4 +190,4 @@ def _missing(program: str, error: ImportError) -> int:
 
 def _first_line(error: Exception) -> str:
     text = str(error).strip() or type(error).__name__
-    return re.sub(r', at \S+:\d+', '', text.splitlines()[0])  # where in the source of rcl
+    return re.sub(r', at \S+:\d+', '', text.splitlines()[0])  # without rcl's source position

@@ -341,7 +341,7 @@ def test_why_there_is_no_estimate(stamp, names, positions, why, tmp_path, capsys
     raws = [Encoder().encode(stamp and START + i, '', names, positions) for i in range(9)]
     bag = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
     replay(bag)
-    assert f'warning: no estimate was given: {why}' in capsys.readouterr().err
+    assert f'warning: no estimate was published: {why}' in capsys.readouterr().err
 
 
 def test_only_the_named_joints(recording, tmp_path):

@@ -148,7 +148,7 @@ def test_arrays_stand_for_all_joints_or_the_driven_ones():
     assert commands.decode(array([7.0], dimensions=1), 6) == (6, ('b',), (7.0,))
     assert commands.decode(array([0.0, 7.0], offset=1), 6) == (6, ('b',), (7.0,))
     for raw, words in (
-        (array([1.0, 2.0]), '2 numbers, where there are 3 or 1 joints'),
+        (array([1.0, 2.0]), '2 numbers, but there are 3 or 1 joints'),
         (array([1.0], offset=2), 'begin at 2'),
         (array([1.0])[:-3], 'too short'),
         (b'', 'not a CDR message'),
@@ -198,7 +198,7 @@ def test_the_adaptive_joint_takes_commands_as_it_takes_fields():
     assert command.joints['j'].dropped() == {'non_finite': 1}
     late = bank(COMMAND)
     late.take(START, ('j',), (0.1,), ())
-    assert late.why_silent('j') == 'no effort_command is in force for it'
+    assert late.why_silent('j') == 'no effort_command is valid for it'
     assert field.why_silent('j') == command.why_silent('j') == ''
     same = bank(FIELD)
     for k in range(1, 400):
@@ -234,7 +234,7 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
     assert command.system.discrete() == field.system.discrete()
     silent = bank(COMMAND)
     assert silent.take(START, ('joint',), (0.1,), ()).estimates == [None]
-    assert silent.why_silent('joint') == 'no effort_command is in force'
+    assert silent.why_silent('joint') == 'no effort_command is valid'
     with pytest.raises(UsageError, match="'input_delay' has 2 numbers for 1 input"):
         bank(FIELD, input_delay=[0.1, 0.2])
 

@@ -203,7 +203,7 @@ def test_joints_whose_stamps_never_agree_are_told_how_far_they_are_apart():
         mechanisms.update(START + k * MS, ('p',), (0.1,), ())
         mechanisms.update(START + k * MS + 200_000, ('c',), (0.0,), ())
     assert mechanisms.why_silent('m') == (
-        'its joints come apart, with stamps that differ by 0.0002 s at least (pair_tolerance)'
+        'the stamps of its joints differ by at least 0.0002 s: increase pair_tolerance'
     )
     assert mechanisms.joints['m'].received == 0 < mechanisms.joints['m'].incomplete
 
@@ -240,7 +240,7 @@ def test_several_mechanisms_in_one_stream():
         ({'names': ('a', 'a')}, "'mechanisms' names 'a' twice"),
         ({'names': ('a', 'b')}, "'a' and 'b' both have the joint 'joint'"),
         ({'bandwith_hz': 3.0}, "did you mean 'bandwidth_hz'?"),
-        ({'overrides': {'arn': {'bandwidth_hz': 3.0}}}, "a mechanism 'arn'"),
+        ({'overrides': {'arn': {'bandwidth_hz': 3.0}}}, "unknown mechanism 'arn'"),
     ],
 )
 def test_wrong_settings_are_refused_in_one_line(values, words):
@@ -319,7 +319,10 @@ def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, tm
     [
         (['--observer', 'geso', '--set', 'model=own_models:TwoLinks'], "use the observer 'hgo'"),
         (['--observer', 'geso', '--set', 'model=no_such:Model'], "cannot import 'no_such'"),
-        (['--observer', 'geso', '--set', 'model=cart_pendulum'], 'name them with the parameter'),
+        (
+            ['--observer', 'geso', '--set', 'model=cart_pendulum'],
+            'set its joint names with the parameter',
+        ),
         (['--observer', 'geso', '--set', 'L=-1', '--set', 'K=3'], 'not Hurwitz'),
         (['--observer', 'geso', '--set', 'modle=x'], "did you mean 'model'?"),
         (['--observer', 'geso', '--joint', 'a'], '--angle and --joint'),

@@ -81,7 +81,7 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         answer = node.connect() and probe.call(
             Trigger, '/adaptive_observer/save', Trigger.Request()
         )
-        assert not answer.success and 'nothing has been learnt' in answer.message
+        assert not answer.success and 'nothing is identified' in answer.message
         answers = node.feed(raws)
         # live is the same numbers as the driver's
         _, expected = bank_of(raws)
@@ -137,7 +137,7 @@ def test_efforts_as_an_array_of_numbers(probe):
         raw = node.encode(0, ('right', 'left'), (0.1, 0.2))
         assert node.feed([raw] * 3, unanswered=range(3)) == []
         probe.until(lambda: node.status('left') == 'lost')
-        assert 'no effort_command is in force for it' in dds.value(node.statuses['left'], 'why')
+        assert 'no effort_command is valid for it' in dds.value(node.statuses['left'], 'why')
         efforts.publish(Float64MultiArray(data=[1.0, 2.0, 3.0]))
         efforts.publish(Float64MultiArray(data=[1.0, 2.0]))
         probe.spin(0.2)
@@ -161,7 +161,7 @@ def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):
         MODULE, '--ros-args', '-p', f'parameters_file:={path}', '-p', 'order:=3'
     ) as node:
         assert node.ends() == 2
-        assert "joint 'joint' are of order 2, but order is 3" in node.output
+        assert "joint 'joint' have order 2, but order is 3" in node.output
         assert 'Traceback' not in node.output
 
 
@@ -189,7 +189,7 @@ def test_saving_keeps_what_the_file_says_of_others(motor, tmp_path):
     bank.joints['other'] = bank.joints.pop('joint')
     assert save(path, bank) == ['other']
     assert set(load(path)) == {'joint', 'other'}
-    with pytest.raises(UserError, match='nothing has been learnt'):
+    with pytest.raises(UserError, match='nothing is identified'):
         save(path, AdaptiveBank(AdaptiveConfiguration(OBSERVER)))
 
 

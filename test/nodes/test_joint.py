@@ -141,7 +141,7 @@ def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
     assert live.answers[-1].velocities == pytest.approx((1.0,), rel=1e-6)
     assert live.process.alive and 'Traceback' not in live.process.output
     for told in (
-        'carry no time stamp',
+        'have no time stamp',
         'stamp_source: publisher',
         'clock of the measurements',
         'are malformed',
@@ -179,7 +179,7 @@ def test_reset_starts_every_joint_again(live):
     again = fresh('again')
     assert estimated(live.feed(turning(live, [again], [1.0], 400))[-1]) == (again,)
     answer = live.probe.call(Trigger, '/joint_observer/reset', Trigger.Request())
-    assert answer.success and 'start again' in answer.message
+    assert answer.success and 'are reset' in answer.message
     assert live.feed(turning(live, [again], [1.0], 1, first=400))[-1].names == (again,)
     assert not estimated(live.answers[-1])
     assert joint_entry(live.next_report(), again)['resets'] == '1'

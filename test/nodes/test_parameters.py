@@ -114,7 +114,7 @@ def test_no_name_is_declared_twice():
         ({'angle_sign': 0}, 'must be 1 or -1'),
         ({'input': 'angle', 'angle_type': 'UInt16'}, 'counts_per_revolution'),
         ({'input': 'angle', 'angle_joint': ''}, "'angle_joint' must not be empty"),
-        ({'input': 'angle', 'joints': ['other']}, "'joint' is not among"),
+        ({'input': 'angle', 'joints': ['other']}, "'joint' is not in 'joints'"),
         ({'joints': 'shoulder'}, 'must be a list of texts'),
         ({'joints': [1]}, 'must be a list of texts'),
         ({'angle_type': 'Int8'}, 'Float64, Float32'),

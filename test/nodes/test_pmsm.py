@@ -315,7 +315,7 @@ def test_currents_and_voltages_that_never_pair_are_told_apart(probe):
         Drive(probe, 'pmsm_apart', vectors=True, answering=False) as drive,
     ):
         drive.feed(vectors(measured, shift=60_000), answered=False)
-        drive.says('stamps are 6e-05 s apart at best (pair_tolerance)')
+        drive.says('stamps differ by at least 6e-05 s: increase pair_tolerance')
         assert drive.status.message.startswith('lost')
         assert drive.estimates == []
 
@@ -439,7 +439,7 @@ def test_a_change_while_20_khz_stream_through_the_compiled_observer_loses_nothin
         ({}, 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
         ({**MOTOR, 'flux': -1.0}, "'flux' = -1 is outside"),
         ({**MOTOR, 'pole_pairs': 0}, "'pole_pairs' = 0 is outside"),
-        ({**MOTOR, 'observer': 'kalman'}, 'does not work from currents and voltages'),
+        ({**MOTOR, 'observer': 'kalman'}, 'does not use currents and voltages'),
         ({**MOTOR, 'observer': 'pmsn'}, "did you mean 'pmsm'?"),
     ],
 )

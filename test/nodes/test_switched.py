@@ -142,7 +142,7 @@ def test_events_and_status(probe):
         )
         report = watched.next_report()['/switched_observer']
         assert report['messages_dropped.mismatched'] == '2'
-        node.prints('lack a joint or an effort that the observer needs')
+        node.prints('a joint or an effort that the observer needs is missing')
     probe.node.destroy_subscription(subscription)
     probe.node.destroy_publisher(events)
 

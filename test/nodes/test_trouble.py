@@ -131,7 +131,7 @@ def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
     assert totals['received'] == totals['used']
     said = capfd.readouterr().err
     assert (
-        'the observer failed on a message of /joint_states, and all joints start again: '
+        'the observer failed on a message of /joint_states, and all joints are reset: '
         "KeyError: 'opne' (line " in said
     ) and 'Traceback' not in said
     assert '1 messages on which the observer failed' in system.reported().message
@@ -149,7 +149,7 @@ def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
     said = capfd.readouterr().err
     assert (
         "joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; those that "
-        'come are dropped: their numbers are not finite'
+        'received samples are dropped: their numbers are not finite'
     ) in said
     assert live.node.health._said['g'][1].endswith('their numbers are not finite')
 
@@ -185,7 +185,7 @@ def test_two_clocks_on_one_topic_are_told(own, capfd):
     live.take(other, live.encode(BEGIN - 10**12, '', ['a'], [0.0]))
     live.reported()
     assert (
-        'the clock of the measurements jumped (a bag that loops, a restarted simulation, '
+        'the clock of the measurements jumped (a looping bag, a restarted simulation, '
         '2 publishers whose clocks differ)'
     ) in capfd.readouterr().err
 
@@ -210,12 +210,12 @@ def test_publishers_of_another_type_are_told(own, capfd):
     said = capfd.readouterr().err
     assert (
         said.count(
-            'stranger publishes std_msgs/msg/Float32 on /angle, where this node reads '
-            'std_msgs/msg/Float64: they are not connected'
+            'stranger publishes std_msgs/msg/Float32 on /angle, where this node needs '
+            'std_msgs/msg/Float64: they are not connected; remap one of them'
         )
         == 1
     )
-    assert said.count('nothing has been received on /angle yet; publishers connected: 0') == 1
+    assert said.count('no message has been received on /angle yet; connected publishers: 0') == 1
     assert (
         'stranger publishes std_msgs/msg/Float64MultiArray on /effort_command, where this node '
         'reads sensor_msgs/msg/JointState'
@@ -233,7 +233,7 @@ def test_a_drive_without_stamps_is_not_told_of_a_parameter_it_lacks(own, capfd):
     motor.take(samples, good, good.replace(b'channel', b'columns'))
     entry = motor.reported()
     said = capfd.readouterr().err
-    assert '5 samples on /drive_samples carry no time stamp and are dropped: every' in said
+    assert '5 samples on /drive_samples have no time stamp and are dropped: every' in said
     assert 'stamp_source' not in said
     assert "malformed and dropped: a dimension has the label 'columns', not 'channel'" in said
     assert "1 malformed messages (a dimension has the label 'columns'" in entry.message
@@ -275,7 +275,7 @@ def test_gains_that_give_no_numbers_or_lose_the_state_are_refused(own):
     assert not result.successful and re.fullmatch(told, result.reason)
     result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 124.0}))
     assert not result.successful and result.reason == (
-        "joint 'a': the state cannot be kept with this: set it before the node starts"
+        "joint 'a': the state cannot be kept with this value: set it before the node starts"
     )
     assert live.node.get_parameter('bandwidth_hz').value not in (123.0, 124.0)
     assert live.take(states, live.encode(BEGIN + MS, '', ['a'], [0.0]))['used'] == 2

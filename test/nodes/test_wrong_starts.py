@@ -41,7 +41,7 @@ WRONG = {
         ({'qos_overrides./joint_states.subscription.depth': 'many'}, "depth' to 'many'"),
     ],
     'mechanical': [
-        ({'mechanisms': ['']}, "'mechanisms' names no mechanism"),
+        ({'mechanisms': ['']}, "'mechanisms' is empty"),
         ({'model': f'{OWN}TwoLinks'}, "use the observer 'hgo'"),
         ({'model': f'{OWN}Singular', 'observer': 'hgo'}, "own_models:Singular'"),
         ({'model': f'{OWN}WrongSize', 'observer': 'hgo'}, "own_models:WrongSize'"),
@@ -54,15 +54,18 @@ WRONG = {
         ({'model': 'robotic_leg', 'operating_point': [0.0, 0.0, 0.0]}, 'operating point'),
         ({'joints': ['a', 'b']}, "has 1 joints (joint), but 'joints' names 2"),
         ({'mechanisms': ['a', 'b']}, "both have the joint 'joint'"),
-        ({'mechanisms': ['a'], 'per_joint.b.bandwidth_hz': 3.0}, "a mechanism 'b'"),
-        ({'observer': 'pll'}, 'take geso, hgo, ehgo or smo'),
+        ({'mechanisms': ['a'], 'per_joint.b.bandwidth_hz': 3.0}, "unknown mechanism 'b'"),
+        ({'observer': 'pll'}, 'choose geso, hgo, ehgo or smo'),
     ],
     'adaptive': [
         ({'law': 'gradient', 'gamma': [1.0, 2.0]}, "'gamma' needs 1, 4 or 16 numbers"),
         ({'law': 'gradient', 'gamma': [-1.0]}, "'gamma' is not positive definite"),
         ({'observer_poles': [1.0, -2.0]}, "'observer_poles' = 1 is outside"),
         ({'observer_poles': [-2.0]}, "'observer_poles' needs 2 poles"),
-        ({'parameters_file': '/no/such/folder/motor.yaml'}, 'there is no folder'),
+        (
+            {'parameters_file': '/no/such/folder/motor.yaml'},
+            'the folder /no/such/folder does not exist',
+        ),
         ({'input': 'effort_command', 'effort_command_type': 'Float64MultiArray'}, "set 'joints'"),
         ({'input_scale': [1.0, 2.0]}, '2 numbers for 1 input'),
     ],
@@ -166,4 +169,4 @@ def test_a_parameters_file_with_a_list_of_joints_is_one_line(tmp_path):
     path = tmp_path / 'motor.yaml'
     path.write_text('adaptive_parameters: 1\njoints: [a, b]\n')
     line = ended('adaptive_observer', *dds.ros_args(f'parameters_file:={path}'))
-    assert f"{path}: 'joints' must hold each joint's name" in line
+    assert f"{path}: 'joints' must map each joint's name" in line

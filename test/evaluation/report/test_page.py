@@ -257,14 +257,14 @@ def test_bags_with_other_joints_and_one_too_coarse_to_judge(tmp_path, capsys):
     fine, rough = coarse(tmp_path / 'fine', 'a', 512), coarse(tmp_path / 'rough', 'b', 8)
     page, found = report(tmp_path, fine, rough, '--observer', 'kalman')
     assert found[fine]['refused'] == {}
-    assert 'too seldom' in found[rough]['refused']['b']
+    assert 'too rarely' in found[rough]['refused']['b']
     assert page.count('<tr class="best">') == 1
     assert '<h3>a</h3>' in page and '<h3>b</h3>' in page
 
 
 @pytest.mark.parametrize('option', ['--html', '--plot'])
 @pytest.mark.parametrize(
-    ('name', 'said'), [('no/p.svg', 'there is no folder'), ('p.svg', 'is a folder')]
+    ('name', 'said'), [('no/p.svg', 'does not exist'), ('p.svg', 'is a folder')]
 )
 def test_no_folder_is_one_line(option, name, said, tmp_path, capsys):
     (tmp_path / 'p.svg').mkdir()

@@ -512,7 +512,7 @@ def test_too_coarse_to_judge(tmp_path, capsys):
         (('--observer', 'pl'), "did you mean 'pll'"),
         (('--observer', 'pll', '--search', 'bandwith_hz=1:2'), "did you mean 'bandwidth_hz'"),
         (('--observer', 'pll', '--search', 'bandwidth_hz=2:1'), 'GAIN=LOW:HIGH'),
-        (('--observer', 'pll', '--set', 'bandwidth_hz=20'), 'nothing to seek'),
+        (('--observer', 'pll', '--set', 'bandwidth_hz=20'), 'nothing to search'),
         (('--observer', 'pll', '--weights', '1,2'), 'three numbers'),
         (('--observer', 'pll', '--held-out', '1'), '--held-out'),
         (('--observer', 'pll', '--jobs', '0'), '--jobs'),
@@ -528,9 +528,9 @@ def test_other_errors(bag, tmp_path, capsys):
     assert 'does not exist' in fails(capsys, str(tmp_path / 'nowhere'), *out)
     (tmp_path / 'empty').mkdir()
     assert 'contains no bag' in fails(capsys, str(tmp_path / 'empty'), *out)
-    assert 'there is no folder' in fails(capsys, bag, '--observer', 'pll', '--out', '/no/g.yaml')
+    assert 'does not exist' in fails(capsys, bag, '--observer', 'pll', '--out', '/no/g.yaml')
     assert 'is a folder' in fails(capsys, bag, '--observer', 'pll', '--out', str(tmp_path))
-    assert 'there is no folder' in fails(capsys, bag, *out, '--plot', '/no/g.png')
+    assert 'does not exist' in fails(capsys, bag, *out, '--plot', '/no/g.png')
 
 
 def test_raw_counts(tmp_path, capsys):
@@ -571,7 +571,7 @@ def test_what_is_recorded_of_the_live_graph(words, topics, monkeypatch):
     command.arguments(parser)
     parsed = parser.parse_args(['--live', '2', '--observer', 'pll', '--out', 'g.yaml', *words])
     monkeypatch.setattr(command.live, 'recorded', lambda *arguments: arguments)
-    assert command._recorded(parsed, command.tuning(parsed)) == (
+    assert command._recorded(parsed, command.tune_settings(parsed)) == (
         topics,
         '/ground_truth/joint_states',
         2.0,

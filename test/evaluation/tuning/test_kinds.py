@@ -352,8 +352,8 @@ def completed(database):
         (['--observer', 'geso', *held('modle=x')], "did you mean 'model'?", 2),
         (['--observer', 'geso', *held('model=nowhere:X')], "cannot import 'nowhere'", 2),
         (['--observer', 'pmsm'], 'pmsm needs the motor data', 2),
-        (['--observer', 'all'], 'name one observer', 2),
-        (['--observer', 'pll', '--search', 'low_speed_bound=0:1'], 'only numbers and choices', 2),
+        (['--observer', 'all'], 'tuning needs one', 2),
+        (['--observer', 'pll', '--search', 'low_speed_bound=0:1'], 'a number or a choice', 2),
         (['--observer', 'edge_adaptive', '--search', 'prefer=fast|slow'], 'is not one of', 2),
     ],
 )
