@@ -148,7 +148,7 @@ def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
     live.take(states, live.encode(BEGIN + 2 * MS, '', 'abcdefg', [math.nan] * 7))
     said = capfd.readouterr().err
     assert (
-        "joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; those that "
+        "joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; "
         'received samples are dropped: their numbers are not finite'
     ) in said
     assert live.node.health._said['g'][1].endswith('their numbers are not finite')
