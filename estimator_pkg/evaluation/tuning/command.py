@@ -301,7 +301,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         picture.draw(tuned, parsed.plot, parsed.observer)
         show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
-        changed = live.apply(parsed.apply, output.node_values(tuned), wished.gains)
+        changed = live.apply(parsed.apply, output.node_values(tuned), tuning.gains)
         show(f'set on {parsed.apply}: {", ".join(changed)}')
     for each in tuned:
         each.pop('trials')

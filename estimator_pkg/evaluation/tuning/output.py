@@ -24,7 +24,7 @@ def worse(each: Mapping[str, Any]) -> bool:
 
 
 def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the gains by the node's parameter names: ``<gain>`` or ``per_joint.<joint>.<gain>``."""
+    """Return the gains by parameter: ``<gain>`` or ``per_joint.<joint>.<gain>``."""
     found: dict[str, Any] = {}
     for each in tuned:
         prefix = f'{params_file.OVERRIDES}.{each["joint"]}.' if each['joint'] else ''
