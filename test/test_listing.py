@@ -67,7 +67,7 @@ def test_all_together_show_each_parameter_with_its_default_and_no_more(capsys):
 
 
 def test_structural_parameters_are_marked_where_others_are_live(capsys):
-    assert 'wrapping anywhere (at start only)' in listed(capsys, 'joint').replace('\n      ', ' ')
+    assert 'wrapping (at start only)' in listed(capsys, 'joint').replace('\n      ', ' ')
     assert 'at start only' not in listed(capsys, 'encoder')  # a simulation never changes
 
 
@@ -190,7 +190,7 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
 @pytest.mark.parametrize(
     'words, message',
     [
-        (['pll', '--set', 'model=x'], "for observers of mechanisms, not for 'pll'"),
+        (['pll', '--set', 'model=x'], "'pll' is not one"),
         (['--set', 'model=x'], '--set needs an observer'),
         (['geso', '--set', 'modle=x'], "did you mean 'model'?"),
         (['geso', '--rate', '0'], '--rate is 0 Hz'),

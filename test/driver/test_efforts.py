@@ -149,7 +149,7 @@ def test_arrays_stand_for_all_joints_or_the_driven_ones():
     assert commands.decode(array([0.0, 7.0], offset=1), 6) == (6, ('b',), (7.0,))
     for raw, words in (
         (array([1.0, 2.0]), '2 numbers, but there are 3 or 1 joints'),
-        (array([1.0], offset=2), 'begin at 2'),
+        (array([1.0], offset=2), 'data offset 2 is beyond'),
         (array([1.0])[:-3], 'too short'),
         (b'', 'not a CDR message'),
         (array([]), '0 numbers'),

@@ -218,7 +218,7 @@ def test_publishers_of_another_type_are_told(own, capfd):
     assert said.count('no message has been received on /angle yet; connected publishers: 0') == 1
     assert (
         'stranger publishes std_msgs/msg/Float64MultiArray on /effort_command, where this node '
-        'reads sensor_msgs/msg/JointState'
+        'needs sensor_msgs/msg/JointState'
     ) in said
     stranger.destroy_node()
     rclpy.shutdown(context=context)
