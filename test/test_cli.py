@@ -53,7 +53,7 @@ def test_json_on_stdout_is_json_alone(capsys):
     assert 'pll:' in err
 
 
-@pytest.mark.parametrize(('name', 'said'), [('', 'is a folder'), ('nowhere/a', 'no folder')])
+@pytest.mark.parametrize(('name', 'said'), [('', 'is a folder'), ('nowhere/a', 'does not exist')])
 def test_where_json_cannot_go_is_said_before_the_work(name, said, tmp_path, capsys):
     assert main(['list', '--json', str(tmp_path / name)]) == 1
     out, err = capsys.readouterr()
