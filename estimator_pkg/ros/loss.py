@@ -1,8 +1,8 @@
-"""How many messages were lost between the publishers and us, from their sequence numbers.
+"""Count the messages lost between the publishers and us, from their sequence numbers.
 
 A queue that overflows (KEEP_LAST) overwrites messages, reliable or not, and Fast DDS reports none
-of them by its message-lost event. The publication sequence numbers do: what is missing between two
-of them was lost.
+of them by its message-lost event. The publication sequence numbers show them: a number missing
+between two others was lost.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from collections.abc import Callable
 
 
 class Loss:
-    """Counts what is missing in the sequence numbers of one subscription's publishers.
+    """Counts the missing sequence numbers of one subscription's publishers.
 
-    Messages do not say who sent them. That matters little: a number counted for the wrong one of
-    two publishers makes up for it when both have come to that number. What several publishers lose
-    before they are told apart may stay uncounted.
+    Messages do not name their publisher. This matters little: a number counted for the wrong one of
+    two publishers is compensated when both have reached it. Losses of several publishers before
+    their numbers can be assigned may stay uncounted.
 
     Parameters
     ----------
-    publishers : how many publishers are matched now.
-    since_ns : time from which messages could have come [ns]; what a publisher that started later
-        sent before its first message here was lost too. A publisher knows of a subscription some
-        time before the subscription knows of the publisher, up to 0.1 s where both are new.
+    publishers : returns the number of matched publishers.
+    since_ns : time from which messages could have arrived [ns]; messages that a later publisher
+        sent before its first one here were lost too. A publisher knows a subscription before the
+        subscription knows the publisher, by up to 0.1 s if both are new.
 
     Attributes
     ----------
-    count : what is missing in the sequence numbers.
-    known : the middleware gives sequence numbers.
-    new : the newest number that nobody's next was is that of a new publisher.
-    reported : messages lost by the middleware's own account.
+    count : number of missing sequence numbers.
+    known : True if the middleware provides sequence numbers.
+    new : True if the newest number that was expected from no publisher is that of a new one.
+    reported : messages lost according to the middleware.
     """
 
     def __init__(self, publishers: Callable[[], int], since_ns: int = 0) -> None:
@@ -42,12 +42,12 @@ class Loss:
 
     @property
     def lost(self) -> int:
-        """Messages lost, as far as it can be known."""
+        """Number of lost messages, as far as it is known."""
         return self.count if self.known else self.reported
 
     def saw(self, sequence: int | None, sent_ns: int = 0) -> None:
-        """A message with this publication sequence number came, sent at this time [ns]."""
-        if not sequence:  # None or 0: this middleware has none
+        """Count a message with this publication sequence number, sent at this time [ns]."""
+        if not sequence:  # None or 0: this middleware provides none
             return
         try:
             self._expected[self._expected.index(sequence)] += 1
@@ -64,7 +64,7 @@ class Loss:
         self._since_ns = since_ns
 
     def forget(self) -> None:
-        """A publisher left: nobody can tell which number was its next."""
+        """Forget the expected numbers after a publisher left: it is unknown which one was its."""
         self._expected.clear()
 
     def _began(self, sequence: int, sent_ns: int) -> None:
@@ -77,7 +77,7 @@ class Loss:
             self.count += before
 
     def _jump(self, sequence: int) -> None:
-        """A number that nobody's next was: a new publisher, or a gap."""
+        """Handle a number that no publisher was expected to send: a new publisher, or a gap."""
         self.known = True
         self.new = len(self._expected) < max(1, self._publishers())
         before = [expected for expected in self._expected if expected < sequence]
@@ -87,5 +87,5 @@ class Loss:
             nearest = max(before)
             self.count += sequence - nearest
             self._expected[self._expected.index(nearest)] = sequence + 1
-        else:  # numbers only grow: a publisher has gone and another came
+        else:  # numbers only grow: one publisher left and another appeared
             self._expected[:] = [sequence + 1]

@@ -34,14 +34,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.paper not in PAPERS:
         raise UsageError(f"unknown paper '{parsed.paper}': {suggestion(parsed.paper, PAPERS)}")
     reproduction: Reproduction = PAPERS[parsed.paper].REPRODUCTION
-    tell = table.show  # what is missing is told before the work, not after it
+    show_rows = table.show  # imports rich, so that a missing library is reported before the work
     if parsed.plot is not None:
         _require_matplotlib()
         parsed.plot.mkdir(parents=True, exist_ok=True)
     with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
         rows = list(reproduction.rows(advance, parsed.only))
     print(reproduction.summary)
-    tell(rows)
+    show_rows(rows)
     for line in (*reproduction.tables(rows), *reproduction.notes):
         print(line)
     if parsed.plot is not None:
