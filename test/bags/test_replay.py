@@ -553,7 +553,7 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
 
 def test_overrides_of_joints_that_never_come_are_told(recording, capsys):
     replay(recording, '--set', 'per_joint.zz.bandwidth_hz=3', '--observer', 'finite_difference')
-    assert "a joint 'zz' that never came" in capsys.readouterr().err
+    assert "joint 'zz', which never appeared" in capsys.readouterr().err
 
 
 def test_names_of_the_last_release_are_read_with_one_warning(recording, tmp_path, capsys):
