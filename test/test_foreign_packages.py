@@ -123,7 +123,7 @@ def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign,
     'observer, model, wanted',
     [
         ('broken', None, 'SyntaxError'),
-        ('a_number', None, 'which is no Observer'),
+        ('a_number', None, 'which is not an Observer'),
         ('geso', 'ruin', 'SyntaxError'),
     ],
 )

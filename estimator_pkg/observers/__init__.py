@@ -12,29 +12,29 @@ __all__ = ['Functions', 'Observer', 'find', 'names', 'of_kind']
 
 
 def names() -> list[str]:
-    """The observers known here, sorted."""
+    """Return the names of all registered observers, sorted."""
     return registry.names(registry.OBSERVERS)
 
 
 def find(name: str) -> Observer:
-    """The observer called `name`.
+    """Return the observer called `name`.
 
     Raises
     ------
-    UsageError : there is none; the nearest name is suggested.
-    UserError : it cannot be imported, or is no `Observer`.
+    UsageError : no observer has this name; the message suggests the nearest name.
+    UserError : it cannot be imported, or is not an `Observer`.
     """
     observer = registry.find(registry.OBSERVERS, name)
     if not isinstance(observer, Observer):
         raise UserError(
-            f"observer '{name}': its entry point names {observer!r}, which is no "
-            'Observer of estimator_pkg.observers'
+            f"observer '{name}': its entry point names {observer!r}, which is not an Observer: "
+            'let it name an instance of estimator_pkg.observers.Observer'
         )
     return observer
 
 
 def of_kind(kind: str) -> list[str]:
-    """The names of the observers of this kind; one that cannot be imported is none."""
+    """Return the names of the importable observers of this kind."""
     found = []
     for name in names():
         with suppress(UserError):

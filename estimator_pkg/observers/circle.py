@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 
 class Circle(NamedTuple):
-    """How a joint's position is written: wrap period [rad], 0 for none; count turns or not."""
+    """A joint's position format: wrap period [rad], 0 for no wrap; whether turns are counted."""
 
     period: float = 2.0 * math.pi
     unwrap: bool = False
 
 
 def wrap(angle: float, period: float) -> float:
-    """`angle` in [-period/2, period/2); unchanged where period is 0 (no circle).
+    """Return `angle` wrapped to [-period/2, period/2); unchanged if period is 0.
 
     Parameters
     ----------

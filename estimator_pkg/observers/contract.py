@@ -1,11 +1,11 @@
-"""What an observer is: a declaration of gains and a record of pure functions.
+"""The contract of an observer: a declaration of gains and a record of pure functions.
 
 An observer's equations are written once, as functions in the subset of Python that Numba
 compiles: floats, ints, tuples, `math`, no exceptions, no containers that grow. The live node calls
 them as ordinary Python; replay, tuning and benchmarks may compile the same functions.
 
-State, coefficients and design are tuples (tuples of tuples are allowed) whose fields keep one type
-each: a float stays a float, so write 0.0 and never 0 for one.
+State, coefficients and design are tuples, which may be nested. Each field keeps its type: write
+0.0, not 0, for a float.
 """
 
 from __future__ import annotations
@@ -16,48 +16,49 @@ from typing import Any
 
 from estimator_pkg.observers.circle import Circle
 
-# What an observer says of its own estimate. Plain ints: compiled code returns them.
+# The status of an estimate. Plain ints: compiled code returns them.
 INITIALISING = 0  # not settled since the start or the last loss of lock; not published
 TRACKING = 1  # the estimate can be trusted
-COASTING = 2  # published, but carried by prediction (gap, outlier, loss of lock)
+COASTING = 2  # published, but predicted only (gap, outlier, loss of lock)
 LOST = 3  # no input (set by the node, never by an observer)
 NOT_OBSERVABLE = 4  # the signals do not determine the state
 MISCONFIGURED = 5  # the gains are unstable at the measured sample rate
-VALID = (TRACKING, COASTING)  # an estimate of such a status is published, no other
+VALID = (TRACKING, COASTING)  # only estimates with one of these statuses are published
 STATUS_NAMES = ('initialising', 'tracking', 'coasting', 'lost', 'not observable', 'misconfigured')
 
 
 def is_finite(measurement: float) -> bool:
-    """False for NaN and infinities."""
+    """Return False for NaN and infinities."""
     return measurement - measurement == 0.0
 
 
 @dataclass(frozen=True)
 class Functions:
-    """The pure functions of an observer whose structure is settled.
+    """The pure functions of an observer of fixed structure.
 
     Attributes
     ----------
-    design : () -> design. What the gains imply whatever dt is (poles, variances): a tuple. Made
-        anew when a gain changes; ordinary Python, called once.
-    prepare : (design, dt) -> coefficients. What depends on dt [s] and design alone.
-    init : (measurement, design) -> state. From the first sample.
-    step : (state, coefficients, design, measurement, input) -> state. One sample further.
+    design : () -> design. Returns the tuple of everything that follows from the gains and does not
+        depend on dt (poles, variances). Called again when a gain changes; ordinary Python.
+    prepare : (design, dt) -> coefficients. Returns everything that follows from dt [s] and design.
+    init : (measurement, design) -> state. Returns the state after the first sample.
+    step : (state, coefficients, design, measurement, input) -> state. Advances by one sample.
     output : (state, coefficients, design, measurement, input) ->
         (position, velocity, acceleration or nan, status).
     stddev : (state, coefficients, design) -> (position, velocity): one standard deviation of each.
-    resume : (state, coefficients, design, measurement) -> state. After a gap: position from the
-        measurement, speed kept where that is safe.
-    restart : (state, coefficients, design, measurement) -> state. A new start, after an outage or
-        a jump of the clock: nothing of the motion before, but what is known beside it (the turns
-        counted, parameters that were identified). None: as `init`.
-    limits : (dt) -> None, or why these gains cannot work at this dt [s], with the limit in words.
+    resume : (state, coefficients, design, measurement) -> state. Continues after a gap: position
+        from the measurement, speed kept where that is safe.
+    restart : (state, coefficients, design, measurement) -> state. Starts again after an outage or
+        a jump of the clock. It forgets the motion, but keeps what does not depend on it (the
+        turns counted, the identified parameters). None: `init` is called.
+    limits : (dt) -> None, or text that names why these gains cannot work at this dt [s], with the
+        limit.
     group_delay : (dt) -> delay of the velocity at low frequency [s].
     finite : (measurement) -> bool. False: the guard drops and counts the sample.
-    blank : a measurement of the right type, for a state that no sample has reached yet.
-    no_input : an input of the right type, where none is given.
-    jump : (state, event) -> state, for observers of switching systems.
-    why : (state, design) -> what a person should know beside the status, or ''. Ordinary Python.
+    blank : a measurement of the right type, for a state before the first sample.
+    no_input : an input of the right type, used where the observer gets no input.
+    jump : (state, event) -> state, for observers of switched systems.
+    why : (state, design) -> the reason for the status, as text for users, or ''. Ordinary Python.
     """
 
     design: Callable[[], tuple]
@@ -78,7 +79,7 @@ class Functions:
 
     @property
     def new_start(self) -> Callable[[tuple, tuple, tuple, Any], tuple]:
-        """`restart`, or `init` in its place."""
+        """Return `restart`, or `init` with the same arguments if there is no `restart`."""
         init = self.init
 
         def afresh(state: tuple, coefficients: tuple, design: tuple, measurement: Any) -> tuple:
@@ -89,17 +90,17 @@ class Functions:
 
 @dataclass(frozen=True)
 class Observer:
-    """What an entry point of the group ``velocity_estimator.observers`` names.
+    """An observer: the object named by an entry point of ``velocity_estimator.observers``.
 
     Attributes
     ----------
-    name : as users write it.
+    name : the name that users write.
     summary : one line for ``velocity_estimator list``.
     gains : the frozen dataclass that declares the parameters (see `estimator_pkg.parameters`).
-    build : (gains, circle) -> Functions. Structure (order, form, injection) is settled here.
+    build : (gains, circle) -> Functions. It fixes the structure (order, form, injection).
     reference : the paper and its equations.
-    kind : 'angle' observers take one angle per sample and can serve in `joint_observer`.
-    gives_acceleration : (gains) -> bool.
+    kind : 'angle' observers take one angle per sample; `joint_observer` can run them.
+    gives_acceleration : (gains) -> bool. True if `output` returns an acceleration.
     """
 
     name: str

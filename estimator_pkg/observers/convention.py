@@ -1,28 +1,29 @@
 """The published position keeps the convention of the measurement.
 
-Multi-turn in, multi-turn out; wrapped in, wrapped out in the same interval. Which one it is, is
-learnt from the stream: a jump of about one period tells that it wraps, a range beyond one period
-that it is multi-turn. Until either was seen, the estimate is held at the edge rather than shown
-past it, which is right in both cases to within the innovation.
+If the measurement is multi-turn, so is the estimate; if it is wrapped, the estimate is wrapped to
+the same interval. The convention is learnt from the stream: a jump of about one period shows that
+the measurement wraps, a range of more than one period that it is multi-turn. Until one of them has
+occurred, the estimate is clamped to the edge of the interval, which changes it by at most the
+innovation.
 """
 
 from __future__ import annotations
 
 from estimator_pkg.observers.circle import wrap
 
-SLACK = 1e-6  # part of a turn: atan2 gives +pi too, and float32 numbers lie beside their edges
+SLACK = 1e-6  # of a turn: atan2 returns +pi too, and float32 values miss the edges by rounding
 
 # (last measurement, lowest, highest, wraps seen, turns counted from the first sample)
 Convention = tuple[float, float, float, float, float]
 
 
 def begin(measurement: float) -> Convention:
-    """The convention after the first sample [rad or m]."""
+    """Return the convention after the first sample [rad or m]."""
     return (measurement, measurement, measurement, 0.0, 0.0)
 
 
 def follow(convention: Convention, measurement: float, period: float) -> Convention:
-    """The convention one sample [rad or m] further."""
+    """Return the convention after one more sample [rad or m]."""
     last, low, high, wraps, turns = convention
     if low <= measurement <= high and -0.5 * period <= measurement - last < 0.5 * period:
         return (measurement, low, high, wraps, turns)
@@ -32,7 +33,7 @@ def follow(convention: Convention, measurement: float, period: float) -> Convent
         high = measurement
     if period > 0.0:
         change = measurement - last
-        whole = (wrap(change, period) - change) / period  # turns that the reading jumped by
+        whole = (wrap(change, period) - change) / period  # turns by which the measurement jumped
         if whole > 0.5 or whole < -0.5:
             wraps += 1.0
             turns += float(round(whole))
@@ -40,13 +41,13 @@ def follow(convention: Convention, measurement: float, period: float) -> Convent
 
 
 def present(convention: Convention, position: float, period: float, unwrap: float) -> float:
-    """The estimated `position` [rad or m] as the measurement would be written.
+    """Return the estimated `position` [rad or m] in the convention of the measurement.
 
     Parameters
     ----------
-    convention : as of the measurement that made this estimate.
-    position : the estimate, any turn.
-    period : wrap period [rad]; 0: no circle, the position is published as it is.
+    convention : the convention after the measurement of this estimate.
+    position : the estimate, on any turn.
+    period : wrap period [rad]; 0: no wrap, the position is returned unchanged.
     unwrap : 1.0 to count turns from the first sample, else 0.0.
     """
     if period <= 0.0:
@@ -59,15 +60,16 @@ def present(convention: Convention, position: float, period: float, unwrap: floa
     if unwrap > 0.0:
         return shown + turns * period
     if low <= shown <= high:
-        return shown  # readings have been there, so it is written as they are
+        return shown  # within the measured range, so it has the measurement's convention
     slack = SLACK * period
     if low < -half - slack or high >= period + slack or (low < -slack and high >= half + slack):
-        return shown  # beyond any single interval: multi-turn
+        return shown  # the range exceeds every interval of one period: multi-turn
     if wraps > 0.0:
         if low < -slack:
             return wrap(shown, period)
         return wrap(shown - half, period) + half
-    # Not known yet which edge is the wrap: do not show an estimate past one the shaft has not left.
+    # The wrapping edge is not known yet: do not return an estimate beyond an edge that the
+    # measurement has not crossed.
     for edge in (-half, 0.0, half, period):
         if low >= -slack or edge != 0.0:
             if last < edge <= shown:

@@ -1,1 +1,1 @@
-"""Textbook parts that several families use."""
+"""Textbook algorithms that several families of observers use."""

@@ -1,12 +1,13 @@
 """Covariances of position, velocity and acceleration, unrolled, in units of the noise variance.
 
-The upper triangle of the symmetric P/R is kept, row by row: 3 numbers for (x, v), 6 for (x, v, a).
+P/R is symmetric and stored as its upper triangle, row by row: 3 numbers for (x, v), 6 for
+(x, v, a).
 
     P- = F P F' + Q,   S = H P- H' + 1,   K = P- H'/S,   P = P- - K H P-,   H = (1, 0[, 0])
 
-With R = 1 the first row of P after a measurement *is* the Kalman gain K, and the update multiplies
-that row by 1/S instead of subtracting from it: nothing cancels there, and the rest loses digits
-only where a measurement takes nearly all of an uncertainty away, which is done in closed form.
+With R = 1 the first row of P after a measurement *is* the Kalman gain K. The update multiplies that
+row by 1/S instead of subtracting from it, so nothing cancels there. The other entries lose digits
+only where a measurement removes nearly all of an uncertainty; a closed form replaces that case.
 White process noise keeps P regular, so the recursion runs for hours without a Joseph form.
 """
 
@@ -14,12 +15,12 @@ from __future__ import annotations
 
 import math
 
-# Variance of the unknown acceleration at a start, in noise variances / dt^4. Three samples know it
-# to 6 of these, so that this prior is gone from the fourth sample on.
+# Prior variance of the acceleration at a start, in noise variances / dt^4. Three samples determine
+# it to 6 of these, so from the fourth sample on the prior has no influence.
 VAGUE = 1e4
 
-# Where a measurement leaves less than this of the position's variance, the difference of the other
-# variances would have few digits left: nothing was known, and the start's closed form takes over.
+# If a measurement reduces the position's variance below this part, the differences of the other
+# variances would have few digits left. The state was unknown then: P is that of a start.
 BLIND = 1e-9
 
 
@@ -42,12 +43,12 @@ def of_noise_3(density: float, dt: float) -> tuple[float, float, float, float, f
 
 
 def start_2(dt: float) -> tuple[float, float, float]:
-    """Return P after two samples, dt [s] after each other: a straight line through both."""
+    """Return P after two samples that are dt [s] apart: a straight line through both."""
     return (1.0, 1.0 / dt, 2.0 / (dt * dt))
 
 
 def start_3(dt: float) -> tuple[float, float, float, float, float, float]:
-    """Return the same, with an acceleration of which next to nothing is known."""
+    """Return P for (x, v, a) after two samples, with the vague prior of the acceleration."""
     square = dt * dt
     return (
         1.0,
@@ -87,7 +88,7 @@ def step_3(
     scale: float,
     added: tuple[float, float, float, float, float, float],
 ) -> tuple[tuple[float, float, float, float, float, float], float]:
-    """Return the same as `step_2`, with the acceleration."""
+    """Return (P, 1/S) as `step_2` does, for (x, v, a)."""
     p00, p01, p02, p11, p12, p22 = p
     q00, q01, q02, q11, q12, q22 = added
     half = 0.5 * dt * dt

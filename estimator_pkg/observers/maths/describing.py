@@ -1,8 +1,8 @@
-"""Injections of a sliding mode at Gaussian innovations of one size.
+"""Describing functions of sliding-mode injections for Gaussian innovations.
 
-An injection f(e) at a Gaussian innovation e of deviation s is a gain times e plus a remnant that is
-uncorrelated with e (statistical linearisation; Gelb and Vander Velde, Multiple-Input Describing
-Functions, 1968, chapter 7).
+For a Gaussian innovation e of standard deviation s, an injection f(e) is a gain times e plus a
+remnant that is uncorrelated with e (statistical linearisation; Gelb and Vander Velde,
+Multiple-Input Describing Functions, 1968, chapter 7).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-POINTS = 200  # of the half of a Gaussian over which the injections are averaged
+POINTS = 200  # quantiles of half a Gaussian, over which the injections are averaged
 
 
 class Describing(NamedTuple):
-    """An injection at innovations of one size.
+    """The statistical linearisation of a pair of injections.
 
-    position, velocity : its gains. Of an implicit step `position` is that from the innovation to
-        the offset after the step.
-    remnant : covariance of what the gains do not explain, shape (2, 2).
+    position, velocity : gains of the two injections. For an implicit step, `position` is the gain
+        from the innovation to the offset after the step.
+    remnant : covariance of the remnants, shape (2, 2).
     """
 
     position: float
@@ -51,12 +51,15 @@ def describing(
     *,
     implicit: bool,
 ) -> Describing:
-    """Return the describing function of an injection at innovations of deviation `size`.
+    """Return the describing function of `inject` for innovations of standard deviation `size`.
 
     Parameters
     ----------
-    inject : (e, first, second, m1, m2) -> two injections; of an implicit step
+    inject : (e, first, second, m1, m2) -> the two injections; for an implicit step
         (e, dt, first, second, m1, m2) -> the offset after the step, and the second injection.
+    first, second, m1, m2 : gains that are passed on to `inject`.
+    dt : sample time [s], used if `implicit`.
+    size : standard deviation of the innovation [rad or m].
     """
     points = np.array(_half())
     points *= size / np.sqrt(np.mean(points**2))

@@ -1,9 +1,9 @@
-"""Recursive least squares that forgets, without losing its covariance.
+"""Recursive least squares with forgetting and a bounded covariance.
 
-P grows as exp(t/memory) where the signals tell nothing, past every float in the end, while other
-directions are told well. So nothing is forgotten beyond what was known at the start, each parameter
-by itself; a trace of the start is added at each sample, so that rounding leaves no direction blind;
-and where it has left no covariance all the same, P begins anew.
+Without excitation P grows as exp(t/memory) and would overflow, although other directions are well
+excited. So the variance of each parameter is limited to its value at the start. A trace of the
+initial covariance is added at each sample, so that rounding makes no direction singular. If P loses
+positive definiteness it is reset.
 """
 
 from __future__ import annotations
@@ -13,24 +13,26 @@ from collections.abc import Callable
 
 from estimator_pkg.observers.maths.unroll import algebra
 
-LEAST_KEPT = 0.1  # of what is known, over a sample time far beyond the memory
-TRACE = 1e-13  # of the covariance at the start
+LEAST_KEPT = 0.1  # smallest part of the information kept, for sample times far beyond the memory
+TRACE = 1e-13  # part of the initial covariance that each sample adds
 
 
 def kept(dt: float, memory: float) -> float:
-    """Return the part of the information that is kept after dt [s], at this memory [s]; 0: all."""
+    """Return the part of the information kept after dt [s]; memory [s], 0: nothing is forgotten."""
     return max(math.exp(-dt / memory), LEAST_KEPT) if memory > 0.0 else 1.0
 
 
 def make_update(size: int) -> Callable[..., tuple]:
-    """Return update(theta, p, psi, e, forget, most) -> (theta, p, s), for `size` parameters.
+    """Return the function update(theta, p, psi, e, forget, most) -> (theta, p, s).
+
+    It is written out for `size` parameters.
 
     Recursive least squares with forgetting, for one measurement psi . theta of unit noise variance:
 
         s = forget + psi' P psi,   K = P psi/s,   theta += K e,   P = (P - K psi' P)/forget
 
-    `e` is the innovation, s its variance in units of that of the noise; `forget` is from `kept`,
-    `most` the covariance P at the start, a diagonal one.
+    `e` is the innovation and s its variance per noise variance; `forget` is from `kept`; `most` is
+    the initial covariance P, which is diagonal.
     """
     free = algebra(size)
     apply, dot, add, rank_one = free.apply, free.dot, free.add, free.rank_one

@@ -1,25 +1,25 @@
-"""The noise of a measurement, seen in its third differences whatever the motion.
+"""The noise variance of a measurement, estimated from its third differences.
 
-A third difference removes position, speed and acceleration, so that the estimate does not feed on
-a filter's own errors, as one from the innovation would. It is divided by the true sample times.
-Differences of zero are left out: a coarse encoder at creep shows 1, -2, 1 quanta around each edge
-and nothing between, and the mean square of these over 20 is 0.1 quantum^2, near the 1/12 that is
-right.
+A third difference removes position, speed and acceleration. So the estimate does not depend on a
+filter's errors, as an estimate from the innovation would. The actual sample times are used.
+Differences of zero are left out: at low speed a coarse encoder gives differences of 1, -2, 1 quanta
+around each edge and zero between them. Their mean square over 20 is 0.1 quantum^2, near the correct
+quantum^2/12.
 """
 
 from __future__ import annotations
 
 from estimator_pkg.observers.circle import wrap
 
-MEMORY = 400.0  # differences that the mean square averages at most
-OUTLIER = 25.0  # a square counts at most so many times the mean: an outlier is no noise
-UNEVEN = 2.0  # sample times that differ by more than this factor are left out
-FINEST = 1e-14  # the least variance [rad^2], finer than any encoder
-ZERO = 1e-9  # a third difference below it [rad] is rounding
-FIRST = 1e-6  # before anything was seen: (1 mrad)^2
+MEMORY = 400.0  # most differences over which the square is averaged
+OUTLIER = 25.0  # a square is clamped to this multiple of the mean: outliers are not noise
+UNEVEN = 2.0  # differences across sample times that differ by more than this factor are left out
+FINEST = 1e-14  # smallest variance [rad^2], finer than any encoder
+ZERO = 1e-9  # a smaller third difference [rad] is rounding
+FIRST = 1e-6  # initial variance, (1 mrad)^2
 
-# (variance [rad^2], differences it averages, last measurement [rad], last rate [rad/s], last
-# difference of rates [rad/s^2], the two sample times before [s]; a time of 0: not yet)
+# (variance [rad^2], number of differences averaged, last measurement [rad], last rate [rad/s], last
+# difference of rates [rad/s^2], the last two sample times [s]; 0: no such sample yet)
 Scatter = tuple[float, float, float, float, float, float, float]
 
 
@@ -29,13 +29,19 @@ def begin_scatter(measurement: float) -> Scatter:
 
 
 def resume_scatter(scatter: Scatter, measurement: float) -> Scatter:
-    """Return the scatter after a gap: what is known is kept, the differences start again."""
+    """Return the scatter after a gap: the variance is kept, the differences start again."""
     variance, count, _, _, _, _, _ = scatter
     return (variance, count, measurement, 0.0, 0.0, 0.0, 0.0)
 
 
 def follow_scatter(scatter: Scatter, measurement: float, dt: float, period: float) -> Scatter:
-    """Return the scatter one sample [rad] and dt [s] further, on a circle of `period` [rad]."""
+    """Return the scatter after one more sample [rad].
+
+    Parameters
+    ----------
+    dt : time since the last sample [s].
+    period : wrap period [rad].
+    """
     variance, count, last, rate, bend, before, earlier = scatter
     change = measurement - last
     if change + change >= period or change + change < -period:

@@ -1,4 +1,4 @@
-"""What white measurement noise does to a linear observer in steady state."""
+"""Steady-state covariances of a linear observer under white measurement noise."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 def steady_covariance(
     step: NDArray[np.float64], entering: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return P = step P step^T + entering: the covariance that white disturbances lead to.
+    """Return the P that solves P = step P step^T + entering, the covariance in steady state.
 
-    All of shape (n, n). Summed by doubling. Infinite where `step` is not stable.
+    All matrices have shape (n, n). The sum is computed by doubling. P is infinite if `step` is not
+    stable.
     """
     if max(abs(np.linalg.eigvals(step))) >= 1.0:
         return np.full_like(entering, np.inf)

@@ -1,6 +1,6 @@
-"""Tracking loops with fixed gains: pole matching and what they make of white noise.
+"""Tracking loops with fixed gains: pole matching and noise variances.
 
-One sample of the loops meant here, with the prediction x + v dt (+ a dt^2/2) and the innovation e:
+One sample of these loops, with the prediction x + v dt (+ a dt^2/2) and the innovation e:
 
     x = prediction + alpha e,   v += beta/dt e,   a += gamma/dt^2 e
 """
@@ -23,15 +23,15 @@ def bandwidth_ratio(damping: float) -> float:
 
 
 def natural_frequency(bandwidth_hz: float, damping: float) -> float:
-    """Return w0 [rad/s] of such a loop that is 3 dB down at `bandwidth_hz` [Hz]."""
+    """Return w0 [rad/s] of the filter in `bandwidth_ratio` with -3 dB at `bandwidth_hz` [Hz]."""
     return 2.0 * math.pi * bandwidth_hz / bandwidth_ratio(damping)
 
 
 def matched(decay: float, discriminant: float, dt: float) -> tuple[float, float]:
     """Return (alpha, beta) with poles exp(p dt), where p = -decay +- sqrt(discriminant).
 
-    alpha = 1 - z1 z2 and beta = (1 - z1)(1 - z2), written without the differences of nearly equal
-    numbers that a slow loop at a high rate would bring.
+    alpha = 1 - z1 z2 and beta = (1 - z1)(1 - z2), written so that a slow loop at a high rate loses
+    no digits in differences of nearly equal numbers.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def matched(decay: float, discriminant: float, dt: float) -> tuple[float, float]
 def noise_of_two(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
     """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise.
 
-    The noise is white. The solution of P = A P A' + K K' with A = (1 - K C) F, for x and v.
+    The noise is white. They solve P = A P A' + K K' with A = (1 - K C) F, for x and v.
     """
     scale = 1.0 / (alpha * (4.0 - 2.0 * alpha - beta))
     return (
@@ -64,7 +64,7 @@ def noise_of_two(alpha: float, beta: float, dt: float) -> tuple[float, float, fl
 def noise_of_three(
     alpha: float, beta: float, gamma: float, dt: float
 ) -> tuple[float, float, float]:
-    """Return the same as `noise_of_two`, for x, v and a."""
+    """Return the variances as `noise_of_two` does, for x, v and a."""
     scale = 1.0 / ((4.0 - 2.0 * alpha - beta) * (2.0 * alpha * beta + alpha * gamma - 2.0 * gamma))
     position = (
         4.0 * alpha * alpha * beta

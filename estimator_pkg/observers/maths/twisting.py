@@ -1,11 +1,11 @@
 """Super-twisting: its two injections, and its implicit Euler step in closed form.
 
-Forward Euler chatters by h a; the implicit step cannot:
+Forward Euler chatters with amplitude h a; the implicit step does not:
 
     e+ + h g sqrt|e+| sgn e+ + h^2 a sgn e+ = e,   sgn 0 anything in [-1, 1]
 
 where e is the error of the prediction, g and a the gains of the two injections. While |e| <= h^2 a
-it slides: the error is gone within the step. `super_twisting`, `switched` and `smo` use it.
+it slides: the error becomes zero within the step. `super_twisting`, `switched` and `smo` use it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 
 
 def injections(error: float, gain: float, alpha: float) -> tuple[float, float]:
-    """Return gain sqrt|e| sgn e and alpha sgn e, with sgn 0 = 0; see `implicit_step`."""
+    """Return gain sqrt|e| sgn e and alpha sgn e, with sgn 0 = 0; units as in `implicit_step`."""
     if error == 0.0:
         return 0.0, 0.0
     root = math.sqrt(abs(error))
@@ -24,13 +24,13 @@ def injections(error: float, gain: float, alpha: float) -> tuple[float, float]:
 
 
 def implicit_step(error: float, h: float, gain: float, alpha: float) -> tuple[float, float]:
-    """Return (error that is left, second injection).
+    """Return (error after the step e+, second injection).
 
     Parameters
     ----------
-    error : of the prediction [unit].
+    error : error of the prediction e [unit].
     h : sample time [s].
-    gain, alpha : of sqrt|e| [unit^(1/2)/s] and of the sign [unit/s^2].
+    gain, alpha : gains of sqrt|e| [unit^(1/2)/s] and of the sign [unit/s^2].
     """
     size = abs(error)
     sliding = h * h * alpha

@@ -1,8 +1,8 @@
 """Small linear algebra on tuples, unrolled for one size.
 
-Loops over a handful of numbers cost more than the numbers in plain Python, and Numba cannot build
-tuples in a loop. So for each size the few functions needed are written out once, as straight lines
-of text, and executed. A vector is a tuple of floats, a matrix a tuple of rows.
+In plain Python a loop over two or three numbers costs more than their arithmetic, and Numba cannot
+build tuples in a loop. So the functions are generated as text without loops, once for each size,
+and executed. A vector is a tuple of floats, a matrix a tuple of rows.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 def written_out(lines: list[str], title: str, **known: Any) -> dict[str, Any]:
     """Return the functions that these lines of text define, by name.
 
-    The only place that makes functions from text. A loop over a tuple is no substitute: Numba
-    cannot build a tuple in one, and plain Python spends more on the loop than on the numbers.
+    No other function of this package executes text.
 
     Parameters
     ----------
-    title : what a traceback shows in place of a file's name.
-    known : functions that the text calls, by the names that it uses.
+    lines : Python source, one line each.
+    title : shown in tracebacks instead of a file's name.
+    known : functions and numbers that the text uses, by name.
     """
     names: dict[str, Any] = dict(known)
     exec(compile('\n'.join(lines), f'<{title}>', 'exec'), names)
@@ -38,11 +38,11 @@ class Algebra(NamedTuple):
     clip: Callable[..., tuple]  # (x, low, high), elementwise
     apply: Callable[..., tuple]  # (matrix, x) -> matrix x
     rank_one: Callable[..., tuple]  # (matrix, keep, a, x) -> keep matrix + a x x^T
-    wider: Callable[..., bool]  # (matrix, other): is an entry of its diagonal above other's?
-    limited: Callable[..., tuple]  # (covariance, most, part): rows and columns scaled so that its
-    # diagonal is not above that of most, plus a part of that
-    exceeds: Callable[..., bool]  # (matrix, keep, a, floor): is matrix - a floor positive
-    # definite, where the matrix' diagonal counts keep times?
+    wider: Callable[..., bool]  # (matrix, other) -> is any diagonal entry larger than other's?
+    limited: Callable[..., tuple]  # (covariance, most, part) -> rows and columns scaled so that its
+    # diagonal does not exceed that of most, plus part times the diagonal of most
+    exceeds: Callable[..., bool]  # (matrix, keep, a, floor) -> is matrix - a floor positive
+    # definite, with the diagonal of matrix multiplied by keep?
 
 
 @lru_cache

@@ -1,7 +1,7 @@
-"""What an observer of a drive is: the functions of an observer, and what a drive wants beside them.
+"""The contract of drive observers: `Functions`, and the outputs that only a drive has.
 
 Observers of kind 'drive' take a sample (i_alpha, i_beta, u_alpha, u_beta): the current at the stamp
-[A] and the mean voltage [V] over the interval that ends there.
+[A] and the mean voltage [V] over the interval that ends at the stamp.
 """
 
 from __future__ import annotations
@@ -11,26 +11,28 @@ from dataclasses import dataclass
 
 from estimator_pkg.observers.contract import Functions
 
-LARGEST = 1e6  # A and V: a sample whose numbers are larger, as a vector, is garbage
+LARGEST = 1e6  # A and V: a sample whose vector is longer is garbage
 
 Sample = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveFunctions(Functions):
-    """The functions of an observer of kind 'drive', which knows more than a position.
+    """The functions of an observer of kind 'drive'.
 
     Attributes
     ----------
-    row : (state, coefficients, design) -> what `electrical` gives, status and reasons: in one call
-        what every sample of a batch is asked.
+    row : (state, coefficients, design) -> the values of `electrical`, then status and reasons: all
+        per-sample outputs in one call.
     electrical : (state, coefficients, design) -> (electrical angle [rad], electrical speed [rad/s],
-        flux linkage [Wb], 1.0 where it counts or 0.0); nan where it is withheld.
-    electrical_stddev : (state, coefficients, design) -> one standard deviation of these three.
-    speed_bound : (state, coefficients, design) -> mechanical speed that is not exceeded where the
-        rotor is not observable [rad/s]; inf where nothing is known.
+        flux linkage [Wb], 1.0 if they are valid, else 0.0). Angle and speed are nan while the rotor
+        is not observable.
+    electrical_stddev : (state, coefficients, design) -> one standard deviation of angle, speed and
+        flux.
+    speed_bound : (state, coefficients, design) -> upper bound of the mechanical speed while the
+        rotor is not observable [rad/s]; inf if no bound is known.
     reasons : (state) -> bits of `watch.REASONS`.
-    coast : (state, coefficients, design, measurement, gap) -> state. After a gap of known length.
+    coast : (state, coefficients, design, measurement, gap) -> state. Continues after a gap [s].
     """
 
     row: Callable[..., tuple]
@@ -42,9 +44,9 @@ class DriveFunctions(Functions):
 
 
 def finite(measurement: Sample) -> bool:
-    """False where one of the four numbers is NaN or infinite, or all are beyond any drive."""
+    """Return False if a component is NaN or infinite, or the vector is longer than `LARGEST`."""
     i_alpha, i_beta, u_alpha, u_beta = measurement
-    # false for nan; as one comparison it costs half as much
+    # false for nan too; one comparison costs half as much as four
     return (
         i_alpha * i_alpha + i_beta * i_beta + u_alpha * u_alpha + u_beta * u_beta
         < LARGEST * LARGEST

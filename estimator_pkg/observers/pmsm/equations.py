@@ -1,13 +1,14 @@
 """The observer of Bosso, Azzollini and Tilli (2020) in continuous time: flow and jump.
 
-A two-vector (a, b) is the complex number a + j b; J v is j v, C[z] v is z v. All signals but z and
-y are in the estimated frame z (zeta_hat_chi in the paper), which turns with the rotor in the end:
+A two-vector (a, b) is the complex number a + j b; J v is j v, C[z] v is z v. All signals except z
+and y are in the estimated frame z (zeta_hat_chi in the paper). Once converged, the frame turns with
+the rotor:
 
     i, h   estimates of current [A] and back-EMF [V];  converged: h = -j chi, chi = |omega| phi
     z      unit number;                                converged: sgn(omega) exp(j theta)
     x      xi_hat [1/Wb];                              converged: sgn(omega) / phi
 
-Equation numbers are the paper's. Where it is misprinted, see docs/papers/pmsm.md.
+Equation numbers are the paper's. docs/papers/pmsm.md lists its misprints.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ HALF_ROOT_3 = 0.5 * math.sqrt(3.0)
 
 
 def frame_speed(h: complex, x: float, k_eta: float) -> float:
-    """omega_hat_chi [rad/s], the speed of the estimated frame, below (4)."""
+    """Return omega_hat_chi [rad/s], the speed of the estimated frame, below (4)."""
     return abs(h) * x + k_eta * h.real
 
 
 def emf(h: complex, z: complex) -> complex:
-    """y = C[z] J h, the fast estimate of chi zeta_chi in the static frame [V], above (14)."""
+    """Return y = C[z] J h [V], an estimate of chi zeta_chi in the static frame, above (14)."""
     return z * (1j * h)
 
 
@@ -41,7 +42,7 @@ def flow(
     k_eta: float,
     gamma: float,
 ) -> tuple[complex, complex, complex, float]:
-    """Time derivatives of (i, h, z, x): the flow of (5) and (16).
+    """Return the time derivatives of (i, h, z, x): the flow of (5) and (16).
 
     Parameters
     ----------
@@ -59,11 +60,11 @@ def flow(
 
 
 def reflect(i: complex, h: complex, z: complex) -> tuple[complex, complex, complex]:
-    """(i, h, z) after a clock tick: the jump (14), (16), which takes eta to -F eta.
+    """Return (i, h, z) after a clock tick: the jump (14), (16), which maps eta to -F eta.
 
-    The frame is reset where the back-EMF says that it points away from the rotor (h2 >= 0). G_f is
-    the rotation (conj(h)/|h|)^2; it takes h to its mirror image, and current and back-EMF keep
-    their values in the static frame. (The printed second row, G_f i, would not.)
+    The frame is reset if the back-EMF shows that it points away from the rotor (h2 >= 0). G_f is
+    the rotation (conj(h)/|h|)^2. It maps h to its mirror image; current and back-EMF keep their
+    values in the static frame. (With the printed second row, G_f i, they would not.)
     """
     size = abs(h)
     if h.imag < 0.0 or size == 0.0:
@@ -74,7 +75,7 @@ def reflect(i: complex, h: complex, z: complex) -> tuple[complex, complex, compl
 
 
 def aligned(i: complex, h: complex, z: complex, seen: complex) -> tuple[complex, complex, complex]:
-    """(i, h, z) in the frame in which the back-EMF `seen` [V] is that of a converged observer."""
+    """Return (i, h, z) in the frame in which a converged observer has the back-EMF `seen` [V]."""
     size = abs(seen)
     if size == 0.0:
         return i, h, z
@@ -84,19 +85,19 @@ def aligned(i: complex, h: complex, z: complex, seen: complex) -> tuple[complex,
 
 
 def wants_reflection(h: complex) -> bool:
-    """True where a clock tick resets the frame: eta1 <= 0."""
+    """Return True if a clock tick resets the frame: eta1 <= 0."""
     return h.imag >= 0.0
 
 
 def rotor_angle(z: complex, x: float) -> float:
-    """theta_hat [rad, electrical, in (-pi, pi]] = arg(z sgn(x))."""
+    """Return theta_hat = arg(z sgn(x)) [rad, electrical, in (-pi, pi]]."""
     if x < 0.0:
         return math.atan2(-z.imag, -z.real)
     return math.atan2(z.imag, z.real)
 
 
 def flux_linkage(x: float, lowest: float, highest: float) -> float:
-    """phi_hat = sat(1/|xi|) [Wb]."""
+    """Return phi_hat = sat(1/|xi|) [Wb]."""
     size = abs(x)
     if size * highest <= 1.0:
         return highest
@@ -106,7 +107,10 @@ def flux_linkage(x: float, lowest: float, highest: float) -> float:
 
 
 def phase_signs(current: complex) -> complex:
-    """The vector of the signs of the three phase currents: dead time takes voltage along it."""
+    """Return the vector of the signs of the three phase currents.
+
+    Dead time reduces the voltage in this direction.
+    """
     half = HALF_ROOT_3 * current.imag
     a = 1.0 if current.real > 0.0 else -1.0
     b = 1.0 if half > 0.5 * current.real else -1.0

@@ -12,10 +12,10 @@ from estimator_pkg.parameters import parameter
 
 EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
 EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
-EMF_SPEED = 75.0  # electrical rad/s whose back-EMF is the least that counts
-FLUX_RANGE = 2.5  # the flux linkage is sought within this factor of the nominal one
+EMF_SPEED = 75.0  # electrical rad/s: the smallest usable back-EMF is the one at this speed
+FLUX_RANGE = 2.5  # the flux linkage is estimated within this factor of the nominal one
 NOISE_GUESS = 0.002  # current noise per flux/inductance until it is measured
-SETTLES = 5.0  # epsilons until the fast part has forgotten its start
+SETTLES = 5.0  # settling time of the fast part in units of epsilon
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Gains(MotorData):
         None,
         unit='rad/s',
         range=(0.1, 1e5),
-        description='top mechanical speed; the sample rate is refused where the rotor turns more '
-        'than half a turn (electrical) per sample at it; automatic: not known',
+        description='top mechanical speed; a sample rate at which the rotor turns more than half '
+        'an electrical turn per sample at this speed is refused; automatic: not known',
     )
     k_p: float | None = parameter(
         None,
@@ -99,7 +99,8 @@ class Gains(MotorData):
         unit='1/s',
         range=(1.0, 5000.0),
         advanced=True,
-        description='ticks at which the frame may be reset and the identifier looks',
+        description='rate of the clock ticks at which the frame may be reset and the identifier '
+        'takes a sample',
         equation='Lambda in (7)',
     )
     periods: int = parameter(
@@ -116,15 +117,15 @@ class Gains(MotorData):
         unit='',
         range=(0.2, 1.0),
         advanced=True,
-        description='every second clock period is so much shorter, so that no speed brings the '
-        'rotor back to the same angle at every tick; 1: all equal (form paper: always)',
+        description='length of every second clock period relative to the others, so that at no '
+        'speed the rotor is at the same angle at every tick; 1: all equal (form paper: always)',
     )
     scaling: str = parameter(
         'amplitude',
         unit='',
         choices=('amplitude', 'power'),
         structural=True,
-        description='what the length of the measured alpha-beta vectors means: the amplitude of '
+        description='scaling of the measured alpha-beta vectors: their length is the amplitude of '
         'the phase quantity, or sqrt(1.5) times that (power-invariant)',
     )
     voltage_delay: float = parameter(
@@ -132,40 +133,40 @@ class Gains(MotorData):
         unit='sample',
         range=(0.0, 8.0),
         structural=True,
-        description='the reported voltage acts so many samples later than over the interval that '
-        'ends at its stamp (2: a command computed at the stamp that acts over the next '
-        'but one period)',
+        description='delay between the interval that ends at the stamp of a voltage and the '
+        'interval over which it acts (2: a command computed at the stamp acts over the period '
+        'after the next)',
     )
     dead_time_voltage: float = parameter(
         0.0,
         unit='V',
         range=(0.0, 1e4),
-        description='mean phase voltage that the dead time of the bridge takes away, where the '
-        'reported voltage does not know of it: dc voltage x dead time x carrier '
-        'frequency; it is taken off by the signs of the phase currents',
+        description='mean phase voltage lost by the dead time of the bridge, if the reported '
+        'voltage does not include it: dc voltage x dead time x carrier frequency; it is '
+        'subtracted with the signs of the phase currents',
     )
     pwm_frequency: float | None = parameter(
         None,
         unit='Hz',
         range=(1.0, 1e7),
         advanced=True,
-        description='carrier frequency of the drive: over a period the voltage stands still while '
-        'the rotor turns, and the current leaves the line between its samples; allowed '
-        'for where it is known (angle: omega R/(12 L f^2)); automatic: not known',
+        description='carrier frequency of the drive: within a period the voltage is constant while '
+        'the rotor turns, so the current deviates from the line between its samples; this is '
+        'corrected if the frequency is known (angle: omega R/(12 L f^2)); automatic: not known',
     )
     initial_flux: float | None = parameter(
         None,
         unit='Wb',
         range=(0.0, 1e3),
         advanced=True,
-        description='flux linkage to start from; automatic: the nominal one; 0: unknown',
+        description='initial estimate of the flux linkage; automatic: the nominal one; 0: unknown',
     )
     flux_min: float | None = parameter(
         None,
         unit='Wb',
         range=(1e-9, 1e3),
         advanced=True,
-        description='smallest flux linkage to believe; automatic: nominal / 2.5',
+        description='smallest credible flux linkage; automatic: nominal / 2.5',
         equation='sat, below (5)',
     )
     flux_max: float | None = parameter(
@@ -173,15 +174,15 @@ class Gains(MotorData):
         unit='Wb',
         range=(1e-9, 1e3),
         advanced=True,
-        description='largest flux linkage to believe; automatic: nominal x 2.5',
+        description='largest credible flux linkage; automatic: nominal x 2.5',
         equation='sat, below (5)',
     )
     emf_min: float | None = parameter(
         None,
         unit='V',
         range=(0.0, 1e4),
-        description='back-EMF below which the rotor is not observable, noise and resistance apart; '
-        'automatic: nominal flux times 75 rad/s (electrical)',
+        description='back-EMF below which the rotor is not observable; noise and resistance_error '
+        'can raise this limit; automatic: nominal flux times 75 rad/s (electrical)',
     )
     resistance_error: float = parameter(
         0.2,
@@ -189,7 +190,7 @@ class Gains(MotorData):
         range=(0.0, 2.0),
         advanced=True,
         description='relative uncertainty of the resistance; the back-EMF must exceed twice the '
-        'voltage drop it stands for',
+        'voltage drop that corresponds to it',
     )
     current_noise: float | None = parameter(
         None,
@@ -204,19 +205,20 @@ class Gains(MotorData):
         range=(0.0, 1e5),
         search=(20.0, 2000.0),
         description='-3 dB frequency of the low-pass on the speed output (two poles); 0: none. Its '
-        'delay 0.193/f is declared',
+        'delay 0.193/f is reported as the group delay',
     )
     hold: float = parameter(
         0.010,
         unit='s',
         range=(0.0, 10.0),
         advanced=True,
-        description='the residuals must have been in order for so long before the estimate counts',
+        description='time for which all residuals must be within their limits before the estimate '
+        'is valid',
     )
 
 
 class Tuning(NamedTuple):
-    """The gains that follow: the paper's symbols, and epsilon [s]."""
+    """The gains in the paper's symbols, and epsilon [s]."""
 
     epsilon: float
     k_p: float
@@ -226,11 +228,11 @@ class Tuning(NamedTuple):
 
 
 def tuning(gains: Gains) -> Tuning:
-    """kp, ki, k_eta and gamma from motor data and relative bandwidth, where not given.
+    """Return epsilon, kp, ki, k_eta and gamma; automatic ones from motor data and bandwidth.
 
     Raises
     ------
-    UsageError : motor data missing, or gains that cannot work.
+    UsageError : motor data are missing, or the gains cannot work.
     """
     resistance, inductance, flux, pole_pairs = check_motor(gains, 'pmsm')
     epsilon = gains.epsilon
@@ -246,23 +248,23 @@ def tuning(gains: Gains) -> Tuning:
     if k_p <= 0.0:
         raise UsageError(
             f'epsilon = {epsilon:g} s is too slow for L/R = '
-            f'{inductance / resistance:g} s: it must be below twice that'
+            f'{inductance / resistance:g} s: set it below twice that'
         )
     epsilon = 2.0 / (resistance / inductance + k_p)
     if gains.clock_rate * SETTLES * epsilon > 1.0:
         raise UsageError(
             f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs '
-            f'{SETTLES * epsilon:g} s to settle between ticks '
-            f'(at most {1.0 / (SETTLES * epsilon):g} /s)'
+            f'{SETTLES * epsilon:g} s to settle between ticks; '
+            f'set at most {1.0 / (SETTLES * epsilon):g} /s'
         )
     low, high = flux_range(gains)
     if not low < high:
-        raise UsageError(f'flux_min = {low:g} Wb is not below flux_max = {high:g} Wb')
+        raise UsageError(f'flux_min = {low:g} Wb is not below flux_max = {high:g} Wb: set it below')
     return Tuning(epsilon, k_p, k_i, k_eta, gamma)
 
 
 def flux_range(gains: Gains) -> tuple[float, float]:
-    """Smallest and largest flux linkage to believe [Wb]."""
+    """Return the smallest and the largest credible flux linkage [Wb]."""
     nominal = float(gains.flux or 0.0)
     low = gains.flux_min if gains.flux_min is not None else nominal / FLUX_RANGE
     high = gains.flux_max if gains.flux_max is not None else nominal * FLUX_RANGE

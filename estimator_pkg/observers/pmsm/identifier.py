@@ -1,32 +1,32 @@
 """The mini-batch identifier (21) to (26): the flux from the last N clock periods by least squares.
 
-Between two clock ticks a distance T apart, the rotor's way satisfies (22),
+Between clock ticks at t-T and t the rotor's motion satisfies (22),
 
     chi(t-T) y(t) - chi(t) y(t-T) = xi chi(t-T) chi(t) J (integral of y from t-T to t),
 
-one equation X = Phi xi per tick, made of the estimates |h| for chi and y = C[z] J h. Reflections of
-the frame leave |h| and y alone, so it does not matter whether the registers shift before or after.
+one equation X = Phi xi per tick, with the estimates |h| for chi and y = C[z] J h. Reflections of
+the frame do not change |h| and y, so the registers may shift before or after them.
 
-Registers are (Y, Z, Phi): Y and Z of the last N+1 ticks, Phi of the last N.
+Registers are (Y, Z, Phi): Y and Z at the last N+1 ticks, Phi at the last N.
 """
 
 from __future__ import annotations
 
 
 def empty_registers(count: int) -> tuple[tuple, tuple, tuple]:
-    """Registers of `count` = N periods that hold nothing."""
+    """Return empty registers (all zero) for `count` = N periods."""
     return (complex(0.0, 0.0),) * (count + 1), (0.0,) * (count + 1), (complex(0.0, 0.0),) * count
 
 
 def shift(
     registers: tuple[tuple, tuple, tuple], emf: complex, size: float, integral: complex
 ) -> tuple[tuple, tuple, tuple]:
-    """The registers one tick further, (25).
+    """Return the registers after one more tick, (25).
 
     Parameters
     ----------
     emf, size : y and |h| at the tick [V].
-    integral : of y since the last tick [V s].
+    integral : integral of y since the last tick [V s].
     """
     ys, zs, phis = registers
     turned = complex(-integral.imag, integral.real)
@@ -35,7 +35,10 @@ def shift(
 
 
 def solve(registers: tuple[tuple, tuple, tuple]) -> tuple[float, float, float, float]:
-    """(xi*, |X|^2, |X - Phi xi*|^2, sum of (Z Z)^2): the least squares (24) and what judges it."""
+    """Return (xi*, |X|^2, |X - Phi xi*|^2, sum of (Z Z)^2): the fit (24) and its quality.
+
+    xi* [1/Wb] is the least-squares solution; the last three are arguments of `credible`.
+    """
     ys, zs, phis = registers
     along, power, travelled, scale = 0.0, 0.0, 0.0, 0.0
     for k in range(len(phis)):
@@ -65,16 +68,16 @@ def credible(
     highest: float,
     least_emf: float,
 ) -> bool:
-    """Whether xi* says something of the motor: the gates of the robust form.
+    """Return True if xi* is credible: the gates of the robust form.
 
-    The printed identifier divides noise by nothing where the rotor comes back to the same angle at
-    every tick, and at standstill.
+    The printed identifier divides noise by almost zero at standstill and where the rotor is at the
+    same angle at every tick.
 
     Parameters
     ----------
     found, travelled, rest, scale : from `solve`.
-    least_chord : smallest way of the rotor between ticks, as a chord of the unit circle (rms).
-    largest_rest : largest part of |X|^2 that the fit may leave.
+    least_chord : smallest rotation between ticks, as a chord of the unit circle (rms).
+    largest_rest : largest residual of the fit, relative to |X|^2.
     lowest, highest : range of |xi*| [1/Wb].
     least_emf : smallest |h| at a tick [V].
     """

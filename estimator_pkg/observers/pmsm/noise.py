@@ -1,31 +1,32 @@
-"""How much current noise reaches back-EMF, innovation, angle, speed and flux.
+"""Variances of back-EMF, innovation, angle, speed and flux under current noise.
 
-Around a converged state the fast part is linear. White noise n on each current drives it through
-the sampled system exactly (a discrete Lyapunov equation of order two); below its bandwidth the
-back-EMF estimate carries (R + j omega L) n. The slow part then acts as a phase-locked loop.
+Around a converged state the fast part is linear. Its response to white noise n on each current
+follows exactly from the sampled system (a discrete Lyapunov equation of order two). Below the
+bandwidth of the fast part, the noise of the back-EMF estimate is (R + j omega L) n. The slow part
+then acts as a phase-locked loop.
 """
 
 from __future__ import annotations
 
 import math
 
-ROUNDING = 1e-30  # an estimate that follows each reading wholly leaves that of the innovation
+ROUNDING = 1e-30  # smallest innovation variance, where the estimate equals each measurement
 
 
 def power_of(number: complex) -> float:
-    """Its square, |number|^2."""
+    """Return |number|^2."""
     return number.real * number.real + number.imag * number.imag
 
 
 def together(one: complex, other: complex) -> float:
-    """Re(one other*): what the two have in common."""
+    """Return Re(one other*), the scalar product of two vectors."""
     return one.real * other.real + one.imag * other.imag
 
 
 def covariance(
     e11: float, e12: float, e21: float, e22: float, b1: complex, b2: complex
 ) -> tuple[float, float, float]:
-    """(P11, Re P12, P22) of P = E P E' + b b*, by Cramer's rule."""
+    """Return (P11, Re P12, P22) of P = E P E' + b b*, by Cramer's rule."""
     a11, a12, a13 = 1.0 - e11 * e11, -2.0 * e11 * e12, -e12 * e12
     a21, a22, a23 = -e11 * e21, 1.0 - e11 * e22 - e12 * e21, -e12 * e22
     a31, a32, a33 = -e21 * e21, -2.0 * e21 * e22, 1.0 - e22 * e22
@@ -41,15 +42,15 @@ def covariance(
 def prepare_noise(
     inductance: float, k_p: float, k_i: float, scheme: tuple, omega: float
 ) -> tuple[float, float, float]:
-    """Variances per unit variance of white noise on each current, at a frame speed `omega` [rad/s].
+    """Return three variances per unit variance of white noise on each current.
 
-    In the turning frame the noise is as white; what changes is how it acts (the terms -j omega of
-    the scheme), which matters where the rotor turns much within a sample.
+    The noise is white in the turning frame too. The frame speed `omega` [rad/s] changes its effect
+    (the terms -j omega of the scheme), which matters where the rotor turns far within a sample.
 
     Returns
     -------
-    (of one component of h [V^2/A^2], of one component of the innovation i_frame - i, of the fast
-    part of the integral of h [V^2 s^2/A^2])
+    Variances of one component of h [V^2/A^2], of one component of the innovation i_frame - i, and
+    of the fast part of the integral of h [V^2 s^2/A^2].
     """
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
     # x_k+1 = E x_k + b0 n_k + b1 n_k+1; w = x - b1 n has white drive E b1 + b0
@@ -59,7 +60,7 @@ def prepare_noise(
     p11, p12, p22 = covariance(e11, e12, e21, e22, b1, b2)
     of_h = p22 + power_of(c2)
     of_innovation = max(p11 + power_of(1.0 - c1), ROUNDING)
-    # integral of h = L (i - h kp/ki) + a part that changes slowly
+    # integral of h = L (i - h kp/ki) + a slow part
     ratio = k_p / k_i
     x11, x12, x22 = p11 + power_of(c1), p12 + together(c1, c2), of_h
     of_integral = inductance * inductance * (x11 - 2.0 * ratio * x12 + ratio * ratio * x22)
@@ -69,7 +70,7 @@ def prepare_noise(
 def through_four_poles(
     c3: float, c2: float, c1: float, d3: float, d2: float, d1: float, d0: float
 ) -> float:
-    """Integral of |c(j w)/d(j w)|^2 over w/(2 pi): white noise of density one through c/d.
+    """Return the integral of |c(j w)/d(j w)|^2 over w/(2 pi): unit white noise filtered by c/d.
 
     c = c3 s^3 + c2 s^2 + c1 s and d = s^4 + d3 s^3 + d2 s^2 + d1 s + d0, all poles stable (the
     table of James, Nichols and Phillips, 1947, for order four).
@@ -93,17 +94,21 @@ def deviations(
     dt: float,
     gains: tuple[float, float, float],
 ) -> tuple[float, float, float]:
-    """One standard deviation of electrical angle [rad], electrical speed [rad/s] and xi [1/Wb].
+    """Return one standard deviation of electrical angle [rad], its speed [rad/s] and xi [1/Wb].
 
     Noise n of the current appears in the back-EMF as (R + j omega L + L s) n. With its radial part
-    n2 and its tangential part n1, damping d = k_eta chi and stiffness k = gamma chi^2, the frame
-    is off by (xi s n2 + (k_eta s + gamma chi) n1) / (s^2 + d s + k); its rate is the speed.
+    n2 and its tangential part n1, damping d = k_eta chi and stiffness k = gamma chi^2, the angle
+    error of the frame is (xi s n2 + (k_eta s + gamma chi) n1) / (s^2 + d s + k); its rate is the
+    speed error.
 
     Parameters
     ----------
-    variance : of the noise on each current [A^2].
+    variance : variance of the noise on each current [A^2].
     size, x : |h| [V] and xi_hat [1/Wb].
-    natural, damping_out : of the low-pass on the speed [rad/s]; 0: none.
+    epsilon : time constant of the fast part [s].
+    natural, damping_out : natural frequency [rad/s] and damping of the low-pass on the speed;
+        natural 0: no low-pass.
+    dt : sample time [s].
     gains : from `prepare_noise`.
     """
     of_h, of_innovation, of_integral = gains
@@ -126,7 +131,7 @@ def deviations(
         * (x * x * stiffness + stiffness * stiffness / (size * size))
         / (damping * size * size)
     )
-    of_speed = x * x * of_h * variance  # of |h| xi: what is given without a low-pass
+    of_speed = x * x * of_h * variance  # of |h| xi: the speed output without a low-pass
     if natural > 0.0:
         e, w = 2.0 * damping_out * natural, natural * natural
         d3, d2, d1, d0 = (
@@ -145,7 +150,7 @@ def deviations(
                 + through_four_poles(0.0, k_eta, pull, d3, d2, d1, d0)
             )
         )
-        # L s n: what the slow loop leaves of it, or the fast part, whichever is less
+        # L s n: filtered by the slow loop or by the fast part, whichever gives less
         fast = through_four_poles(x, 0.0, 0.0, d3, d2, d1, d0) + through_four_poles(
             k_eta, pull, 0.0, d3, d2, d1, d0
         )
@@ -165,7 +170,10 @@ def deviations(
 
 
 def low_pass_weight(pole: float, dt: float) -> float:
-    """Weight of the newest sample in a first-order low-pass matched to dt; 1 for no low-pass."""
+    """Return the weight of the newest sample in a first-order low-pass matched to dt [s].
+
+    `pole` [1/s] is its magnitude; 0: no low-pass, weight 1.
+    """
     if pole <= 0.0:
         return 1.0
     return 1.0 - math.exp(-pole * dt)

@@ -1,8 +1,8 @@
 """Sensorless speed, angle and flux of a permanent-magnet motor (Bosso, Azzollini, Tilli, 2020).
 
 A sample is (i_alpha, i_beta, u_alpha, u_beta): the current at the stamp and the mean voltage over
-the interval that ends at it. The robust form adds to the paper what a drive needs: it waits while
-the rotor is not observable, and finds it again from the direction and the turning of the back-EMF.
+the interval that ends at the stamp. The robust form extends the paper: it waits while the rotor is
+not observable, and finds it again from the direction and the rotation of the back-EMF.
 """
 
 from __future__ import annotations
@@ -55,17 +55,21 @@ from estimator_pkg.observers.pmsm.watch import (
 CHORD = 0.3  # gates of the identifier, see `credible`
 REST = 0.25
 SPEED_CLIP = 2e4  # rad/s, electrical: a back-EMF that turns faster is noise
-BEYOND = 1e15  # V and 1/Wb: the numbers have run away
+BEYOND = 1e15  # V and 1/Wb: larger states have diverged
 TURN = 2.0 * math.pi
 
 
 def build(gains: Gains, circle: Circle) -> DriveFunctions:
-    """The functions of the sensorless observer at these gains.
+    """Return the functions of the sensorless observer with these gains.
 
-    Inside, `design` is a `Design`, `coefficients` are `Coefficients` and `state` is a `State`.
-    What the functions close over is structure alone, so that other gains need no compiling.
+    `design` is a `Design`, `coefficients` are `Coefficients` and `state` is a `State`. The
+    functions close over the structure only, so that new gains need no new compilation.
+
+    Raises
+    ------
+    UsageError : motor data are missing, or the gains cannot work.
     """
-    design_of(gains, circle)  # refuses what cannot work
+    design_of(gains, circle)  # raises UsageError if the gains cannot work
     poles = check_motor(gains, 'pmsm')[3]
     robust = gains.form == 'robust'
     resets = gains.variant != 'continuous'
@@ -86,7 +90,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return prepare_coefficients(design, dt, when_blind)
 
     def take(measurement: Sample) -> tuple[complex, complex]:
-        """Current and voltage as amplitude-invariant vectors."""
+        """Return current and voltage as amplitude-invariant vectors."""
         i_alpha, i_beta, u_alpha, u_beta = measurement
         if scale != 1.0:
             return (
@@ -119,7 +123,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         least: float,
         design: Any,
     ) -> tuple:
-        """A tick of the clock: the identifier, then the reset of the frame."""
+        """Run one clock tick: the identifier, then the reset of the frame."""
         event = 0
         if identifies:
             size = abs(h)
@@ -144,7 +148,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 ):
                     x = found
                     event = RESET
-                    if robust:  # a sound flux and a sound direction: begin aligned
+                    if robust:  # flux and direction are credible: align the frame
                         i, h, z = aligned(i, h, z, h)
         if resets and wants_reflection(h):
             i, h, z = reflect(i, h, z)
@@ -152,14 +156,14 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return i, h, z, x, registers, ticks, event
 
     def lock_on(core: tuple, watch: tuple, turned: float, design: Any) -> tuple:
-        """(i, h, z, x, watch): the frame on the back-EMF as averaged, xi signed as it turned."""
+        """Return (i, h, z, x, watch) aligned with the averaged back-EMF, xi signed as it turned."""
         i, h, z, x = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         size = abs(mean_h)
         if x != 0.0 and size > 0.0:
             i, h, z = aligned(i, h, z, mean_h)
             most = abs(x)
-            if most > design.xi_high:  # run away: from the start again
+            if most > design.xi_high:  # xi has diverged: take its initial value
                 most = design.xi_start if design.xi_start > 0.0 else design.xi_high
             x = most if turned > 0.0 else -most
             mean_h = complex(0.0, -size)
@@ -202,11 +206,11 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         if standing != 0.0:
             voltage *= complex(1.0, -standing * velocity)
         if not robust and not (abs(x) < BEYOND and abs(h) < BEYOND):
-            return init(measurement, design)  # as printed nothing holds xi_hat: only a start helps
+            return init(measurement, design)  # the printed equations do not bound xi_hat: restart
         searching = robust and last & SEARCHING != 0
-        if searching:  # xi is frozen, the frame is led at the speed at which the back-EMF turns
+        if searching:  # xi is frozen, the frame turns at the speed of the back-EMF
             turning = rate if -SPEED_CLIP < rate < SPEED_CLIP else 0.0
-            i, h, z, held, frame = advance(
+            i, h, z, frozen, frame = advance(
                 i, h, z, 0.0, before, current, voltage, scheme, 0.0, 0.0, turning
             )
         else:  # the flow (16)
@@ -220,7 +224,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         integral += area
         rho += pace  # Lambda dt
         event = 0
-        if rho + 0.5 * pace >= span:  # the jump of (16), where the clock has run full
+        if rho + 0.5 * pace >= span:  # the jump of (16), at the end of the clock period
             z *= 1.0 / abs(z)
             if searching:
                 ticks = 0
@@ -232,7 +236,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 i, h, z, x, registers, ticks, event = tick(
                     i, h, z, x, integral, ticks, registers, least, design
                 )
-                if robust and x != flowed:  # the averages of before say nothing of what is now
+                if robust and x != flowed:  # the averages belong to the old frame: reset them
                     watch = (level, complex(0.0, -level), rate, 0.0, power, idle, calm, last)
                 travel += wrap(rotor_angle(z, x) - travel, TURN)
             integral = complex(0.0, 0.0)
@@ -247,7 +251,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 velocity = 0.0
             else:
                 if clear_time < 0.0:
-                    turned = velocity * dt  # as it went on before a gap; 0 after a standstill
+                    turned = velocity * dt  # with the speed before a gap; 0 after a standstill
                 travel += turned
                 clear_angle = clear_angle + turned if clear_time >= 0.0 else 0.0
                 clear_time += dt
@@ -263,8 +267,8 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             speed = abs(h) * x  # omega_hat
             f11, f12, f21, f22 = low_pass
             if f21 != 0.0:
-                # the speed of the frame, not |h| x: its integral is the angle, so that noise of the
-                # current lies beyond the low-pass
+                # filter the speed of the frame, not |h| x: its integral is the angle, so the
+                # current noise in it is above the low-pass
                 lag = velocity - frame
                 velocity = frame + f11 * lag + f12 * slope
                 slope = f21 * lag + f22 * slope
@@ -349,7 +353,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             noise,
         )
         if reasons & BLIND:
-            # nothing is known of the angle; the speed is evenly spread within its bound
+            # angle unknown: uniform over a turn; speed uniform within its bound
             of_angle = math.pi / math.sqrt(3.0)
             of_speed = speed_bound(state, coefficients, design) * design.pole_pairs / math.sqrt(3.0)
         flux = flux_linkage(x, design.flux_low, design.flux_high)
@@ -374,7 +378,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return least / (flux * design.pole_pairs)
 
     def coast(state: Any, coefficients: Any, design: Any, measurement: Sample, gap: float) -> State:
-        """After `gap` [s] without samples: flux and speed are kept, the rotor is found again."""
+        """Continue after `gap` [s] without samples: keep flux and speed, search the rotor again."""
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, before, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
@@ -400,13 +404,13 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             return None
         return (
             f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
-            f'sample at speed_max = {gains.speed_max:g} rad/s: at least {top / math.pi:.0f} Hz '
-            'is needed'
+            f'sample at speed_max = {gains.speed_max:g} rad/s: sample at {top / math.pi:.0f} Hz '
+            'at least'
         )
 
     def group_delay(dt: float) -> float:
         if gains.speed_filter_hz <= 0.0:
-            return 0.0  # the flux estimate makes up for the lag of the back-EMF (epsilon)
+            return 0.0  # the flux estimate compensates the lag of the back-EMF (epsilon)
         return 2.0 * DAMPING / natural_frequency(gains.speed_filter_hz, DAMPING)
 
     return DriveFunctions(

@@ -1,9 +1,9 @@
-"""The observer sampled: the linear fast part exactly, the rotation on the circle.
+"""Discretisation of the observer: exact for the linear fast part, rotation on the unit circle.
 
 In the estimated frame the current and back-EMF estimates obey a linear system with constant
-coefficients, driven by measured current and voltage. Over one sample its solution is the matrix
-exponential; the drive is linear in time for the current (interpolated in the frame) and the rotated
-mean for the voltage. There is no stability limit, whatever sample time and gains are.
+coefficients, driven by measured current and voltage. Its solution over one sample is the matrix
+exponential. The current is interpolated linearly in the frame; the voltage is its rotated mean. The
+scheme is stable for every sample time and all gains.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from __future__ import annotations
 import math
 from cmath import rect
 
-FASTEST = 1e6  # rad/s: a frame that would turn faster has run away, and stays finite
-SMALLEST_SINC = 0.2  # the mean of a voltage that turns further than this within a sample is lost
+FASTEST = 1e6  # rad/s: the frame speed saturates here, so that a diverging frame stays finite
+SMALLEST_SINC = 0.2  # the voltage's mean is corrected for rotation down to this sin(a)/a
 LARGEST_STRETCH = 1.0 / SMALLEST_SINC
 
 
 def exponential(
     a: float, b: float, c: float, d: float, dt: float
 ) -> tuple[float, float, float, float]:
-    """exp([[a, b], [c, d]] dt), row by row, in closed form.
+    """Return exp([[a, b], [c, d]] dt), row by row, in closed form.
 
     With the mean m of the diagonal, A - m I squares to a multiple of I.
     """
@@ -42,15 +42,16 @@ def exponential(
 def prepare_scheme(
     resistance: float, inductance: float, k_p: float, k_i: float, dt: float
 ) -> tuple[float, ...]:
-    """What one step needs beside the gains.
+    """Return the coefficients of one step that depend on dt [s].
 
     With A0 = [[-(R/L + kp), 1/L], [-ki, 0]]: E = exp(A0 dt), G0 = A0^-1 (E - I),
-    G1 = A0^-1 (G0/dt - I); the drive acts through G0 (its value at the start) and G1 (its change).
+    G1 = A0^-1 (G0/dt - I). G0 multiplies the value of the drive at the start, G1 its change.
 
     Returns
     -------
-    (dt, E11, E12, E21, E22, then for current and back-EMF each: the weights of the voltage, of the
-    current at the start, of -j w times it, of the current's change, of -j w times that).
+    dt, E11, E12, E21, E22, then five weights for the current and five for the back-EMF: of the
+    voltage, of the current at the start, of -j w times it, of the current's change, and of -j w
+    times that.
     """
     a, b, c = -(resistance / inductance + k_p), 1.0 / inductance, -k_i
     e11, e12, e21, e22 = exponential(a, b, c, 0.0, dt)
@@ -94,18 +95,18 @@ def advance(
     gamma: float,
     turning: float,
 ) -> tuple[complex, complex, complex, float, float]:
-    """(i, h, z, x, frame speed) one sample further.
+    """Return (i, h, z, x, frame speed) after one more sample.
 
-    Two passes over the frame speed: predicted, then the mean of both ends. They are written out:
-    in plain Python this is half of what a sample costs. So that z stays a unit number, the caller
-    gives it its length back now and then.
+    The frame speed is computed in two passes: predicted, then the mean of both ends. They are
+    written out, because in plain Python this function takes half the time of a sample. The caller
+    normalises z at every clock tick.
 
     Parameters
     ----------
     before, now : measured current at both ends of the interval [A], static frame.
-    voltage : its mean over the interval [V], static frame.
+    voltage : mean voltage over the interval [V], static frame.
     scheme : from `prepare_scheme`.
-    turning : a speed [rad/s] added to that of the frame; 0 but where the frame is led.
+    turning : speed [rad/s] added to that of the frame; 0 unless the rotor is being searched.
     """
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
     half_dt = 0.5 * dt
@@ -119,7 +120,8 @@ def advance(
     if not -FASTEST < first < FASTEST:
         first = FASTEST if first > 0.0 else -FASTEST
     lean = x + half_gain * pull
-    # the current changes from start to moved = end, turned back; both parts of it are taken apart
+    # in the frame the current goes from start to moved = end, turned back: the terms with start are
+    # the same in both passes, those with moved are not
     base_h = e21 * i + e22 * h + (ha - hdd) * start
     lag_h = (hw - hdw) * start
     # first pass
@@ -166,10 +168,10 @@ def advance(
 
 
 def turned_emf(before: complex, now: complex, dt: float) -> tuple[complex, float]:
-    """(integral of y over the sample [V s], the angle by which y turned [rad]).
+    """Return (integral of y over the sample [V s], the angle by which y turned [rad]).
 
-    The trapezoid, times tan(a)/a for half the turned angle a, is exact for a vector that turns
-    evenly.
+    The trapezoidal rule times tan(a)/a, with a half the turned angle, is exact for a vector that
+    turns at constant speed.
     """
     product = before.conjugate() * now
     turned = math.atan2(product.imag, product.real)

@@ -1,5 +1,6 @@
-"""What the sensorless observer carries: `Design` from the gains, `Coefficients` from the sample
-time, and the state, a plain tuple (naming its fields at every sample would cost a tenth of a step).
+"""`Design` from the gains, `Coefficients` from the sample time, and the layout of the state.
+
+The state is a plain tuple, because a NamedTuple would cost a tenth of a step.
 """
 
 from __future__ import annotations
@@ -22,24 +23,24 @@ from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.watch import emf_of_noise, prepare_watch
 
 FAST = 1e-3  # s, averages of the back-EMF
-SLOW = 5e-3  # s, averages of speeds, and how long the turning is watched before locking on
+SLOW = 5e-3  # s, averages of speeds; also how long the rotation is observed before locking on
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
 DAMPING = 0.46  # of the low-pass on the speed: little delay for its noise and -3 dB frequency
 
 # The state: (core, clock, registers, watch, out, clear, voltages), where
 # core      : i, h, z, xi_hat, the last current, y
-# clock     : integral of y since the tick, clock, length of this period, ticks counted
+# clock     : integral of y since the tick, clock, length of this period, number of ticks
 # registers : of the identifier
 # watch     : see `watch`
 # out       : speed output [rad/s], its slope [rad/s^2] and travelled angle [rad], electrical
-# clear     : how long [s] and how far [rad] y has turned since it is large enough
-# voltages  : reported of late, newest last
+# clear     : time [s] and rotation [rad] of y since it became large enough
+# voltages  : the last reported voltages, newest last
 CORE, CLOCK, REGISTERS, WATCH, OUT, CLEAR, VOLTAGES = range(7)
 State = tuple[tuple, tuple, tuple, tuple, tuple, tuple, tuple]
 
 
 class Design(NamedTuple):
-    """What the gains imply whatever the sample time is; SI, amplitude-invariant."""
+    """Everything that follows from the gains alone; SI units, amplitude-invariant."""
 
     k_p: float
     k_i: float
@@ -50,12 +51,12 @@ class Design(NamedTuple):
     epsilon: float
     clock_rate: float
     threshold: float  # of (26) [1/Wb]
-    xi_low: float  # range of |xi| to believe [1/Wb]
+    xi_low: float  # credible range of |xi| [1/Wb]
     xi_high: float
     flux_low: float
     flux_high: float
     emf_min: float
-    drop: float  # resistance by which the current may falsify the back-EMF [ohm]
+    drop: float  # back-EMF required per current, for the resistance error [ohm]
     xi_start: float  # 0: unknown
     pole_pairs: float
     hold: float
@@ -64,22 +65,22 @@ class Design(NamedTuple):
     noise_guess: float
     period: float  # of the published position [rad]; 0: none
     second_period: float
-    standing: float  # by how much a voltage that stands still appears to lag [s]
-    dead_time: float  # phase voltage that dead time takes away [V]
-    dead: float  # minus the time until the back-EMF has forgotten where it started [s]
+    standing: float  # apparent lag of a voltage that is constant within a PWM period [s]
+    dead_time: float  # phase voltage lost by dead time [V]
+    dead: float  # minus the settling time of the back-EMF after a start [s]
 
 
 class Coefficients(NamedTuple):
-    """What the sample time implies.
+    """Everything that follows from the design and the sample time.
 
     dt : the sample time [s].
-    scheme, noise : of `scheme` and `noise`, the latter at rest.
+    scheme, noise : from `prepare_scheme`, and from `prepare_noise` at rest.
     watching : limits of `watch.look`.
-    emf_of_noise : back-EMF that the innovation's standard deviation calls for [V/A].
-    window : how long the turning is watched before locking on [s].
+    emf_of_noise : back-EMF required per standard deviation of the innovation [V/A].
+    window : how long the rotation is observed before locking on [s].
     low_pass : transition of (speed output - speed, its slope) over one sample, row by row.
     pace : clock periods per sample.
-    k_eta, gamma, standing, dead_time : of the design: one unpacking gives a step all it needs.
+    k_eta, gamma, standing, dead_time : copied from the design, so that a step unpacks one tuple.
     """
 
     dt: float
@@ -97,7 +98,12 @@ class Coefficients(NamedTuple):
 
 
 def design_of(gains: Gains, circle: Circle) -> Design:
-    """The design; raises UsageError for gains that cannot work."""
+    """Return the design of these gains.
+
+    Raises
+    ------
+    UsageError : motor data are missing, or the gains cannot work.
+    """
     resistance, inductance, nominal, poles = check_motor(gains, 'pmsm')
     tuned = tuning(gains)
     low, high = flux_range(gains)
@@ -136,7 +142,7 @@ def design_of(gains: Gains, circle: Circle) -> Design:
 
 
 def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coefficients:
-    """The coefficients for a sample time of `dt` [s]; `when_blind`: see `watch.look`."""
+    """Return the coefficients for a sample time of `dt` [s]; `when_blind`: see `prepare_watch`."""
     scheme = prepare_scheme(design.resistance, design.inductance, design.k_p, design.k_i, dt)
     noise = prepare_noise(design.inductance, design.k_p, design.k_i, scheme, 0.0)
     fast = max(FAST, 5.0 * design.epsilon)

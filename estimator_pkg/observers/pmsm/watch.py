@@ -1,20 +1,20 @@
-"""What the sensorless observer knows of its own truth: residuals, and the reasons they give.
+"""Residuals of the sensorless observer, and the reasons why an estimate is not valid.
 
-All is computed from internal signals. What no residual can see: an error of the inductance, a delay
-of the voltage, a constant bias of the angle (docs/papers/pmsm.md says how large).
+All residuals are computed from internal signals. They cannot detect an error of the inductance, a
+delay of the voltage or a constant bias of the angle; docs/papers/pmsm.md has the size of these.
 """
 
 from __future__ import annotations
 
 import math
 
-# Reasons, as bits. An estimate counts only after none of them was there for the hold time.
-LOW_EMF = 1  # back-EMF too small against noise, resistance drop and the least that counts
-MISALIGNED = 2  # the back-EMF does not lie where the frame says
+# Reasons, as bits. An estimate is valid once no reason has been present for the hold time.
+LOW_EMF = 1  # back-EMF too small compared with noise, resistance drop or emf_min
+MISALIGNED = 2  # the back-EMF does not have the direction that the frame requires
 INCONSISTENT = 4  # the estimated speed is not the speed at which the back-EMF turns
-FLUX_RANGE = 8  # the flux linkage is outside the range to believe
-RESET = 16  # the frame or the flux was reset just now
-SEARCHING = 32  # start, gap, or the rotor has only just become observable
+FLUX_RANGE = 8  # the flux linkage is outside its credible range
+RESET = 16  # the frame or the flux was reset at this sample
+SEARCHING = 32  # after a start or a gap, or the rotor has just become observable
 NO_VOLTAGE = 64  # all voltages are exactly zero: not connected
 TOO_FAST = 128  # the rotor turns about half a turn per sample, or more
 BLIND = LOW_EMF | NO_VOLTAGE | TOO_FAST
@@ -22,26 +22,26 @@ BLIND = LOW_EMF | NO_VOLTAGE | TOO_FAST
 REASONS = {
     NO_VOLTAGE: 'all voltages are zero: is the voltage connected?',
     TOO_FAST: 'the rotor turns about half an electrical turn per sample or more: '
-    'a higher sample rate is needed (it counts again after standstill or ~/reset)',
+    'use a higher sample rate (the estimate is valid again after standstill or ~/reset)',
     LOW_EMF: 'back-EMF too small (slow or at rest): only a bound of the speed is known',
     SEARCHING: 'finding the rotor',
     RESET: 'frame or flux was reset',
     FLUX_RANGE: 'flux linkage outside its range (wrong resistance, voltage or motor data?)',
-    MISALIGNED: 'the back-EMF is not where the estimated angle says',
+    MISALIGNED: 'the direction of the back-EMF contradicts the estimated angle',
     INCONSISTENT: 'the estimated speed is not the speed at which the back-EMF turns',
 }
 
-ALIGNED = math.tan(math.radians(8.0))  # the frame may be so far off the back-EMF
-CONSISTENT = 0.05  # relative disagreement of the two speeds
-LEAST_DISAGREEMENT = 0.05  # of the speed at the smallest back-EMF, beside the noise
-SIGMAS = 0.9  # noise allowed in the disagreement, of the noise in the least back-EMF
+ALIGNED = math.tan(math.radians(8.0))  # largest angle between frame and back-EMF
+CONSISTENT = 0.05  # largest relative disagreement of the two speeds
+LEAST_DISAGREEMENT = 0.05  # added to it, of the speed at the smallest back-EMF
+SIGMAS = 0.9  # noise allowed in the disagreement, relative to the noise in the required back-EMF
 TINY = 1e-300  # keeps a quotient finite
 LEAST_EMF = 5.0  # standard deviations of h that the back-EMF must exceed
-LEAVES = 2.0  # it must be so many times larger to count again
-HALF_TURN = 0.85  # of half a turn per sample: too near to aliasing
-RUN_AWAY = 4.0  # xi_hat so many times out of range begins again
+LEAVES = 2.0  # hysteresis: factor on the required back-EMF to leave LOW_EMF
+HALF_TURN = 0.85  # of half a turn per sample: faster is too near to aliasing
+RUN_AWAY = 4.0  # xi_hat has diverged beyond this multiple of its upper limit
 UNCONNECTED = 0.010  # s of exactly zero voltage
-CLIP = 16.0  # an innovation counts in the noise at most as so many variances
+CLIP = 16.0  # a squared innovation is clamped to this multiple of the variance
 
 # (level of |h| [V], h averaged [V], mean speed at which y turns [rad/s], mean disagreement [rad/s],
 #  variance of the innovation [A^2], time at zero voltage [s], time in order [s], reasons)
@@ -49,21 +49,22 @@ Watch = tuple[float, complex, float, float, float, float, float, int]
 
 
 def begin_watch(power: float) -> Watch:
-    """Before the first step; `power` is a first guess of the innovation's variance [A^2]."""
+    """Return the watch before the first step; `power`: initial innovation variance [A^2]."""
     return (0.0, complex(0.0, 0.0), 0.0, 0.0, power, 0.0, 0.0, SEARCHING | LOW_EMF)
 
 
 def least_emf(
     power: float, current: complex, of_noise: float, emf_min: float, drop: float
 ) -> float:
-    """The back-EMF [V] that is needed to see the rotor.
+    """Return the back-EMF [V] above which the rotor is observable.
 
     Parameters
     ----------
-    power : variance of the innovation [A^2].
-    of_noise : back-EMF that the innovation's standard deviation calls for [V/A].
-    emf_min : the least whatever noise and current are [V].
-    drop : resistance [ohm] by which the current may falsify the back-EMF.
+    power : innovation variance [A^2].
+    current : measured current [A].
+    of_noise : back-EMF required per standard deviation of the innovation [V/A].
+    emf_min : smallest usable back-EMF [V].
+    drop : back-EMF required per current, for the resistance error [ohm].
     """
     least = of_noise * math.sqrt(power)
     if least < emf_min:
@@ -73,7 +74,7 @@ def least_emf(
 
 
 def emf_of_noise(noise: tuple[float, float, float]) -> float:
-    """The back-EMF that the innovation's standard deviation calls for [V/A].
+    """Return the back-EMF required per standard deviation of the innovation [V/A].
 
     Parameters
     ----------
@@ -95,15 +96,18 @@ def prepare_watch(
     xi_high: float,
     when_blind: int,
 ) -> tuple:
-    """The limits of `look`.
+    """Return the limits of `look`.
 
     Parameters
     ----------
     weights : of the newest sample in the averages of h, of speeds, of the innovation's power.
     noise : from `prepare_noise`.
     window : time constant of the average of speeds [s].
-    known_power : the innovation's variance where the noise is given, else 0.
-    when_blind : a reason to add where the rotor cannot be seen, or xi_hat has run away.
+    dt : sample time [s].
+    known_power : innovation variance [A^2] if the noise is a parameter; 0: it is estimated.
+    emf_min, drop : as in `least_emf`.
+    xi_low, xi_high : credible range of |xi| [1/Wb].
+    when_blind : reason added while the rotor is not observable, or if xi_hat has diverged.
     """
     return (
         *weights,
@@ -133,13 +137,16 @@ def look(
     x: float,
     limits: tuple,
 ) -> Watch:
-    """The watch one sample further.
+    """Return the watch after one more sample.
 
     Parameters
     ----------
-    event : reasons that the step itself gives (RESET, SEARCHING).
+    event : reasons from the step itself (RESET, SEARCHING).
+    h : estimated back-EMF [V].
     speed, turning : |h| x, and the speed at which y turned during the sample [rad/s].
-    innovation : measured minus estimated current, in whatever frame [A].
+    innovation : measured minus estimated current, in any frame [A].
+    current, voltage : of the sample [A], [V].
+    x : xi_hat [1/Wb].
     limits : from `prepare_watch`.
     """
     level, mean_h, rate, slip, power, idle, calm, before = watch
@@ -184,8 +191,8 @@ def look(
     if idle > UNCONNECTED:
         reasons |= NO_VOLTAGE | when_blind
     if before & TOO_FAST and level > emf_min:
-        # beyond half a turn per sample all samples are those of a slower rotor that turns back, or
-        # of a frame that does: that it is over is sure only at rest
+        # beyond half a turn per sample the samples are also those of a slower rotor that turns
+        # backwards: only at rest is it certain that the speed is low again
         reasons |= TOO_FAST
     elif not -fastest < rate < fastest:
         reasons |= TOO_FAST
@@ -205,5 +212,5 @@ def look(
 
 
 def describe(reasons: int) -> str:
-    """The reasons in words, the gravest first; empty where there are none."""
+    """Return the reasons in words, the most serious first; '' if there are none."""
     return '; '.join(text for bit, text in REASONS.items() if reasons & bit)

@@ -1,1 +1,1 @@
-"""The observer of systems that known events switch."""
+"""The observer of systems that switch at known events."""

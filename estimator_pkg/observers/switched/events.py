@@ -1,4 +1,4 @@
-"""The discrete part at an event: prediction, inversion from the last intervals, reset."""
+"""The discrete part at an event: prediction of Z, inversion from the last intervals, reset."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from estimator_pkg.observers.switched.velocity import moved_chain, moved_observe
 
 
 def discrete(system: System, state: State) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
-    """(Z, its standard deviations, converged); the prediction until it is converged."""
+    """Return (Z, its standard deviations, converged); Z is the prediction until it converges."""
     if not system.is_regression:
         known = state.fitted or system.gains.discrete == 'copy'
         return state.predicted, (math.nan,) * system.model.size, known
-    if not settled(system, state) or state.deaf > 0.0:
+    if not settled(system, state) or state.forgetting > 0.0:
         return state.predicted, (math.inf,) * system.model.size, False
     return state.z, sigmas(state), certain(state)
 
 
 def settled(system: System, state: State) -> bool:
-    """True if the event is longer ago than the settling time, (26)."""
+    """Return True if more than the settling time has passed since the event, (26)."""
     return state.age > system.gains.settle
 
 
 def jump(system: System, state: State, event: tuple) -> State:
-    """The state after a switching instant; `event` is (mode, v).
+    """Return the state after a switching instant; `event` is (mode, v).
 
-    Z(k) is reconstructed where that is possible and predicted one event further: N + 1 steps from
-    Z(k - N), which the stacked rows determine.
+    Z(k) is reconstructed if possible and predicted across the event: N + 1 steps from Z(k - N),
+    which the stacked rows determine.
     """
     mode, v = event
     model = system.model
@@ -72,7 +72,7 @@ def jump(system: System, state: State, event: tuple) -> State:
 
 
 def inverted(system: System, history: tuple, fallback: Any) -> tuple[Any, bool]:
-    """(Z(k), it could be used), k the interval that ends, from the last N + 1 by (28)."""
+    """Return (Z(k), success) by (28), where k is the interval that ends, from the last N + 1."""
     m, gains = system.model.size, system.gains
     if len(history) <= gains.steps or not all(row[4] for row in history):
         return fallback, False
@@ -92,7 +92,7 @@ def inverted(system: System, history: tuple, fallback: Any) -> tuple[Any, bool]:
 
 
 def moved(system: System, state: State, old: tuple, new: tuple) -> State:
-    """The reset (13): x does not jump, so zeta does; both kinds of states move with it."""
+    """Return the state after the reset (13): x is continuous, so zeta and both chains jump."""
     model = system.model
     zeta, theta = system.chains(state)
     after = moved_chain(system, zeta, old, new)

@@ -17,15 +17,15 @@ class Gains:
         unit='',
         choices=(*OWN, 'package.module:name'),
         structural=True,
-        description='the system: one of ours, or your own SwitchedModel',
+        description='the system: a built-in model, or your own SwitchedModel',
     )
     discrete: str = parameter(
         'regression',
         unit='',
         choices=('regression', 'inversion', 'copy'),
         structural=True,
-        description='how Z is found: regression for noisy encoders; inversion as in the paper, for '
-        'exact outputs only; copy: from A_d and beta_d alone',
+        description='how Z is estimated: regression for noisy encoders; inversion as in the paper, '
+        'for exact outputs only; copy: predicted with A_d and beta_d only',
         equation='(28), (29)',
     )
     velocity: str = parameter(
@@ -33,9 +33,9 @@ class Gains:
         unit='',
         choices=('filtered', 'cascade'),
         structural=True,
-        description='what is published. filtered: an observer that is fed the model with Z as it '
-        'is known, for noisy encoders; cascade: the super-twisting stages, as in the '
-        'paper',
+        description='source of the published velocity. filtered: an extended observer that uses '
+        'the model with the estimated Z, for noisy encoders; cascade: the super-twisting stages, '
+        'as in the paper',
         equation='(22)',
     )
     bandwidth_hz: float = parameter(
@@ -43,21 +43,22 @@ class Gains:
         unit='Hz',
         range=(0.001, 1e6),
         search=(1.0, 500.0),
-        description='-3 dB frequency from true to estimated velocity, of what the model does not '
-        'explain; velocity filtered only',
+        description='-3 dB frequency from true to estimated velocity for motion that the model '
+        'does not predict; velocity filtered only',
     )
     form: str = parameter(
         'implicit',
         unit='',
         choices=('implicit', 'explicit'),
         structural=True,
-        description='sampling of super-twisting; explicit chatters, kept to show why not',
+        description='discretisation of super-twisting; explicit chatters, it is there for '
+        'comparison',
     )
     gate: float = parameter(
         1e-3,
         unit='unit of the output',
         range=(1e-12, 1e6),
-        description='a stage runs while the errors of all before it are below this',
+        description='a stage runs while the errors of all stages before it are below this',
         equation='epsilon in (23)',
     )
     steps: int = parameter(
@@ -65,21 +66,22 @@ class Gains:
         unit='',
         range=(1, 20),
         structural=True,
-        description='intervals that the inversion looks back',
+        description='number of past intervals that the inversion uses',
         equation='N in (28)',
     )
     singular_value: float = parameter(
         0.05,
         unit='',
         range=(0.0, 1e9),
-        description='the inversion is used while the least singular value of its matrix is above',
+        description='the inversion is used if the smallest singular value of its matrix is above '
+        'this',
     )
     settle: float = parameter(
         0.3,
         unit='s',
         range=(0.0, 1e6),
-        description='after an event Z is predicted, and not converged, for so long; two events '
-        'closer than this leave the prediction',
+        description='settling time after an event, during which Z is predicted and not converged; '
+        'between two events closer than this Z stays predicted',
         equation='tau_c in (26)',
     )
     reset: str = parameter(
@@ -87,21 +89,22 @@ class Gains:
         unit='',
         choices=('all', 'states', 'none'),
         structural=True,
-        description='what is moved by (13) at an event: the states of both kinds, and (all) what '
-        'ends the chains',
+        description='what (13) resets at an event. states: the states of both chains; all: the '
+        'last derivative of each chain too; none: nothing',
     )
     filter_rate: float = parameter(
         25.0,
         unit='1/s',
         range=(1e-3, 1e5),
         structural=True,
-        description='pole of the filter of the regression; as high as the noise allows',
+        description='pole of the regression filter; set it as high as the noise allows',
     )
     memory: float = parameter(
         0.0,
         unit='s',
         range=(0.0, 1e9),
-        description='the regression forgets with this time constant within an interval; 0: never',
+        description='time constant with which the regression forgets within an interval; 0: it '
+        'forgets nothing',
     )
     bound_scale: float = parameter(
         1.0,

@@ -1,18 +1,18 @@
-"""Hybrid observer: velocities that stay right when known events switch the dynamics.
+"""Hybrid observer: velocities of a system whose dynamics switch at known events.
 
-Step-by-step super-twisting (22) gives the outputs' derivatives and, last, what ends each chain,
-without knowing Z. From that the discrete state Z follows in one of three ways (`discrete`):
+Step-by-step super-twisting (22) estimates the outputs' derivatives and the last derivative of each
+chain without knowing Z. From them the discrete state Z follows in one of three ways (`discrete`):
 
     inversion   (25), (28), (29): at each event, from the last N + 1 intervals; for exact outputs
     regression  within an interval, from filtered signals and least squares: for noisy encoders
-    copy        Z+ = A_d Z + beta_d alone
+    copy        Z+ = A_d Z + beta_d only
 
-Events come at known instants by `jump`. Each stage is sampled implicitly, in closed form, or by
-forward Euler (`form: explicit`), which chatters. Python with numpy: the model is the user's.
+`jump` is called at each event. Each stage is discretised implicitly, in closed form, or by forward
+Euler (`form: explicit`), which chatters. The functions run in Python with numpy, because users
+write the model.
 
-Files: `gains` the parameters, `system` what they imply, `stages` the
-continuous part, `velocity` what of it is published, `events` and
-`regression` the discrete one.
+Files: `gains` the parameters, `system` everything that follows from them, `stages` the continuous
+part, `velocity` the published velocity, `events` and `regression` the discrete part.
 
 Barbot, Djemai, Manamanni: State observer and observability conditions for a class of hybrid
 continuous-discrete dynamic system (2007); corrections in docs/papers/hybrid_discrete.md.
@@ -40,18 +40,18 @@ from estimator_pkg.observers.switched.regression import (
 from estimator_pkg.observers.switched.stages import climb, gates_open
 from estimator_pkg.observers.switched.state import State, SwitchedFunctions, is_sound
 from estimator_pkg.observers.switched.system import make_system
-from estimator_pkg.observers.switched.velocity import motions, observe, poles, spread
+from estimator_pkg.observers.switched.velocity import motions, observe, poles, standard_deviations
 
-LOCKED = 0.3  # [s] after the start, at most, that the stages need
-FADED = 20.0  # time constants of the extended observers after which the start no longer shows
+LOCKED = 0.3  # longest settling time of the stages after a start [s]
+FADED = 20.0  # time constants of the extended observers until the start has no influence
 
 
 def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
-    """The functions of the observer of this model; `circle` is that of every output.
+    """Return the functions of the observer of this model; `circle` applies to every output.
 
     Raises
     ------
-    UsageError : a model that is not right, or whose rank is never reached with these `steps`.
+    UsageError : the model is invalid, or its rank condition is never met with these `steps`.
     """
     system = make_system(gains, circle)
     model, period, outputs = system.model, system.period, system.outputs
@@ -102,7 +102,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
             noises=((1.0, 1.0, 1.0),) * len(indices),
             age=0.0,
             total=0.0,
-            deaf=FORGOTTEN / gains.filter_rate,
+            forgetting=FORGOTTEN / gains.filter_rate,
             fitted=False,
             filters=tuple(
                 (
@@ -122,14 +122,14 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         )
 
     def step(
-        state: Any, coefficients: tuple, design: tuple, measurement: tuple, given: tuple
+        state: Any, coefficients: tuple, design: tuple, measurement: tuple, known_input: tuple
     ) -> State:
         h, filters_of, corrections = coefficients
         read = tuple(map(float, measurement))
         jumps = tuple(wrap(read[i] - state.conventions[i][0], period) for i in outputs)
         climbed = [climb(system, i, state, jumps[i], h) for i in outputs]
         y = tuple(state.y[i] + jumps[i] for i in outputs)
-        u = tuple(map(float, given))
+        u = tuple(map(float, known_input))
         if system.is_filtered:
             z, _, converged = discrete(system, state)
             state = observe(system, state, y, u, z if converged else state.used, corrections)
@@ -141,7 +141,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
             dt=h,
             age=state.age + h,
             total=state.total + h,
-            deaf=max(0.0, state.deaf - h),
+            forgetting=max(0.0, state.forgetting - h),
             conventions=tuple(follow(state.conventions[i], read[i], period) for i in outputs),
             scatters=tuple(follow_scatter(state.scatters[i], read[i], h, period) for i in outputs),
         )
@@ -150,13 +150,13 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         else:
             state = state._replace(y=y)
         if not is_sound(state):
-            return init(measurement, design)  # numbers ran away: only a new start helps
+            return init(measurement, design)  # the state has diverged: start again
         return state
 
     def states(state: Any) -> tuple[float, ...]:
         return model.state(system.chains(state)[0], discrete(system, state)[0])
 
-    def given_outputs(state: Any, measurement: tuple) -> list[tuple[float, float, float]]:
+    def published_outputs(state: Any, measurement: tuple) -> list[tuple[float, float, float]]:
         z, _, converged = discrete(system, state)
         return [
             (present(convention, position, period, float(circle.unwrap)), velocity, second)
@@ -175,9 +175,9 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         return TRACKING if state.age > 0.0 else COASTING
 
     def output(
-        state: Any, coefficients: tuple, design: tuple, measurement: tuple, given: tuple
+        state: Any, coefficients: tuple, design: tuple, measurement: tuple, known_input: tuple
     ) -> tuple:
-        position, velocity, acceleration = given_outputs(state, measurement)[0]
+        position, velocity, acceleration = published_outputs(state, measurement)[0]
         return position, velocity, acceleration, status(state)
 
     def deviations(state: Any) -> list[tuple[float, float]]:
@@ -187,14 +187,14 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
                 sigma = math.sqrt(gains.noise * gains.noise + floor)
             else:
                 sigma = math.sqrt(max(state.scatters[i][0], floor))
-            found.append(spread(system, state, i, sigma))
+            found.append(standard_deviations(system, state, i, sigma))
         return found
 
     def stddev(state: Any, coefficients: tuple, design: tuple) -> tuple[float, float]:
         return deviations(state)[0]
 
     def resume(state: Any, coefficients: tuple, design: tuple, measurement: tuple) -> State:
-        """After a gap: positions from the measurement, speeds and Z kept, filters anew."""
+        """Continue after a gap: positions from the measurement; keep speeds and Z."""
         fresh = init(measurement, design)
         y = tuple(
             state.y[i] + wrap(float(measurement[i]) - state.conventions[i][0], period)
@@ -248,7 +248,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         (0.0,) * system.inputs,
         lambda state, event: jump(system, state, event),
         states=states,
-        outputs=given_outputs,
+        outputs=published_outputs,
         discrete=lambda state: discrete(system, state),
         chains=system.chains,
         deviations=deviations,
@@ -258,7 +258,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
 
 OBSERVER = Observer(
     name='switched',
-    summary='hybrid observer of systems that known events switch',
+    summary='hybrid observer of systems that switch at known events',
     gains=Gains,
     build=build,
     reference='Barbot, Djemai, Manamanni (2007): State observer and observability conditions for a '

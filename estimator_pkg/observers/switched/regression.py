@@ -1,8 +1,8 @@
 """The discrete state from filtered signals and least squares, within an interval.
 
 All signals pass the same filter, so that Y = Gamma + Lambda Z needs no derivative of the outputs.
-At an event the filters of Lambda begin anew, and what they hold goes on with the old Z: they need
-no time to forget.
+At an event the filters of Lambda are reset, and their old content, multiplied by the old Z, decays
+in a filter of its own. So learning can go on without waiting for the filters to forget.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from estimator_pkg.observers.switched.system import System
 
 VAGUE = 1e8  # variance of an unknown Z, in variances of the reading
 CERTAIN = 0.1  # a standard deviation below this part of Z counts as converged
-FORGOTTEN = 8.0  # time constants of the filter until a start is forgotten
+FORGOTTEN = 8.0  # time constants of the filter until it has forgotten its start
 
 
 def resting(system: System, i: int, value: float) -> tuple[float, ...]:
-    """The filter of output i, settled on a constant."""
+    """Return the state of output i's filter in steady state at a constant `value` [rad or m]."""
     return (*(0.0,) * (system.model.indices[i] - 1), -value / system.columns[i][-1])
 
 
 def empty_columns(system: System, i: int) -> tuple[tuple[float, ...], ...]:
-    """The filters of Lambda's columns of output i, as they begin."""
+    """Return zero states for the filters of Lambda's columns of output i."""
     return tuple((0.0,) * system.model.indices[i] for _ in range(system.model.size))
 
 
 def vague(system: System) -> tuple:
-    """P of least squares where nothing is known."""
+    """Return the initial P of least squares, shape (m, m), for an unknown Z."""
     m = range(system.model.size)
     return tuple(tuple(VAGUE if i == j else 0.0 for j in m) for i in m)
 
@@ -38,8 +38,16 @@ def vague(system: System) -> tuple:
 def learn(
     system: System, state: State, y: tuple, jumps: tuple, filters_of: tuple, h: float
 ) -> State:
-    """Filter everything and take the rows into least squares; y are the new outputs."""
-    # the input was u all the time, so the columns run from (y before, u) to (y now, u)
+    """Return the state after filtering all signals and one least-squares update.
+
+    Parameters
+    ----------
+    y : the new outputs.
+    jumps : change of each output since the last sample.
+    filters_of : matrix and input rows of each output's filter for this sample time.
+    h : sample time [s].
+    """
+    # the input u was constant over the interval: columns go from (y before, u) to (y now, u)
     before = (
         system.signals(state.y, state.u, system.chains(state)[0])
         if system.model.basis is not None
@@ -52,7 +60,7 @@ def learn(
     for i in system.outputs:
         own, rows, target = _filtered(system, state, i, jumps[i], before[i], now[i], filters_of[i])
         filters.append(own)
-        if state.deaf <= 0.0:
+        if state.forgetting <= 0.0:
             residual = target - system.free.dot(rows, z)
             z, p, s = system.update(z, p, rows, residual, keep, most)
             power += 0.02 * (residual * residual / s - power)
@@ -62,7 +70,7 @@ def learn(
 def _filtered(
     system: System, state: State, i: int, jump: float, before: tuple, now: tuple, filter_of: tuple
 ) -> tuple[tuple, tuple, float]:
-    """(filters of output i, row of Lambda, what it has to explain)."""
+    """Return (filters of output i, row of Lambda, target that the row times Z must equal)."""
     left, add, dot = system.filters[i].left, system.wide[i].add, system.wide[i].dot
     f, g0, g1 = filter_of
     k, orders, m = system.model.indices[i], system.orders[i], system.model.size
@@ -86,9 +94,9 @@ def _filtered(
 
 
 def carry(system: System, state: State) -> State:
-    """From now on the filters of Lambda begin anew; what they hold goes on with the old Z.
+    """Return the state with the filters of Lambda reset; their content decays times the old Z.
 
-    Where that is not known, learning waits until they have forgotten it.
+    If the old Z is not known, learning waits until the filters have forgotten it.
     """
     filters, z = [], state.z
     for i in system.outputs:
@@ -96,7 +104,7 @@ def carry(system: System, state: State) -> State:
         add: Callable[..., tuple] = system.wide[i].add
         for j in range(system.model.size):
             column = of_columns[j]
-            if system.orders[i][j + 1]:  # as if the derivative had been filtered
+            if system.orders[i][j + 1]:  # convert to the filter of the derivative
                 fed = state.last_columns[i][j + 1] - state.origin[i][j + 1]
                 column = add(
                     system.filters[i].after(column, system.columns[i]),
@@ -105,16 +113,16 @@ def carry(system: System, state: State) -> State:
                 )
             carried = add(carried, z[j], column)
         filters.append((of_y, of_gamma, empty_columns(system, i), carried))
-    deaf = state.deaf if certain(state) else FORGOTTEN / system.gains.filter_rate
-    return state._replace(filters=tuple(filters), origin=state.last_columns, deaf=deaf)
+    forgetting = state.forgetting if certain(state) else FORGOTTEN / system.gains.filter_rate
+    return state._replace(filters=tuple(filters), origin=state.last_columns, forgetting=forgetting)
 
 
 def sigmas(state: State) -> tuple[float, ...]:
-    """Standard deviations of Z as learnt."""
+    """Return the standard deviations of the Z from least squares."""
     return tuple(math.sqrt(max(0.0, state.power * row[j])) for j, row in enumerate(state.p))
 
 
 def certain(state: State) -> bool:
-    """True if least squares knows Z."""
+    """Return True if least squares has determined Z to within `CERTAIN`."""
     most = CERTAIN * max(abs(x) for x in state.z)
-    return state.deaf <= 0.0 and max(sigmas(state)) <= most
+    return state.forgetting <= 0.0 and max(sigmas(state)) <= most

@@ -8,9 +8,9 @@ from estimator_pkg.observers.switched.system import System
 
 
 def climb(system: System, i: int, state: State, jump: float, h: float) -> tuple:
-    """(zh, zt, errors) of output i after a sample; the output changed by `jump` in h [s].
+    """Return (zh, zt, errors) of output i after a sample; the output changed by `jump` in h [s].
 
-    A stage runs while the errors of all before it are within the gate, (23).
+    A stage runs while the errors of all stages before it are within the gate, (23).
     """
     zh, zt, errors = list(state.zh[i]), list(state.zt[i]), list(state.errors[i])
     signal = state.y[i] + jump
@@ -34,5 +34,5 @@ def climb(system: System, i: int, state: State, jump: float, h: float) -> tuple:
 
 
 def gates_open(system: System, state: State) -> bool:
-    """True if every stage runs."""
+    """Return True if every stage runs."""
     return all(abs(e) < system.gains.gate for errors in state.errors for e in errors[:-1])

@@ -1,4 +1,4 @@
-"""What the observer `switched` carries, and what it can be asked beyond the common contract."""
+"""The state of the observer `switched`, and its functions beyond the common contract."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 from estimator_pkg.observers.contract import Functions
 
-LARGEST = 1e15  # of any derivative or parameter, in its own unit
+LARGEST = 1e15  # largest derivative or parameter, in its own unit
 
 
 class State(NamedTuple):
-    """What is carried from sample to sample; tuples by output.
+    """The state; tuples have one entry per output.
 
-    zh, zt: the estimates and the auxiliary states, which are the derivatives from the first on and
-    last what ends the chain; errors: the last error of each stage.
+    zh, zt: the estimates and the auxiliary states; zt are the derivatives, from the first to the
+    one that ends the chain; errors: the last error of each stage.
     """
 
     zh: tuple[tuple[float, ...], ...]
@@ -23,22 +23,22 @@ class State(NamedTuple):
     errors: tuple[tuple[float, ...], ...]
     y: tuple[float, ...]  # newest outputs, unwrapped
     u: tuple[float, ...]  # newest input
-    z: tuple[float, ...]  # Z as learnt
-    predicted: tuple[float, ...]  # Z as predicted at the last event
+    z: tuple[float, ...]  # Z from least squares
+    predicted: tuple[float, ...]  # Z predicted at the last event
     y_at: tuple[float, ...]  # outputs at the last event
     history: tuple  # (Lambda, Y, A_d, beta_d) of the last intervals
     dt: float  # the last interval [s]
-    observed: tuple[tuple[float, ...], ...]  # extended observers: the chain, what is unexplained
-    used: tuple[float, ...]  # Z as they last used it
-    powers: tuple[float, ...]  # mean square of their innovations, as noise of the readings
+    observed: tuple[tuple[float, ...], ...]  # extended observers: the chain, then the disturbance w
+    used: tuple[float, ...]  # the Z that they used last
+    powers: tuple[float, ...]  # noise variance that their innovations correspond to
     noises: tuple  # variances of position, velocity and innovation at unit noise
     age: float  # since the last event, or gap [s]
     total: float  # since the start [s]
-    deaf: float  # the filters hold what is not known for so long [s]
+    forgetting: float  # time until the filters have forgotten an unknown Z or start [s]
     fitted: bool  # the last inversion could be used
-    filters: tuple  # (of y, of Gamma, of the columns of Lambda, carried) by output
+    filters: tuple  # (of y, of Gamma, of the columns of Lambda, of their old content) by output
     last_columns: tuple  # Gamma and Lambda's columns at the newest sample
-    origin: tuple  # columns at the last event: derivatives count from there
+    origin: tuple  # columns at the last event: derivatives are relative to them
     p: tuple  # of least squares
     power: float  # mean square of its residual
     conventions: tuple
@@ -46,7 +46,7 @@ class State(NamedTuple):
 
 
 def is_sound(state: State) -> bool:
-    """False where an estimate is so large, or no number, that no sample could bring it back."""
+    """Return False if an estimate is NaN or beyond `LARGEST`: the state has diverged."""
     return all(-LARGEST < x < LARGEST for x in state.z) and all(
         -LARGEST < x < LARGEST
         for chains in (state.zh, state.zt, state.observed)
@@ -57,13 +57,13 @@ def is_sound(state: State) -> bool:
 
 @dataclass(frozen=True)
 class SwitchedFunctions(Functions):
-    """The contract's functions, for tuples of outputs, and what is known beside the outputs.
+    """The contract's functions for tuples of outputs, and those of the states and of Z.
 
     states : (state) -> x, in the coordinates of the model.
     outputs : (state, measurement) -> (position, velocity, acceleration or nan) of each output.
     discrete : (state) -> (Z, its standard deviations, converged).
-    chains : (state) -> (zeta, what ends the chains).
-    jump : (state, (mode, v)) -> state, at a switching instant.
+    chains : (state) -> (zeta, last derivative of each chain).
+    jump : (state, (mode, v)) -> state after a switching instant.
     deviations : (state) -> one standard deviation of (position, velocity) of each output.
     """
 

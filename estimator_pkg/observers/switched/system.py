@@ -1,4 +1,4 @@
-"""What gains and model of the observer `switched` imply, made once."""
+"""Everything that follows from gains and model of the observer `switched`, computed once."""
 
 from __future__ import annotations
 
@@ -20,16 +20,15 @@ LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 
 @dataclass(frozen=True)
 class System:
-    """One system, and how it is observed.
+    """A switched system and the fixed parts of its observer.
 
     Attributes
     ----------
-    period : after which every output repeats [rad].
     stages : (lambda, alpha) of each stage, by output.
-    columns : first columns of the regression's filters, by output; `filters` their functions.
-    free, wide : algebra of the size of Z and of each chain.
-    update : least squares for Z, of `least_squares.make_update`.
-    orders : as of the model, with zeros where it gives none.
+    columns, filters : first columns of the regression filters and their functions, by output.
+    free, wide : algebra of the size of Z, and of each chain.
+    update : least squares for Z, from `least_squares.make_update`.
+    orders : `orders` of the model; zeros if the model has none.
     """
 
     gains: Gains
@@ -45,43 +44,43 @@ class System:
 
     @property
     def is_implicit(self) -> bool:
-        """True where the stages are sampled implicitly."""
+        """True if the stages are discretised implicitly."""
         return self.gains.form == 'implicit'
 
     @property
     def is_filtered(self) -> bool:
-        """True where the published velocity is that of the extended observers."""
+        """True if the extended observers give the published velocity."""
         return self.gains.velocity == 'filtered'
 
     @property
     def is_regression(self) -> bool:
-        """True where Z comes from least squares."""
+        """True if least squares estimates Z."""
         return self.gains.discrete == 'regression'
 
     @property
     def period(self) -> float:
-        """After which every output repeats [rad]; 0: never."""
+        """Wrap period of every output [rad]; 0: none."""
         return float(self.circle.period)
 
     @property
     def outputs(self) -> range:
-        """Their places."""
+        """Indices of the outputs."""
         return range(len(self.model.indices))
 
     @property
     def inputs(self) -> int:
-        """How many there are."""
+        """Number of inputs."""
         return len(self.model.probe(0.0))
 
     def chains(self, state: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """(zeta, what ends the chains)."""
+        """Return (zeta, last derivative of each chain) of the super-twisting stages."""
         zeta: list[float] = []
         for i in self.outputs:
             zeta += [state.y[i], *state.zt[i][:-1]]
         return tuple(zeta), tuple(zt[-1] for zt in state.zt)
 
     def signals(self, y: tuple, u: tuple, zeta: tuple) -> tuple:
-        """For each output: Gamma, then the columns of Lambda (or what they are derivatives of)."""
+        """Return for each output Gamma, then the columns of Lambda (or their antiderivatives)."""
         if self.model.basis is not None:
             return tuple(tuple(float(x) for x in row) for row in self.model.basis(y, u))
         return tuple(
@@ -90,7 +89,7 @@ class System:
         )
 
     def ending(self, zeta: tuple, u: tuple, z: tuple) -> tuple[float, ...]:
-        """Gamma + Lambda Z, which end the chains (9)."""
+        """Return Gamma + Lambda Z, the last derivative of each chain (9)."""
         return tuple(
             float(g) + self.free.dot(tuple(map(float, row)), z)
             for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u))
@@ -98,24 +97,27 @@ class System:
 
 
 def make_system(gains: Gains, circle: Circle) -> System:
-    """The system of these gains.
+    """Return the system of these gains.
 
     Raises
     ------
-    UsageError : a model that is not right, or whose rank is never reached with these `steps`; a
-        memory that is too short.
+    UsageError : the model is invalid, its rank condition is never met with these `steps`, or the
+        memory is too short.
     """
     model = load(gains.model)
     check(model, None if gains.discrete == 'copy' else gains.steps)
     if 0.0 < gains.memory < 1.0 / gains.filter_rate:
         raise UsageError(
-            f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
-            f'filter: 0, or at least {1.0 / gains.filter_rate:.3g} s'
+            f"parameter 'memory' = {gains.memory:g} s is shorter than the filter's time constant: "
+            f'set 0, or at least {1.0 / gains.filter_rate:.3g} s'
         )
     m, scale, rate = model.size, gains.bound_scale, gains.filter_rate
     orders = model.orders or tuple((0,) * (m + 1) for _ in model.indices)
     if any(order > 1 or order >= k for own, k in zip(orders, model.indices) for order in own):
-        raise UsageError("model: 'orders' may be 0, or 1 where the chain is longer than 1")
+        raise UsageError(
+            f"model '{gains.model}': 'orders' = {orders} has an entry that is too large: each must "
+            'be 0, or 1 where the chain is longer than 1'
+        )
     return System(
         gains,
         model,

@@ -1,15 +1,15 @@
-"""The published position and velocity: an extended observer that is fed the model, or the cascade.
+"""The published position and velocity: from extended observers, or from the cascade.
 
-A stage of super-twisting bounds the change of the velocity by L. On readings with steps q it
-answers each step with a jump of L dt, so its error is about sqrt(L q) and it lags by samples,
-however well Z is known. For noisy encoders the chain of each output is therefore observed once
-more, with Z as it is known and what the model does not explain as one more state w:
+A stage of super-twisting bounds the change of the velocity by L. If the encoder's quantum is q, the
+stage responds to each quantum with a jump of L dt. Its error is then about sqrt(L q) and it lags by
+samples, even if Z is exact. For noisy encoders an extended observer therefore estimates the chain
+of each output again, with the estimated Z and a disturbance w as one more state:
 
     x_j' = x_{j+1},  x_k' = Gamma(x, u) + Lambda(x, u) Z + w,  w' = 0,  corrected by y - x_1
 
-with every pole at one place. Before Z is known, and after an event that makes it unknown, w is all
-of the acceleration, or its change, and the velocity that of a high-gain observer. When Z is
-learnt anew, w gives up what Z takes over, so that nothing jumps.
+All its poles are equal. While Z is unknown, at the start or after an event, w contains all of the
+acceleration, or its change, and the velocity is that of a high-gain observer. When Z changes, w
+changes by the opposite amount, so that the acceleration does not jump.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from estimator_pkg.observers.maths.steady_noise import steady_variances
 from estimator_pkg.observers.switched.state import State
 from estimator_pkg.observers.switched.system import System
 
-SMALLEST, LARGEST, POINTS = 1e-4, 20.0, 65  # pole times dt, where the noise is tabulated
-FORGET = 0.02  # of the innovation's mean square, a sample
+SMALLEST, LARGEST, POINTS = 1e-4, 20.0, 65  # grid of pole times dt for the table of variances
+FORGET = 0.02  # weight of the newest sample in the innovation's mean square
 
 Correction = tuple[tuple[float, ...], tuple[float, ...], tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
 class Poles:
-    """An observer of n integrators with all its poles in one place, for any dt.
+    """An observer of n integrators with n equal poles, for any dt.
 
     Attributes
     ----------
-    pole : [1/s].
+    pole : magnitude of the poles [1/s].
     weights : shape (n, n): row j belongs to (1 - exp(-pole dt))^(j + 1) in the gains at dt = 1.
     noise : log of (position, velocity, innovation) variances at dt = 1 and unit noise, (POINTS, 3).
     """
@@ -47,11 +47,14 @@ class Poles:
     noise: NDArray[np.float64]
 
     def at(self, dt: float) -> Correction:
-        """Gains, Taylor's factors dt^i/i!, and (position, velocity, innovation) variances."""
-        apart = 1.0 - math.exp(-self.pole * dt)
+        """Return gains, Taylor's factors dt^i/i!, and the variances at unit noise; dt in s.
+
+        The variances are those of position, velocity and innovation.
+        """
+        decayed = 1.0 - math.exp(-self.pole * dt)
         n = len(self.weights)
         gains = tuple(
-            sum(apart ** (j + 1) * self.weights[j][i] for j in range(n)) / dt**i for i in range(n)
+            sum(decayed ** (j + 1) * self.weights[j][i] for j in range(n)) / dt**i for i in range(n)
         )
         place = np.log(self.pole * dt)
         position, velocity, innovation = (
@@ -65,10 +68,11 @@ class Poles:
 
 
 def poles(length: int, bandwidth_hz: float) -> Poles:
-    """For a chain of this length and what it does not explain; bandwidth: from v to its estimate.
+    """Return the observer of a chain of this length and its disturbance.
 
-    The gains at dt = 1 are those of Ackermann's formula, with A - 1 nilpotent, so that they are
-    polynomials in 1 - exp(-pole dt) and keep their digits at high rates.
+    `bandwidth_hz` is the -3 dB frequency from true to estimated velocity. The gains at dt = 1 are
+    those of Ackermann's formula. A - 1 is nilpotent, so they are polynomials in 1 - exp(-pole dt)
+    and keep their digits at high sample rates.
     """
     n = length + 1
     weights, noise = _unit(n)
@@ -81,7 +85,7 @@ def _places() -> NDArray[np.float64]:
 
 @lru_cache
 def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
-    """(weights, noise) of `Poles` at dt = 1."""
+    """Return (weights, noise) of `Poles` at dt = 1."""
     a = np.array(
         [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
     )
@@ -100,7 +104,7 @@ def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
 
 @lru_cache
 def _unit_bandwidth(n: int) -> float:
-    """-3 dB frequency [rad/s] from true to estimated velocity of n integrators, poles at -1."""
+    """Return the -3 dB frequency [rad/s] from true to estimated velocity, n poles at -1."""
 
     def gain(w: float) -> float:
         s = 1j * w
@@ -118,9 +122,10 @@ def _unit_bandwidth(n: int) -> float:
 def observe(
     system: System, state: State, y: tuple, u: tuple, z: tuple, corrections: tuple[Correction, ...]
 ) -> State:
-    """The state with the extended observers one sample further; y and u are new, z is to be used.
+    """Return the state after one more sample in the extended observers.
 
-    It should be a Z that is converged: one half learnt would feed noise.
+    `y` and `u` are those of the new sample. `z` should have converged: otherwise its noise enters
+    the velocity.
     """
     zeta = _chains(state)
     rows = zip(system.model.gamma(zeta, u), system.model.lam(zeta, u))
@@ -128,7 +133,7 @@ def observe(
     for i, (gamma, row) in enumerate(rows):
         gains, factors, noise = corrections[i]
         lam = tuple(map(float, row))
-        rest = _given_up(system, state, i, lam, z)
+        rest = _unexplained(system, state, i, lam, z)
         x = (*state.observed[i][:-1], float(gamma) + system.free.dot(lam, z) + rest)
         n = len(x)
         ahead = [sum(factors[j - first] * x[j] for j in range(first, n)) for first in range(n)]
@@ -146,12 +151,12 @@ def observe(
 
 
 def _chains(state: State) -> tuple[float, ...]:
-    """zeta of the extended observers."""
+    """Return zeta of the extended observers."""
     return tuple(x for each in state.observed for x in each[:-1])
 
 
-def _given_up(system: System, state: State, i: int, lam: tuple, z: tuple) -> float:
-    """What Z does not explain of output i once z is used in place of the Z before."""
+def _unexplained(system: System, state: State, i: int, lam: tuple, z: tuple) -> float:
+    """Return the disturbance w of output i after the Z in use changes to z."""
     change = tuple(old - new for old, new in zip(state.used, z))
     return float(state.observed[i][-1] + system.free.dot(lam, change))
 
@@ -159,17 +164,17 @@ def _given_up(system: System, state: State, i: int, lam: tuple, z: tuple) -> flo
 def moved_observers(
     system: System, state: State, old: tuple, new: tuple
 ) -> tuple[tuple[float, ...], ...]:
-    """The extended observers after Z has jumped from `old`, as it is now known, to `new`."""
+    """Return the extended observers after Z has jumped from `old`, its latest value, to `new`."""
     model, zeta = system.model, _chains(state)
     after, rows = moved_chain(system, zeta, old, new), model.lam(zeta, state.u)
     return tuple(
-        (*after[first : first + k], _given_up(system, state, i, tuple(map(float, row)), old))
+        (*after[first : first + k], _unexplained(system, state, i, tuple(map(float, row)), old))
         for i, (first, k, row) in enumerate(zip(model.firsts, model.indices, rows))
     )
 
 
 def moved_chain(system: System, zeta: tuple, old: tuple, new: tuple) -> tuple[float, ...]:
-    """zeta after Z has jumped from `old` to `new`, by (13): x does not."""
+    """Return zeta after Z has jumped from `old` to `new`, by (13): x is continuous."""
     model = system.model
     return model.zeta(model.state(zeta, old), new)
 
@@ -177,9 +182,9 @@ def moved_chain(system: System, zeta: tuple, old: tuple, new: tuple) -> tuple[fl
 def motions(
     system: System, state: State, z: tuple, converged: bool
 ) -> list[tuple[float, float, float]]:
-    """(position, velocity, acceleration or nan) of each output at the newest sample.
+    """Return (position, velocity, acceleration or nan) of each output at the newest sample.
 
-    The acceleration is that of the model alone where Z is converged, which is quieter.
+    Once Z has converged, the acceleration is that of the model without w, which is less noisy.
     """
     if not system.is_filtered:
         return _of_cascade(system, state, z, converged)
@@ -197,8 +202,10 @@ def motions(
 def _of_cascade(
     system: System, state: State, z: tuple, converged: bool
 ) -> list[tuple[float, float, float]]:
-    """The auxiliary states. An implicit stage that slides gives the mean of its derivative over
-    the last interval: half an interval of acceleration carries it to the newest sample.
+    """Return the motions from the auxiliary states.
+
+    In sliding mode an implicit stage gives the mean derivative over the last interval. Half an
+    interval of acceleration moves it to the newest sample.
     """
     endings = system.ending(system.chains(state)[0], state.u, z)
     found = []
@@ -213,11 +220,11 @@ def _of_cascade(
     return found
 
 
-def spread(system: System, state: State, i: int, sigma: float) -> tuple[float, float]:
-    """Standard deviations of position and velocity of output i for noise sigma of the readings.
+def standard_deviations(system: System, state: State, i: int, sigma: float) -> tuple[float, float]:
+    """Return standard deviations of position and velocity of output i, for noise sigma [rad or m].
 
-    The extended observer's innovation tells where more than noise is at work. A differentiator
-    that bounds the acceleration by L makes sqrt(L sigma) of the noise.
+    The mean squared innovation of the extended observer replaces the noise variance if it is
+    larger. The cascade bounds the acceleration by L, so its velocity error is sqrt(L sigma).
     """
     if system.is_filtered:
         position, velocity, _ = state.noises[i]
