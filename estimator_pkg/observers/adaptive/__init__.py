@@ -1,1 +1,1 @@
-"""The observer of servos whose parameters it identifies."""
+"""The observer of servos that identifies their parameters."""

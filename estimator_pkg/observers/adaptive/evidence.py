@@ -1,19 +1,20 @@
-"""What the data say of the adaptive observer's parameters: how sure, and whether the model fits.
+"""Standard deviations of the adaptive observer's parameters, and whether the model fits the data.
 
 The observer sums, over the samples that it learnt from,
 
     psi psi^T,  psi target,  (samples, slow_e^2, slow_bend^2)
 
-where psi multiplies the free parameters, the target is what they have to explain, slow_e is the
-innovation (a prediction from what was known before, so always of data not yet used) and slow_bend
-the acceleration, both after the observer's filters and one more low-pass. Here these sums are cut
-into blocks of equal learning time, which are all that is kept: at most MOST, then neighbours merge.
+where psi multiplies the free parameters and the target is the value that psi theta must equal.
+slow_e is the innovation, which predicts each sample before it is used. slow_bend is the
+acceleration. Both pass the observer's filters and one more low-pass. This module cuts the sums into
+blocks of equal learning time and keeps only the blocks: at most MOST, then neighbours merge.
 
-The standard deviation is that of the delete-one-block jackknife: whatever is correlated within a
-block (quantisation, friction, the motion itself) is in it, which the formula for independent errors
-leaves out. It is taken over blocks of growing length, and the largest counts. To it come the bias
-that noise of the reading in psi makes, what the sampling costs, and how far the parameters are from
-the blocks' own answer (the gradient has not arrived, or a bound acts).
+The standard deviation is that of the delete-one-block jackknife. It includes errors that are
+correlated within a block (quantisation, friction, the motion itself), which the formula for
+independent errors leaves out. It is computed for blocks of growing length, and the largest is used.
+Three errors are added: the bias from measurement noise in psi, the error of the sampling, and the
+distance between the parameters and the least-squares solution of the blocks (if the gradient has
+not converged yet, or a bound is active).
 
 B. Efron, "The jackknife, the bootstrap and other resampling plans" (1982); blocks: H. R. Kuensch,
 Annals of Statistics 17 (1989).
@@ -29,16 +30,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SHORTEST = 0.25  # [s] of learning in a block, ...
-MEMORIES = 4.0  # ... and time constants of the slowest filter, at least
-MOST = 64  # blocks
-FEWEST = 8  # blocks for a standard deviation
+SHORTEST = 0.25  # shortest learning time of a block [s], ...
+MEMORIES = 4.0  # ... and in time constants of the slowest filter
+MOST = 64  # number of blocks at which neighbours merge
+FEWEST = 8  # smallest number of blocks for a standard deviation
 OLD = 4.0  # memories of least squares after which a block is forgotten
-SINGULAR = 1e-13  # reciprocal condition, of the scaled matrix, of what cannot be solved
+SINGULAR = 1e-13  # reciprocal condition of the scaled matrix below which it counts as singular
 
 
 class Block(NamedTuple):
-    """Sums over a stretch of learning; shapes (m, m), (m,), (3,)."""
+    """Sums over an interval of learning; shapes (m, m), (m,), (3,)."""
 
     matrix: Array
     vector: Array
@@ -46,12 +47,12 @@ class Block(NamedTuple):
 
 
 class Evidence:
-    """Blocks of one joint.
+    """The blocks of one joint.
 
     Parameters
     ----------
     slowest : magnitude of the slowest observer pole [1/s].
-    memory : of least squares [s]; 0: it forgets nothing.
+    memory : memory of least squares [s]; 0: it forgets nothing.
 
     Attributes
     ----------
@@ -67,8 +68,8 @@ class Evidence:
         self._answer: _Answer | None = None
 
     def look(self, adapted: float, sums: tuple) -> None:
-        """Take in what the observer has summed in so much learning time [s]."""
-        if adapted < self._until:  # it started again
+        """Take the observer's sums after a learning time of `adapted` [s]."""
+        if adapted < self._until:  # the observer started again
             self.length, self.blocks, self._until, self._last = self.shortest, [], 0.0, None
             self._answer = None
         if adapted - self._until < self.length:
@@ -87,11 +88,14 @@ class Evidence:
 
     @property
     def enough(self) -> bool:
-        """True if there is something to say."""
+        """True if there are enough blocks for a standard deviation."""
         return len(self.blocks) >= FEWEST
 
     def answer(self) -> _Answer | None:
-        """What the blocks say; None where they determine nothing. Kept until another one comes."""
+        """Return the least-squares solution of all blocks; None if the matrix is singular.
+
+        The result is cached until the next block.
+        """
         if self._answer is None and self.enough:
             age = self.length * np.arange(len(self.blocks) - 1, -1, -1)
             weights = np.exp(-age / self.memory) if self.memory > 0.0 else np.ones(len(age))
@@ -100,8 +104,13 @@ class Evidence:
 
 
 class _Answer(NamedTuple):
-    """Of least squares over all blocks: inverse of the normal matrix, answer, covariance by the
-    jackknife, samples; mean squares of slow_e and slow_bend in the newer half.
+    """Least squares over all blocks.
+
+    inverse : inverse of the normal matrix, shape (m, m).
+    own : the solution, shape (m,).
+    covariance : of the solution, by the jackknife, shape (m, m).
+    samples : number of samples.
+    slow_e, slow_bend : mean squares in the newer half of the blocks [rad^2].
     """
 
     inverse: Array
@@ -120,7 +129,7 @@ def _answer(blocks: list[Block], weights: Array) -> _Answer | None:
     if not np.all(scale > 0.0) or 1.0 / np.linalg.cond(total / np.outer(scale, scale)) < SINGULAR:
         return None
     inverse = np.linalg.inv(total)
-    # the older half still has the way to the parameters in its innovation
+    # the newer half only: in the older one the parameters were still converging
     sums = np.sum([block.sums for block in blocks[len(blocks) // 2 :]], axis=0)
     return _Answer(
         inverse,
@@ -133,14 +142,14 @@ def _answer(blocks: list[Block], weights: Array) -> _Answer | None:
 
 
 class Verdict(NamedTuple):
-    """What evidence says of free parameters, shapes (m, m), (m,), (m,).
+    """The assessment of the free parameters.
 
-    covariance : of theta, correlation of the errors, bias and distance included.
-    hidden : how much of a parameter could hide in the part of the motion that is not explained, if
-        that part went with it alone; 0 where noise explains it.
-    scale : size at which a parameter alone would make the whole acceleration.
-    explained : part of the acceleration's power that was predicted; noise counts as explained.
-    noise_only : the noise of the reading explains all of the innovation.
+    covariance : of theta, shape (m, m), including bias, sampling error and distance.
+    hidden : error of each parameter that would explain the unexplained motion by itself, shape
+        (m,); 0 if noise explains the innovation.
+    scale : value at which each parameter by itself would cause the whole acceleration, shape (m,).
+    explained : part of the acceleration's power that is predicted; noise counts as explained.
+    noise_only : measurement noise explains all of the innovation.
     """
 
     covariance: Array
@@ -153,15 +162,15 @@ class Verdict(NamedTuple):
 def judge(
     evidence: Evidence, theta: Array, bias: Array, sampling: Array, noise: float, doubt: float
 ) -> Verdict | None:
-    """What the blocks say; None where they determine nothing.
+    """Return the assessment of `theta`; None if the blocks do not determine it.
 
     Parameters
     ----------
     theta : the free parameters, shape (m,).
-    bias : of psi target by the noise in psi, per sample, shape (m,).
-    sampling : error of theta by the sampling, shape (m,).
-    noise : mean square of slow_e that the noise of the reading explains [rad^2].
-    doubt : factor on it.
+    bias : bias of psi target from the noise in psi, per sample, shape (m,).
+    sampling : error of theta from the sampling, shape (m,).
+    noise : mean square of slow_e that measurement noise explains [rad^2].
+    doubt : factor on `noise` up to which noise explains all of the innovation.
     """
     answer = evidence.answer()
     if answer is None:
@@ -183,10 +192,10 @@ def judge(
 
 
 def _largest(matrices: Array, vectors: Array) -> Array:
-    """The jackknife's covariance at the block length where it is largest."""
+    """Return the jackknife's covariance at the block length where it is largest."""
     best = _jackknife(matrices, vectors)
     while len(matrices) >= 2 * FEWEST:
-        odd = len(matrices) % 2  # the oldest stays alone
+        odd = len(matrices) % 2  # the oldest block is not merged
         matrices = np.concatenate([matrices[:odd], matrices[odd::2] + matrices[odd + 1 :: 2]])
         vectors = np.concatenate([vectors[:odd], vectors[odd::2] + vectors[odd + 1 :: 2]])
         other = _jackknife(matrices, vectors)
@@ -196,12 +205,12 @@ def _largest(matrices: Array, vectors: Array) -> Array:
 
 
 def _jackknife(matrices: Array, vectors: Array) -> Array:
-    """Covariance of the answer, from the answers without one block each."""
+    """Return the covariance of the solution, from the solutions without one block each."""
     count = len(matrices)
     left = matrices.sum(axis=0) - matrices
     try:
         answers = np.linalg.solve(left, (vectors.sum(axis=0) - vectors)[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:  # one block carries a parameter alone
+    except np.linalg.LinAlgError:  # only one block determines a parameter
         return np.diag([math.inf] * matrices.shape[1])
     away = answers - answers.mean(axis=0)
     return (count - 1.0) / count * away.T @ away

@@ -1,9 +1,9 @@
 """Filters with a companion matrix A, unrolled for one order.
 
 A is a_i in its first column and 1 above its diagonal (observable canonical form, C = [1 0 .. 0]).
-A matrix M that commutes with A, such as exp(A h) or the filtered regressor (11), is known by its
-first row C M alone: row i + 1 is row_i A - a_i row_1. So n numbers are filtered where the paper
-filters n x n, and the products with A cost n multiplications.
+A matrix M that commutes with A, such as exp(A h) or the filtered regressor (11), follows from its
+first row C M: row i + 1 is row_i A - a_i row_1. So this module filters n numbers where the paper
+filters n x n, and a product with A costs n multiplications.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from estimator_pkg.observers.maths.unroll import written_out
 
-ENOUGH = 1e-18  # the series ends when its terms are smaller than this part of the first
+ENOUGH = 1e-18  # the series ends when its terms are smaller than this, relative to the first
 
 
 class Companion(NamedTuple):
@@ -25,16 +25,16 @@ class Companion(NamedTuple):
     after: Callable[..., tuple]  # (row, a) -> row A
     times: Callable[..., tuple]  # (a, vector) -> A vector
     series: Callable[..., tuple]  # (a, size, h) -> first rows of F, G0, G1; see `companion`
-    euler: Callable[..., tuple]  # (a, size, h) -> those of the forward Euler step
+    euler: Callable[..., tuple]  # (a, size, h) -> the same for the forward Euler step
 
 
 @lru_cache
 def companion(order: int) -> Companion:
-    """The functions for this order (at least 1).
+    """Return the functions for this order (at least 1).
 
-    `series` gives the first rows of F = exp(A h), G0 = int_0^h exp(A s) ds and
-    G1 = (1/h) int_0^h exp(A (h - s)) s ds: the response to a held and to a rising input. `size` is
-    a bound of the magnitudes of A's eigenvalues [1/s].
+    `series` returns the first rows of F = exp(A h), G0 = int_0^h exp(A s) ds and
+    G1 = (1/h) int_0^h exp(A (h - s)) s ds, the responses to a constant input and to a ramp. `size`
+    is an upper bound of the magnitudes of A's eigenvalues [1/s].
     """
     index = range(order)
 

@@ -1,4 +1,4 @@
-"""Parameters of the observer `adaptive`, and what they imply for its structure."""
+"""Parameters of the observer `adaptive`, and the structure that follows from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from estimator_pkg.parameters import parameter
 
 SAMPLED, PAPER = 'sampled', 'paper'
 GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
-SETTLED = 5.0  # time constants of the slowest pole until start values are forgotten
+SETTLED = 5.0  # time constants of the slowest pole until the filters have settled
 _CONSTRAINT = re.compile(r'\s*([\w/]+)\s*(=|>=|<=)\s*(\S+)\s*')
 
 Matrix = NDArray[np.float64]
@@ -37,8 +37,8 @@ class Gains:
         unit='',
         choices=(SAMPLED, PAPER),
         structural=True,
-        description='sampled: filters exact for the sample time and a step that no gain makes '
-        'unstable; paper: (11) to (13) by forward Euler, whose damping is off by '
+        description='sampled: filters exact for the sample time and a step that is stable for '
+        'every gain; paper: (11) to (13) by forward Euler, whose damping b/J has an error of '
         'dt k/J',
     )
     law: str = parameter(
@@ -46,7 +46,7 @@ class Gains:
         unit='',
         choices=(LEAST_SQUARES, GRADIENT),
         structural=True,
-        description='how the parameters follow: least squares needs no scaling and is some hundred '
+        description='adaptation law: least squares needs no scaling and converges about a hundred '
         "times faster than the paper's gradient (12)",
     )
     observer_poles: tuple[float, ...] | None = parameter(
@@ -64,8 +64,8 @@ class Gains:
         range=(1e-3, 1e4),
         search=(0.5, 100.0),
         structural=True,
-        description='magnitude of the observer poles where observer_poles is automatic; well above '
-        'the frequencies of the motion, and as low as the noise asks',
+        description='magnitude of the observer poles where observer_poles is automatic; set it '
+        'well above the frequencies of the motion, and low enough to suppress the noise',
     )
     model_poles: tuple[float, ...] | None = parameter(
         None,
@@ -73,8 +73,8 @@ class Gains:
         kind=list,
         range=(-1e6, -1e-6),
         structural=True,
-        description='eigenvalues of A_c, one per order: the plant as it is taken to be before '
-        'anything is learnt; automatic: half the observer poles',
+        description='eigenvalues of A_c, one per order: the plant that is assumed before '
+        'adaptation; automatic: half the observer poles',
         equation='(2), (40)',
     )
     gamma: tuple[float, ...] = parameter(
@@ -84,15 +84,15 @@ class Gains:
         structural=True,
         description='gain of the gradient: one number, one for each free parameter (about '
         '1/mean square of its signal), or a positive definite matrix row by row. It '
-        'also weighs the parameters in the excitation gate',
+        "also weights the parameters in the gate 'gamma'",
         equation='Gamma in (12)',
     )
     memory: float = parameter(
         0.0,
         unit='s',
         range=(0.0, 1e9),
-        description='least squares forgets with this time constant, of time spent adapting, but '
-        'never more than it knew at the start; 0: never',
+        description='time constant, in time spent adapting, with which least squares forgets; the '
+        'variance never exceeds start_variance; 0: it forgets nothing',
     )
     start_variance: tuple[float, ...] | None = parameter(
         None,
@@ -101,24 +101,24 @@ class Gains:
         range=(1e-12, 1e18),
         structural=True,
         advanced=True,
-        description='diagonal of P of least squares at the start, where the reading has unit '
-        'variance: one number, or one for each free parameter; automatic: 1e4 times the '
-        'square of what the observer poles make natural',
+        description='diagonal of the initial P of least squares, per variance of the measurement: '
+        'one number, or one for each free parameter; automatic: 1e4 w^(2 i) for a parameter of '
+        'index i, w the geometric mean of the observer poles',
     )
     load: bool = parameter(
         False,
         unit='',
         structural=True,
         description='learn a constant load (or an offset of the spring) too, as one more parameter '
-        'd<order>; without it a constant load spoils the others',
+        'd<order>; without it a constant load biases the other parameters',
     )
     gravity: bool = parameter(
         False,
         unit='',
         structural=True,
-        description='learn a torque that goes with the sine of the angle too (a pendulum or arm, '
+        description='learn a torque proportional to the sine of the angle too (a pendulum or arm, '
         'whose angle is 0 where it hangs), as one more parameter s<order>; set '
-        "known: ['k/J=0'] where there is no spring",
+        "known: ['k/J=0'] if there is no spring",
     )
     known: tuple[str, ...] = parameter(
         (),
@@ -138,22 +138,21 @@ class Gains:
         unit='',
         kind=list,
         structural=True,
-        description='parameters to start with, l1.. then b1.. (then d<order>, s<order>); '
-        'automatic: zero',
+        description='initial parameters, l1.. then b1.. (then d<order>, s<order>); automatic: zero',
     )
     adapt: bool = parameter(
         True,
         unit='',
-        description='false holds the parameters; the filters go on, so that '
-        'adaptation resumes without a bump',
+        description='false freezes the parameters; the filters keep running, so that adaptation '
+        'resumes without a bump',
     )
     velocity: str = parameter(
         'full',
         unit='',
         choices=('full', 'paper'),
         structural=True,
-        description='full: C (A x + B u), right as soon as the innovation vanishes; paper: (38), '
-        'which needs b1 = 0 and right parameters',
+        description='full: C (A x + B u), correct once the innovation is zero; paper: (38), '
+        'which needs b1 = 0 and correct parameters',
     )
     gate: str = parameter(
         'noise',
@@ -161,39 +160,42 @@ class Gains:
         choices=('noise', 'gamma', 'none'),
         structural=True,
         formerly={'off': 'none'},
-        description='adapt only while the signals tell the parameters apart. noise: the '
-        'information matrix exceeds signal_to_noise times what noise of the reading '
-        'alone would gather; gamma: its smallest eigenvalue, weighed by gamma, exceeds '
+        description='adapt only while the signals determine the parameters. noise: the '
+        'information matrix exceeds signal_to_noise times the one of measurement noise '
+        'alone; gamma: its smallest eigenvalue, weighted by gamma, exceeds '
         'excitation; none: adapt always',
     )
     signal_to_noise: float = parameter(
         100.0,
         unit='',
         range=(1.0, 1e12),
-        description="of the gate 'noise': the noise in the filtered reading biases the parameters "
-        'by at most about one part in so many',
+        description="threshold of the gate 'noise': noise in the filtered measurement biases the "
+        'parameters by at most about 1/signal_to_noise of their values',
     )
     excitation: float = parameter(
-        0.02, unit='', range=(1e-12, 1e12), description="of the gate 'gamma'"
+        0.02, unit='', range=(1e-12, 1e12), description="threshold of the gate 'gamma'"
     )
     excitation_memory: float = parameter(
-        20.0, unit='s', range=(1e-3, 1e6), description='time constant of that matrix'
+        20.0,
+        unit='s',
+        range=(1e-3, 1e6),
+        description='time constant of the information matrix of the gates',
     )
     knock: float = parameter(
         5.0,
         unit='',
         range=(0.0, 1e9),
         structural=True,
-        description='an innovation so many times its usual size is a knock from outside: nothing '
-        'is learnt until the filters have forgotten it; 0: learn from everything',
+        description='an innovation larger than this multiple of its usual size is a knock from '
+        'outside: adaptation pauses until the filters have settled; 0: never',
     )
     moving_above: float = parameter(
         0.0,
         unit='rad/s',
         range=(0.0, 1e6),
         structural=True,
-        description='learn only while the joint moves faster: where it sticks by dry friction, '
-        'the model does not hold; 0: always',
+        description='adapt only while the joint moves faster: the model is not valid while dry '
+        'friction sticks; 0: always',
     )
     settle: float | None = parameter(
         None,
@@ -201,7 +203,7 @@ class Gains:
         kind=float,
         range=(0.0, 1e6),
         advanced=True,
-        description='no adaptation for so long after a start or a gap; automatic: five time '
+        description='time without adaptation after a start or a gap; automatic: five time '
         'constants of the slowest observer pole',
     )
     torque_constant: float | None = parameter(
@@ -209,8 +211,8 @@ class Gains:
         unit='N m per unit of input',
         kind=float,
         range=(1e-9, 1e9),
-        description='Kv, where it is known: then J, b and k are reported too (1 where the input is '
-        'a torque); automatic: not known',
+        description='Kv, if known (1 if the input is a torque): then J, b and k are reported too; '
+        'automatic: not known',
     )
     quantum: float = parameter(
         0.0,
@@ -222,24 +224,24 @@ class Gains:
         None,
         unit='rad',
         range=(1e-12, 10.0),
-        description='standard deviation of the measurement noise, quantisation apart; automatic: '
-        'estimated from third differences',
+        description='standard deviation of the measurement noise, without quantisation; '
+        'automatic: estimated from third differences',
     )
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What the gains imply, in plain numbers.
+    """The numbers that follow from the gains.
 
     names : of all parameters, in the order of theta; m of them are free.
     observer, model : first columns of A_c - K C and of A_c, shape (n,).
     injection : K, shape (n,).
-    free : places of the free parameters in theta.
-    fixed : theta with zeros at the free places.
-    start, low, high : of the free parameters, shape (m,).
-    gamma : shape (m, m).
-    variance : P of least squares at the start, shape (m,).
-    slowest, fastest : magnitudes of the observer poles [1/s].
+    free : indices of the free parameters in theta.
+    fixed : theta with zeros for the free parameters.
+    start, low, high : initial values and bounds of the free parameters, shape (m,).
+    gamma : Gamma, shape (m, m).
+    variance : diagonal of the initial P of least squares, shape (m,).
+    slowest, fastest : magnitudes of the slowest and fastest observer pole [1/s].
     """
 
     names: tuple[str, ...]
@@ -258,14 +260,14 @@ class Structure:
 
 
 def structure(gains: Gains) -> Structure:
-    """The structure of an observer with these gains.
+    """Return the structure of an observer with these gains.
 
     Raises
     ------
-    UsageError : poles, gamma, theta or constraints that do not fit.
+    UsageError : poles, gamma, theta or constraints have the wrong size or contradict each other.
     """
     n = gains.order
-    observer = gains.observer_poles or _spread(-2.0 * math.pi * gains.bandwidth_hz, n)
+    observer = gains.observer_poles or _distinct_poles(-2.0 * math.pi * gains.bandwidth_hz, n)
     model = gains.model_poles or tuple(0.5 * pole for pole in observer)
     for name, poles in (('observer_poles', observer), ('model_poles', model)):
         if len(poles) != n:
@@ -273,8 +275,8 @@ def structure(gains: Gains) -> Structure:
     slowest, fastest = min(-pole for pole in observer), max(-pole for pole in observer)
     if 0.0 < gains.memory < 1.0 / slowest:
         raise UsageError(
-            f"parameter 'memory' = {gains.memory:g} s is shorter than that of the "
-            f'filters: 0, or at least {1.0 / slowest:.3g} s'
+            f"parameter 'memory' = {gains.memory:g} s is shorter than the filters' time constant: "
+            f'set 0, or at least {1.0 / slowest:.3g} s'
         )
     column = tuple(-float(c) for c in np.poly(observer)[1:])
     model_column = tuple(-float(c) for c in np.poly(model)[1:])
@@ -297,10 +299,16 @@ def structure(gains: Gains) -> Structure:
             high[place] = min(high[place], value)
     free = tuple(i for i in range(len(names)) if i not in fixed)
     if not free:
-        raise UsageError("parameter 'known' names every parameter: nothing is left to identify")
+        raise UsageError(
+            f"parameter 'known' = {list(gains.known)} names every parameter, so none is left to "
+            'identify: remove at least one'
+        )
     for i in free:
         if low[i] > high[i]:
-            raise UsageError(f"parameter 'bounds' leaves no value for {names[i]}")
+            raise UsageError(
+                f"parameter 'bounds' leaves no value for {names[i]}: its lower bound {low[i]:g} is "
+                f'above its upper bound {high[i]:g}'
+            )
     theta = gains.theta if gains.theta is not None else (0.0,) * len(names)
     if len(theta) != len(names):
         raise UsageError(
@@ -323,13 +331,13 @@ def structure(gains: Gains) -> Structure:
     )
 
 
-def _spread(pole: float, count: int) -> tuple[float, ...]:
-    """Real poles around `pole`, a tenth apart: equal ones would make ill-conditioned tables."""
+def _distinct_poles(pole: float, count: int) -> tuple[float, ...]:
+    """Return `count` real poles around `pole`, with ratios of 1.1 for good conditioning."""
     return tuple(pole * 1.1 ** (i - 0.5 * (count - 1)) for i in range(count))
 
 
 def _gamma(values: tuple[float, ...], names: list[str]) -> Matrix:
-    """The matrix Gamma of the free parameters."""
+    """Return the matrix Gamma of the free parameters; raises UsageError."""
     m = len(names)
     if len(values) == 1:
         matrix = values[0] * np.eye(m)
@@ -338,19 +346,24 @@ def _gamma(values: tuple[float, ...], names: list[str]) -> Matrix:
     elif len(values) == m * m:
         matrix = np.array(values).reshape(m, m)
         if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
-            raise UsageError("parameter 'gamma' is not symmetric")
+            raise UsageError(
+                "parameter 'gamma' is not symmetric: give a symmetric matrix row by row"
+            )
     else:
         raise UsageError(
             f"parameter 'gamma' needs 1, {m} or {m * m} numbers for the {m} free "
             f'parameters ({", ".join(names)}), not {len(values)}'
         )
     if np.min(np.linalg.eigvalsh(matrix)) <= 0.0:
-        raise UsageError("parameter 'gamma' is not positive definite")
+        raise UsageError(
+            "parameter 'gamma' is not positive definite: its smallest eigenvalue is "
+            f'{np.min(np.linalg.eigvalsh(matrix)):.3g}, it must be positive'
+        )
     return matrix
 
 
 def _variance(values: tuple[float, ...] | None, names: list[str], pace: float) -> tuple[float, ...]:
-    """P at the start; `pace` is the geometric mean of the observer poles [1/s]."""
+    """Return the diagonal of the initial P; `pace`: geometric mean of the observer poles [1/s]."""
     if values is None:
         return tuple(1e4 * pace ** (2 * int(name[1:])) for name in names)
     if len(values) not in (1, len(names)):
@@ -363,7 +376,9 @@ def _variance(values: tuple[float, ...] | None, names: list[str], pace: float) -
 def physical(
     names: tuple[str, ...], model: tuple[float, ...]
 ) -> dict[str, tuple[int, float, float, str]]:
-    """Physical ratios by name: (place in theta, offset, sign, unit); ratio = offset + sign theta.
+    """Return physical ratios by name: (index in theta, offset, sign, unit).
+
+    A ratio is offset + sign theta[index].
 
     For order 2 only, J q'' + b q' + k q + m g l sin q = Kv u + load.
     """
@@ -384,7 +399,10 @@ def physical(
 def _constraint(
     text: str, signs: str, owner: str, names: tuple[str, ...], model: tuple[float, ...]
 ) -> tuple[int, int, float]:
-    """(place in theta, 1 for at least, -1 for at most, 0 for equal, value) of 'name>=value'."""
+    """Return (index in theta, relation, value) of a text such as 'name>=value'.
+
+    The relation is 1 for at least, -1 for at most, 0 for equal.
+    """
     ratios = physical(names, model)
     match = _CONSTRAINT.fullmatch(text)
     value = math.nan
@@ -395,7 +413,9 @@ def _constraint(
             match = None
     if not match or not math.isfinite(value) or match[2][0] not in signs:
         example = 'b1=0' if signs == '=' else 'b/J>=0'
-        raise UsageError(f"parameter '{owner}': '{text}' is not of the form {example}")
+        raise UsageError(
+            f"parameter '{owner}': '{text}' does not have the right form: write it as '{example}'"
+        )
     name, sign = match[1], {'=': 0, '>=': 1, '<=': -1}[match[2]]
     if name in names:
         return names.index(name), sign, value

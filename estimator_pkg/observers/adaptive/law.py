@@ -1,4 +1,4 @@
-"""What the adaptive observer does with its parameters: when it learns, how, and what it gathers."""
+"""The adaptation law: when the parameters adapt, how, and the sums for `evidence`."""
 
 from __future__ import annotations
 
@@ -13,32 +13,31 @@ from estimator_pkg.observers.adaptive.motion import Motion
 from estimator_pkg.observers.maths.least_squares import make_update
 from estimator_pkg.observers.maths.unroll import algebra
 
-# What the parameter law does
-INIT = 0  # the filters forget their start
+# The phases of adaptation
+INIT = 0  # the filters settle
 ADAPTING = 1
-GATED = 2  # the signals carry too little to tell the parameters apart
-FROZEN = 3  # by order of the user
+GATED = 2  # too little excitation to determine the parameters
+FROZEN = 3  # by the user
 PHASES = ('INIT', 'ADAPTING', 'GATED', 'FROZEN')
 REASONS = (
-    'the filters forget their start values',
-    'the signals tell the parameters apart',
-    'the signals do not tell the parameters apart: too little excitation',
-    "held by the user ('adapt' is false)",
+    'the filters settle after a start',
+    'the signals determine the parameters',
+    'the signals do not determine the parameters: too little excitation',
+    "frozen by the user ('adapt' is false)",
 )
-HELD = 'held for a moment: a knock, or slower than moving_above'
+PAUSED = 'paused: a knock, or slower than moving_above'
 
-REGULAR = 1.0 - 1e-9  # of the diagonal: what is singular but for rounding is singular
+REGULAR = 1.0 - 1e-9  # on the diagonal: a matrix that only rounding makes regular is singular
 
 
 class Law(NamedTuple):
     """Functions of one structure.
 
     moved : (theta, P, psi, e, design, h, forget) -> (theta, P) after an innovation e [rad].
-    judged : (information, scatter, design, h) -> the phase, beside INIT.
-    variance : (scatter, design) -> of the reading's noise [rad^2].
-    expected : (scatter, theta, design, h) -> variance of the innovation that this noise explains.
-    gathered : (evidence, psi, target, slow) -> evidence with one more sample that was learnt
-        from; see `evidence`.
+    judged : (information, scatter, design, h) -> the phase after INIT.
+    variance : (scatter, design) -> variance of the measurement noise [rad^2].
+    expected : (scatter, theta, design, h) -> innovation variance that this noise explains [rad^2].
+    gathered : (evidence, psi, target, slow) -> the sums of `evidence` with one more sample.
     """
 
     moved: Callable[..., tuple]
@@ -49,7 +48,7 @@ class Law(NamedTuple):
 
 
 def law(gains: Gains, made: Structure, motion: Motion) -> Law:
-    """The functions of this structure."""
+    """Return the functions of this structure."""
     is_paper, is_gradient = gains.form == PAPER, gains.law == GRADIENT
     is_diagonal = bool(np.all(made.gamma == np.diag(np.diag(made.gamma))))
     is_gated, is_noise_gate = gains.gate != 'none', gains.gate == 'noise'

@@ -1,6 +1,6 @@
 """From the filtered regressor and the parameters to the states x and the velocity.
 
-What the parameter law does with the parameters is not here: see `law`.
+The adaptation of the parameters is in `law`.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ class Motion(NamedTuple):
     """Functions of one structure; `inner` is (psi_y, psi_u, psi_1, psi_s).
 
     parts : (theta, design) -> (L, B, load, gravity), within the bounds.
-    states : (inner, z, theta, design) -> (x1, x2, velocity without b1 u).
-    started : (u, theta, design, y, speed) -> (inner, z) in steady state at y [rad], at this speed.
-    paper_start : (theta, design, y, speed) -> x itself.
-    moved_by : (inner, L, B, load, gravity, design) -> Upsilon times such a change of theta.
+    states : (inner, z, theta, design) -> (x1, x2, velocity without b1 u) [rad, rad/s, rad/s].
+    started : (u, theta, design, y, speed) -> (inner, z) in steady state at y [rad], with this
+        speed [rad/s].
+    paper_start : (theta, design, y, speed) -> x of the paper form, at y [rad] and speed [rad/s].
+    moved_by : (inner, L, B, load, gravity, design) -> Upsilon times this change of theta.
     """
 
     parts: Callable[..., tuple]
@@ -35,7 +36,7 @@ class Motion(NamedTuple):
 
 
 def motion(gains: Gains, made: Structure) -> Motion:
-    """The functions of this structure."""
+    """Return the functions of this structure."""
     n, m = gains.order, len(made.free)
     is_paper, second = gains.form == PAPER, gains.order > 1
     has_load, has_gravity = gains.load, gains.gravity
@@ -51,8 +52,10 @@ def motion(gains: Gains, made: Structure) -> Motion:
     next_unit = (0.0, 1.0, *zeros[2:]) if second else zeros
 
     def parts(theta: tuple, design: Any) -> tuple:
-        """Least squares itself goes on unbounded: held at a bound it would diverge, as P would
-        count what theta has not done.
+        """Return (L, B, load, gravity), clamped to the bounds.
+
+        The theta of least squares is not clamped: P assumes that theta moves, so the recursion
+        would diverge at a bound.
         """
         if clipped:
             theta = clip(theta, design.low, design.high)
@@ -118,7 +121,7 @@ def motion(gains: Gains, made: Structure) -> Motion:
 
 
 def gramian(column: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-    """W = int exp(A's)' C'C exp(A s) ds: gives the noise of every output of the filters."""
+    """Return W = int exp(A's)' C'C exp(A s) ds, shape (n, n), for the noise of filter outputs."""
     n = len(column)
     a = np.diag(np.ones(n - 1), 1)
     a[:, 0] = column
@@ -130,5 +133,5 @@ def gramian(column: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
 
 
 def as_rows(matrix: Any) -> tuple[tuple[float, ...], ...]:
-    """A matrix as nested tuples."""
+    """Return a matrix as a tuple of rows."""
     return tuple(tuple(float(x) for x in row) for row in matrix)

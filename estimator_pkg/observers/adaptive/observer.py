@@ -1,25 +1,24 @@
-"""Adaptive velocity observer: velocity of a linear servo of unknown parameters, which it learns.
+"""Adaptive velocity observer: velocity of a linear servo whose parameters it identifies.
 
 The plant x' = A x + B u, y = C x in observable canonical form is written (2)
 
     x' = A_c x + y L + u B,   theta = (L, B)
 
 with A_c chosen, so that A = A_c + L C. From angle and input the observer learns theta and
-estimates x; the velocity of the angle is C (A x + B u). A constant load and gravity, the sine of
-the angle, are known regressors in the last equation, by choice.
+estimates x; the velocity of the angle is C (A x + B u). Optional regressors in the last equation
+are a constant load, and gravity with the sine of the angle.
 
-Two forms. `paper` is (11) to (13) by forward Euler at the sample times. `sampled` (default) uses
-that x - Upsilon theta is a filter of y alone: the regressor Upsilon is filtered exactly for an
-angle that changes linearly and an input that is held, and the law acts a posteriori, so that it
-is stable for every gain and sample time. Both keep (31), xi+ = exp((A_c - K C) dt) xi, the second
-one exactly.
+There are two forms. `paper` is (11) to (13) by forward Euler at the sample times. `sampled`
+(default) uses that x - Upsilon theta is a filter of y only. The regressor Upsilon is filtered
+exactly for an angle that changes linearly and an input that is constant over a sample. The law
+uses the a posteriori innovation, so it is stable for every gain and sample time. Both forms fulfil
+(31), xi+ = exp((A_c - K C) dt) xi, the second one exactly.
 
-Measurement: the angle [rad], unwrapped here since a spring needs it over several turns. Input: u
+Measurement: the angle [rad], unwrapped here because a spring needs it over several turns. Input: u
 over the interval that ends at the sample.
 
-Files: `gains` the parameters, `filter` the filters, `motion` from
-parameters to velocity, `law` the law, `evidence` what the data say of the
-parameters, `report` all of it in words.
+Files: `gains` the parameters, `filter` the filters, `motion` from parameters to velocity, `law` the
+adaptation law, `evidence` the standard deviations of the parameters, `report` the report for users.
 
 Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers; corrections in
 docs/papers/adaptive.md.
@@ -53,90 +52,98 @@ from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.maths.scatter import begin_scatter, follow_scatter, resume_scatter
 from estimator_pkg.observers.maths.unroll import algebra
 
-LOOK = 20  # samples between two looks at excitation and trust
-DOUBT = 9.0  # the slow innovation's power may be so many times that of the noise, ...
-CLOSE = 2e-4  # ... or so large a part of the motion's: then the velocity is right to 3 %
-SHORTEST = 0.5  # time over which both are averaged, at least [s]
-FRESH = 10.0  # so many times faster they are averaged in the beginning
-SURPRISE = 25.0  # a square counts at most so many times the usual one
+LOOK = 20  # samples between two checks of excitation and trust
+DOUBT = 9.0  # largest power of the slow innovation relative to that of the noise, ...
+CLOSE = 2e-4  # ... or relative to that of the motion: then the velocity is right to 3 %
+SHORTEST = 0.5  # shortest time over which both are averaged [s]
+FRESH = 10.0  # factor by which they are averaged faster after a start
+SURPRISE = 25.0  # a square is clamped to this multiple of the usual one
 
 
 class Design(NamedTuple):
-    """What the gains imply whatever the sample time is. Companion matrices by their column."""
+    """Everything that follows from the gains alone; companion matrices by their first column."""
 
     a_k: tuple  # of A_c - K C
-    fastest: float  # bound of its poles [1/s]
+    fastest: float  # upper bound of its poles' magnitudes [1/s]
     a_c: tuple  # of A_c
     k: tuple  # K, the injection
-    fixed: tuple  # theta, as far as it is known
-    start: tuple  # theta, as far as it is free
-    low: tuple  # bounds of the free ones
+    fixed: tuple  # the known parameters in theta
+    start: tuple  # initial values of the free parameters
+    low: tuple  # bounds of the free parameters
     high: tuple
-    gamma: tuple  # Gamma of the free ones: its diagonal where there is nothing else
-    floor: tuple  # what the information matrix must exceed to open the gate
+    gamma: tuple  # Gamma of the free parameters: its diagonal if it is diagonal
+    floor: tuple  # the matrix that the information matrix must exceed to open the gate
     w: tuple  # `gramian` of A_c - K C
-    settle: float  # until the filters have forgotten their start [s]
+    settle: float  # settling time of the filters [s]
     average: float  # time over which the innovation's power is averaged [s]
     memory: float  # of least squares [s]
     keep: float  # memory of the information matrix [s]
     pace: float  # geometric mean of the poles [1/s]
     slowest: float  # slowest pole [1/s]
-    knock: float  # squares of e that are a knock, in usual squares
-    moving_above: float  # speed below which dry friction may hold the joint [rad/s]
+    knock: float  # square of e at a knock, relative to the usual square
+    moving_above: float  # speed below which the joint may stick by dry friction [rad/s]
     adapt: float  # 1.0: theta may change
-    is_given: float  # 1.0: the user gave theta
-    period: float  # of the circle [rad]; 0: none
+    has_theta: float  # 1.0: theta is a parameter that the user has set
+    period: float  # wrap period [rad]; 0: none
     unwrap: float
-    noise: float  # variance of the reading's noise [rad^2]; 0: to be estimated
-    finest: float  # its least, of the encoder's quantum [rad^2]
-    p_start: tuple  # P of least squares
+    noise: float  # variance of the measurement noise [rad^2]; 0: estimated
+    finest: float  # its smallest value, from the encoder's quantum [rad^2]
+    p_start: tuple  # initial P of least squares
 
 
 class Coefficients(NamedTuple):
-    """What the sample time h implies; and of the design, so that one unpacking gives a step all."""
+    """Everything that follows from the sample time h, and copies of fields that `step` needs."""
 
     f: tuple  # exp((A_c - K C) h)
-    g0: tuple  # first row of its integral, for what is held ...
-    g1: tuple  # ... and for what rises
-    h: float  # [s]
+    g0: tuple  # first row of its integral, for a constant input ...
+    g1: tuple  # ... and for a ramp
+    h: float  # sample time [s]
     weight: float  # of the newest sample in averages
-    slow_weight: float  # of the newest look
-    keep: float  # what the information matrix keeps over a sample
-    forget: float  # what least squares keeps over a sample
+    slow_weight: float  # of the newest check in averages
+    keep: float  # part of the information matrix that is kept over a sample
+    forget: float  # part of the information that least squares keeps over a sample
     low_pass: float  # weight of the newest sample in the low-passed innovation
-    a_k: tuple  # from here on: of the design
+    a_k: tuple  # from here on: copied from the design
     k: tuple
     fixed: tuple
     period: float
     settle: float
-    young: float  # age [s] until which theta is on its way
+    young: float  # age [s] until which theta still converges
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
-    """The functions of the observer at these gains.
+    """Return the functions of the observer with these gains.
 
-    Inside, `design` is a `Design` and `coefficients` are `Coefficients`.
+    `design` is a `Design` and `coefficients` are `Coefficients`. The state is a tuple of
 
-    State: (psi_y, psi_u, psi_1, psi_s): first rows of the filtered regressor for y, u, 1 and
-    sin y; z: in the sampled form what is left of the start in x, in the paper form x itself;
-    theta, free ones; information matrix; P of least squares; convention; scatter; (y [rad], time
-    since the start [s], mean square of the innovation [rad^2], of the velocity, time spent
-    adapting [s], for how long nothing is learnt [s], usual square of the innovation while
-    learning, the innovation and the acceleration, both low-passed, mean square of the first
-    [rad^2]); (phase, trusted, samples since
-    the last look); evidence, see `evidence`.
+    - (psi_y, psi_u, psi_1, psi_s): first rows of the filtered regressor for y, u, 1 and sin y;
+    - z: in the sampled form the decaying effect of the initial state on x, in the paper form x;
+    - the free parameters in theta; the information matrix; P of least squares;
+    - convention; scatter;
+    - (y [rad], time since the start [s], mean square of the innovation [rad^2], mean square of the
+      velocity [rad^2/s^2], time spent adapting [s], remaining pause of the adaptation [s], usual
+      square of the innovation while adapting [rad^2], innovation and acceleration after the
+      low-pass, mean square of the low-passed innovation [rad^2]);
+    - (phase, trusted, samples since the last check);
+    - the sums of `evidence`.
 
     Raises
     ------
-    UsageError : gains that do not fit each other.
+    UsageError : gains that contradict each other.
     """
     made = structure(gains)
     n, m = gains.order, len(made.free)
     is_paper, is_gradient = gains.form == PAPER, gains.law == GRADIENT
     if is_paper and not is_gradient:
-        raise UsageError("form 'paper' has the gradient law only: set law to 'gradient'")
+        raise UsageError(
+            f"form 'paper' does not have the law '{gains.law}': set law to 'gradient', or form to "
+            "'sampled'"
+        )
     if gains.moving_above > 0.0 and n < 2:
-        raise UsageError("parameter 'moving_above' needs order 2 or more")
+        raise UsageError(
+            f"parameter 'moving_above' = {gains.moving_above:g} rad/s needs order 2 or more, not "
+            f"{n}: set it to 0 or raise 'order'"
+        )
     has_load, has_gravity = gains.load, gains.gravity
     is_full, is_watched, needs_motion = (
         gains.velocity == 'full',
@@ -203,7 +210,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             knock=float(gains.knock * gains.knock),
             moving_above=float(gains.moving_above),
             adapt=float(gains.adapt),
-            is_given=float(gains.theta is not None),
+            has_theta=float(gains.theta is not None),
             period=float(circle.period),
             unwrap=float(circle.unwrap),
             noise=noise,
@@ -250,7 +257,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         )
 
     def pause(
-        held: float,
+        paused: float,
         usual: float,
         e: float,
         psi_y: tuple,
@@ -258,27 +265,27 @@ def build(gains: Gains, circle: Circle) -> Functions:
         design: Any,
         weight: float,
     ) -> tuple[float, float]:
-        """(for how long nothing is learnt [s], usual square of the innovation).
+        """Return (remaining pause of the adaptation [s], usual square of the innovation [rad^2]).
 
-        After a knock, and where dry friction may hold the joint, the equation of motion does not
-        hold until the filters have forgotten it.
+        The plant's equation is not valid after a knock, and while dry friction may stop the joint.
+        Adaptation pauses until the filters have forgotten that.
         """
         square = e * e
         if needs_motion and (
             -design.moving_above < -design.a_k[n - 1] * psi_y[n - 2] < design.moving_above
         ):
-            held = SETTLED / design.slowest
+            paused = SETTLED / design.slowest
         elif is_watched:
             if adapted > design.average:
                 if square > design.knock * usual:
-                    held = SETTLED / design.slowest
+                    paused = SETTLED / design.slowest
                 if square > SURPRISE * usual:
                     square = SURPRISE * usual
             usual += (square - usual) * weight
-        return held, usual
+        return paused, usual
 
     def step(
-        state: tuple, coefficients: Any, design: Any, measurement: float, given: float
+        state: tuple, coefficients: Any, design: Any, measurement: float, known_input: float
     ) -> tuple:
         (
             (psi_y, psi_u, psi_1, psi_s),
@@ -288,7 +295,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             p,
             convention,
             scatter,
-            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
             (phase, trusted, tick),
             evidence,
         ) = state
@@ -317,7 +324,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             e = y - z[0]
             of_y, of_u, load, gravity = parts(theta, design)
             slope = add(times(design.a_c, z), y, of_y)
-            slope = add(add(slope, given, of_u), e, k)
+            slope = add(add(slope, known_input, of_u), e, k)
             if has_load:
                 slope = add(slope, load, last)
             if has_gravity:
@@ -326,7 +333,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             psi = pick(psi_y, psi_u, psi_1, psi_s)
             z = add(z, h, slope)
         psi_y = add(add(left(psi_y, f), y, g0), change, g1)
-        psi_u = add(left(psi_u, f), given, g0)
+        psi_u = add(left(psi_u, f), known_input, g0)
         if has_load:
             psi_1 = add(left(psi_1, f), 1.0, g0)
         if has_gravity:
@@ -344,7 +351,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                 - dot_m(psi, theta)
             )
         if not -LARGEST < e < LARGEST:
-            return init(measurement, design)  # numbers ran away: only a new start helps
+            return init(measurement, design)  # the state has diverged: start again
         age += h
         tick += 1
         if phase == INIT and age >= settle:
@@ -355,9 +362,9 @@ def build(gains: Gains, circle: Circle) -> Functions:
             slow_bend += (y + dot(psi_y, a_k) - slow_bend) * low_pass
             if phase == ADAPTING and design.adapt > 0.0:
                 if is_watched or needs_motion:
-                    held, usual = pause(held, usual, e, psi_y, adapted, design, weight)
-                if held > 0.0:
-                    held -= h
+                    paused, usual = pause(paused, usual, e, psi_y, adapted, design, weight)
+                if paused > 0.0:
+                    paused -= h
                 else:
                     was = theta
                     evidence = gathered(evidence, psi, e + dot_m(psi, theta), (slow_e, slow_bend))
@@ -367,7 +374,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                         of_y, of_u, load, gravity = all_parts(add_m(theta, -1.0, was), none_known)
                         z = add(z, 1.0, moved_by(before, of_y, of_u, load, gravity, design))
             recent = weight
-            if age < young:  # while theta is on its way
+            if age < young:  # while theta converges
                 recent = FRESH * weight if FRESH * weight < 1.0 else 1.0
             power += (e * e - power) * recent
             slow_power += (slow_e * slow_e - slow_power) * recent
@@ -393,17 +400,19 @@ def build(gains: Gains, circle: Circle) -> Functions:
             p,
             follow(convention, measurement, period),
             follow_scatter(scatter, measurement, h, period),
-            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
             (phase, trusted, tick),
             evidence,
         )
 
     def adapted_for(signals: tuple) -> float:
-        (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power) = signals
+        (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power) = (
+            signals
+        )
         return adapted
 
     def output(
-        state: tuple, coefficients: Any, design: Any, measurement: float, given: float
+        state: tuple, coefficients: Any, design: Any, measurement: float, known_input: float
     ) -> tuple:
         (
             inner,
@@ -420,19 +429,21 @@ def build(gains: Gains, circle: Circle) -> Functions:
         x1, x2, speed = states(inner, z, theta, design)
         if is_full:
             of_y, of_u, load, gravity = parts(theta, design)
-            speed += of_u[0] * given  # b1 u
+            speed += of_u[0] * known_input  # b1 u
         if phase == INIT:
             status = COASTING if trusted > 0 else INITIALISING
-        elif phase == GATED and design.is_given == 0.0 and adapted_for(signals) == 0.0:
+        elif phase == GATED and design.has_theta == 0.0 and adapted_for(signals) == 0.0:
             status = NOT_OBSERVABLE
         else:
             status = TRACKING if trusted > 0 else INITIALISING
         return present(convention, x1, design.period, design.unwrap), speed, math.nan, status
 
     def stddev(state: tuple, coefficients: Any, design: Any) -> tuple[float, float]:
-        """Of white noise through the filters, and of what the model lacks: a slow innovation e
-        goes with an error of the velocity of (a1 - o1) e, o1 and a1 being the first entries of
-        A_c - K C and A.
+        """Return one standard deviation of position [rad] and velocity [rad/s].
+
+        They contain white noise through the filters, and the model error: a slow innovation e comes
+        with a velocity error of (a1 - o1) e, where o1 and a1 are the first entries of A_c - K C and
+        A.
         """
         (
             inner,
@@ -442,7 +453,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             p,
             convention,
             scatter,
-            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
             flags,
             evidence,
         ) = state
@@ -470,7 +481,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         of_position = h * dot(injected, apply(design.w, injected))
         of_speed = h * dot(to_speed, apply(design.w, to_speed))
         noise = variance(scatter, design)
-        seen = (power - slow_power) / (1.0 + of_position)  # it may show more than is known
+        seen = (power - slow_power) / (1.0 + of_position)  # noise variance seen in the innovation
         if seen > noise:
             noise = seen
         slow = slow_power - noise * (1.0 + of_position) * low_pass / (2.0 - low_pass)
@@ -511,7 +522,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             p,
             convention,
             scatter,
-            (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
             (phase, trusted, tick),
             evidence,
         ) = state
@@ -529,7 +540,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             p,
             follow(convention, measurement, design.period),
             resume_scatter(scatter, measurement),
-            (y, 0.0, power, speed_power, adapted, held, usual, 0.0, 0.0, slow_power),
+            (y, 0.0, power, speed_power, adapted, paused, usual, 0.0, 0.0, slow_power),
             (INIT, trusted, 0),
             evidence,
         )
@@ -538,7 +549,8 @@ def build(gains: Gains, circle: Circle) -> Functions:
         if is_paper and made.fastest * dt >= 2.0:
             return (
                 f"form 'paper' is unstable at a sample time of {dt:.3g} s: its fastest pole "
-                f'needs less than {2.0 / made.fastest:.3g} s'
+                f"needs less than {2.0 / made.fastest:.3g} s; set form to 'sampled', or use slower "
+                'observer poles'
             )
         return None
 
@@ -551,7 +563,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         stddev,
         resume,
         limits,
-        lambda dt: 0.0,  # with the plant's parameters it lags nothing
+        lambda dt: 0.0,  # with the plant's parameters it has no delay
         is_angle,
         restart=restart,
     )
@@ -559,7 +571,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
 OBSERVER = Observer(
     name='adaptive',
-    summary='velocity of a servo of unknown parameters, which it identifies',
+    summary='velocity of a servo with unknown parameters, which it identifies',
     gains=Gains,
     build=build,
     reference='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers; sampled form '

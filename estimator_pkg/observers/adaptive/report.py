@@ -1,4 +1,4 @@
-"""What the adaptive observer has identified, in words and numbers for a person or a message."""
+"""The report of the adaptive observer: identified parameters, their errors, and trust in them."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 
 from estimator_pkg.observers.adaptive.evidence import Evidence, Verdict, judge
 from estimator_pkg.observers.adaptive.gains import PAPER, Gains, Structure, physical, structure
-from estimator_pkg.observers.adaptive.law import ADAPTING, HELD, PHASES, REASONS
+from estimator_pkg.observers.adaptive.law import ADAPTING, PAUSED, PHASES, REASONS
 from estimator_pkg.observers.adaptive.observer import DOUBT, build
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Functions
 
 Array = NDArray[np.float64]
 
-EXPLAINED = 0.9  # part of the acceleration that a model must predict to be believed
-SMALL = 0.1  # error of a parameter, in its value, up to which it is believed, ...
-LITTLE = 0.05  # ... or in the size at which it alone would make the acceleration: it is about 0
-CURVED = 8.0  # between 12, of a parabola's mean height, and what is found for b/J
-SURELY = 2.0  # standard deviations from which a sign counts
+EXPLAINED = 0.9  # smallest predicted part of the acceleration's power for a trusted model
+SMALL = 0.1  # largest error of a trusted parameter, relative to its value, ...
+LITTLE = 0.05  # ... or to the value at which it alone would cause the acceleration: it is about 0
+CURVED = 8.0  # between 12, for a parabola's mean height, and the value observed for b/J
+SURELY = 2.0  # standard deviations from which a sign is certain
 
 
 class Identified(NamedTuple):
-    """One parameter; `stddev` is 0 where the value is known or given.
+    """One parameter; `stddev` is 0 if the user has set the value.
 
     trusted : the value can be used; see `Report.trusted`.
     """
@@ -39,16 +39,18 @@ class Identified(NamedTuple):
 
 
 class Report(NamedTuple):
-    """Attributes: phase and its reason, everything identified, theta as it can be loaded again.
+    """The state of the identification.
 
-    trusted : all of this holds of every free parameter: the standard deviation is finite and,
-        with what could hide in the unexplained part of the motion, small beside the value (or the
-        parameter is nearly zero); the model predicts the acceleration, or noise explains all that
-        it does not; damping is not negative, nor inertia where its sign can be told.
-    why_not : what of this fails; '' where it is trusted. Part of `reason` too.
+    phase, reason : phase of the adaptation and why it is in this phase.
+    parameters : all identified parameters, entries of theta first, then physical ones.
+    names, theta : theta, as the parameter `theta` takes it.
+    trusted : for every free parameter, standard deviation and hidden error are small compared with
+        the value, or the parameter is nearly zero; the model predicts the acceleration, or noise
+        explains the rest; damping is not negative; inertia is positive if its sign is known.
+    why_not : the condition that is not met; '' if trusted. Part of `reason` too.
     adapted : time spent adapting [s].
-    excitation : what the gate compares with its threshold: signal to noise, or the smallest
-        eigenvalue of the information matrix weighed by gamma.
+    excitation : the value that the gate compares with its threshold: signal to noise, or the
+        smallest eigenvalue of the information matrix weighted by gamma.
     explained : part of the acceleration's power that is predicted; nan: not known yet.
     """
 
@@ -65,8 +67,10 @@ class Report(NamedTuple):
 
 
 class Origin(NamedTuple):
-    """What is known of parameters that were given: standard deviations in the order of theta, and
-    whether they were trusted when they were saved.
+    """The origin of parameters from a file.
+
+    stddev : standard deviations in the order of theta.
+    trusted : they were trusted when they were saved.
     """
 
     stddev: tuple[float, ...]
@@ -74,7 +78,7 @@ class Origin(NamedTuple):
 
 
 class _Free(NamedTuple):
-    """One free parameter as the plant has it: value, standard deviation, other error, scale."""
+    """One free parameter of the plant: value, standard deviation, hidden error, scale."""
 
     name: str
     value: float
@@ -95,13 +99,14 @@ def report(
     evidence: Evidence | None = None,
     origin: Origin | None = None,
 ) -> Report:
-    """What a state of the observer with these gains and this sample time [s] says.
+    """Return the report on a state of the observer.
 
     Parameters
     ----------
-    evidence : what was gathered on the way (`AdaptiveJoint.evidence`); without it no parameter
-        that was learnt has a standard deviation or is trusted.
-    origin : of parameters that were given; None: they are taken to be right.
+    dt : sample time [s].
+    evidence : `AdaptiveJoint.evidence`; without it the learnt parameters have no standard
+        deviation and are not trusted.
+    origin : of parameters from a file; None: parameters set by the user are taken to be exact.
     """
     made = structure(gains)
     theta = list(made.fixed)
@@ -113,28 +118,28 @@ def report(
         p,
         convention,
         scatter,
-        (y, age, power, speed_power, adapted, held, usual, slow_e, slow_bend, slow_power),
+        (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
         (phase, observer_trusts, tick),
         gathered,
     ) = state
     for place, value, low, high in zip(made.free, free_theta, made.low, made.high):
         theta[place] = min(max(value, low), high)
-    given = adapted == 0.0 and gains.theta is not None
+    supplied = adapted == 0.0 and gains.theta is not None
     verdict = (
-        None if given or evidence is None else _verdict(gains, made, theta, state, dt, evidence)
+        None if supplied or evidence is None else _verdict(gains, made, theta, state, dt, evidence)
     )
-    covariance = _whole(made, verdict, given, origin)
+    covariance = _whole(made, verdict, supplied, origin)
     sigma = np.sqrt(np.diag(covariance))
     ratios = physical(made.names, made.model)
     free = _free(made, theta, sigma, ratios, verdict)
-    why_not = _doubt(gains, observer_trusts, adapted, given, verdict, free)
-    if given and origin is not None and not origin.trusted:
+    why_not = _doubt(gains, observer_trusts, adapted, supplied, verdict, free)
+    if supplied and origin is not None and not origin.trusted:
         why_not = 'they were not trusted when they were saved'
-    # one bad parameter says nothing of another, a model that does not fit does
+    # one bad parameter does not make the others bad, but a model that does not fit does
     believed = {own.name: own.is_known for own in free}
     fits = not why_not or (verdict is not None and _fits(verdict))
     known = [
-        (given and not why_not)
+        (supplied and not why_not)
         or i not in made.free
         or (fits and believed[_plant_name(name, ratios, i)])
         for i, name in enumerate(made.names)
@@ -149,7 +154,7 @@ def report(
         )
     if ratios and gains.torque_constant is not None:
         parameters += _masses(gains.torque_constant, theta, covariance, made, known)
-    reason = HELD if phase == ADAPTING and held > 0.0 else REASONS[phase]
+    reason = PAUSED if phase == ADAPTING and paused > 0.0 else REASONS[phase]
     return Report(
         PHASES[phase],
         f'{reason}; not trusted: {why_not}' if why_not else reason,
@@ -165,7 +170,7 @@ def report(
 
 
 def excitation(gains: Gains, state: tuple, dt: float) -> float:
-    """The number that opens the gate; see `Report`."""
+    """Return the value that the gate compares with its threshold; see `Report`."""
     design = _made(gains)[1]
     inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
     matrix, floor = np.array(information), np.array(design.floor)
@@ -181,13 +186,13 @@ def excitation(gains: Gains, state: tuple, dt: float) -> float:
 
 @lru_cache(maxsize=32)
 def _made(gains: Gains) -> tuple[Functions, Any]:
-    """The observer's functions and design; a report is made ten times a second."""
+    """Return the observer's functions and design; cached for ten reports per second."""
     functions = build(gains, Circle(0.0))
     return functions, functions.design()
 
 
 def _noise(state: tuple, design: Any) -> float:
-    """Variance of the reading's noise [rad^2]."""
+    """Return the variance of the measurement noise [rad^2]."""
     inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
     seen, *_ = scatter
     return float(design.noise or max(seen, design.finest))
@@ -196,13 +201,13 @@ def _noise(state: tuple, design: Any) -> float:
 def _verdict(
     gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float, evidence: Evidence
 ) -> Verdict | None:
-    """The evidence, with what noise in the filtered angle and the sampling do to the parameters."""
+    """Return the assessment of theta, including errors by noise in the filters and by sampling."""
     functions, design = _made(gains)
     n = gains.order
     weights, noise = np.array(design.w), _noise(state, design)
     injected = np.array(design.k) + theta[:n]
     bias = np.zeros(len(made.names))
-    f, g0, g1, *_ = functions.prepare(design, dt)  # g1: part of the newest reading in the regressor
+    f, g0, g1, *_ = functions.prepare(design, dt)  # g1: weight of the newest sample in psi
     bias[:n] = noise * (np.array(g1) - dt * weights @ injected)
     low_pass = -math.expm1(-dt * made.slowest)
     slow = noise * (1.0 + dt * float(injected @ weights @ injected)) * low_pass / (2.0 - low_pass)
@@ -218,10 +223,10 @@ def _verdict(
 
 
 def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> Array:
-    """Error of theta by the sampling, to leading order.
+    """Return the error of theta from the sampling, to leading order, in the order of theta.
 
-    The filters of the sampled form take the angle to be straight between the samples; forward Euler
-    finds (exp(A dt) - 1)/dt in place of A.
+    The filters of the sampled form assume a linear angle between samples. Forward Euler estimates
+    (exp(A dt) - 1)/dt instead of A.
     """
     n = gains.order
     plant = np.array(theta)
@@ -237,15 +242,17 @@ def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> A
     return error
 
 
-def _whole(made: Structure, verdict: Verdict | None, given: bool, origin: Origin | None) -> Array:
-    """Covariance of all of theta; infinite variances where nothing is known."""
+def _whole(
+    made: Structure, verdict: Verdict | None, supplied: bool, origin: Origin | None
+) -> Array:
+    """Return the covariance of theta; infinite variances for unknown parameters."""
     covariance = np.zeros((len(made.names), len(made.names)))
-    if given and origin is not None:
+    if supplied and origin is not None:
         fits = len(origin.stddev) == len(made.names)
-        spread = np.array(origin.stddev) if fits else np.full(len(made.names), math.inf)
+        sigmas = np.array(origin.stddev) if fits else np.full(len(made.names), math.inf)
         for place in made.free:
-            covariance[place, place] = spread[place] ** 2
-    elif not given:
+            covariance[place, place] = sigmas[place] ** 2
+    elif not supplied:
         places = np.ix_(made.free, made.free)
         covariance[places] = (
             np.diag([math.inf] * len(made.free)) if verdict is None else verdict.covariance
@@ -254,7 +261,7 @@ def _whole(made: Structure, verdict: Verdict | None, given: bool, origin: Origin
 
 
 def _plant_name(name: str, ratios: dict, place: int) -> str:
-    """What the plant calls this entry of theta."""
+    """Return the plant's name for this entry of theta."""
     return next((own for own, (at, *_) in ratios.items() if at == place), name)
 
 
@@ -287,31 +294,31 @@ def _doubt(
     gains: Gains,
     observer_trusts: int,
     adapted: float,
-    given: bool,
+    supplied: bool,
     verdict: Verdict | None,
     free: list[_Free],
 ) -> str:
-    """Why the parameters are not trusted; '': they are."""
-    if given:
+    """Return why the parameters are not trusted; '' if they are."""
+    if supplied:
         return '' if observer_trusts else 'the innovation is larger than noise explains'
     if adapted == 0.0:
         return 'nothing was learnt'
     if verdict is None:
-        return 'too little was learnt from, or the signals do not tell the parameters apart'
+        return 'too little was learnt, or the signals do not determine the parameters'
     if not _fits(verdict):
         return (
             f'the model predicts {100.0 * max(0.0, verdict.explained):.0f} % of the '
-            f'acceleration, {100.0 * EXPLAINED:.0f} % are needed'
+            f'acceleration: at least {100.0 * EXPLAINED:.0f} % are needed'
         )
     by_name = {own.name: own for own in free}
     damping, gain = by_name.get('b/J'), by_name.get('Kv/J')
     if damping and damping.value < -SURELY * damping.stddev - LITTLE * damping.scale:
         return 'the damping b/J is negative'
     if gain and gains.torque_constant is not None and gain.value <= SURELY * gain.stddev:
-        return 'the inertia is not surely positive: does the input have the right sign?'
+        return 'the inertia may be negative: does the input have the right sign?'
     vague = [own.name for own in free if not own.is_known]
     if vague:
-        return f'{", ".join(vague)} could be off by more than {100.0 * SMALL:.0f} %'
+        return f'the error of {", ".join(vague)} may be larger than {100.0 * SMALL:.0f} %'
     return ''
 
 
@@ -327,21 +334,21 @@ def _unit(name: str, order: int) -> str:
 def _masses(
     constant: float, theta: list[float], covariance: Array, made: Structure, known: list[bool]
 ) -> list[Identified]:
-    """J, b, k and m g l from the ratios and Kv; errors to first order."""
+    """Return J, b, k and m g l from the ratios and Kv, with standard deviations to first order."""
     b2 = theta[3]
     if b2 == 0.0:
         return []
     inertia, model = constant / b2, made.model
-    wanted: list[tuple[str, str, float, int | None]] = [
+    entries: list[tuple[str, str, float, int | None]] = [
         ('J', 'kg m^2', 1.0, None),
         ('b', 'N m s/rad', -(model[0] + theta[0]), 0),
         ('k', 'N m/rad', -(model[1] + theta[1]), 1),
     ]
     if 's2' in made.names:
         at = made.names.index('s2')
-        wanted.append(('mgl', 'N m', -theta[at], at))
+        entries.append(('mgl', 'N m', -theta[at], at))
     found = []
-    for name, unit, ratio, place in wanted:
+    for name, unit, ratio, place in entries:
         slope = np.zeros(len(theta))
         slope[3] = -inertia * ratio / b2
         if place is not None:

@@ -1,4 +1,4 @@
-"""The parameters of the adaptive observer: what is free, and what each of them multiplies."""
+"""Functions of the parameters of the adaptive observer: free and known ones, and their signals."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from estimator_pkg.observers.maths.unroll import written_out
 
 
 class Theta(NamedTuple):
-    """Functions unrolled for which parameters are free.
+    """Functions written out for one set of free parameters.
 
     psi_y, psi_u, psi_1, psi_s are the first rows of the filtered regressor for the angle, the
     input, a constant and the sine of the angle.
 
     pick : (psi_y, psi_u, psi_1, psi_s) -> the free parameters' entries of C Upsilon.
-    explained : (psi_y, psi_u, psi_1, psi_s, fixed) -> what the known parameters contribute.
+    explained : (psi_y, psi_u, psi_1, psi_s, fixed) -> contribution of the known parameters to y.
     parts : (free, fixed) -> (L, B, load, gravity).
     """
 
@@ -27,7 +27,7 @@ class Theta(NamedTuple):
 
 @lru_cache
 def unrolled_theta(order: int, load: bool, gravity: bool, free: tuple[int, ...]) -> Theta:
-    """The functions for this structure; `free` are places in theta."""
+    """Return the functions for this structure; `free` are indices in theta."""
     last = order - 1
     signals = [
         *(f'y[{i}]' for i in range(order)),

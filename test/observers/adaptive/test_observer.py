@@ -277,7 +277,7 @@ def test_freezing_holds_theta_and_unfreezing_is_bumpless():
         if not adapt:
             assert made._track[6][2] == held
             assert made._track[6][8][0] == FROZEN
-            assert made.report().reason == ("held by the user ('adapt' is false)")
+            assert made.report().reason == ("frozen by the user ('adapt' is false)")
     assert made._track[6][8][0] == ADAPTING
     assert named(made)['b/J'].value == pytest.approx(2.0, rel=5e-4)
 
@@ -416,11 +416,11 @@ def test_plain_equals_compiled_per_step(gains):
         ({'theta': (1.0, 2.0)}, 'needs 4 numbers (l1, l2, b1, b2)'),
         ({'theta': (1.0, math.nan, 0.0, 0.0)}, 'finite'),
         ({'known': ('b3=0',)}, "no parameter is called 'b3'"),
-        ({'known': ('b1>0',)}, 'not of the form b1=0'),
-        ({'known': ('l1=0', 'l2=0', 'b1=0', 'b2=1')}, 'nothing is left'),
-        ({'bounds': ('b2=1',)}, 'not of the form b/J>=0'),
+        ({'known': ('b1>0',)}, "write it as 'b1=0'"),
+        ({'known': ('l1=0', 'l2=0', 'b1=0', 'b2=1')}, 'none is left to identify'),
+        ({'bounds': ('b2=1',)}, "write it as 'b/J>=0'"),
         ({'bounds': ('b2>=2', 'b2<=1')}, 'leaves no value for b2'),
-        ({'form': 'paper'}, 'gradient law only'),
+        ({'form': 'paper'}, "does not have the law 'least_squares'"),
         ({'order': 7}, 'outside'),
     ],
 )
