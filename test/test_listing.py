@@ -175,8 +175,8 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     )
     assert 'cart_pendulum' not in out.partition('effect of the gains')[2]
     assert 'noise figure K^2/(2 L) [1/s^3]: 3600' in out
-    assert 'poles of the error there [1/s]: -30, -20' in out
-    assert 'dt K [1/s]: 5.357' in out and 'as forward Euler needs: yes' in out
+    assert 'poles of the error at the operating point [1/s]: -30, -20' in out
+    assert 'dt K [1/s]: 5.357' in out and 'required by forward Euler: yes' in out
     assert 'guaranteed rate of decay, Proposition 4.1 as corrected [1/s]: 0.2564' in out
     found = json.loads(told.read_text())['gains']['single_joint']
     assert found['slowest_pole_over_range'] == '20' and 'refused' not in found

@@ -1,1 +1,1 @@
-"""Observers of mechanisms whose model and input are known."""
+"""Observers of mechanisms with a known model and known inputs."""

@@ -1,8 +1,7 @@
 """Algebra on tuples for observers of mechanisms, written out for one number of positions.
 
-As in `unrolled`: straight lines of text, made once for each size, because loops over two or three
-numbers cost more than the numbers, and Numba cannot build tuples in a loop. A vector is a tuple of
-floats, a matrix a tuple of rows.
+The functions are generated as text without loops, for the reasons in `maths.unroll`. A vector is a
+tuple of floats, a matrix a tuple of rows.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.observers.maths.unroll import written_out
 
-LARGEST = 1e9  # beyond it [rad or m] a number is no reading, but garbage
+LARGEST = 1e9  # a measurement beyond it [rad or m] is garbage
 
 
 class MechanicalAlgebra(NamedTuple):
@@ -30,34 +29,34 @@ class MechanicalAlgebra(NamedTuple):
     scaled_t: Callable[..., tuple]  # (g, A) -> diag(g) A^T
     times: Callable[..., tuple]  # (x, y) -> elementwise product
     scale: Callable[..., tuple]  # (a, x) -> a x
-    nought: Callable[..., tuple]  # (x) -> 0
+    zeros_like: Callable[..., tuple]  # (x) -> zero vector
     minus: Callable[..., tuple]  # (x, y) -> x - y
     towards: Callable[..., tuple]  # (x, a, y) -> x + a y
-    between: Callable[..., tuple]  # (y, x, periods) -> y - x, wrapped each
-    solve: Callable[..., tuple]  # (A, x) -> A^-1 x, x'Ax > 0; nan where A is not so
-    divided: Callable[..., tuple]  # (A, B) -> A^-1 B, the same
+    between: Callable[..., tuple]  # (y, x, periods) -> y - x, each wrapped
+    solve: Callable[..., tuple]  # (A, x) -> A^-1 x if x'Ax > 0 for all x, else nan
+    divided: Callable[..., tuple]  # (A, B) -> A^-1 B, on the same condition
     blend: Callable[..., tuple]  # (A, w, B) -> A + w B
-    finite: Callable[..., bool]  # (x): are all of them readings?
-    beyond: Callable[..., bool]  # (x, bounds): is any |x_i| above its bound?
+    finite: Callable[..., bool]  # (x) -> are all |x_i| below LARGEST?
+    beyond: Callable[..., bool]  # (x, bounds) -> is any |x_i| above its bound?
     begin: Callable[..., tuple]  # (y) -> conventions
     follow: Callable[..., tuple]  # (conventions, y, periods) -> conventions
-    present: Callable[..., tuple]  # (conventions, q, periods, unwrap) -> q as y is written
+    present: Callable[..., tuple]  # (conventions, q, periods, unwrap) -> q in the convention of y
     squares: Callable[..., tuple]  # (p, w, x) -> p + w (x^2 - p), elementwise
 
 
 def column(entry: str, size: int) -> str:
-    """'(entry(0), entry(1), ...)' as text; {i} stands for the index."""
+    """Return the text '(entry(0), entry(1), ...)'; {i} in `entry` is the index."""
     return '(' + ''.join(entry.format(i=i) + ', ' for i in range(size)) + ')'
 
 
 def total(entry: str, size: int, **fixed: Any) -> str:
-    """'entry(0) + entry(1) + ...' as text; {k} stands for the index."""
+    """Return the text 'entry(0) + entry(1) + ...'; {k} in `entry` is the index."""
     return ' + '.join(entry.format(k=k, **fixed) for k in range(size))
 
 
 @lru_cache
 def mechanical_algebra(size: int) -> MechanicalAlgebra:
-    """The functions for mechanisms of `size` positions (at least one)."""
+    """Return the functions for mechanisms of `size` positions (at least one)."""
     n = size
     rows = range(n)
 
@@ -86,7 +85,7 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
         f'def scaled_t(g, a): return ({scaled})',
         f'def times(x, y): return {vector("x[{i}] * y[{i}]")}',
         f'def scale(a, x): return {vector("a * x[{i}]")}',
-        f'def nought(x): return {vector("0.0")}',
+        f'def zeros_like(x): return {vector("0.0")}',
         f'def apply(a, x): return ({apply})',
         f'def turned(a, x): return ({turned})',
         f'def product_t(a, b): return ({product_t})',
@@ -128,7 +127,7 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
                 'scaled_t',
                 'times',
                 'scale',
-                'nought',
+                'zeros_like',
                 'minus',
                 'towards',
                 'between',
@@ -147,9 +146,9 @@ def mechanical_algebra(size: int) -> MechanicalAlgebra:
 
 
 def _elimination(n: int) -> list[str]:
-    """The body of `solve`: m = L U, then two substitutions.
+    """Return the body of `solve` as text: m = L U, then two substitutions.
 
-    Without pivoting, which a matrix with x'mx > 0 does not need: its pivots are positive.
+    There is no pivoting: the pivots of a matrix with x'mx > 0 are positive.
     """
     lines = []
     for i in range(n):

@@ -1,9 +1,9 @@
-"""What every observer of a mechanism shares: guard of the domain, status, convention.
+"""The shared part of all observers of mechanisms: guard of the domain, status, convention.
 
-A measurement is the tuple of all positions, the input the tuple of what drives the mechanism; it
-acted from the sample before to this one. An observer is a small core (see `MechanicalCore`);
-`around` puts the shared part around it and gives the `Functions` of the contract, in which
-position, velocity and acceleration are tuples.
+A measurement is the tuple of all positions. The input is the tuple of forces and torques that acted
+from the previous sample to this one. An observer is a small core (see `MechanicalCore`). `around`
+adds the shared part and returns the `Functions` of the contract, in which position, velocity and
+acceleration are tuples.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ from estimator_pkg.observers.mechanism.parameters import (
 
 Array = NDArray[np.float64]
 
-OUTSIDE = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
-LOST_AFTER = 0.5  # s, in doubt for so long and the observer starts again
-COAST = 0.2  # s, without input or outside the domain for so long: not observable
+OUTSIDE = 0.125  # an innovation beyond this part of a turn is not noise: the lock is in doubt
+LOST_AFTER = 0.5  # s in doubt after which the observer starts again
+COAST = 0.2  # s without input or outside the domain after which the state is not observable
 MEMORY = 400.0  # samples over which the innovation's power is averaged
 SETTLED = 4.0  # time constants of the slowest pole until a start has settled
 
 
 class Design(NamedTuple):
-    """What the gains imply whatever the sample time is."""
+    """Everything that follows from the gains alone."""
 
-    core: tuple  # of the core
-    periods: tuple  # of each position [rad]; 0: none
-    unwrap: tuple  # 1.0 or 0.0, of each
-    outside: tuple  # innovations [rad or m] beyond which lock is doubted
-    settle: float  # time without trouble until the estimate counts [s]
-    lost_after: float  # time astray until the observer starts again [s]
+    core: tuple  # design of the core
+    periods: tuple  # wrap period of each position [rad]; 0: none
+    unwrap: tuple  # 1.0 or 0.0 for each position
+    outside: tuple  # innovations [rad or m] beyond which the lock is in doubt
+    settle: float  # time without trouble until the estimate is valid [s]
+    lost_after: float  # time in trouble after which the observer starts again [s]
 
 
 class Coefficients(NamedTuple):
-    """What the sample time implies."""
+    """Everything that follows from the design and the sample time."""
 
     core: tuple
     dt: float  # [s]
@@ -64,26 +64,26 @@ class Coefficients(NamedTuple):
 
 @dataclass(frozen=True)
 class MechanicalCore:
-    """The part that differs. All but `design`, `linear` and `limits` compile.
+    """The part that differs between observers. All but `design`, `linear` and `limits` compile.
 
-    Its state is (e, x, d, v): estimate minus measurement of the positions; momenta or velocities;
-    disturbances, where they are found; velocities as published.
+    Its state is (e, x, d, v): e, estimate minus measurement of the positions; x, momenta or
+    velocities; d, disturbances, if they are estimated; v, published velocities.
 
     design : () -> design of the core.
     prepare : (design, dt) -> coefficients of the core.
     begin : () -> core state at rest at the measurement.
-    advance : (core, coefficients, design, before, moved, measurement, given) -> (core, good). One
-        sample further: `before` is the sample before, `moved` the wrapped way since. Not `good`
-        where the model cannot be used.
-    carry : (core, design, at) -> core. The velocities v at the positions `at`, where the inputs or
-        readings since are missing.
-    linear : (at) -> (A, V): the error system about a configuration, (e, x, d)' = A (e, x, d), and
-        velocities = V x. For standard deviations, status and limits.
+    advance : (core, coefficients, design, before, moved, measurement, known_input) -> (core, good).
+        Advances by one sample: `before` is the previous measurement, `moved` the wrapped change
+        since then. `good` is False where the model is not valid.
+    carry : (core, design, at) -> core. Sets the velocities v at the positions `at` after samples
+        with missing inputs or measurements.
+    linear : (at, mean squares of the innovation) -> (A, V): the error system about a configuration,
+        (e, x, d)' = A (e, x, d), and velocities = V x. For standard deviations, status and limits.
     slowest : slowest pole at the operating point [1/s], positive.
-    lag : delay at low frequency of motion that the model does not foresee [s].
-    noise : (at, mean squares of the innovation, dt) -> what noise does, for a core that is not
-        linear; None: as `linear` says.
-    seen : which part of the core's state is the innovation: 0, e itself, or 2, where d holds it.
+    lag : delay at low frequency of motion that the model does not predict [s].
+    noise : (at, mean squares of the innovation, dt) -> `NoiseGains`, for a core that is not linear;
+        None: they follow from `linear`.
+    seen : index of the innovation in the core's state: 0 for e, 2 for d.
     """
 
     design: Callable[[], tuple]
@@ -106,8 +106,8 @@ class MechanicalFunctions(Functions):
     Attributes
     ----------
     mechanics : the model.
-    core : what is inside, for those who start it elsewhere than at rest at the measurement.
-    describe : (dt) -> what a person wants to know of the gains: poles, limits, noise.
+    core : the core, for callers that start it in another state than at rest at the measurement.
+    describe : (dt) -> properties of the gains by name: poles, limits, noise.
     why : (state, design) -> why the estimate is not published, in words, or ''.
     """
 
@@ -124,11 +124,12 @@ def around(
     circle: Any,
     describe: Callable[[float], dict[str, Any]],
 ) -> MechanicalFunctions:
-    """The contract's functions for an observer of a mechanism made of `core`.
+    """Return the contract's functions for the observer of a mechanism with this core.
 
-    State: core; last measurement; conventions; power of e; lock: (status, time since the last
-    trouble [s], time in trouble [s], what the trouble was). Trouble: 0 none, 1 outside the domain,
-    2 no input, 3 astray, 4 the model gave no numbers.
+    The state is (state of the core, last measurement, conventions, mean squares of the innovation,
+    lock). The lock is (status, time since the last trouble [s], time in trouble [s], kind of
+    trouble): 0 none, 1 outside the domain, 2 no input, 3 innovation too large, 4 the model returned
+    values that are not finite.
     """
     n = mechanics.degrees
     circles = circles_of(mechanics, circle)
@@ -140,8 +141,8 @@ def around(
         algebra.present,
         algebra.squares,
     )
-    towards, nought = algebra.towards, algebra.nought
-    given_finite = mechanical_algebra(max(1, mechanics.inputs)).finite
+    towards, zeros_like = algebra.towards, algebra.zeros_like
+    input_finite = mechanical_algebra(max(1, mechanics.inputs)).finite
     needs_input = mechanics.inputs > 0
     prepare_core, advance, carry, begin_core = (core.prepare, core.advance, core.carry, core.begin)
     unknown, seen = (math.nan,) * n, core.seen
@@ -177,12 +178,12 @@ def around(
             begin_core(),
             measurement,
             begin_all(measurement),
-            nought(measurement),
+            zeros_like(measurement),
             (INITIALISING, 0.0, 0.0, 0),
         )
 
     def step(
-        state: tuple, coefficients: Any, design: Any, measurement: tuple, given: tuple
+        state: tuple, coefficients: Any, design: Any, measurement: tuple, known_input: tuple
     ) -> tuple:
         inner, before, conventions, power, (status, clear, astray, trouble) = state
         core_coefficients, dt = coefficients
@@ -190,11 +191,11 @@ def around(
         moved = between(measurement, before, periods)
         conventions = follow_all(conventions, measurement, periods)
         found = 0
-        if needs_input and not given_finite(given):
+        if needs_input and not input_finite(known_input):
             found = 2
         else:
             after, good = advance(
-                inner, core_coefficients, core_design, before, moved, measurement, given
+                inner, core_coefficients, core_design, before, moved, measurement, known_input
             )
             e, x, d, v = after
             if not good:
@@ -214,9 +215,9 @@ def around(
             power = squares(power, weight, inner[seen])
             return (inner, measurement, conventions, power, (status, clear, astray, 0))
         astray += dt
-        if found != 3:  # carried, from the measurement
+        if found != 3:  # no update: keep the velocity, take the position from the measurement
             e, x, d, v = inner
-            inner = carry((nought(measurement), x, d, v), core_design, measurement)
+            inner = carry((zeros_like(measurement), x, d, v), core_design, measurement)
         if found == 3:
             clear = 0.0
             if astray > lost_after:
@@ -230,7 +231,7 @@ def around(
         return (inner, measurement, conventions, power, (status, clear, astray, found))
 
     def output(
-        state: tuple, coefficients: Any, design: Any, measurement: tuple, given: tuple
+        state: tuple, coefficients: Any, design: Any, measurement: tuple, known_input: tuple
     ) -> tuple:
         (e, x, d, v), before, conventions, power, (status, clear, astray, trouble) = state
         position = present_all(
@@ -240,7 +241,7 @@ def around(
 
     def resume(state: tuple, coefficients: Any, design: Any, measurement: tuple) -> tuple:
         (e, x, d, v), before, conventions, power, (status, clear, astray, trouble) = state
-        inner = carry((nought(measurement), x, d, v), design.core, measurement)
+        inner = carry((zeros_like(measurement), x, d, v), design.core, measurement)
         if status == TRACKING:
             status = COASTING
         return (
@@ -265,17 +266,17 @@ def around(
         inner, before, conventions, power, (status, clear, astray, trouble) = state
         if trouble == 1:
             complaint = mechanics.complaint()
-            return f"outside the domain of model '{mechanics.name}': the velocity is held" + (
+            return f"outside the domain of model '{mechanics.name}': the last velocity is kept" + (
                 f' ({complaint})' if complaint else ''
             )
         if trouble == 2:
             needed = ', '.join(mechanics.joints[index] for index in mechanics.actuated)
             return f"no effort for {needed}, which model '{mechanics.name}' needs"
         if trouble == 3:
-            return 'the positions are far from what the model and the inputs explain'
+            return 'the positions are far from those that the model predicts with these inputs'
         if trouble == 4:
             complaint = mechanics.complaint()
-            return f"model '{mechanics.name}' gives no numbers at these positions" + (
+            return f"model '{mechanics.name}' is not finite at these positions" + (
                 f': {complaint}' if complaint else ''
             )
         if status == INITIALISING:

@@ -1,10 +1,10 @@
-"""EHGO: the extended high-gain observer, which also finds a disturbance of the acceleration.
+"""EHGO: the extended high-gain observer, which also estimates a disturbance of the acceleration.
 
     x1h' = x2h + (h1/eps) e,   x2h' = model + sg + (h2/eps^2) e,   sg' = (h3/eps^3) e
 
 Equation (25) of the paper; `model` is that of `hgo`. With `bandwidth_hz` its three error poles are
-at the same place (damping 1), where the velocity estimate of unforeseen motion is
-(K s + E)/(s + w)^3.
+equal (damping 1). The transfer function from true to estimated velocity, for motion that the model
+does not predict, is then (K s + E)/(s + w)^3.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
 TRIPLE = (3.0, 3.0, 1.0)  # (s + 1)^3
-REACH = 1.642467686  # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from velocity to estimate
+RATIO = 1.642467686  # -3 dB frequency over w of (3 s + 1)/(s + 1)^3 from velocity to estimate
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Gains(MechanicalGains, BandwidthGains):
         kind=list,
         range=(0.0, 1e9),
         advanced=True,
-        description="the paper's h1, h2, h3, with epsilon; automatic: three equal poles",
+        description="the paper's h1, h2, h3, used with epsilon; automatic: three equal poles",
         equation='(h1/epsilon, h2/epsilon^2, h3/epsilon^3)',
     )
     epsilon: float = parameter(
@@ -51,17 +51,17 @@ class Gains(MechanicalGains, BandwidthGains):
 
 
 def tune(gains: Gains) -> tuple[float, float, float]:
-    """(l, k, s); raises UsageError."""
+    """Return the gains h1/eps [1/s], h2/eps^2 [1/s^2], h3/eps^3 [1/s^3]; raises UsageError."""
     h, epsilon = gains.h, gains.epsilon
     if h is None:
-        h, epsilon = TRIPLE, REACH / (2.0 * np.pi * gains.bandwidth_hz)
+        h, epsilon = TRIPLE, RATIO / (2.0 * np.pi * gains.bandwidth_hz)
     if len(h) != 3:
-        raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3")
+        raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3, h1, h2 and h3")
     return h[0] / epsilon, h[1] / epsilon**2, h[2] / epsilon**3
 
 
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """The functions of the observer at these gains; raises UserError, UsageError."""
+    """Return the functions of the observer with these gains; raises UserError, UsageError."""
     mechanics = model_of(gains)
     point = operating_point(gains, mechanics)
     eye = np.eye(mechanics.degrees)
@@ -74,14 +74,14 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         K,
         E,
         point,
-        "the gains 'h' do not make the error decay: s^3 + h1 s^2 + h2 s + h3 has a root that is "
-        'not stable',
+        "the gains 'h' do not make the error decay: every root of s^3 + h1 s^2 + h2 s + h3 needs a "
+        'negative real part',
     )
 
 
 OBSERVER = Observer(
     name='ehgo',
-    summary='extended high-gain observer of any mechanism: finds unknown forces too',
+    summary='extended high-gain observer of any mechanism: estimates unknown forces too',
     gains=Gains,
     build=build,
     kind='mechanical',

@@ -1,16 +1,16 @@
 """The exact step of the linear part of GESO, written out for one number of positions.
 
-With everything frozen that depends on the configuration, the observer is linear over one sample:
+With the terms that depend on the configuration frozen, the observer is linear over one sample:
 
     e' = calM p - L e - r        e = qh - y, r the rate of the measurement over the interval
     p' = f - B e - F p + Psi^T d     B = Gamma calM^T P0, F = Psi^T D calM
     d' = -E e                        the disturbance state, a generalised force
 
-so x(dt) = x + dt phi1(A dt) (A x + c) with phi1(z) = (exp(z) - 1)/z. The series of phi1 is summed
-on the vector itself, term by term until nothing more is added: for two positions some hundred
-multiplications, where a matrix exponential of the same system takes a thousand. A fast observer at
-a low rate is stepped in equal parts, because the series of a large z cancels; the parts compose to
-the same exact step.
+so x(dt) = x + dt phi1(A dt) (A x + c) with phi1(z) = (exp(z) - 1)/z. The series of phi1 is applied
+to the vector, term by term until the sum no longer changes. For two positions this takes about a
+hundred multiplications, a matrix exponential of the same system about a thousand. For large z the
+terms of the series cancel, so a fast observer at a low rate makes the step in equal parts, which
+give the same exact result.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from functools import lru_cache
 from estimator_pkg.observers.maths.unroll import written_out
 from estimator_pkg.observers.mechanism.algebra import total
 
-LARGEST_PART = 3.0  # of dt (|L| + sqrt(trace K)): beyond it a step is made in parts
-MOST_PARTS = 1000.0  # beyond so many the gains have nothing to do with the rate: refused
-NEGLIGIBLE = 1e-17  # a term this much smaller than the sum adds nothing
+LARGEST_PART = 3.0  # largest dt (|L| + sqrt(trace K)) of a step in one part
+MOST_PARTS = 1000.0  # gains that need more parts are refused: they do not fit the sample rate
+NEGLIGIBLE = 1e-17  # the series ends when its terms are smaller than this, relative to the sum
 
 
 @lru_cache
 def make_flow(n: int, *, diagonal: bool, damped: bool, disturbed: bool) -> Callable[..., tuple]:
-    """flow(e, p, d, calm, psi, b, gains, damping, gain_d, f, r, dt) -> (e, p, d, done).
+    """Return flow(e, p, d, calm, psi, b, gains, damping, gain_d, f, r, dt) -> (e, p, d, done).
 
-    `gains` is the vector of L where it is `diagonal`, else the matrix; `done` is False where the
-    step would take more than `MOST_PARTS` parts. Without a disturbance state d is ().
+    `gains` is the diagonal of L if it is `diagonal`, else the matrix. `done` is False if the step
+    would take more than `MOST_PARTS` parts. Without a disturbance state d is returned unchanged.
     """
     rows = range(n)
     lines = [
@@ -113,7 +113,7 @@ def _matrix(name: str, n: int) -> str:
 def _rates(
     n: int, e: str, p: str, d: str, diagonal: bool, damped: bool, disturbed: bool
 ) -> dict[str, str]:
-    """The right-hand sides without constants: x for e, y for p, z for d."""
+    """Return the right-hand sides without constants as text: x for e, y for p, z for d."""
     rates = {}
     for i in range(n):
         own = f'l{i} * {e}{i}' if diagonal else '(' + total('l{i}{k} * {e}{k}', n, i=i, e=e) + ')'

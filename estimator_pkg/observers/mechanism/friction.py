@@ -1,9 +1,9 @@
 """Friction that stops a joint within a sample, for the steps of observers of mechanisms.
 
-A step holds all forces but viscous ones over the sample. Dry friction held like that throws a joint
-that comes to rest past it, and back at the next sample: it chatters by c dt/M, for ever. So where
-friction F(v) takes all of a joint's velocity within the sample, whatever drives it, it counts as a
-viscous one of the same size, F(v)/v, which the steps take exactly or implicitly.
+In a step all forces except viscous ones are constant. Constant dry friction would move a joint that
+comes to rest past zero speed, and back at the next sample: the velocity chatters with amplitude
+c dt/M. So if friction F(v) stops the joint within the sample against all driving forces, it is
+replaced by viscous friction of the same size, F(v)/v, which the steps treat exactly or implicitly.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.maths.unroll import written_out
 from estimator_pkg.observers.mechanism.algebra import column
 
-MOST = 30.0  # rates of decay per sample: beyond it a joint rests whatever they are
+MOST = 30.0  # largest viscous decay per sample: with more, the joint is at rest all the same
 
 
 def may_stop(force: float, free: float, v: float, inertia: float, dt: float) -> bool:
-    """True if the friction at this velocity would take all of it within the sample.
+    """Return True if the friction at this velocity would stop the joint within the sample.
 
     Parameters
     ----------
-    force, free : all forces at this velocity, and at rest [N m or N].
+    force, free : sum of the forces at this velocity, and at rest [N m or N].
     v : velocity [rad/s or m/s].
-    inertia : of this joint alone [kg m^2 or kg].
+    inertia : diagonal entry of M for this joint [kg m^2 or kg].
     dt : sample time [s].
     """
     lost = free - force
@@ -34,26 +34,25 @@ def may_stop(force: float, free: float, v: float, inertia: float, dt: float) -> 
 def stopping(
     force: float, free: float, late: float, v: float, inertia: float, dt: float
 ) -> tuple[float, float]:
-    """(force that is held, viscous coefficient) of one joint.
+    """Return (force that is constant over the sample, viscous coefficient) of one joint.
 
     Parameters
     ----------
-    late : all forces at the velocity to which those at rest would bring it; the others are those of
-        `may_stop`.
+    late : sum of the forces at the velocity v + dt free/inertia; the others as in `may_stop`.
     """
     if not may_stop(force, free, v, inertia, dt):
         return force, 0.0
     if abs(inertia * v + dt * free) > dt * abs(free - late):
-        return force, 0.0  # what drives it is stronger
+        return force, 0.0  # the driving forces are larger than the friction
     lost, most = abs(free - force), MOST * inertia / dt
     return free, lost / abs(v) if lost < most * abs(v) else most
 
 
 def make_resistance(mechanics: Mechanics) -> Callable[..., tuple]:
-    """resistance(values, q, v, u, mass, dt) -> (forces that are held, D with such friction in it).
+    """Return resistance(values, q, v, u, mass, dt) -> (constant forces, D with such friction).
 
-    `mass` is M there. Where there is neither damping nor friction D is anything of its shape; see
-    `is_resisted`.
+    `mass` is M at q. If the model has neither damping nor friction, D is meaningless (but has its
+    shape); see `is_resisted`.
     """
     n, force = mechanics.degrees, mechanics.force
     damped = mechanics.damping is not None
@@ -104,5 +103,5 @@ def make_resistance(mechanics: Mechanics) -> Callable[..., tuple]:
 
 
 def is_resisted(mechanics: Mechanics) -> bool:
-    """True where `resistance` has a D to tell."""
+    """Return True if the D of `resistance` is meaningful: there is damping or dry friction."""
     return mechanics.damping is not None or mechanics.speed_matters

@@ -1,4 +1,4 @@
-"""From what a person asks of an observer of a mechanism to its gain matrices, and back to words."""
+"""Checks and properties of the gain matrices of observers of mechanisms."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Tuning(NamedTuple):
 
 
 def require_hurwitz(L: Array) -> None:
-    """-L must be Hurwitz; raises UsageError."""
+    """Raise UsageError unless -L is Hurwitz."""
     slowest = float(np.min(np.linalg.eigvals(L).real))
     if not slowest > 0.0:
         raise UsageError(
@@ -38,22 +38,25 @@ def require_hurwitz(L: Array) -> None:
 
 
 def require_positive(name: str, gain: Array) -> Array:
-    """The symmetric positive definite gain; raises UsageError."""
+    """Return the gain made exactly symmetric; raises UsageError unless it is positive definite."""
     if float(np.max(np.abs(gain - gain.T))) > 1e-9 * float(np.max(np.abs(gain))):
-        raise UsageError(f"parameter '{name}' is not symmetric")
+        raise UsageError(
+            f"parameter '{name}' is not symmetric: give a symmetric matrix row by row, or one "
+            'number per position'
+        )
     lowest = float(np.linalg.eigvalsh(0.5 * (gain + gain.T))[0])
     if not lowest > 0.0:
         raise UsageError(
-            f"parameter '{name}' is not positive definite (lowest eigenvalue {lowest:.3g})"
+            f"parameter '{name}' is not positive definite: its smallest eigenvalue is "
+            f'{lowest:.3g}, it must be positive'
         )
     return 0.5 * (gain + gain.T)
 
 
 def lyapunov_weight(L: Array) -> Array:
-    """P0 of Remark 5 in its corrected form: P0 L + L^T P0 > 0.
+    """Return P0 of Remark 5 in its corrected form: P0 L + L^T P0 > 0, shape (n, n).
 
-    The identity where L + L^T > 0 (the paper's own case), else the solution with right-hand side
-    I.
+    It is the identity if L + L^T > 0 (the paper's case), else the solution with right-hand side I.
     """
     n = len(L)
     if float(np.linalg.eigvalsh(L + L.T)[0]) > 0.0:
@@ -64,7 +67,10 @@ def lyapunov_weight(L: Array) -> Array:
 
 
 def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool) -> Array:
-    """A of (e, p, d)' = A (e, p, d), with the configuration frozen at q."""
+    """Return A of (e, p, d)' = A (e, p, d), with the configuration frozen at q [rad or m].
+
+    Its shape is (3 n, 3 n) if `disturbed`, else (2 n, 2 n).
+    """
     calm, psi = check.factors(mechanics, q)
     n = mechanics.degrees
     size = 3 * n if disturbed else 2 * n
@@ -82,12 +88,12 @@ def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool
 
 
 def slowest_pole(matrix: Array) -> float:
-    """-(largest real part) [1/s]."""
+    """Return the slowest pole, -(largest real part of the eigenvalues) [1/s]."""
     return -float(np.max(np.linalg.eigvals(matrix).real))
 
 
 def longest_euler(matrices: list[Array]) -> float:
-    """The sample time [s] up to which forward Euler is stable at all of these."""
+    """Return the longest sample time [s] at which forward Euler is stable for all matrices."""
     longest = math.inf
     for matrix in matrices:
         for pole in np.linalg.eigvals(matrix):
@@ -98,7 +104,7 @@ def longest_euler(matrices: list[Array]) -> float:
 
 
 def euler_limit(matrices: list[Array]) -> Limits:
-    """`limits` of a forward Euler observer whose error obeys one of these matrices."""
+    """Return `limits` of a forward Euler observer whose error system is one of these matrices."""
     longest = longest_euler(matrices)
 
     def limits(dt: float) -> str | None:
@@ -113,10 +119,10 @@ def euler_limit(matrices: list[Array]) -> Limits:
 
 
 def exact_limit(matrices: list[Array], n: int) -> Limits:
-    """`limits` of the exact step of `flow`, whose error obeys one of these matrices.
+    """Return `limits` of the exact step of `flow`, whose error system is one of these matrices.
 
-    Far beyond the sample rate its gains have nothing to do with it, and it would take thousands of
-    parts.
+    It refuses gains that are so fast for the sample rate that a step would take more than
+    `MOST_PARTS` parts.
     """
     longest = LARGEST_PART * MOST_PARTS / max(_pace(matrix, n) for matrix in matrices)
 
@@ -132,13 +138,13 @@ def exact_limit(matrices: list[Array], n: int) -> Limits:
 
 
 def _pace(matrix: Array, n: int) -> float:
-    """What `flow` takes the speed of this error system to be [1/s]."""
+    """Return the rate [1/s] by which `flow` chooses the number of parts."""
     stiffness = abs(float(np.trace(matrix[:n, n : 2 * n] @ matrix[n : 2 * n, :n])))
     return float(np.sum(np.abs(np.diag(matrix)[: 2 * n]))) + math.sqrt(stiffness)
 
 
 def never(dt: float) -> str | None:
-    """`limits` of an observer that works at every sample time."""
+    """Return None: the `limits` of an observer that works at every sample time."""
     return None
 
 
@@ -153,13 +159,14 @@ class Guarantee(NamedTuple):
 
 
 def guaranteed_rate(L: Array, Gamma: Array, k0: float, k1: float, k2: float) -> Guarantee:
-    """Proposition 4.1 in its corrected form.
+    """Return the constants of Proposition 4.1 in its corrected form.
 
     The printed proof bounds -|calM p~|^2 from above by -k1^2 |p~|^2 with k1 the largest norm of
-    calM; it takes the smallest singular value, k0.
+    calM. The correct bound has the smallest singular value, k0.
 
     Parameters
     ----------
+    L, Gamma : gains of the observer, shape (n, n).
     k0, k1 : smallest singular value and largest norm of calM over the motion.
     k2 : largest norm of d calM/dt.
     """
@@ -183,11 +190,14 @@ def describe(
     disturbed: bool,
     speed: float = 1.0,
 ) -> dict[str, Any]:
-    """What a person wants to know of GESO's gains.
+    """Return properties of GESO's gains by name; `MEANINGS` has their titles and units.
 
     Parameters
     ----------
-    speed : velocity for which the guaranteed rate is worked out [rad/s or m/s each].
+    point : operating point [rad or m], shape (n,).
+    dt : sample time [s].
+    disturbed : the observer has a disturbance state.
+    speed : velocity of each position for which the guaranteed rate is computed [rad/s or m/s].
     """
     calm = check.factors(mechanics, point)[0]
     K = calm @ tuning.Gamma @ calm.T @ tuning.P0
@@ -208,7 +218,7 @@ def describe(
         'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(tuning.L))),
         'longest_euler_dt': longest_euler(matrices),
     }
-    # the proposition is about (11) itself: L + L^T > 0 and no disturbance state
+    # the proposition applies to (11): L + L^T > 0 and no disturbance state
     if not disturbed and np.allclose(tuning.P0, np.eye(len(tuning.P0))):
         sizes = [
             np.linalg.svd(check.factors(mechanics, q)[0], compute_uv=False) for q in configurations
@@ -231,27 +241,27 @@ def describe(
     return found
 
 
-# what each entry of `describe` is, for a person
+# titles of the entries of `describe`
 MEANINGS = {
     'operating_point': 'operating point [rad or m]',
     'L': 'L, gain of the position [1/s]',
     'Gamma': 'Gamma, gain of the momenta',
     'K': 'K, gain of the velocity [1/s^2]',
-    'poles': 'poles of the error there [1/s]',
+    'poles': 'poles of the error at the operating point [1/s]',
     'noise_figure': 'noise figure K^2/(2 L) [1/s^3]',
     'slowest_pole_over_range': 'slowest pole over the range of q [1/s]',
     'dt_K': 'dt K [1/s]',
-    'dt_K_below_L': 'dt K below L, as forward Euler needs',
+    'dt_K_below_L': 'dt K below L, required by forward Euler',
     'longest_euler_dt': 'longest sample time with forward Euler [s]',
     'guaranteed_rate': 'guaranteed rate of decay, Proposition 4.1 as corrected [1/s]',
     'guaranteed_for_speed': 'guaranteed up to a speed of [rad/s or m/s]',
-    'acceleration_limit': 'acceleration error up to which it is exact [rad/s^2 or m/s^2]',
+    'acceleration_limit': 'model error up to which the estimate is exact [rad/s^2 or m/s^2]',
     'chattering': 'chattering of a forward Euler step [rad/s or m/s]',
 }
 
 
 def in_words(found: dict[str, Any]) -> dict[str, str]:
-    """`describe` as texts, for a status or a terminal; of a diagonal matrix the diagonal."""
+    """Return the values of `describe` as texts; of a diagonal matrix only the diagonal."""
     words = {}
     for name, value in found.items():
         if name == 'poles':
@@ -264,7 +274,7 @@ def in_words(found: dict[str, Any]) -> dict[str, str]:
 
 
 def _pole(pole: complex) -> str:
-    if abs(pole.imag) < 1e-6 * abs(pole):  # equal poles, apart by rounding alone
+    if abs(pole.imag) < 1e-6 * abs(pole):  # a pair of equal poles that differ by rounding only
         return f'{pole.real:.4g}'
     return f'{pole.real:.4g}{pole.imag:+.4g}i'
 

@@ -1,4 +1,4 @@
-"""The general form of Remark 6: every system that is linear in what is not measured.
+"""The general form of Remark 6, for systems that are linear in their unmeasured states.
 
     e1' = B(e1) e2 + f1(e1, u),   e2' = f2(e1, u),   y = e1
 
@@ -7,9 +7,9 @@ admits the observer
     e1h' = B(y) e2h + f1(y, u) + L (y - e1h)
     e2h' = f2(y, u) + Gamma B(y)^T P0 (y - e1h)
 
-with n1 measured and n2 unmeasured states. The error goes to zero whatever they are; exponentially,
-at a rate that holds everywhere, where n1 >= n2 and B has full column rank uniformly, else where B
-is persistently exciting along the motion (14). GESO is the case e2 = p, B = calM.
+with n1 measured and n2 unmeasured states. The error converges to zero for every n1 and n2. It
+converges exponentially with a uniform rate if n1 >= n2 and B has full column rank uniformly, and
+otherwise if B is persistently exciting along the motion (14). GESO is the case e2 = p, B = calM.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class GeneralObserver:
 
     Raises
     ------
-    UsageError : gains that do not work, or matrices that do not fit.
+    UsageError : -L is not Hurwitz, Gamma is not positive definite, or a shape is wrong.
     """
 
     def __init__(
@@ -65,35 +65,45 @@ class GeneralObserver:
         self._B, self._f1, self._f2 = B, f1, f2
         self.L, self.Gamma = np.asarray(L, float), np.asarray(Gamma, float)
         if self.L.ndim != 2 or self.L.shape[0] != self.L.shape[1]:
-            raise UsageError(f"'L' must be a square matrix, not of shape {self.L.shape}")
+            raise UsageError(f"'L' has the shape {self.L.shape}: it must be a square matrix")
         if self.Gamma.ndim != 2 or self.Gamma.shape[0] != self.Gamma.shape[1]:
-            raise UsageError(f"'Gamma' must be a square matrix, not of shape {self.Gamma.shape}")
+            raise UsageError(
+                f"'Gamma' has the shape {self.Gamma.shape}: it must be a square matrix"
+            )
         require_hurwitz(self.L)
         self.Gamma = require_positive('Gamma', self.Gamma)
         self.P0 = lyapunov_weight(self.L)
 
     def start(self, y: Array) -> GeneralState:
-        """At the measurement, the rest at zero."""
+        """Return the initial state: measured part `y`, shape (n1,), unmeasured part zero."""
         return GeneralState(np.array(y, float), np.zeros(len(self.Gamma)))
 
     def observable_everywhere(self, configurations: Array) -> bool:
-        """True if B has full column rank at all of these: the condition for a uniform rate."""
+        """Return True if B has full column rank at all configurations, shape (k, n1).
+
+        This is the condition for a uniform rate.
+        """
         return all(np.linalg.matrix_rank(self._B(y)) == len(self.Gamma) for y in configurations)
 
     def step(
         self, state: GeneralState, y: Array, following: Array, u: Array, dt: float
     ) -> GeneralState:
-        """One sample further: the measurement goes from `y` to `following`, linearly.
+        """Return the state after one more sample of `dt` [s].
+
+        The measurement changes linearly from `y` to `following`, shape (n1,) each; the input `u` is
+        constant.
 
         Raises
         ------
-        UsageError : B has another shape than (n1, n2).
+        UsageError : B does not have the shape (n1, n2).
         """
         n1, n2 = len(self.L), len(self.Gamma)
         middle = 0.5 * (np.asarray(y) + np.asarray(following))
         B = np.asarray(self._B(middle), float)
         if B.shape != (n1, n2):
-            raise UsageError(f'B has the shape {B.shape}, not ({n1}, {n2}) as L and Gamma have')
+            raise UsageError(
+                f'B has the shape {B.shape}: with this L and Gamma it must be ({n1}, {n2})'
+            )
         size = n1 + n2
         whole = np.zeros((size + 1, size + 1))
         whole[:n1, :n1], whole[:n1, n1:size] = -self.L, B

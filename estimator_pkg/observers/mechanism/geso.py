@@ -5,8 +5,8 @@
 
 Aranovskiy, Ortega, Romero, Sokolov, 'A globally exponentially stable speed observer for a class of
 mechanical systems' (International Journal of Control, 2019), equation (11). The error is linear at
-any speed: locally q~'' + L q~' + K q~ = 0 with K = calM Gamma calM^T, so that K, not Gamma, is the
-gain of the innovation.
+any speed: locally q~'' + L q~' + K q~ = 0 with K = calM Gamma calM^T. So K, not Gamma, is the gain
+of the innovation.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from estimator_pkg.observers.mechanism.parameters import (
     PAPER,
     LoopGains,
     MechanicalGains,
+    gain_matrix,
     model_of,
     operating_point,
-    spread,
     tuple_of,
 )
 from estimator_pkg.parameters import parameter
@@ -73,23 +73,23 @@ class Gains(MechanicalGains, LoopGains):
 
 
 def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
-    """The gain matrices that are asked for.
+    """Return the gain matrices that these parameters request.
 
     Raises
     ------
-    UsageError : not positive definite, not Hurwitz, of wrong size, or given twice.
+    UsageError : a gain is not positive definite, not Hurwitz, of wrong size, or set twice.
     """
     n = mechanics.degrees
     calm = check.factors(mechanics, point)[0]
     slow = TURN * gains.disturbance_hz
     if gains.Gamma is not None and gains.K is not None:
-        raise UsageError("give either 'Gamma' or 'K', not both")
+        raise UsageError("'Gamma' and 'K' are both set: set only one of them, not both")
     if gains.L is None and (gains.Gamma is not None or gains.K is not None):
-        raise UsageError("'Gamma' and 'K' need 'L' beside them")
+        raise UsageError("'Gamma' or 'K' is set, but not 'L': set 'L' too")
     if gains.L is not None:
-        L = spread('L', gains.L, n)
+        L = gain_matrix('L', gains.L, n)
         if gains.Gamma is None and gains.K is None:
-            raise UsageError("'L' needs 'Gamma' or 'K' beside it")
+            raise UsageError("'L' is set, but neither 'Gamma' nor 'K': set one of them too")
         innovation = None
     else:
         omega = natural_frequency(gains.bandwidth_hz, gains.damping)
@@ -99,12 +99,14 @@ def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
         innovation = np.eye(n) * (omega * omega + middle * slow)
     mechanical_gains.require_hurwitz(L)
     if gains.K is not None:
-        innovation = mechanical_gains.require_positive('K', spread('K', gains.K, n))
+        innovation = mechanical_gains.require_positive('K', gain_matrix('K', gains.K, n))
     if innovation is not None:
         back = np.linalg.inv(calm)
         Gamma = back @ innovation @ back.T
     else:
-        Gamma = mechanical_gains.require_positive('Gamma', spread('Gamma', gains.Gamma or (), n))
+        Gamma = mechanical_gains.require_positive(
+            'Gamma', gain_matrix('Gamma', gains.Gamma or (), n)
+        )
     P0 = mechanical_gains.lyapunov_weight(L)
     foreseen = calm @ Gamma @ calm.T
     if gains.L is None:
@@ -116,17 +118,17 @@ def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
 
 
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """The functions of the observer at these gains.
+    """Return the functions of the observer with these gains.
 
     Raises
     ------
-    UserError, UsageError : a model or gains that cannot work, in one line.
+    UserError, UsageError : the model or the gains cannot work.
     """
     mechanics = model_of(gains)
     if mechanics.factors is None:
         raise UserError(
-            f"model '{mechanics.name}' is not partially linearisable (it gives no Psi, and the "
-            "Cholesky factor of M^-1 is none): use the observer 'hgo', which needs none"
+            f"model '{mechanics.name}' is not partially linearisable (it has no Psi, and the "
+            "Cholesky factor of M^-1 is not one): use the observer 'hgo', which does not need it"
         )
     point = operating_point(gains, mechanics)
     tuned = tune(gains, mechanics, point)
@@ -147,7 +149,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         algebra.product,
         algebra.product_t,
     )
-    scaled_t, scale, nought = algebra.scaled_t, algebra.scale, algebra.nought
+    scaled_t, scale, zeros_like = algebra.scaled_t, algebra.scale, algebra.zeros_like
     towards, minus, times = algebra.towards, algebra.minus, algebra.times
     transposed, finite = algebra.transposed, algebra.finite
     flow = make_flow(n, diagonal=diagonal, damped=damped, disturbed=disturbed)
@@ -175,7 +177,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         before: tuple,
         moved: tuple,
         measurement: tuple,
-        given: tuple,
+        known_input: tuple,
     ) -> tuple:
         e, p, d, v = core
         values, L, Gamma, P0, E = design
@@ -194,10 +196,10 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         else:
             b = product(product_t(Gamma, calm), P0)
         if paper:
-            f, friction = force(values, at, v, given), damping_of(values, at)
+            f, friction = force(values, at, v, known_input), damping_of(values, at)
         else:
             mass = inertia(values, at) if dry else calm
-            f, friction = resistance(values, at, v, given, mass, dt)
+            f, friction = resistance(values, at, v, known_input, mass, dt)
         f = turned(psi, f)
         if damped:
             w = product(transposed(psi), product(friction, calm))  # Psi^T D calM
@@ -220,7 +222,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             e = minus(towards(e, dt, rate), moved)
             p = towards(p, dt, f)
         else:
-            rate = scale(inverse_dt, moved) if linear_hold else nought(moved)
+            rate = scale(inverse_dt, moved) if linear_hold else zeros_like(moved)
             e, p, d, good = flow(e, p, d, calm, psi, b, L, w, E, f, rate, dt)
             if not linear_hold:
                 e = minus(e, moved)
@@ -230,7 +232,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         return (e, p, d, apply(factors(values, now)[0], p)), True
 
     def carry(core: tuple, design: tuple, at: tuple) -> tuple:
-        """The momenta go on: without forces they are constant, whatever the positions."""
+        """Keep the momenta: without forces they are constant at all positions."""
         e, p, d, v = core
         values, L, Gamma, P0, E = design
         if not admits(values, at):
@@ -275,7 +277,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
 
 OBSERVER = Observer(
     name='geso',
-    summary='globally exponentially stable observer of a mechanism whose model and input are known',
+    summary='globally exponentially stable observer of a mechanism with known model and input',
     gains=Gains,
     build=build,
     kind='mechanical',

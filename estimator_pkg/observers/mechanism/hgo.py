@@ -2,8 +2,8 @@
 
     x1h' = x2h + L e,   x2h' = M(y)^-1 [G u - dV/dq - C(y, x2h) x2h - D x2h] + K e,   e = y - x1h
 
-With L = h1/eps and K = h2/eps^2 it is the paper's (21). It needs no Psi and works for every
-mechanism; its error grows with the speed, through C.
+With L = h1/eps and K = h2/eps^2 it is the paper's (21). It does not need Psi, so it works for every
+mechanism. Its error grows with the speed, through C.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.observers.mechanism.parameters import (
     LoopGains,
     MechanicalGains,
+    gain_matrix,
     model_of,
     operating_point,
-    spread,
 )
 from estimator_pkg.observers.mechanism.velocity import linear_observer
 from estimator_pkg.parameters import parameter
@@ -51,7 +51,7 @@ class Gains(MechanicalGains, LoopGains):
         kind=list,
         range=(0.0, 1e9),
         advanced=True,
-        description="the paper's h1, h2, with epsilon, instead of L and K; automatic: not used",
+        description="the paper's h1, h2, used with epsilon instead of L and K; automatic: not used",
         equation='L = h1/epsilon, K = h2/epsilon^2',
     )
     epsilon: float = parameter(
@@ -60,19 +60,24 @@ class Gains(MechanicalGains, LoopGains):
 
 
 def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
-    """(L, K, E); E where a disturbance is to be found. Raises UsageError."""
+    """Return the gain matrices (L, K, E); E is None without a disturbance state.
+
+    Raises
+    ------
+    UsageError : gains of wrong size, or set twice.
+    """
     slow = TURN * gains.disturbance_hz
     eye = np.eye(n)
     if gains.h is not None:
         if gains.L is not None or gains.K is not None:
-            raise UsageError("give either 'h' and 'epsilon', or 'L' and 'K', not both")
+            raise UsageError("'h' is set together with 'L' or 'K': set 'h', or 'L' and 'K'")
         if len(gains.h) != 2:
-            raise UsageError(f"parameter 'h' has {len(gains.h)} numbers: 'hgo' takes 2")
+            raise UsageError(f"parameter 'h' has {len(gains.h)} numbers: 'hgo' takes 2, h1 and h2")
         L, K = eye * gains.h[0] / gains.epsilon, eye * gains.h[1] / gains.epsilon**2
     elif gains.L is not None or gains.K is not None:
         if gains.L is None or gains.K is None:
-            raise UsageError("'L' and 'K' go together")
-        L, K = spread('L', gains.L, n), spread('K', gains.K, n)
+            raise UsageError("only one of 'L' and 'K' is set: set both")
+        L, K = gain_matrix('L', gains.L, n), gain_matrix('K', gains.K, n)
     else:
         omega = natural_frequency(gains.bandwidth_hz, gains.damping)
         middle = 2.0 * gains.damping * omega
@@ -82,7 +87,7 @@ def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
 
 
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """The functions of the observer at these gains; raises UserError, UsageError."""
+    """Return the functions of the observer with these gains; raises UserError, UsageError."""
     mechanics = model_of(gains)
     point = operating_point(gains, mechanics)
     L, K, E = tune(gains, mechanics.degrees)
@@ -94,13 +99,13 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         K,
         E,
         point,
-        "the gains 'L' and 'K' are not positive definite: the error does not decay",
+        "the error does not decay with these gains: 'L' and 'K' must be positive definite",
     )
 
 
 OBSERVER = Observer(
     name='hgo',
-    summary='high-gain observer of any mechanism whose model and input are known',
+    summary='high-gain observer of any mechanism with known model and input',
     gains=Gains,
     build=build,
     kind='mechanical',

@@ -1,4 +1,4 @@
-"""What white measurement noise does to an observer of a mechanism, about one configuration."""
+"""Variances of an observer of a mechanism under white measurement noise, at one configuration."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from estimator_pkg.observers.maths.steady_noise import steady_covariance
 
 Array = NDArray[np.float64]
 
-GRID = 0.03  # of a position's reach, of dt, of noise: variances nearer than that are not redone
-KEPT = 4096  # of them
+GRID = 0.03  # relative spacing of the cached variances in position, dt and innovation
+KEPT = 4096  # largest number of cached variances
 
 
 def exponential(matrix: Array) -> Array:
-    """exp(matrix) by scaling, Taylor and squaring (small matrices)."""
+    """Return exp(matrix) by scaling, Taylor series and squaring (for small matrices)."""
     size = float(np.max(np.sum(np.abs(matrix), axis=1)))
     times = max(0, int(np.ceil(np.log2(max(size, 1e-300)))) + 2)
     part = matrix / 2.0**times
@@ -36,7 +36,7 @@ def exponential(matrix: Array) -> Array:
 def discrete(
     matrix: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
 ) -> tuple[Array, Array]:
-    """(Phi, W) of the error over one sample: z+ = Phi z + W (y_k - y_{k-1}).
+    """Return (Phi, W) of the error over one sample: z+ = Phi z + W (y_k - y_{k-1}).
 
     Parameters
     ----------
@@ -59,10 +59,10 @@ def discrete(
 class NoiseGains(NamedTuple):
     """Variances of an observer in steady state; infinite where it is unstable.
 
-    position, velocity, innovation : per variance of the noise of each position, shape (n, n): row
-        what, column whose noise.
-    own_position, own_velocity, own_innovation : what the observer adds by itself (the chattering of
-        a sliding mode), shape (n,).
+    position, velocity, innovation : variances per noise variance, shape (n, n): row i, column j for
+        position i and noise of measurement j.
+    own_position, own_velocity, own_innovation : variances without noise, from the chattering of a
+        sliding mode, shape (n,).
     """
 
     position: Array
@@ -76,22 +76,28 @@ class NoiseGains(NamedTuple):
 def noise_gains(
     matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
 ) -> NoiseGains:
-    """Those of an observer whose error is linear; the innovation is e = estimate minus measurement.
+    """Return the variances of an observer with a linear error system.
+
+    The innovation is e, estimate minus measurement.
 
     Parameters
     ----------
     matrix : A of (e, x, d)' = A (e, x, d).
-    shown : velocities = shown x.
+    shown : V of velocities = V x.
+    n : number of positions.
+    dt : sample time [s].
+    euler : the step is forward Euler.
+    linear_hold : the measurement is interpolated linearly between samples.
     """
     step, arrival = discrete(matrix, n, dt, euler=euler, linear_hold=linear_hold)
     size = len(matrix)
     nothing = np.zeros(n)
-    # e and the measurement's own level drift together where the mechanism is at rest; the error of
-    # the estimate is e + n_k, so what matters is bounded when Phi is
+    # the error of the estimate is e + n_k, which is bounded if Phi is stable; a common drift of
+    # estimate and measurement, as at rest, does not matter
     if max(abs(np.linalg.eigvals(step))) >= 1.0:
         without = np.full((n, n), np.inf)
         return NoiseGains(without, without, without, nothing, nothing, nothing)
-    # the noise of the sample before is a state: z+ = Phi z + W (n_k - n_{k-1})
+    # the noise of the previous sample is a state: z+ = Phi z + W (n_k - n_{k-1})
     transition = np.zeros((size + n, size + n))
     transition[:size, :size], transition[:size, size:] = step, -arrival
     entering = np.vstack([arrival, np.eye(n)])
@@ -120,20 +126,21 @@ def make_stddev(
     euler: bool,
     linear_hold: bool,
 ) -> Callable[[tuple, tuple, tuple], tuple]:
-    """`stddev` of the contract for a `MechanicalCore`.
+    """Return `stddev` of the contract for a `MechanicalCore`.
 
-    The variances per noise depend on the configuration and on dt alone (and, where the core is not
-    linear, on the size of the innovation): they are worked out on a grid of these and kept.
+    The variances per noise depend on configuration and dt, and on the size of the innovation if the
+    core is not linear. They are computed on a grid of these and cached.
 
     Parameters
     ----------
-    noise, quantum : of each position [rad or m].
-    measured : the noise is not given, but follows from the innovation.
+    noise, quantum : standard deviation of the noise and quantum of each position [rad or m].
+    measured : the noise is not a parameter, but estimated from the innovation.
+    euler, linear_hold : as in `noise_gains`.
     """
     n = mechanics.degrees
     floor = np.array(quantum) ** 2 / 12.0
-    given = np.array(noise) ** 2 + floor
-    reach = [GRID * each for each in mechanics.reach]
+    variance = np.array(noise) ** 2 + floor
+    spacing = [GRID * each for each in mechanics.reach]
 
     def variances(at: Array, sizes: tuple[int, ...], dt: float) -> NoiseGains:
         if core.noise is not None:
@@ -145,18 +152,18 @@ def make_stddev(
     def gains(
         place: tuple[int, ...], sizes: tuple[int, ...], period: int
     ) -> tuple[NoiseGains, Array] | None:
-        """(variances, inverse of those of the innovation); None where nothing holds."""
-        at, dt = np.array(reach) * np.array(place), math.exp(GRID * period)
+        """Return (variances, inverse of those of the innovation); None if they are not finite."""
+        at, dt = np.array(spacing) * np.array(place), math.exp(GRID * period)
         if not mechanics.admits(mechanics.values, tuple(at.tolist())):
             return None
         try:
-            with np.errstate(all='ignore'):  # what is not finite is looked at below
+            with np.errstate(all='ignore'):  # checked for finite values below
                 found = variances(at, sizes, dt)
-        except np.linalg.LinAlgError:  # numbers beyond every float on the way
+        except np.linalg.LinAlgError:  # overflow in an intermediate result
             return None
         if not all(np.all(np.isfinite(each)) for each in found):
             return None
-        # a variance of nearly nothing may come out a rounding error below it
+        # rounding may make a variance near zero negative
         found = NoiseGains(*(np.maximum(each, 0.0) for each in found))
         return found, np.array(np.linalg.pinv(found.innovation), float)
 
@@ -169,19 +176,19 @@ def make_stddev(
             else tuple(round(0.5 * math.log(each) / GRID) for each in power)
         )
         kept = gains(
-            tuple(round(at / each) for at, each in zip(measurement, reach)),
+            tuple(round(at / each) for at, each in zip(measurement, spacing)),
             sizes,
             round(math.log(coefficients.dt) / GRID),
         )
         if kept is None:
             return (math.inf,) * n, (math.inf,) * n
         found, back = kept
-        known = given
+        used = variance
         if measured:
-            known = np.maximum(back @ (np.array(power) - found.own_innovation), floor)
+            used = np.maximum(back @ (np.array(power) - found.own_innovation), floor)
         return (
-            tuple(np.sqrt(found.position @ known + found.own_position).tolist()),
-            tuple(np.sqrt(found.velocity @ known + found.own_velocity).tolist()),
+            tuple(np.sqrt(found.position @ used + found.own_position).tolist()),
+            tuple(np.sqrt(found.velocity @ used + found.own_velocity).tolist()),
         )
 
     return stddev

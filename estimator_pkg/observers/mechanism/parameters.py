@@ -1,4 +1,4 @@
-"""The parameters that all observers of mechanisms share, and what follows from them alone."""
+"""The shared parameters of all observers of mechanisms, and functions of them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class MechanicalGains:
         unit='',
         structural=True,
         choices=(*registry.names(registry.MODELS), 'package.module:name'),
-        description="the mechanism; 'velocity_estimator list' shows what each takes, "
+        description="the mechanism; 'velocity_estimator list' shows the parameters of each, "
         'docs/own_model.md how to write one',
     )
     model_parameters: tuple[str, ...] = parameter(
@@ -39,7 +39,7 @@ class MechanicalGains:
         unit='',
         structural=True,
         description="the model's numbers as 'name=value', such as ['inertia=0.05', "
-        "'damping=0.01']; 'velocity_estimator identify' finds them",
+        "'damping=0.01']; 'velocity_estimator identify' estimates them",
     )
     form: str = parameter(
         EXACT,
@@ -47,7 +47,7 @@ class MechanicalGains:
         choices=(EXACT, PAPER),
         structural=True,
         description='exact: the step is exact for the time between samples; paper: forward Euler, '
-        'which is unstable where dt K is not well below L',
+        'which is unstable unless dt K is well below L',
     )
     hold: str = parameter(
         LINEAR,
@@ -55,16 +55,16 @@ class MechanicalGains:
         choices=(LINEAR, PREVIOUS),
         structural=True,
         advanced=True,
-        description='the measurement between samples in the exact form: linear, or held at the '
-        'sample before (half a sample more delay)',
+        description='the measurement between samples in the exact form: linear, or constant at the '
+        'previous sample (half a sample more delay)',
     )
     schedule: str = parameter(
         MEASUREMENT,
         unit='',
         choices=(MEASUREMENT, ESTIMATE),
         structural=True,
-        description='where the model is evaluated: at the measurement, as the proof wants it, or '
-        'at the estimated position, which is quieter with a noisy encoder',
+        description='where the model is evaluated: at the measurement, as the proof requires, or '
+        'at the estimated position, which is less noisy with a noisy encoder',
     )
     noise: tuple[float, ...] | None = parameter(
         None,
@@ -85,7 +85,7 @@ class MechanicalGains:
 
 @dataclass(frozen=True)
 class BandwidthGains:
-    """The parameters of observers that are as fast as a bandwidth says, at an operating point."""
+    """The parameters of observers that are tuned by a bandwidth at an operating point."""
 
     bandwidth_hz: float = parameter(
         10.0,
@@ -93,21 +93,21 @@ class BandwidthGains:
         range=(0.001, 1e5),
         search=(0.5, 500.0),
         description='-3 dB frequency from true to estimated velocity for motion that the model '
-        'does not foresee; lower trusts the model more. Not used where L or h is set',
+        'does not predict; lower trusts the model more. Not used if L or h is set',
     )
     operating_point: tuple[float, ...] | None = parameter(
         None,
         unit='rad or m',
         kind=list,
         range=(-1e6, 1e6),
-        description='positions at which bandwidth and damping hold; automatic: the middle of the '
-        "model's range",
+        description='positions for which bandwidth and damping are set; automatic: the middle of '
+        "the model's range",
     )
 
 
 @dataclass(frozen=True)
 class LoopGains(BandwidthGains):
-    """The parameters of observers whose error is one of second order, with a disturbance beside."""
+    """The parameters of observers with an error of second order and an optional disturbance."""
 
     damping: float = parameter(
         1.0,
@@ -132,20 +132,24 @@ class LoopGains(BandwidthGains):
         unit='Hz',
         range=(0.0, 1e4),
         search=(0.0, 50.0),
-        description='how fast a constant or slow force that the model does not know is found and '
-        'taken into account; 0: not at all',
+        description='bandwidth of the disturbance estimate, for constant or slow forces that the '
+        'model does not contain; 0: no disturbance estimate',
     )
 
 
 def model_of(gains: MechanicalGains) -> Mechanics:
-    """The checked model that the gains name; raises UserError, UsageError."""
+    """Return the checked model that the gains name; raises UserError, UsageError."""
     return load(gains.model, gains.model_parameters)
 
 
 def circles_of(mechanics: Mechanics, circle: Any) -> tuple[Circle, ...]:
-    """One circle per position: as given, or by the model where a single one is given.
+    """Return one circle per position: those of `circle`, or the model's periods for a single one.
 
-    A single circle says only whether turns are counted.
+    A single circle determines only whether turns are counted.
+
+    Raises
+    ------
+    UsageError : the number of circles is not that of the positions.
     """
     if isinstance(circle, Circle):
         return tuple(Circle(period, circle.unwrap) for period in mechanics.periods)
@@ -157,53 +161,65 @@ def circles_of(mechanics: Mechanics, circle: Any) -> tuple[Circle, ...]:
     return circles
 
 
-def spread(name: str, values: tuple[float, ...], count: int) -> Array:
-    """A gain as a matrix: one number for all, one each, or a matrix row by row.
+def gain_matrix(name: str, values: tuple[float, ...], count: int) -> Array:
+    """Return a gain as a matrix, shape (count, count).
+
+    `values` are one number for all positions, one number each, or a matrix row by row.
 
     Raises
     ------
     UsageError : neither 1, n nor n^2 numbers.
     """
-    given = np.array(values, float)
-    if len(given) == 1:
-        return np.eye(count) * given[0]
-    if len(given) == count:
-        return np.diag(given)
-    if len(given) == count * count:
-        return given.reshape(count, count)
+    numbers = np.array(values, float)
+    if len(numbers) == 1:
+        return np.eye(count) * numbers[0]
+    if len(numbers) == count:
+        return np.diag(numbers)
+    if len(numbers) == count * count:
+        return numbers.reshape(count, count)
     takes = (
         'one position takes 1'
         if count == 1
         else f'{count} positions takes 1, {count} or {count * count}'
     )
-    raise UsageError(f"parameter '{name}' has {len(given)} numbers; a mechanism of {takes}")
+    raise UsageError(f"parameter '{name}' has {len(numbers)} numbers; a mechanism of {takes}")
 
 
 def per_joint(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...]:
-    """One number per joint; 0 where none is given; raises UsageError."""
+    """Return one number per joint; zeros if `values` is None; raises UsageError."""
     if values is None:
         return (0.0,) * count
     if len(values) == 1:
         return tuple(values) * count
     if len(values) != count:
-        raise UsageError(f"parameter '{name}' has {len(values)} numbers for {count} positions")
+        raise UsageError(
+            f"parameter '{name}' has {len(values)} numbers for {count} positions: set 1 or {count}"
+        )
     return tuple(values)
 
 
 def operating_point(gains: BandwidthGains, mechanics: Mechanics) -> Array:
-    """Where bandwidth and damping hold; raises UsageError."""
+    """Return the positions for which bandwidth and damping are set [rad or m], shape (n,).
+
+    Raises
+    ------
+    UsageError : the wrong number of positions, or the model is not valid there.
+    """
     if gains.operating_point is None:
         return np.array(mechanics.centre, float)
     if len(gains.operating_point) != mechanics.degrees:
         raise UsageError(
             f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
-            f'for {mechanics.degrees} positions'
+            f'for {mechanics.degrees} positions: set {mechanics.degrees}'
         )
     if not mechanics.admits(mechanics.values, gains.operating_point):
-        raise UsageError(f"model '{mechanics.name}' cannot be used at the operating point")
+        raise UsageError(
+            f"model '{mechanics.name}' is not valid at operating_point "
+            f'{list(gains.operating_point)}: choose positions inside its domain'
+        )
     return np.array(gains.operating_point, float)
 
 
 def tuple_of(matrix: Array) -> tuple:
-    """A numpy matrix or vector as tuples of floats."""
+    """Return a numpy matrix or vector as tuples of floats."""
     return tuple(tuple(row) if isinstance(row, list) else row for row in matrix.tolist())

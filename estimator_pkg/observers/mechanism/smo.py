@@ -6,10 +6,10 @@ uniform (Cruz-Zavala, Moreno, Fridman; the robotic leg's of section 5.2):
     x1h' = x2h + k1 (m1 |e|^(1/2) + m2 |e|^(3/2)) sgn e
     x2h' = model + k2 (m1^2/2 sgn e + 2 m1 m2 e + 3/2 m2^2 |e|^2 sgn e)
 
-They are exact after a finite time as long as the model's acceleration is wrong by less than 1.1 mu,
-and fail beyond it. Injections with a sign have no matrix exponential: the default form steps them
-implicitly, which has a closed form for super_twisting and a monotone one for uniform, and makes no
-chattering of its own.
+They are exact after a finite time while the error of the model's acceleration is less than 1.1 mu
+(k2 m1^2/2 for uniform), and fail beyond it. There is no matrix exponential for
+injections with a sign, so the default form makes an implicit step, which does not chatter. It has a
+closed form for super_twisting; for uniform Newton's method converges monotonically.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ from estimator_pkg.observers.mechanism.velocity import (
 )
 from estimator_pkg.parameters import parameter
 
-NEWTON = 60  # steps at most; from above they fall monotonically
+NEWTON = 60  # most steps of Newton's method; from above it converges monotonically
 
 
 def twisting(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
-    """The two injections of super_twisting at e."""
+    """Return the two injections of super_twisting at e [rad or m]; see `injections`."""
     return injections(e, first, second)
 
 
 def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
-    """The two injections of uniform at e."""
+    """Return the two injections of uniform at e [rad or m]."""
     if e == 0.0:
         return 0.0, 0.0
     size = abs(e)
@@ -68,8 +68,9 @@ def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tupl
 def implicit_twisting(
     free: float, h: float, first: float, second: float, m1: float, m2: float
 ) -> tuple[float, float]:
-    """(e, second injection) after an implicit step: e + h first sqrt|e| sgn e + h^2 second sgn e
-    = free, with sgn 0 anything in [-1, 1].
+    """Return (e, second injection) after an implicit step of h [s].
+
+    It solves e + h first sqrt|e| sgn e + h^2 second sgn e = free, with sgn 0 in [-1, 1].
     """
     return implicit_step(free, h, first, second)
 
@@ -77,12 +78,12 @@ def implicit_twisting(
 def implicit_uniform(
     free: float, h: float, first: float, second: float, m1: float, m2: float
 ) -> tuple[float, float]:
-    """As `implicit_twisting`, for `uniform`: a quartic in sqrt|e|, by Newton from above."""
+    """Return the same as `implicit_twisting` for `uniform`, a quartic in sqrt|e|, by Newton."""
     size = abs(free)
-    held = h * h * second * 0.5 * m1 * m1
-    if size <= held:
+    sliding = h * h * second * 0.5 * m1 * m1
+    if size <= sliding:
         return 0.0, free / (h * h)
-    over = size - held
+    over = size - sliding
     a1, a3 = h * first * m1, h * first * m2
     a2 = 1.0 + h * h * second * 2.0 * m1 * m2
     a4 = h * h * second * 1.5 * m2 * m2
@@ -100,7 +101,7 @@ def implicit_uniform(
 
 
 def make_inject(n: int, one: Any) -> Any:
-    """inject(e, first, second, m1, m2) -> two vectors, of one channel's injections `one`."""
+    """Return inject(e, first, second, m1, m2) -> two vectors; `one` is that of one position."""
     body = (
         ['def inject(e, first, second, m1, m2):']
         + [
@@ -113,10 +114,13 @@ def make_inject(n: int, one: Any) -> Any:
     return written_out(body, title, **{one.__name__: one})['inject']
 
 
-def make_settle(n: int, one: Any) -> Any:
-    """settle(free, h, first, second, m1, m2) -> (e, second injections): `one` for each channel."""
+def make_implicit_steps(n: int, one: Any) -> Any:
+    """Return steps(free, h, first, second, m1, m2) -> (e, second injections), vectors each.
+
+    `one` is the implicit step of one position.
+    """
     body = (
-        ['def settle(free, h, first, second, m1, m2):']
+        ['def steps(free, h, first, second, m1, m2):']
         + [
             f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], m1, m2)'
             for i in range(n)
@@ -124,47 +128,48 @@ def make_settle(n: int, one: Any) -> Any:
         + [f'    return {column("a{i}", n)}, {column("b{i}", n)}']
     )
     title = f'implicit steps of {n}, {one.__name__}'
-    return written_out(body, title, **{one.__name__: one})['settle']
+    return written_out(body, title, **{one.__name__: one})['steps']
 
 
 Array = NDArray[np.float64]
 
 
-def scatter(
+def noise_variances(
     pairs: Sequence[Describing], damping: Array, dt: float, *, implicit: bool, linear_hold: bool
 ) -> NoiseGains:
-    """Variances of estimate and innovation, per variance of noise and by the remnants.
+    """Return variances of estimate and innovation, per noise variance and from the remnants.
 
     Parameters
     ----------
-    pairs : one per position.
-    damping : the velocities' own rates -M^-1 D, shape (n, n).
-    implicit, linear_hold : how a step is made.
+    pairs : describing functions, one pair per position.
+    damping : -M^-1 D, shape (n, n) [1/s].
+    dt : sample time [s].
+    implicit, linear_hold : the kind of step.
     """
     n = len(pairs)
-    eye, nought = np.eye(n), np.zeros((n, n))
-    # of the velocity over a sample, by the damping as it is stepped
+    eye, zeros = np.eye(n), np.zeros((n, n))
+    # transition of the velocity over a sample by damping
     glide = np.linalg.inv(eye - dt * damping) if implicit else eye + dt * damping
     position = np.diag([pair.position for pair in pairs])
     velocity = np.diag([pair.velocity for pair in pairs])
-    # the state is (offset e, velocity, noise of the sample before); with it the innovation
+    # the state is (offset e, velocity, noise of the previous sample); `seen` is the innovation
     if implicit:
         ahead = dt * glide
-        seen = np.hstack([eye, ahead, eye if linear_hold else nought])
-        of_noise = -eye if linear_hold else nought
+        seen = np.hstack([eye, ahead, eye if linear_hold else zeros])
+        of_noise = -eye if linear_hold else zeros
         offset = position @ seen
         entering = position @ of_noise
         if not linear_hold:
-            offset = offset + np.hstack([nought, nought, eye])
+            offset = offset + np.hstack([zeros, zeros, eye])
             entering = entering - eye
-        speed = np.hstack([nought, glide, nought]) - dt * velocity @ seen
+        speed = np.hstack([zeros, glide, zeros]) - dt * velocity @ seen
         of_speed = -dt * velocity @ of_noise
     else:
-        seen, of_noise = np.hstack([eye, nought, nought]), nought
+        seen, of_noise = np.hstack([eye, zeros, zeros]), zeros
         offset = np.hstack([eye - dt * position, dt * eye, eye])
         entering = -eye
-        speed = np.hstack([-dt * velocity, glide, nought])
-        of_speed = nought
+        speed = np.hstack([-dt * velocity, glide, zeros])
+        of_speed = zeros
     step = np.vstack([offset, speed, np.zeros((n, 3 * n))])
     arrival = np.vstack([entering, of_speed, eye])
     remnant = np.zeros((3 * n, 3 * n))
@@ -172,8 +177,8 @@ def scatter(
     for index, pair in enumerate(pairs):
         rows = np.ix_((index, n + index), (index, n + index))
         remnant[rows] = turn @ pair.remnant @ turn
-    shown = np.hstack([eye, nought, eye])  # the estimate's own error: offset plus noise of y
-    speeds = np.hstack([nought, eye, nought])
+    shown = np.hstack([eye, zeros, eye])  # error of the estimate: offset plus noise of y
+    speeds = np.hstack([zeros, eye, zeros])
 
     def variances(rows: Array, covariance: Array) -> Array:
         found: Array = np.einsum('ij,jk,ik->i', rows, covariance, rows)
@@ -199,7 +204,7 @@ def scatter(
 
 SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
 FIRST, SECOND = 1.5, 1.1  # of (22)
-SMALLEST = 1e-18  # rad^2 or m^2: no innovation is taken for smaller
+SMALLEST = 1e-18  # smallest mean squared innovation for the describing functions [rad^2 or m^2]
 
 
 @dataclass(frozen=True)
@@ -211,7 +216,7 @@ class Gains(MechanicalGains):
         unit='',
         choices=(SUPER_TWISTING, UNIFORM),
         structural=True,
-        description='which injections',
+        description='injections of the sliding mode: those of super_twisting, or uniform ones',
     )
     mu: tuple[float, ...] = parameter(
         (10.0,),
@@ -220,7 +225,7 @@ class Gains(MechanicalGains):
         range=(1e-9, 1e9),
         search=(0.1, 1e4),
         description='super_twisting: about the largest acceleration that the model does not '
-        'explain, for all positions or each',
+        'predict; one number for all positions, or one each',
     )
     k1: tuple[float, ...] = parameter(
         (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the position'
@@ -229,15 +234,15 @@ class Gains(MechanicalGains):
         (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the velocity'
     )
     mu1: float = parameter(
-        1.86, unit='', range=(1e-9, 1e6), description='uniform: of the root, and of the sign'
+        1.86, unit='', range=(1e-9, 1e6), description='uniform: gain of the root and of the sign'
     )
     mu2: float = parameter(
-        0.303, unit='', range=(0.0, 1e6), description='uniform: of the powers 3/2 and 2'
+        0.303, unit='', range=(0.0, 1e6), description='uniform: gain of the powers 3/2 and 2'
     )
 
 
 def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """The functions of the observer at these gains; raises UserError, UsageError."""
+    """Return the functions of the observer with these gains; raises UserError, UsageError."""
     mechanics = model_of(gains)
     n = mechanics.degrees
     twists = gains.variant == SUPER_TWISTING
@@ -254,7 +259,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     algebra = mechanical_algebra(n)
     towards, minus = algebra.towards, algebra.minus
     inject = make_inject(n, twisting if twists else uniform)
-    settle = make_settle(n, implicit_twisting if twists else implicit_uniform)
+    implicit_steps = make_implicit_steps(n, implicit_twisting if twists else implicit_uniform)
     acceleration, braked = make_acceleration(mechanics), make_braked(mechanics)
     place = make_place(n, gains)
     admits = mechanics.admits
@@ -282,7 +287,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         before: tuple,
         moved: tuple,
         measurement: tuple,
-        given: tuple,
+        known_input: tuple,
     ) -> tuple:
         e, x, _, _ = core
         values, gain_1, gain_2, m1, m2 = design
@@ -291,18 +296,18 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         if not admits(values, at):
             return core, False
         if paper:
-            f = acceleration(values, at, x, given)
+            f = acceleration(values, at, x, known_input)
             a, b = inject(e, gain_1, gain_2, m1, m2)
             e = minus(towards(e, dt, minus(x, a)), moved)
             x = towards(x, dt, minus(f, b))
             seen = e
         else:
-            f = braked(values, at, x, given, dt)
+            f = braked(values, at, x, known_input, dt)
             free = towards(e, dt, towards(x, dt, f))
             if linear_hold:
                 free = minus(free, moved)
             seen = free
-            e, b = settle(free, dt, gain_1, gain_2, m1, m2)
+            e, b = implicit_steps(free, dt, gain_1, gain_2, m1, m2)
             x = towards(x, dt, minus(f, b))
             if not linear_hold:
                 e = minus(e, moved)
@@ -311,12 +316,12 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     def carry(core: tuple, design: tuple, at: tuple) -> tuple:
         return core
 
-    inject_one = twisting if twists else uniform
-    settle_one = implicit_twisting if twists else implicit_uniform
+    injections_of_one = twisting if twists else uniform
+    implicit_step_of_one = implicit_twisting if twists else implicit_uniform
 
     def noise(at: Array, power: Array, dt: float) -> NoiseGains:
         damped = linear_matrix(mechanics, np.eye(n), np.eye(n), None, at)[n:, n:]
-        of_one = inject_one if paper else settle_one
+        of_one = injections_of_one if paper else implicit_step_of_one
         pairs = [
             describing(
                 of_one,
@@ -330,13 +335,13 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             )
             for i in range(n)
         ]
-        return scatter(pairs, damped, dt, implicit=not paper, linear_hold=linear_hold)
+        return noise_variances(pairs, damped, dt, implicit=not paper, linear_hold=linear_hold)
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
-        """By the gains that noise of the present size sees, for steps that are short for them."""
+        """Return (A, V) with the describing functions at this innovation, in continuous time."""
         pairs = [
             describing(
-                inject_one,
+                injections_of_one,
                 float(first[i]),
                 float(second[i]),
                 gains.mu1,
@@ -382,7 +387,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
 
 OBSERVER = Observer(
     name='smo',
-    summary='sliding-mode observer of any mechanism whose model and input are known',
+    summary='sliding-mode observer of any mechanism with known model and input',
     gains=Gains,
     build=build,
     kind='mechanical',

@@ -1,7 +1,7 @@
-"""What the observers whose state is the velocity share: the model's acceleration, the bandwidth.
+"""The shared part of the observers whose state is the velocity: acceleration, step and gains.
 
-`hgo`, `ehgo` and `smo` need M, C and the forces, no Psi: they work for every mechanism. Their error
-contains C(q, vh) vh - C(q, v) v, which grows with the speed; that of GESO does not.
+`hgo`, `ehgo` and `smo` need M, C and the forces, but not Psi, so they work for every mechanism.
+Their error contains C(q, vh) vh - C(q, v) v, which grows with the speed. GESO's error does not.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def make_acceleration(mechanics: Mechanics) -> Callable[..., tuple]:
-    """acceleration(values, q, v, u): M^-1 [force - C v - D v]."""
+    """Return acceleration(values, q, v, u) -> M^-1 [force - C v - D v]."""
     algebra = mechanical_algebra(mechanics.degrees)
     solve, minus, apply = algebra.solve, algebra.minus, algebra.apply
     inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
@@ -49,10 +49,10 @@ def make_acceleration(mechanics: Mechanics) -> Callable[..., tuple]:
 
 
 def make_drift(mechanics: Mechanics) -> Callable[..., tuple]:
-    """drift(values, q, v, u, h): (a, W) of v' = a - W v, a = M^-1 [force - C v], W = M^-1 D.
+    """Return drift(values, q, v, u, h) -> (a, W) of v' = a - W v.
 
-    An explicit step of D v would be unstable where a joint's friction stops it within a sample of
-    h [s]. Where there is no resistance the second is anything of its shape.
+    a = M^-1 [force - C v] and W = M^-1 D. An explicit step of D v would be unstable if friction
+    stops a joint within a sample of h [s]. Without resistance W is meaningless, but has its shape.
     """
     algebra = mechanical_algebra(mechanics.degrees)
     solve, minus, divided = algebra.solve, algebra.minus, algebra.divided
@@ -71,9 +71,9 @@ def make_drift(mechanics: Mechanics) -> Callable[..., tuple]:
 
 
 def make_braked(mechanics: Mechanics) -> Callable[..., tuple]:
-    """braked(values, q, v, u, h): the mean acceleration over h [s], the resistance at its end.
+    """Return braked(values, q, v, u, h) -> mean acceleration over h [s].
 
-    (M + h D) a = force - C v - D v: implicit in the damping, explicit in the rest.
+    (M + h D) a = force - C v - D v: implicit in the damping, explicit in the other forces.
     """
     algebra = mechanical_algebra(mechanics.degrees)
     solve, minus, apply, blend = algebra.solve, algebra.minus, algebra.apply, algebra.blend
@@ -92,7 +92,7 @@ def make_braked(mechanics: Mechanics) -> Callable[..., tuple]:
 
 
 def make_place(n: int, gains: MechanicalGains) -> Callable[..., tuple]:
-    """place(before, moved, e): the positions at which the model is evaluated over a step."""
+    """Return place(before, moved, e) -> positions at which a step evaluates the model."""
     towards = mechanical_algebra(n).towards
     at_measurement = gains.schedule == MEASUREMENT
     linear_hold = gains.hold == LINEAR and gains.form != PAPER
@@ -108,7 +108,10 @@ def make_place(n: int, gains: MechanicalGains) -> Callable[..., tuple]:
 
 
 def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at: Array) -> Array:
-    """A of (e, x, d)' = A (e, x, d), the Coriolis forces left out."""
+    """Return A of (e, x, d)' = A (e, x, d) at the positions `at`, without Coriolis forces.
+
+    Its shape is (2 n, 2 n) if E is None, else (3 n, 3 n).
+    """
     n = mechanics.degrees
     matrix = np.zeros((2 * n, 2 * n) if E is None else (3 * n, 3 * n))
     matrix[:n, :n] = -L
@@ -135,11 +138,11 @@ def linear_observer(
     point: Array,
     complaint: str,
 ) -> MechanicalFunctions:
-    """HGO (E None) or EHGO with these gain matrices.
+    """Return the functions of HGO (if E is None) or EHGO with these gain matrices.
 
     Raises
     ------
-    UsageError : `complaint`, with the slowest pole, where the error does not decay.
+    UsageError : the error does not decay; the text is `complaint` with the slowest pole.
     """
     matrices = matrices_over_range(mechanics, L, K, E, point)
     slowest = mechanical_gains.slowest_pole(matrices[0])
@@ -162,14 +165,22 @@ def linear_core(
     E: Array | None,
     matrices: list[Array],
 ) -> MechanicalCore:
-    """HGO (E None) and EHGO: qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)."""
+    """Return the core of HGO (if E is None) or EHGO.
+
+    qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)
+    """
     n = mechanics.degrees
     extended = E is not None
     diagonal = bool(np.all(np.diag(np.diag(L)) == L))
     paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper
     algebra = mechanical_algebra(n)
-    towards, minus, scale, nought = (algebra.towards, algebra.minus, algebra.scale, algebra.nought)
+    towards, minus, scale, zeros_like = (
+        algebra.towards,
+        algebra.minus,
+        algebra.scale,
+        algebra.zeros_like,
+    )
     apply, times = algebra.apply, algebra.times
     flow = make_flow(n, diagonal=diagonal, damped=is_resisted(mechanics), disturbed=extended)
     acceleration, drift = make_acceleration(mechanics), make_drift(mechanics)
@@ -200,7 +211,7 @@ def linear_core(
         before: tuple,
         moved: tuple,
         measurement: tuple,
-        given: tuple,
+        known_input: tuple,
     ) -> tuple:
         e, x, d, v = core
         values, L, K, E, one = design
@@ -210,7 +221,7 @@ def linear_core(
             return core, False
         good = True
         if paper:
-            f = acceleration(values, at, x, given)
+            f = acceleration(values, at, x, known_input)
             rate = minus(x, times(L, e)) if diagonal else minus(x, apply(L, e))
             f = minus(f, apply(K, e))
             if extended:
@@ -219,8 +230,8 @@ def linear_core(
             e = minus(towards(e, dt, rate), moved)
             x = towards(x, dt, f)
         else:
-            f, w = drift(values, at, x, given, dt)
-            rate = scale(inverse_dt, moved) if linear_hold else nought(moved)
+            f, w = drift(values, at, x, known_input, dt)
+            rate = scale(inverse_dt, moved) if linear_hold else zeros_like(moved)
             e, x, d, good = flow(e, x, d, one, one, K, L, w, E, f, rate, dt)
             if not linear_hold:
                 e = minus(e, moved)
@@ -252,9 +263,7 @@ def linear_core(
 def matrices_over_range(
     mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
 ) -> list[Array]:
-    """The error systems at the operating point, and over the model's range where D makes a
-    difference.
-    """
+    """Return the error systems at the operating point and, with damping, over the model's range."""
     places = [point]
     if mechanics.damping is not None:
         places += [q for q, _ in check.random_states(mechanics)]
@@ -262,11 +271,12 @@ def matrices_over_range(
 
 
 def describe_linear(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[str, Any]:
-    """What a person wants to know of these gains (compare `gains.describe`).
+    """Return properties of these gains by name; `gains.MEANINGS` has their titles and units.
 
     Parameters
     ----------
-    matrices : of `matrices_over_range`.
+    matrices : from `matrices_over_range`.
+    dt : sample time [s].
     """
     return {
         'L': L.tolist(),

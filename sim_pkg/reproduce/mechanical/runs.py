@@ -94,7 +94,7 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
     advance = functions.core.advance
     row, given, put = row_of(n), row_of(max(1, mechanics.inputs)), put_row(n)
     algebra = mechanical_algebra(n)
-    minus, nought = algebra.minus, algebra.nought
+    minus, zeros_like = algebra.minus, algebra.zeros_like
     disturbed = len(functions.core.begin()[2]) > 0
     rounded = make_rounded(n)
 
@@ -113,7 +113,9 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
             before, now, u = row(measured, k - 1), row(measured, k), given(inputs, k - 1)
             moved = minus(now, before)
             for _ in range(parts - 1):
-                core, good = advance(core, coefficients, design, before, nought(moved), before, u)
+                core, good = advance(
+                    core, coefficients, design, before, zeros_like(moved), before, u
+                )
             core, good = advance(core, coefficients, design, before, moved, now, u)
             if single:
                 d = core[2]

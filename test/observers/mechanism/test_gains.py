@@ -31,7 +31,7 @@ def test_gamma_follows_from_k_at_the_operating_point():
     [
         ('geso', {'L': [10.0], 'Gamma': [-3.0]}, "'Gamma' is not positive definite"),
         ('geso', {'L': [-10.0], 'Gamma': [3.0]}, 'not Hurwitz'),
-        ('geso', {'L': [10.0]}, "needs 'Gamma' or 'K'"),
+        ('geso', {'L': [10.0]}, "'L' is set, but neither 'Gamma' nor 'K'"),
         ('geso', {'L': [10.0, 2.0, 3.0], 'Gamma': [1.0]}, 'takes 1, 2 or 4'),
         ('geso', {'L': [10.0], 'Gamma': [1.0, 2.0, 0.0, 1.0]}, 'not symmetric'),
         ('geso', {'L': [10.0], 'Gamma': [1.0], 'K': [1.0]}, 'not both'),

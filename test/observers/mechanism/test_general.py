@@ -72,7 +72,7 @@ def test_without_the_drift_it_is_wrong():
         (np.diag([1.0, -1.0]), np.eye(1), 'not Hurwitz'),
         (np.eye(2), -np.eye(1), 'not positive definite'),
         (np.ones(2), np.eye(1), 'square matrix'),
-        (np.eye(2), np.eye(2), 'B has the shape (2, 1), not (2, 2)'),
+        (np.eye(2), np.eye(2), 'B has the shape (2, 1): with this L and Gamma it must be (2, 2)'),
     ],
 )
 def test_wrong_gains_are_refused_in_one_line(L, gamma, words):
