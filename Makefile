@@ -36,10 +36,10 @@ $(STAMP): $(SOURCES)
 # Tests run on the installed package, not on the checkout next to it.
 # One worker has the tests over DDS, which mostly wait; two take the rest, file by file.
 test: install check
-	$(BIN)/pytest -n 3 --dist loadgroup
+	$(BIN)/pytest -n 3
 
 test-fast: install
-	$(BIN)/pytest -m "not dds and not slow and not page" -n 2 --dist loadgroup
+	$(BIN)/pytest -m "not dds and not slow and not page" -n 2
 
 test-slow: install
 	$(BIN)/pytest -m slow

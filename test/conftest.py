@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -11,26 +12,35 @@ import pytest
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the installed ones
 
+USES_DDS = re.compile(r'^import dds$|\bprobe\b', re.MULTILINE)
+
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):  # old and new
     os.environ.setdefault(name, str(Path(__file__).parent / 'discovery.xml'))
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items):
-    """Mark the tests that use DDS: those with the probe, and those of modules that import `dds`.
+def pytest_itemcollected(item):
+    """Mark a test that uses DDS: one with the probe, or of a module that imports `dds`.
 
-    They run again once when they fail, and the summary says so: best-effort traffic may lose
-    messages on a busy machine, and a fault of ours fails twice. In a parallel run they follow one
-    another in one worker, while the others take the rest file by file.
+    It runs again once when it fails, and the summary says so: best-effort traffic may lose messages
+    on a busy machine, and a fault of ours fails twice.
     """
-    for item in items:
-        if 'probe' in item.fixturenames or hasattr(item.module, 'dds'):
-            item.add_marker(pytest.mark.dds)
-        if item.get_closest_marker('dds'):
-            item.add_marker(pytest.mark.flaky(reruns=1))
-            item.add_marker(pytest.mark.xdist_group('dds'))
-        else:
-            item.add_marker(pytest.mark.xdist_group(item.nodeid.split('::')[0]))
+    if 'probe' in item.fixturenames or hasattr(item.module, 'dds'):
+        item.add_marker(pytest.mark.dds)
+    if item.get_closest_marker('dds'):
+        item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """In a parallel run (-n 3) one worker has the files that use DDS; the others take the rest."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Files(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file = nodeid.split('::')[0]
+            return 'dds' if USES_DDS.search((ROOT / file).read_text()) else file
+
+    return Files(config, log)
 
 
 @pytest.fixture(scope='module')
