@@ -54,6 +54,7 @@ from estimator_pkg.observers.angle.edge.sensor import (
     follow_noise,
     follow_sensor,
     follow_steps,
+    paced,
     quantum_of,
     shows_quantum,
     vibration,
@@ -196,13 +197,14 @@ def rescaled(
     ----------
     first : this is the first step of all, and everything was relative to `UNIT`.
     """
-    used, noise, scatter, residual, step, dt, change, since, bend, _, pace = sensor
+    used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
     density, low, variance, up, down, up_time, down_time, squares = band
     scale = quantum * quantum / (used * used)
     band = (density * scale, low, variance, up, down, up_time, down_time, squares)
     if first:
         noise *= scale
-        sensor = (used, noise, scatter, residual, step, dt, change, since, bend, 0.0, pace)
+        lasting *= scale
+        sensor = (used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
     if scale > 1.0 or first:
         p00, p01, p02, p11, p12, p22 = p
         p = (scale * p00, scale * p01, scale * p02, scale * p11, scale * p12, scale * p22)
@@ -240,12 +242,13 @@ def straight_line(
     period: float,
     band: Band,
     doubt: Doubt,
-) -> tuple[Motion, Covariance, Band, Doubt]:
+) -> tuple[Motion, Covariance, Band, Sensor, Doubt]:
     """Return what two readings show, `change` [rad] and `dt` [s] after each other.
 
-    Only the bandwidth stays, where the joint started from a rest.
+    Only the bandwidth stays, where the joint started from a rest. Third differences across the
+    start are neither noise nor vibration, so the sensor's means start again.
     """
-    quantum, noise, _, _, _, _, _, _, _, _, _ = sensor
+    quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
     was, _, _, _, _, _, _, _ = band
     _, to_settle, since = doubt
     motion, p, band = started(measurement, change, dt, quantum, noise, period, LONGEST)
@@ -254,7 +257,8 @@ def straight_line(
         density = was if was > density else density
         band = (density, low, variance, up, down, up_time, down_time, squares)
         doubt = (0.0, SETTLES, since)
-    return motion, p, band, doubt
+        sensor = paced(first_step(quantum, BLUR, change, dt), pace)
+    return motion, p, band, sensor, doubt
 
 
 def manoeuvre(
@@ -473,11 +477,11 @@ def _make_step(period: float) -> Callable[..., tuple]:
         ):
             # no speed is known: the second reading, the second that moves on after a rest, or the
             # first that moves so early that it shows the quantum alone
-            motion, p, band, doubt = straight_line(
+            motion, p, band, sensor, doubt = straight_line(
                 measurement, change, dt, sensor, period, band, doubt
             )
             lock = (status, count + 1.0, astray)
-            return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
+            return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock)
         # prediction: a' = -a/FADE + w, v' = a, x' = v
         _, half_square, kept, _, _, _ = coefficients
         density, _, _, _, _, _, _, _ = band
@@ -590,11 +594,11 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
 
 def _make_stddev(period: float) -> Callable[..., tuple[float, float]]:
     def stddev(state: tuple, coefficients: tuple, design: Design) -> tuple[float, float]:
-        _, p, band, sensor, _, convention, _, _, doubt, _ = state
+        (x, v, _, _), p, band, sensor, _, convention, _, _, doubt, _ = state
         p00, _, _, p11, _, _ = p
-        _, _, _, _, _, _, _, squares = band
+        _, _, _, up, down, _, _, squares = band
         quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
-        _, low, high, _, _ = convention
+        reading, low, high, _, _ = convention
         of_doubt, _, since = doubt
         dt, _, _, _, _, _ = coefficients
         floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
@@ -605,6 +609,13 @@ def _make_stddev(period: float) -> Callable[..., tuple[float, float]]:
             variance, _, _ = doubted(quantum, dt, period, 0.0)
         else:
             variance += of_doubt
+        if up > 0.0 or down > 0.0:  # the cumulative sums doubt it: a motion may begin
+            deviation = reading - x
+            if deviation + deviation >= period or deviation + deviation < -period:
+                deviation = wrap(deviation, period)
+            rate = deviation / dt
+            if abs(rate) > abs(v):  # it may have begun in the last quarter of a sample
+                variance += 16.0 * rate * rate
         if 0.0 < since < RECENT:
             variance += bent(12.0 * (floor + noise), since)
         sigma = math.sqrt(variance)

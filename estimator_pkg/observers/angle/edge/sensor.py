@@ -84,6 +84,12 @@ def with_noise(sensor: Sensor, noise: float) -> Sensor:
     return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
 
 
+def paced(sensor: Sensor, pace: float) -> Sensor:
+    """Return the sensor with another mean sample time [s]."""
+    quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, _ = sensor
+    return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
+
+
 def follow_steps(
     steps: Steps, step: float, last: float, since: float, size: float, quantum: float
 ) -> Steps:
@@ -196,7 +202,7 @@ def follow_sensor(
         third = (step * before - last * dt) / (dt + before) - residual
         residual += third
         if bend == math.inf:
-            bend, lasting, pace = 0.0, -square, dt
+            bend, lasting, pace = 0.0, -square, pace if pace > 0.0 else dt
         else:
             power = 0.2 * third * third
             most = OUTLIER * (scatter + square)

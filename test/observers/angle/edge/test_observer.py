@@ -790,6 +790,59 @@ def test_a_given_quantum_is_no_worse_where_a_joint_starts_with_a_jump(speed, con
     assert given <= 1.05 * found
 
 
+def jump(speed, constant, rate, counts, phase, offset):
+    """(reading, velocity, quantum) of a joint that rests for 0.5 s, then turns at `speed`.
+
+    At once, or as a motor with a time `constant` [s]; `phase` of a sample, `offset` of a count.
+    """
+    quantum = 2.0 * math.pi / counts
+    t = np.arange(int(0.5 * rate) + 400) / rate
+    since = np.clip(t - 0.5 - phase / rate, 0.0, None)
+    if constant is None:
+        angle, velocity = speed * since, np.where(since > 0.0, speed, 0.0)
+    else:
+        velocity = speed * (1.0 - np.exp(-since / constant))
+        angle = speed * since - constant * velocity
+    return read(angle + offset * quantum, quantum), velocity, quantum
+
+
+@pytest.mark.parametrize('counts', [512, 4096, 65536])
+@pytest.mark.parametrize('rate', [200.0, 1000.0, 4000.0])
+def test_a_found_quantum_is_no_worse_where_a_joint_starts_with_a_jump(rate, counts):
+    """Found and given differ by at most 5 % where the first changes of the reading show it."""
+    random = np.random.default_rng(counts + round(rate))
+    compared = 0
+    for speed in (0.3, 3.0, 10.0, 30.0, 100.0):
+        for constant in (None, None, 0.05):
+            phase, offset = random.random(2)
+            reading, velocity, quantum = jump(speed, constant, rate, counts, phase, offset)
+            first = np.max(np.abs(np.diff(reading)[: int(0.5 * rate) + 2]))
+            if speed > rate or (constant is not None and first > 1.5 * quantum):
+                continue  # a motor that skips counts shows the quantum later
+            given, found = (
+                error_of(reading, velocity, stamps(len(reading), 1.0 / rate), gains=gains)[0]
+                for gains in ({'quantum': quantum}, {})
+            )
+            assert 0.95 < given / found < 1.05, (speed, constant, phase, offset)
+            compared += 1
+    assert compared >= 8
+
+
+@pytest.mark.parametrize('known', [True, False])
+@pytest.mark.parametrize('speed, rate, counts', [(10.0, 1000.0, 4096), (30.0, 4000.0, 65536)])
+def test_a_jump_is_neither_noise_nor_vibration(speed, rate, counts, known):
+    """From the tenth reading on; without a start behind it this is the noise of the counts."""
+    errors = []
+    for phase in np.arange(10) / 10.0 + 0.03:
+        reading, velocity, quantum = jump(speed, None, rate, counts, phase, 7.0 * phase % 1.0)
+        first = int(np.argmax(reading != reading[0]))
+        out = make('edge_adaptive', {'quantum': quantum} if known else {}).run(
+            stamps(len(reading), 1.0 / rate), reading, fast=False
+        )
+        errors.append((out.velocity - velocity)[first + 10 : first + 100])
+    assert rms(errors) < 0.05 * quantum * rate  # it was 0.2 to 0.41
+
+
 STARTS = {
     'steps': lambda t: profiles.steps(8.0, 40.0, 0.5)(t),
     'trapezoid': lambda t: profiles.trapezoid(10.0, 50.0, 1.0)(t),
