@@ -161,11 +161,8 @@ def main():
     quick = 'quick' in wanted
     detail = 'detail' in wanted
     for name, gains in variants():
-        if name == 'edge_adaptive' or (
-            len(wanted)
-            and not any(w in name for w in wanted if w not in ('quick', 'detail'))
-            and set(wanted) - {'quick', 'detail'}
-        ):
+        asked = set(wanted) - {'quick', 'detail'}
+        if asked and not any(word in name for word in asked):
             continue
         print(f'{name} {gains}')
         worst = {}

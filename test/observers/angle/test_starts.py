@@ -1,5 +1,6 @@
 """The standard deviation is never zero, covers starts and gaps, and is calm again soon."""
 
+import itertools
 import math
 
 import numpy as np
@@ -37,14 +38,38 @@ def test_a_start_of_a_joint_that_does_not_wrap_is_covered(variant):
 
 
 @pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
-@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+@pytest.mark.parametrize('variant', [*tunable_variants(), ('edge_adaptive', {})], ids=label)
 def test_sigma_is_below_twice_its_steady_value_soon_after_a_start(variant, known):
     """At 40 rad/s^2 and 4096 counts, 1 kHz: within 20 changed readings, or where the observer's own
-    error takes longer to be there, within 1.4 times as many readings as the error.
+    error takes longer to be there, within 1.4 times as many readings as the error. `edge_adaptive`,
+    whose sigma falls to 2e-4 rad/s at constant speed, takes all the 150 readings that are counted.
     """
     name, gains = variant
     calm = measure(name, gains, Case('steps 40 rad/s^2', known=known)).calm
     assert calm <= 20 or calm <= 1.4 * readings_of_error(name, gains, known)
+
+
+AT_ONCE = ('steps at once', 'trapezoid at once', 'constant', 'sine', 'chirp', 'figure_4')
+
+
+@pytest.mark.parametrize('motion', AT_ONCE)
+def test_edge_adaptive_covers_a_start_out_of_noise(motion):
+    """Five samples from the first reading on that is outside the noise: up to 10^6 sigma before."""
+    for rate, bits, known, seed in itertools.product(
+        (1000.0, 200.0), (12, 17), (False, True), range(1, 5)
+    ):
+        case = Case(motion, rate, bits, 0.5, known, seed=seed)
+        at, read, velocity, begins = stream(case)
+        out = make('edge_adaptive', {'quantum': case.quantum} if known else {}).run(
+            at, read, fast=False
+        )
+        still = wrapped(read - read[begins - 1])
+        off = np.abs(still - np.mean(still[:begins]))
+        outside = 4.0 * math.hypot(case.noise, math.sqrt(1.0 / 12.0)) * case.quantum
+        first = begins + int(np.argmax(off[begins:] > outside))
+        part = slice(first, first + 5)
+        error = np.abs(out.velocity - velocity)[part]
+        assert np.all(error < 5.0 * out.velocity_stddev[part]), case
 
 
 @pytest.mark.parametrize('resting', [0.0, 1.7, -3.0])
