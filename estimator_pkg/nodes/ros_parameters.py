@@ -1,14 +1,14 @@
 """ROS parameters made from declarations (see `estimator_pkg.parameters`).
 
-Typing is dynamic, so that 20 and 20.0 are the same; type, finiteness and range are checked here,
-because rclpy checks no range for an integer given to a float. A set is checked in the on-set
-callback, which can refuse it with the reason, and takes effect in the post-set callback.
+Typing is dynamic, so that 20 and 20.0 are the same. This module checks type, finiteness and range,
+because rclpy does not check the range if an integer is set for a float. The on-set callback checks
+a change and can refuse it with the reason; the post-set callback applies it.
 
-Every parameter has a type and a value: what is left to the observer has its automatic value, so
-that ``ros2 param dump`` writes a file that ``--params-file`` reads.
+Every parameter has a type and a value. A parameter that the observer chooses has its automatic
+value, so ``--params-file`` reads the file that ``ros2 param dump`` writes.
 
-A node that lets parameters be overridden per joint (``per_joint.<joint>.<parameter>``) is made with
-``allow_undeclared_parameters=True``: a joint may be named before it appears.
+A node with overrides per joint (``per_joint.<joint>.<parameter>``) is made with
+``allow_undeclared_parameters=True``, because an override may come before its joint.
 """
 
 from __future__ import annotations
@@ -53,15 +53,15 @@ class RosParameters:
 
     Attributes
     ----------
-    values : checked value by name; None where it is automatic.
-    overrides : joint -> checked value by name; None where it is automatic for this joint.
+    values : checked value by name; None: automatic.
+    overrides : joint -> checked value by name; None: automatic for this joint.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        # What the command line, parameter files and the constructor gave for this node.
-        self._given: Values = {
-            name: given.value for name, given in node._parameter_overrides.items()
+        # Initial values from the command line, parameter files and the constructor.
+        self._initial: Values = {
+            name: initial.value for name, initial in node._parameter_overrides.items()
         }
         self._known: dict[str, Parameter] = {}
         self._overridable: dict[str, Parameter] = {}
@@ -70,19 +70,19 @@ class RosParameters:
         self._check: Callable[[Values, dict[str, Values]], None] | None = None
         self._apply: Callable[[], None] | None = None
         self._being_set: frozenset[str] = frozenset()
-        self._wrong: UsageError | None = None  # of the set that is being checked
+        self._wrong: UsageError | None = None  # error of the change that is being checked
         self._declaring = False
 
     def declare(self, cls: type[T]) -> T:
-        """Declare the parameters of the declaring dataclass `cls`; an instance of it as given.
+        """Declare the parameters of the dataclass `cls`; return an instance with their values.
 
         Raises
         ------
-        UsageError : a given value is wrong.
+        UsageError : an initial value is wrong.
         """
         known = declared(cls)
         values = {
-            name: parameter.check(self._given.get(name, parameter.default))
+            name: parameter.check(self._initial.get(name, parameter.default))
             for name, parameter in known.items()
         }
         instance = build(cls, values)
@@ -93,17 +93,18 @@ class RosParameters:
         return instance
 
     def allow_overrides(self, names: Iterable[str]) -> None:
-        """Take ``per_joint.<joint>.<parameter>`` for these declared parameters, now and later.
+        """Accept ``per_joint.<joint>.<parameter>`` for these declared parameters, now and later.
 
         Raises
         ------
-        UsageError : a given override has a wrong value, or its name is that of a group of others.
+        UsageError : an override has a wrong initial value, or its name is that of a group of
+            others.
         """
         self._overridable = {name: self._known[name] for name in names}
-        self._given, notes = today(self._given)
+        self._initial, notes = today(self._initial)
         self._warn_of_old(notes)
-        check_names(self._given)
-        for name, value in self._given.items():
+        check_names(self._initial)
+        for name, value in self._initial.items():
             joint, parameter = override(name) or ('', '')
             if parameter in self._overridable and value is not None:
                 checked = self._checked(name, self._overridable[parameter], value)
@@ -113,11 +114,11 @@ class RosParameters:
     def watch(
         self, check: Callable[[Values, dict[str, Values]], None], apply: Callable[[], None]
     ) -> None:
-        """Let parameters be set from now on.
+        """Check and apply changes of parameters from now on.
 
         Parameters
         ----------
-        check : called with (values, overrides) as they would become; raises UserError to refuse.
+        check : called with the new (values, overrides) before a change; raises UserError to refuse.
         apply : called after `values` and `overrides` have changed.
         """
         self._check, self._apply = check, apply
@@ -126,17 +127,17 @@ class RosParameters:
         self._node.add_post_set_parameters_callback(self._after_set)
 
     def unknown(self) -> dict[str, str]:
-        """Parameters given at start that nobody declared, each with the nearest known name."""
+        """Return the initial parameters that are not declared, each with a hint for its name."""
         wrong = {}
-        for name in self._given:
+        for name in self._initial:
             if name not in self._known and not self._node.has_parameter(name):
                 wrong[name] = self._hint(name)
         return wrong
 
     def _warn_of_old(self, notes: Iterable[str]) -> None:
-        said = warning(notes)
-        if said:
-            self._node.get_logger().warning(said)
+        text = warning(notes)
+        if text:
+            self._node.get_logger().warning(text)
 
     def _hint(self, name: str) -> str:
         found = override(name)
@@ -160,7 +161,7 @@ class RosParameters:
     def _checked(name: str, parameter: Parameter, value: Any) -> Any:
         try:
             return parameter.check(value)
-        except UsageError as error:  # name the override, not only the parameter
+        except UsageError as error:  # put the override's full name in the text
             text = str(error).replace(f"'{parameter.name}'", f"'{name}'", 1)
             raise UsageError(text) from None
 
@@ -171,7 +172,7 @@ class RosParameters:
         return self._overridable.get(found[1]) if found else None
 
     def _after(self, changes: list[RosParameter]) -> tuple[Values, dict[str, Values]]:
-        """(values, overrides) after `changes`; raises UsageError for a wrong one."""
+        """Return (values, overrides) after `changes`; raises UsageError if one is wrong."""
         values = dict(self.values)
         overrides = {joint: dict(own) for joint, own in self.overrides.items()}
         for change in changes:
@@ -198,7 +199,7 @@ class RosParameters:
         return values, overrides
 
     def _before_set(self, changes: list[RosParameter]) -> list[RosParameter]:
-        """Numbers get the declared type, so that 20 is stored and read back as 20.0."""
+        """Return the changes with the declared types, so that 20 is stored as 20.0."""
         if self._overridable:
             values, notes = today({change.name: change.value for change in changes})
             if notes:
@@ -216,7 +217,7 @@ class RosParameters:
             value = self._checked(change.name, parameter, change.value)
         except UsageError as error:
             self._wrong = self._wrong or error
-            value = parameter.default  # passes rclpy's check of the range; ours gives the reason
+            value = parameter.default  # passes rclpy's range check; `_on_set` returns our reason
         return RosParameter(change.name, value=parameter.plain(value))
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
@@ -237,8 +238,8 @@ class RosParameters:
     def _settable(self, name: str, being_set: bool) -> None:
         parameter = self._find(name)
         if parameter is None:
-            # Another part of the node may declare parameters of its own; nobody may set one that
-            # does not exist.
+            # Other parts of the node may declare parameters, but one that does not exist cannot be
+            # set.
             if being_set and not self._node.has_parameter(name):
                 raise UsageError(f"unknown parameter '{name}': {self._hint(name)}")
         elif parameter.structural and being_set:
@@ -250,7 +251,7 @@ class RosParameters:
             return
         self.values, self.overrides = self._after(changes)
         for name in known:
-            if not self._node.has_parameter(name):  # deleting undeclared it
+            if not self._node.has_parameter(name):  # it was deleted, which undeclares it
                 if name in self._known:
                     self._declare(name, self._known[name], self.values[name])
             elif name not in self._known:  # an override may be new
@@ -284,12 +285,12 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 
 
 def in_words(error: ParameterException) -> str:
-    """What it says; rclpy puts the name of the parameter behind it once more."""
+    """Return the text of rclpy's error without the parameter's name that rclpy appends."""
     return str(error).rpartition(': ')[0] or str(error)
 
 
 def ros_values(values: Mapping[str, Any]) -> list[RosParameter]:
-    """Parameters for a node's ``parameter_overrides``, from plain values."""
+    """Return parameters for a node's ``parameter_overrides``, from plain values by name."""
     return [
         RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in values.items()
