@@ -14,7 +14,7 @@ from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.switched.state import State
 from estimator_pkg.observers.switched.system import System
 
-VAGUE = 1e8  # variance of an unknown Z, in variances of the reading
+VAGUE = 1e8  # variance of an unknown Z, in variances of the measurement noise
 CERTAIN = 0.1  # a standard deviation below this part of Z counts as converged
 FORGOTTEN = 8.0  # time constants of the filter until it has forgotten its start
 
