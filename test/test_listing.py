@@ -183,7 +183,7 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     out = listed(
         capsys, 'hgo', '--rate', '10', '--set', 'form=paper', '--set', 'L=50', '--set', 'K=600'
     )
-    assert 'as forward Euler needs: no' in out and 'refused: forward Euler' in out
+    assert 'required by forward Euler: no' in out and 'refused: forward Euler' in out
     assert 'chattering' in listed(capsys, 'smo')
 
 

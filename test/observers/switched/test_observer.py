@@ -169,9 +169,9 @@ def test_two_outputs_and_the_second_joint(velocity):
     [
         ('grippr', "unknown switched model 'grippr'"),
         ('nowhere.at:ALL', "cannot import 'nowhere.at'"),
-        ('estimator_pkg.models.gripper:OPEN', 'no SwitchedModel'),
-        ('test_switched_observer:RESTING', 'never reached'),
-        ('test_switched_observer:SHIFTED', 'the derivative of zeta[1]'),
+        ('estimator_pkg.models.gripper:OPEN', 'is not a SwitchedModel'),
+        (f'{__name__}:RESTING', 'is deficient'),
+        (f'{__name__}:SHIFTED', 'the derivative of zeta[1]'),
     ],
 )
 def test_wrong_models_are_refused_before_running(name, words):
