@@ -300,7 +300,7 @@ def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_interrupts_end_the_node_quietly(number):
     with dds.NodeProcess(MODULE) as process:
-        process.prints('hybrid_angle estimates every joint of /joint_states')
+        process.prints('hybrid_angle estimates every joint from /joint_states')
         process.signal(number)
         assert process.ends() == 0
     assert 'Traceback' not in process.output and 'rror' not in process.output
