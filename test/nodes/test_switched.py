@@ -138,7 +138,8 @@ def test_events_and_status(probe):
             [
                 encode(stamp + 2100 * MS, '', ('joint',), (0.1,)),
                 encode(stamp + 2101 * MS, '', ('other',), (0.1,), (), (0.0,)),
-            ]
+            ],
+            unanswered={0, 1},
         )
         report = watched.next_report()['/switched_observer']
         assert report['messages_dropped.mismatched'] == '2'

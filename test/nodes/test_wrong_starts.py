@@ -51,7 +51,7 @@ WRONG = {
         ({'model_parameters': ['inertai=1.0']}, "did you mean 'inertia'?"),
         ({'L': [-1.0], 'K': [3.0]}, '-L is not Hurwitz'),
         ({'L': [3.0], 'Gamma': [-1.0]}, "'Gamma' is not positive definite"),
-        ({'model': 'robotic_leg', 'operating_point': [0.0, 0.0, 0.0]}, 'operating point'),
+        ({'model': 'robotic_leg', 'operating_point': [0.0, 0.0, 0.0]}, 'operating_point'),
         ({'joints': ['a', 'b']}, "has 1 joints (joint), but 'joints' names 2"),
         ({'mechanisms': ['a', 'b']}, "both have the joint 'joint'"),
         ({'mechanisms': ['a'], 'per_joint.b.bandwidth_hz': 3.0}, "unknown mechanism 'b'"),
