@@ -21,7 +21,7 @@ from estimator_pkg.ros.domain import free_domain
 DOMAIN = free_domain()
 os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-PATIENCE = 12.0  # [s] a condition may take; a start that compiles takes 20 on a busy machine
+PATIENCE = 60.0  # [s] a condition may take; a start that compiles takes 20 on a busy machine
 
 
 def ros_args(*parameters: str, remap: Sequence[str] = (), file: Any = None) -> list[str]:

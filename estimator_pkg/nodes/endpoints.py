@@ -335,7 +335,8 @@ class Endpoints:
             raise UsageError(f"qos_overrides of '{topic}': {why}") from error
 
     def _mismatch(self, topic: str, other: str, own: str, event: Any) -> None:
-        self.qos_mismatches += event.total_count_change
+        # the change is 0 where the other side was there before: an event is one at least
+        self.qos_mismatches += max(1, event.total_count_change)
         policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
         self._node.get_logger().warning(
             f'a {other} on {topic} has an incompatible QoS and is not connected: {policy} differs; '
