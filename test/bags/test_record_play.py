@@ -134,7 +134,7 @@ def test_record_follows_a_publisher_that_offers_less(probe, tmp_path):
         reliable.publish(make.text('one'))
         probe.spin(0.3)
         other = probe.node.create_publisher(String, '/rp3/said', best_effort())
-        process.prints('subscribing anew')
+        process.prints('subscribing again')
         probe.until(lambda: other.get_subscription_count())
         probe.spin(0.3)
         other.publish(make.text('two'))
@@ -163,7 +163,7 @@ def test_record_refuses_what_it_cannot_do(tmp_path, capsys):
     for words, said, code in (
         (['--out', tmp_path / 'there'], 'exists already', 1),
         (['--out', tmp_path / 'no' / 'bag'], 'does not exist', 1),
-        (['--out', tmp_path / 'bag', '--duration', '-1'], 'must be above 0 s', 2),
+        (['--out', tmp_path / 'bag', '--duration', '-1'], 'must be above 0', 2),
     ):
         assert cli.main(['record', '/x', *map(str, words)]) == code
         error = capsys.readouterr().err
@@ -368,9 +368,9 @@ def _line_with(stream, text):
 def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
     for words, said, code in (
         ([tmp_path / 'nowhere'], 'does not exist', 1),
-        ([recording, '--rate', '0'], '--rate 0: it must be above 0', 2),
-        ([recording, '--clock', '-1'], '--clock -1', 2),
-        ([recording, '--wait', 'nan'], '--wait nan', 2),
+        ([recording, '--rate', '0'], '--rate is 0: it must be above 0', 2),
+        ([recording, '--clock', '-1'], '--clock is -1', 2),
+        ([recording, '--wait', 'nan'], '--wait is nan', 2),
         ([recording, '--remap', 'x'], "'x' is not a remapping: write it as FROM:=TO", 2),
         ([recording, '--remap', '/x:=/y'], "no topic '/x'", 1),
         ([recording, '--topics', '/x'], "no topic '/x'", 1),

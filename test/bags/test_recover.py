@@ -361,9 +361,7 @@ def test_replay_ends_with_what_it_has(number, long_bag, tmp_path):
         'replay',
         str(long_bag),
         '--observer',
-        'adaptive',
-        '--set',
-        'gravity=false',
+        'kalman',
         '--out',
         str(tmp_path / 'out'),
     ) as process:
@@ -378,7 +376,7 @@ def test_replay_ends_with_what_it_has(number, long_bag, tmp_path):
     assert 'interrupted' in process.output and 'Traceback' not in process.output
     assert [each.name for each in tmp_path.iterdir()] == ['out']
     topics = {topic for topic, _, _ in opened_by_others(tmp_path / 'out')}
-    assert '/adaptive_observer/estimate' in topics and STATES in topics
+    assert '/joint_observer/estimate' in topics and STATES in topics
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])

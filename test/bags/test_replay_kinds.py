@@ -375,7 +375,7 @@ def bare(tmp_path_factory):
     ('words', 'said'),
     [
         (['--observer', 'geso'], 'geso publishes no estimate: '),
-        (['--observer', 'adaptive'], '/joint_states carries no effort'),
+        (['--observer', 'adaptive'], '/joint_states has no effort'),
         (['--observer', 'switched'], 'with the effort that the model needs'),
         (['--observer', 'pmsm', *settings(*MOTOR)], "has no topic '/drive_samples'"),
         (['--observer', 'geso', *settings('modle=x')], "did you mean 'model'?"),
@@ -392,7 +392,7 @@ def test_evaluate_says_what_a_bag_lacks(bare, words, said, capsys):
 
 def test_replay_of_what_lacks_the_input_says_so(bare, capsys):
     run('replay', bare, '--observer', 'adaptive')
-    assert 'carries no effort' in capsys.readouterr().err
+    assert 'has no effort' in capsys.readouterr().err
     run('replay', bare, '--observer', 'switched', code=1)
     assert 'with the effort that the model needs' in capsys.readouterr().err
     run('replay', bare, '--observer', 'adaptive', '--joint', 'elbow', code=1)

@@ -79,7 +79,7 @@ def test_play_imports_nothing_that_a_bag_names(hostile):
         env={**os.environ, 'PYTHONPATH': os.pathsep},
         check=False,
     )
-    assert done.returncode == 1 and 'has nothing to play' in done.stderr, done.stderr
+    assert done.returncode == 1 and 'has no topic to play' in done.stderr, done.stderr
     assert done.stderr.count('is not played: its type') == len(NAMES)
     assert imported(hostile) == []
 
