@@ -12,6 +12,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the installed ones
 
+# Processes of tests import the installed packages, too (Python 3.10 finds the checkout first).
+os.environ['PYTHONSAFEPATH'] = '1'
+
 USES_DDS = re.compile(r'^import dds$|\bprobe\b', re.MULTILINE)
 
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):  # old and new

@@ -148,7 +148,7 @@ def compile_from(samples: float) -> None:
         with contextlib.suppress(ImportError):
             found = importlib.import_module(module.name)
             if hasattr(found, 'COMPILE_FROM'):
-                found.COMPILE_FROM = samples  # type: ignore[attr-defined]
+                found.COMPILE_FROM = samples  # type: ignore[attr-defined]  a constant of the module found
                 told += 1
     if not told:
         raise RuntimeError(

@@ -31,7 +31,7 @@ from estimator_pkg.messages.block import Block
 
 CHUNK_SIZE = 1 << 20  # bytes of messages per chunk, before compression
 LEVEL = 1  # compression level of zstd
-FEW_LENGTHS = 16  # up to so many different message lengths, each length is copied at once
+FEW_LENGTHS = 16  # with more message lengths than this, messages are copied one by one
 
 
 class McapOutput:

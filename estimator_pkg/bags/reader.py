@@ -416,18 +416,20 @@ class Bag:
         self._mcaps.append((mcap, index))
 
     def _add_sqlite(self, sqlite: SqliteFile) -> None:
-        index = [
-            self._add(
-                item.topic,
-                item.msgtype,
-                item.msgcount,
-                list(item.ext.offered_qos_profiles),  # type: ignore[union-attr]
-                definition=item.msgdef.data,
-                type_hash=item.digest,
-                serialization=str(item.ext.serialization_format),  # type: ignore[union-attr]
-            )  # the extension is rosbag2's: rosbags uses the same class for rosbag1
-            for item in sqlite.connections
-        ]
+        index = []
+        for item in sqlite.connections:
+            extension: Any = item.ext  # rosbag2's; rosbags has the same class for rosbag1
+            index.append(
+                self._add(
+                    item.topic,
+                    item.msgtype,
+                    item.msgcount,
+                    list(extension.offered_qos_profiles),
+                    definition=item.msgdef.data,
+                    type_hash=item.digest,
+                    serialization=str(extension.serialization_format),
+                )
+            )
         self._sqlites.append((sqlite, np.array(index, np.int64)))
 
     def _add(

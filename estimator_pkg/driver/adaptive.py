@@ -49,9 +49,9 @@ class AdaptiveJoint(Joint):
         super().set_gains(gains)
         self.evidence.memory = gains.memory
 
-    def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
+    def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample; see `Joint`."""
-        used = super().update(stamp_ns, measurement, given)
+        used = super().update(stamp_ns, measurement, known_input)
         self._look()
         return used
 
@@ -59,7 +59,7 @@ class AdaptiveJoint(Joint):
         self,
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
-        given: NDArray[np.float64] | None = None,
+        known_input: NDArray[np.float64] | None = None,
         *,
         fast: bool | None = None,
     ) -> Estimates:
@@ -77,7 +77,7 @@ class AdaptiveJoint(Joint):
                 super().run(
                     stamps[part],
                     measurements[part],
-                    None if given is None else given[part],
+                    None if known_input is None else known_input[part],
                     fast=fast,
                 )
             )
@@ -229,15 +229,15 @@ class AdaptiveBank(Bank):
     ) -> bool:
         """One sample of a joint in; True if it was used."""
         settings: Any = joint.settings
-        (given,) = self._acting_on(name).given(
+        (known_input,) = self._acting_on(name).known_input(
             joint.stamp_ns if joint.used else 0, stamp_ns, (effort,), settings
         )
-        if math.isfinite(given):
+        if math.isfinite(known_input):
             self.unknown.discard(name)
         else:
             position = math.nan  # counted as such: half a sample is none
             self.unknown.add(name)
-        return joint.update(stamp_ns, position, given)
+        return joint.update(stamp_ns, position, known_input)
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
         """Take one effort_command."""

@@ -52,7 +52,7 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
         limits: tuple,
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
-        given: NDArray[np.float64],
+        known_input: NDArray[np.float64],
         position: NDArray[np.float64],
         velocity: NDArray[np.float64],
         acceleration: NDArray[np.float64],
@@ -62,11 +62,11 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
         verdict: NDArray[np.int8],
     ) -> tuple:
         for i in range(len(stamps)):
-            state, said = advance(state, design, limits, stamps[i], measurements[i], given[i])
+            state, said = advance(state, design, limits, stamps[i], measurements[i], known_input[i])
             verdict[i] = said
             if said < DUPLICATE:
                 position[i], velocity[i], acceleration[i], status[i] = read(
-                    state, design, limits, measurements[i], given[i]
+                    state, design, limits, measurements[i], known_input[i]
                 )
                 position_stddev[i], velocity_stddev[i] = deviation(state, design)
         return state
@@ -81,7 +81,7 @@ def run(
     limits: tuple,
     stamps: NDArray[np.int64],
     measurements: NDArray[np.float64],
-    given: NDArray[np.float64] | None = None,
+    known_input: NDArray[np.float64] | None = None,
     *,
     fast: bool | None = None,
 ) -> tuple[tuple, Estimates]:
@@ -91,19 +91,22 @@ def run(
     ----------
     stamps : shape (n,), int64 nanoseconds.
     measurements : shape (n,) [rad or m].
-    given : shape (n,), the known input; None: zero.
+    known_input : shape (n,), the known input; None: zero.
     fast : compile or not; None: if it pays. Functions that Numba does not support (a user's own)
         run as plain Python.
     """
     count = len(stamps)
     out = empty(count)
-    if given is None:
-        given = np.zeros(count)
+    if known_input is None:
+        known_input = np.zeros(count)
     if fast is None:
         fast = count >= COMPILE_FROM
     if fast:
         try:
-            return (compiled(batch)(state, design, limits, stamps, measurements, given, *out), out)
+            return (
+                compiled(batch)(state, design, limits, stamps, measurements, known_input, *out),
+                out,
+            )
         except Exception as error:
             if not cannot_compile(error):
                 raise
@@ -111,6 +114,6 @@ def run(
     rows = (
         np.asarray(stamps).tolist(),
         np.asarray(measurements).tolist(),
-        np.asarray(given).tolist(),
+        np.asarray(known_input).tolist(),
     )
     return batch(state, design, limits, *rows, *out), out

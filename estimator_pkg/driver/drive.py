@@ -25,7 +25,7 @@ from estimator_pkg.driver.guard import (
     VERDICTS,
 )
 from estimator_pkg.driver.joint import Joint, JointSettings
-from estimator_pkg.driver.track import make_track, replaced
+from estimator_pkg.driver.track import make_track, newest, replaced, with_state
 from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, Observer
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.pmsm.watch import BLIND, describe
@@ -92,59 +92,19 @@ def make_drive_batch(functions: Any) -> Callable[..., tuple]:
         reasons: NDArray[np.int16],
         verdict: NDArray[np.int8],
     ) -> tuple:
-        (
-            last_ns,
-            before_ns,
-            late,
-            dt_ns,
-            mean_dt,
-            coefficients,
-            state,
-            running,
-            kept,
-            reading,
-            earlier,
-            repeats,
-        ) = track
         for k in range(len(stamps)):
             sample = samples[k]
             measurement = (sample[0], sample[1], sample[2], sample[3])
-            old_ns, old_coefficients, old_state = last_ns, coefficients, state
+            old_ns, old_coefficients, old_state = newest(track)
             track, said = advance(track, design, limits, stamps[k], measurement, 0.0)
             verdict[k] = said
-            (
-                last_ns,
-                before_ns,
-                late,
-                dt_ns,
-                mean_dt,
-                coefficients,
-                state,
-                running,
-                kept,
-                reading,
-                earlier,
-                repeats,
-            ) = track
             if said == AFTER_GAP:
                 gap = stamps[k] - old_ns
                 if gap <= LONGEST_COAST:  # extrapolate the angle over the gap
                     state = coast(old_state, old_coefficients, design, measurement, gap * 1e-9)
-                    track = (
-                        last_ns,
-                        before_ns,
-                        late,
-                        dt_ns,
-                        mean_dt,
-                        coefficients,
-                        state,
-                        running,
-                        kept,
-                        reading,
-                        earlier,
-                        repeats,
-                    )
+                    track = with_state(track, state)
             if said < DUPLICATE:
+                _, coefficients, state = newest(track)
                 row = rows[k]
                 row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(
                     state, coefficients, design

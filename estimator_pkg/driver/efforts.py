@@ -217,7 +217,7 @@ class Acting:
         if self._source == COMMAND and math.isfinite(effort):
             self._put(place, stamp_ns, effort)
 
-    def given(
+    def known_input(
         self, before_ns: int, stamp_ns: int, efforts: Sequence[float], settings: DrivenSettings
     ) -> tuple[float, ...]:
         """Return the mean input since the previous sample; nan if unknown or beyond `LARGEST`.
@@ -248,7 +248,7 @@ class Acting:
             scales = scales * len(values)
         return tuple(
             [
-                given if -LARGEST < (given := value * scale) < LARGEST else math.nan
+                u if -LARGEST < (u := value * scale) < LARGEST else math.nan
                 for value, scale in zip(values, scales)
             ]
         )

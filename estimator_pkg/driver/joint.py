@@ -97,7 +97,7 @@ class Joint:
         self._track = self._blank(self._design)
         self.verdict = DUPLICATE
         self._measurement: Any = self.functions.blank
-        self._given: Any = self.functions.no_input
+        self._known_input: Any = self.functions.no_input
         self._twin = None
 
     def _structure(self, gains: Any) -> None:
@@ -139,8 +139,10 @@ class Joint:
         ):
             return False
         coefficients = functions.prepare(design, self.mean_dt or 1e-3)
-        state = functions.step(self.state, coefficients, design, self._measurement, self._given)
-        functions.output(state, coefficients, design, self._measurement, self._given)
+        state = functions.step(
+            self.state, coefficients, design, self._measurement, self._known_input
+        )
+        functions.output(state, coefficients, design, self._measurement, self._known_input)
         return True
 
     def set_gains(self, gains: Any) -> None:
@@ -173,17 +175,17 @@ class Joint:
         self.reset_count += 1
         self._new_starts = self._count_new_starts()
 
-    def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
+    def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
         self._track, verdict = self._advance(
-            self._track, self._design, self._limits, stamp_ns, measurement, given
+            self._track, self._design, self._limits, stamp_ns, measurement, known_input
         )
         self.verdict = verdict
         self.counts[verdict] += 1
         if verdict < DUPLICATE:
             self.stamp_ns = stamp_ns
             self._measurement = measurement
-            self._given = given
+            self._known_input = known_input
             return True
         return False
 
@@ -191,7 +193,9 @@ class Joint:
         """Return (position, velocity, acceleration or nan, status) at the last used sample."""
         if not _is_running(self._track):
             return math.nan, math.nan, math.nan, INITIALISING
-        return self._read(self._track, self._design, self._limits, self._measurement, self._given)
+        return self._read(
+            self._track, self._design, self._limits, self._measurement, self._known_input
+        )
 
     def stddev(self) -> tuple[float, float]:
         """Return the standard deviations of position and velocity."""
@@ -207,7 +211,7 @@ class Joint:
         self,
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
-        given: NDArray[np.float64] | None = None,
+        known_input: NDArray[np.float64] | None = None,
         *,
         fast: bool | None = None,
     ) -> batches.Estimates:
@@ -217,7 +221,7 @@ class Joint:
         ----------
         stamps : shape (n,), int64 nanoseconds, as received.
         measurements : shape (n,) [rad or m].
-        given : shape (n,), known input; None: zero.
+        known_input : shape (n,), known input; None: zero.
         fast : compile or not; None: if it pays.
         """
         self._track, out = batches.run(
@@ -227,7 +231,7 @@ class Joint:
             self._limits,
             stamps,
             measurements,
-            given,
+            known_input,
             fast=fast,
         )
         for verdict, count in enumerate(np.bincount(out.verdict, minlength=len(VERDICTS))):
@@ -239,7 +243,9 @@ class Joint:
             last = used[-1]
             self.stamp_ns = int(stamps[last])
             self._measurement = float(measurements[last])
-            self._given = self.functions.no_input if given is None else float(given[last])
+            self._known_input = (
+                self.functions.no_input if known_input is None else float(known_input[last])
+            )
         return out
 
     @property

@@ -126,14 +126,14 @@ class Mechanism(Joint):
     def _complete(self, found: _Partial) -> bool:
         stamp_ns, actuated = found.stamp_ns, self.functions.mechanics.actuated
         efforts = found.efforts if self._source == FIELD else {}
-        given = self._acting.given(
+        known_input = self._acting.known_input(
             self._before_ns,
             stamp_ns,
             [efforts.get(index, math.nan) for index in actuated],
             self.settings,
         )
         measurement = tuple(float(found.positions[k]) for k in range(len(self.names)))
-        used = self.update(stamp_ns, measurement, given or (0.0,))
+        used = self.update(stamp_ns, measurement, known_input or (0.0,))
         if used:
             self._before_ns = stamp_ns
         return used

@@ -78,11 +78,11 @@ class SwitchedJoint(Joint):
             return APPLIED if behind <= half else LATE
         return WAITING
 
-    def update(self, stamp_ns: int, measurement: Any, given: Any = 0.0) -> bool:
+    def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample, and first the events that are due by it; see `Joint`."""
         while self._waiting and 2 * self._waiting[0][0] <= self.stamp_ns + stamp_ns:
             self._apply()
-        used = super().update(stamp_ns, measurement, given)
+        used = super().update(stamp_ns, measurement, known_input)
         while self._waiting and self._waiting[0][0] <= self.stamp_ns:
             self._apply()
         return used
@@ -198,16 +198,16 @@ class SwitchedBank(Received):
         places = [names.index(name) for name in self.names]
         measurement = tuple(positions[place] for place in places)
         system: Any = self.system
-        given = self._acting.given(
+        known_input = self._acting.known_input(
             system.stamp_ns if system.used else 0,
             stamp_ns,
             [efforts[place] if needed else math.nan for place in places[: self._inputs]],
             system.settings,
         )
-        self._unknown = not all(map(math.isfinite, given))
+        self._unknown = not all(map(math.isfinite, known_input))
         if self._unknown:
             measurement = (math.nan,) * len(measurement)  # counted as such: half a sample is none
-        used = system.update(stamp_ns, measurement, given)
+        used = system.update(stamp_ns, measurement, known_input)
         shown = [place for place, name in enumerate(names) if name in self.names]
         output = [self.names.index(names[place]) for place in shown]
         outputs, status = system.outputs(), system.estimate()[3]

@@ -63,6 +63,44 @@ def replaced(track: tuple, **fields: Any) -> tuple:
     return tuple(Track(*track)._replace(**fields))
 
 
+def newest(track: tuple) -> tuple[int, tuple, tuple]:
+    """Return (stamp [ns], coefficients, state) of the last sample."""
+    last_ns, _, _, _, _, coefficients, state, _, _, _, _, _ = track
+    return last_ns, coefficients, state
+
+
+def with_state(track: tuple, state: tuple) -> tuple:
+    """Return the track with another state of the observer."""
+    (
+        last_ns,
+        before_ns,
+        late,
+        dt_ns,
+        mean_dt,
+        coefficients,
+        _,
+        running,
+        kept,
+        reading,
+        earlier,
+        repeats,
+    ) = track
+    return (
+        last_ns,
+        before_ns,
+        late,
+        dt_ns,
+        mean_dt,
+        coefficients,
+        state,
+        running,
+        kept,
+        reading,
+        earlier,
+        repeats,
+    )
+
+
 class TrackFunctions(NamedTuple):
     """`blank(design)`, `advance(...)`, `read(...)` and `deviation(...)` of one observer."""
 
@@ -156,7 +194,12 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
         )
 
     def advance(
-        track: tuple, design: tuple, limits: tuple, stamp_ns: int, measurement: Any, given: Any
+        track: tuple,
+        design: tuple,
+        limits: tuple,
+        stamp_ns: int,
+        measurement: Any,
+        known_input: Any,
     ) -> tuple[tuple, int]:
         """Return (track, verdict) after one sample; a dropped one does not change the estimate."""
         (
@@ -267,7 +310,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                     MISCONFIGURED,
                 )
             if verdict == USED and passed <= longest_dt:
-                state = step(state, coefficients, design, measurement, given)
+                state = step(state, coefficients, design, measurement, known_input)
                 return (
                     (
                         stamp_ns,
@@ -387,43 +430,19 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             repeats,
         ), verdict
 
-    def read(track: tuple, design: tuple, limits: tuple, measurement: Any, given: Any) -> tuple:
+    def read(
+        track: tuple, design: tuple, limits: tuple, measurement: Any, known_input: Any
+    ) -> tuple:
         """Return (position, velocity, acceleration or nan, status) of the newest estimate."""
-        (
-            last_ns,
-            before_ns,
-            late,
-            dt_ns,
-            mean_dt,
-            coefficients,
-            state,
-            running,
-            kept,
-            reading,
-            earlier,
-            repeats,
-        ) = track
-        gap_ns, reorder_ns, timeout_ns, longest_dt = limits
+        _, _, _, _, mean_dt, coefficients, state, _, _, _, _, _ = track
+        _, _, _, longest_dt = limits
         if mean_dt > longest_dt:
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
-        return output(state, coefficients, design, measurement, given)
+        return output(state, coefficients, design, measurement, known_input)
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity."""
-        (
-            last_ns,
-            before_ns,
-            late,
-            dt_ns,
-            mean_dt,
-            coefficients,
-            state,
-            running,
-            kept,
-            reading,
-            earlier,
-            repeats,
-        ) = track
+        _, coefficients, state = newest(track)
         return stddev(state, coefficients, design)
 
     return TrackFunctions(blank, advance, read, deviation)

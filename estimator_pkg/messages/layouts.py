@@ -22,13 +22,13 @@ class Messages(Protocol):
     """Messages in a buffer; `estimator_pkg.messages.block.Block` is one."""
 
     @property
-    def data(self) -> NDArray[np.uint8]: ...  # noqa: D102  (described there)
+    def data(self) -> NDArray[np.uint8]: ...  # noqa: D102  described in Block
 
     @property
-    def start(self) -> NDArray[np.int64]: ...  # noqa: D102
+    def start(self) -> NDArray[np.int64]: ...  # noqa: D102  described in Block
 
     @property
-    def end(self) -> NDArray[np.int64]: ...  # noqa: D102
+    def end(self) -> NDArray[np.int64]: ...  # noqa: D102  described in Block
 
 
 class LayoutLike(Protocol):

@@ -51,7 +51,7 @@ def sensor_data() -> QoSProfile:
 
 
 def estimates() -> QoSProfile:
-    """QoS for outputs: reliable; depth 500 keeps what a listener that connects has missed."""
+    """QoS for outputs: reliable; depth 500 keeps what a subscriber missed while it connected."""
     return QoSProfile(depth=500, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -70,17 +70,17 @@ _OPEN = (
 )
 
 DEEPEST = 100_000  # largest depth of a queue
-SETTLED = 0.1  # [s] without a change among publishers and listeners: they know us, too
-AT_FIRST = 0.5  # [s] the same from our start: not all of them are known at once
-NOBODY = 10.0  # [s] without a publisher after which we subscribe all the same: some bridges
-# publish only what somebody has subscribed to
+SETTLED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
+SETTLED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
+WAIT_FOR_PUBLISHER = 10.0  # [s] without a publisher, after which we subscribe all the same:
+# some bridges publish only topics that have a subscriber
 UNNAMED = '_NODE_NAME_UNKNOWN_'  # ROS's name for a node that is not completely discovered
 
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
 
 
 class Input:
-    """A topic that a node reads, subscribed to while somebody publishes on it.
+    """A topic that a node reads, subscribed to while it has a publisher.
 
     A publisher knows of a subscription up to 0.1 s before the subscription knows of the publisher,
     and DDS drops the best-effort messages of that time unseen. A subscription that is made when the
@@ -95,7 +95,7 @@ class Input:
     ----------
     subscription : None while there is none.
     callback : receives its messages. loss : counts those that are lost.
-    deserted : when somebody was last known to publish, by `monotonic` [s].
+    unpublished_since : when a publisher was last known, by `monotonic` [s].
     """
 
     def __init__(self, topic_name: str, kind: type, make: Callable[[], Subscription]) -> None:
@@ -103,8 +103,8 @@ class Input:
         self.subscription: Subscription | None = None
         self.callback: Callable[..., None]
         self.loss = Loss(self.publishers)
-        self.deserted = monotonic()
-        self._served = False  # somebody has published since it was made
+        self.unpublished_since = monotonic()
+        self._served = False  # True after a publisher was known
 
     def publishers(self) -> int:
         """The number of publishers that are connected."""
@@ -115,14 +115,14 @@ class Input:
 
         Parameters
         ----------
-        known : how many publish on the topic.
-        settled : those who are there have had time to know of us.
+        known : number of publishers on the topic.
+        settled : they have had time to discover this node.
         """
         now = monotonic()
         if known:
-            self.deserted = now
+            self.unpublished_since = now
         if self.subscription is None:
-            if settled if known else now - self.deserted >= NOBODY:
+            if settled if known else now - self.unpublished_since >= WAIT_FOR_PUBLISHER:
                 self.loss.begins(time_ns())
                 self._served = False
                 self.subscription = self._make()
@@ -135,7 +135,7 @@ class Input:
             self.loss.forget()
 
     def drain(self) -> None:
-        """Receive what still waits."""
+        """Receive the messages that wait."""
         if self.subscription is not None:
             for raw, info in waiting(self.subscription):
                 self.callback(raw, info)
@@ -175,7 +175,7 @@ class Endpoints:
         self._publishers: list[Publisher] = []
         self._on_demand: list[OnDemand] = []
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
-        self._settled = monotonic() + AT_FIRST  # when all of them know us
+        self._settled = monotonic() + SETTLED_AT_START  # when all of them know us
 
     @property
     def inputs(self) -> list[str]:
@@ -188,9 +188,9 @@ class Endpoints:
         return {each.topic_name: each.loss.lost for each in self._inputs}
 
     def connect(self) -> None:
-        """Subscribe to topics on which somebody publishes; to be called often.
+        """Subscribe to topics that have a publisher; to be called often.
 
-        What listens to our outputs must know them before, or it would miss the first answers.
+        A subscriber of our outputs must know them before, or it would miss the first answers.
         """
         now, node = monotonic(), self._node
         around = [node.count_publishers(each.topic_name) for each in self._inputs]

@@ -27,9 +27,9 @@ from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
 from estimator_pkg.streams.contract import Stream
 
 DIAGNOSTICS = 1.0  # time between two messages on /diagnostics [s]
-UNHEARD_OF = 5.0  # time after which missing inputs are reported [s]
-ALL_HERE = 1.0  # time after the first joint in which the others appear too [s]
-SAY_AGAIN_AFTER = 10.0  # time between two warnings of the same kind [s]
+INPUT_PATIENCE = 5.0  # time after which missing inputs are reported [s]
+JOINT_PATIENCE = 1.0  # time after the first joint in which the others appear too [s]
+WARNING_PERIOD = 10.0  # time between two warnings of the same kind [s]
 NAMED = 5  # largest number of joints in a warning
 
 
@@ -78,15 +78,15 @@ class Health:
         self._failed = 0
         self._step_time = self._longest_step = 0.0
         self._started = self._last_report = monotonic()
-        self._named_unknown = self._named_unseen = False
+        self._reported_unknown = self._reported_missing = False
         self._reported: set[str] = set()  # texts about topics without messages
         self._first_input = 0.0
         # used samples; time of their last increase, and the number of received ones then
         self._used: dict[str, tuple[int, float, int]] = {}
         self._alive: set[str] = set()  # joints that are not lost
-        self._gone: dict[str, int] = {}  # counters of expired joints
+        self._expired: dict[str, int] = {}  # counters of expired joints
         self._lost: Mapping[str, int] = {}  # by topic
-        self._said: dict[str, tuple[int, str]] = {}  # published status and reason
+        self._published: dict[str, tuple[int, str]] = {}  # published status and reason
         self._warned: dict[str, float] = {}
         self._before = _Totals()
         self._publish_status()
@@ -100,7 +100,7 @@ class Health:
     def failed(self, topic: str, why: str) -> None:
         """Report an exception of the observer on a message; the joints are reset."""
         self._failed += 1
-        self._say(
+        self._warn_about(
             'failed',
             f'the observer failed on a message of {topic}, and all '
             f'{self._stream.KEPT}s are reset: {why}',
@@ -113,35 +113,34 @@ class Health:
         due = now - self._last_report >= DIAGNOSTICS
         if due:
             self._expire(now)
-        joints, said = self._stream.bank.joints, self._said
+        joints, published = self._stream.bank.joints, self._published
         # A lost joint stays lost until a sample arrives: only the others are checked ten times a
         # second, and all of them once a second.
         touched = self._stream.bank.touched()
-        names = set(joints) if due or len(joints) != len(said) else self._alive.union(touched)
+        names = set(joints) if due or len(joints) != len(published) else self._alive.union(touched)
         new = {name: self._judge(name, joints[name], now) for name in names}
         changed = {
             name: new[name]
             for name in (joints if len(new) == len(joints) else sorted(new))
-            if said.get(name) != new[name]
+            if published.get(name) != new[name]
         }
         self._alive.update(name for name in changed if new[name][0] != LOST)
         self._alive.difference_update(name for name in changed if new[name][0] == LOST)
         if changed:
             self._report_changes(changed)
-            said.update(changed)
-        statuses = said
+            published.update(changed)
         if changed or due:
             self._publish_status()
         if due:
             self._report(now)
-            if now - self._started >= UNHEARD_OF:
-                self._name_unknown()
-                self._name_unheard()
-        if not self._named_unseen and statuses:
+            if now - self._started >= INPUT_PATIENCE:
+                self._report_unknown_parameters()
+                self._report_missing_input()
+        if not self._reported_missing and published:
             self._first_input = self._first_input or now
-            if now >= max(self._started + UNHEARD_OF, self._first_input + ALL_HERE):
-                self._named_unseen = True
-                self._name_unseen()
+            if now >= max(self._started + INPUT_PATIENCE, self._first_input + JOINT_PATIENCE):
+                self._reported_missing = True
+                self._report_missing_joints()
 
     def _expire(self, now: float) -> None:
         """Remove joints that had no sample for the stream's `expiry`."""
@@ -161,14 +160,14 @@ class Health:
             if not self._stream.expire(old):
                 return
             for key, count in counts.items():
-                self._gone[key] = self._gone.get(key, 0) + count
-            for kept in (self._used, self._said):
+                self._expired[key] = self._expired.get(key, 0) + count
+            for kept in (self._used, self._published):
                 for name in old:
                     kept.pop(name, None)
             self._alive.difference_update(old)
             more = f' and {len(old) - NAMED} more' if len(old) > NAMED else ''
             named = ', '.join(map(repr, old[:NAMED]))
-            self._say(
+            self._warn_about(
                 'expired',
                 f'{self._stream.KEPT} {named}{more}: no sample for {expiry:g} s, removed (expiry)',
             )
@@ -179,9 +178,11 @@ class Health:
 
     def _judge(self, name: str, joint: Joint, now: float) -> tuple[int, str]:
         """Return (status, why) of a joint; it is lost after too long without a usable sample."""
+        status = joint.estimate()[3]
         if self._stream.always_awake(name):
-            return joint.estimate()[3], joint.why()
-        used, received = joint.used, joint.received
+            return status, joint.why()
+        # a misconfigured joint uses no sample: it is lost when none arrives
+        used, received = joint.received if status == MISCONFIGURED else joint.used, joint.received
         known, since, before = self._used.get(name, (-1, now, 0))
         if used != known:
             since, before = now, received
@@ -193,7 +194,7 @@ class Health:
             return LOST, (
                 f'no usable sample for {joint.silence:.3g} s' + (f'; {reason}' if reason else '')
             )
-        return joint.estimate()[3], joint.why()
+        return status, joint.why()
 
     def _publish_status(self) -> None:
         self._status.publish(
@@ -203,7 +204,7 @@ class Health:
                     joint_status(
                         name,
                         joint,
-                        *self._said.get(name, (INITIALISING, '')),
+                        *self._published.get(name, (INITIALISING, '')),
                         self._stream.about(name),
                     )
                     for name, joint in self._stream.bank.joints.items()
@@ -216,7 +217,7 @@ class Health:
         totals = self._totals()
         new = totals.since(self._before)
         self._before = totals
-        self._warn(new)
+        self._warn_of_faults(new)
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(
             array(
@@ -227,7 +228,7 @@ class Health:
                         joint_status(
                             f'{name}: {joint}', self._stream.bank.joints[joint], status, why
                         )
-                        for joint, (status, why) in self._said.items()
+                        for joint, (status, why) in self._published.items()
                     ),
                 ),
             )
@@ -275,7 +276,7 @@ class Health:
             - self._failed
         )
         samples = self._counts_of(bank.joints)
-        for key, count in self._gone.items():
+        for key, count in self._expired.items():
             samples[key] += count
         samples['received'] += bank.refused
         return _Totals(
@@ -296,11 +297,11 @@ class Health:
 
     # Warnings
 
-    def _warn(self, new: _Totals) -> None:
+    def _warn_of_faults(self, new: _Totals) -> None:
         """Log problems for the user, each kind at most once in ten seconds."""
         topic = self.input.topic_name
         if new['dropped.zero_stamp']:
-            self._say(
+            self._warn_about(
                 'zero',
                 f'{new["dropped.zero_stamp"]} samples on {topic} have no time stamp '
                 f'and are dropped: {self._stream.NO_STAMP}',
@@ -308,19 +309,21 @@ class Health:
         if new['events.clock_jump']:
             publishers = self.input.publishers()
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
-            self._say(
+            self._warn_about(
                 'jump',
                 'the clock of the measurements jumped (a looping bag, a restarted '
                 f'simulation{several}): its {self._stream.KEPT}s are reset',
             )
         if new['messages_dropped.malformed']:
             where, why = self._stream.complaint
-            self._say('malformed', f'messages on {where} are malformed and dropped: {why}')
+            self._warn_about('malformed', f'messages on {where} are malformed and dropped: {why}')
         if new.get('messages_dropped.mismatched'):
-            self._say('mismatched', f'messages on {topic} are dropped: {self._stream.MISMATCH}')
+            self._warn_about(
+                'mismatched', f'messages on {topic} are dropped: {self._stream.MISMATCH}'
+            )
         if new['dropped.refused']:
             bank: Any = self._stream.bank
-            self._say(
+            self._warn_about(
                 'refused',
                 f'{new["dropped.refused"]} samples on {topic} are beyond '
                 f"joints_max (newest name: '{bank.refused_name}'; "
@@ -332,7 +335,7 @@ class Health:
             each for each, count in self._lost.items() if count > before.get(each, 0)
         )
         if where:
-            self._say(
+            self._warn_about(
                 'lost',
                 f'{new["lost_by_dds"]} messages on {where} were lost: their rate is too high for '
                 'this node or the network, or they were sent before the '
@@ -343,7 +346,7 @@ class Health:
         """Log joints that have become misconfigured, or whose samples are all dropped."""
         lost: dict[str, list[str]] = {}
         for name, (status, why) in statuses.items():
-            if status == self._said.get(name, (INITIALISING, ''))[0]:
+            if status == self._published.get(name, (INITIALISING, ''))[0]:
                 continue
             if status == MISCONFIGURED:
                 self._node.get_logger().error(
@@ -353,25 +356,25 @@ class Health:
                 lost.setdefault(why, []).append(f"'{name}'")
         for why, names in lost.items():
             more = f' and {len(names) - NAMED} more' if len(names) > NAMED else ''
-            self._say(why, f'{self._stream.KEPT} {", ".join(names[:NAMED])}{more}: {why}')
+            self._warn_about(why, f'{self._stream.KEPT} {", ".join(names[:NAMED])}{more}: {why}')
 
-    def _say(self, kind: str, text: str, *, severe: bool = False) -> None:
+    def _warn_about(self, kind: str, text: str, *, severe: bool = False) -> None:
         now = monotonic()
-        if now - self._warned.get(kind, -math.inf) >= SAY_AGAIN_AFTER:
+        if now - self._warned.get(kind, -math.inf) >= WARNING_PERIOD:
             self._warned[kind] = now
             if severe:
                 self._node.get_logger().error(text)
             else:
                 self._node.get_logger().warning(text)
 
-    def _name_unknown(self) -> None:
+    def _report_unknown_parameters(self) -> None:
         """Log unknown parameters, once."""
-        if not self._named_unknown:
-            self._named_unknown = True
+        if not self._reported_unknown:
+            self._reported_unknown = True
             for name, hint in self._ros.unknown().items():
                 self._node.get_logger().warning(f"unknown parameter '{name}': {hint}")
 
-    def _name_unheard(self) -> None:
+    def _report_missing_input(self) -> None:
         """Log missing input, or publishers of another type, whenever this changes."""
         texts = self._endpoints.of_other_types()
         if not sum(self._stream.received):
@@ -384,7 +387,7 @@ class Health:
                 self._reported.add(text)
                 self._node.get_logger().warning(text)
 
-    def _name_unseen(self) -> None:
+    def _report_missing_joints(self) -> None:
         """Log joints that were named in the parameters but have not appeared."""
         seen = self._stream.bank.joints
         for joint in sorted({*self._ros.overrides, *self._stream.bank.only} - set(seen)):

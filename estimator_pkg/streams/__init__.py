@@ -18,7 +18,8 @@ USUAL = 'angle'  # the default kind
 
 def named(kind: str) -> type[Stream]:
     """Return the stream of this kind of observers; raise UsageError if there is none."""
-    return registry.find(registry.STREAMS, kind)
+    stream: type[Stream] = registry.find(registry.STREAMS, kind)
+    return stream
 
 
 def of_observer(observer: str) -> type[Stream]:

@@ -158,7 +158,7 @@ class StreamSettings:
         NAN,
         unit='',
         choices=(NAN, SKIP),
-        description='what ~/estimate says while a joint of a message has no estimate: nan (its '
+        description='content of ~/estimate while a joint of a message has no estimate: nan (its '
         'velocity is NaN, its position as measured), or skip (no message leaves until every joint '
         'of it has an estimate)',
     )
@@ -435,7 +435,8 @@ class Stream(ABC):
 
     def why_silent(self, name: str) -> str:
         """Return why a joint may have no usable sample, if it is known; else ''."""
-        return self.bank.why_silent(name)
+        why: str = self.bank.why_silent(name)
+        return why
 
     def unused(self) -> dict[str, int]:
         """Return the numbers of unused messages of the measurement, except malformed ones."""

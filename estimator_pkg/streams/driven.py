@@ -141,9 +141,9 @@ class DrivenStream(Stream):
 
     def _build(self, configuration: Any, joint: str) -> Any:
         functions = super()._build(configuration, joint)
-        given = functions.no_input
+        known_input = functions.no_input
         configuration.for_joint(joint)[1].check_inputs(
-            len(given) if isinstance(given, tuple) else 1, self._called(joint)
+            len(known_input) if isinstance(known_input, tuple) else 1, self._called(joint)
         )
         return functions
 

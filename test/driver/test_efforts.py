@@ -46,7 +46,7 @@ def acted(source, settings, samples, commands=()):
         while waiting and waiting[0][0] <= at:
             since, value = waiting.pop(0)
             acting.command(0, START + round(since * MS), value)
-        found += acting.given(before, START + at * MS, (effort,), settings)
+        found += acting.known_input(before, START + at * MS, (effort,), settings)
         before = START + at * MS
     return found
 
@@ -115,15 +115,15 @@ def test_a_hole_longer_than_the_timeout_leaves_the_effort_known(effort_is, delay
 def test_a_late_sample_takes_no_effort_away():
     settings = DrivenSettings(effort_is=COMMANDED)
     acting = Acting(1, FIELD, settings)
-    acting.given(0, START, (1.0,), settings)
-    acting.given(START, START + 2 * MS, (2.0,), settings)
-    acting.given(START + 2 * MS, START + MS, (9.0,), settings)  # late: it will be dropped
-    assert acting.given(START + 2 * MS, START + 4 * MS, (3.0,), settings) == (2.0,)
+    acting.known_input(0, START, (1.0,), settings)
+    acting.known_input(START, START + 2 * MS, (2.0,), settings)
+    acting.known_input(START + 2 * MS, START + MS, (9.0,), settings)  # late: it will be dropped
+    assert acting.known_input(START + 2 * MS, START + 4 * MS, (3.0,), settings) == (2.0,)
 
 
 def test_one_number_for_all_inputs_or_each():
     settings = DrivenSettings(input_scale=(1.0, -1.0), input_delay=(0.0, 0.0))
-    assert Acting(2, FIELD, settings).given(0, START, (3.0, 4.0), settings) == (3.0, -4.0)
+    assert Acting(2, FIELD, settings).known_input(0, START, (3.0, 4.0), settings) == (3.0, -4.0)
     with pytest.raises(UsageError, match="two: 'input_scale' has 2 numbers for 3 inputs"):
         settings.check_inputs(3, 'two')
 

@@ -22,7 +22,7 @@ from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models import gripper
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
-from estimator_pkg.observers.contract import LOST, TRACKING
+from estimator_pkg.observers.contract import LOST, MISCONFIGURED, TRACKING
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 from estimator_pkg.streams.drive import DriveStream
@@ -151,7 +151,7 @@ def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
         "joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; "
         'received samples are dropped: their numbers are not finite'
     ) in said
-    assert live.node.health._said['g'][1].endswith('their numbers are not finite')
+    assert live.node.health._published['g'][1].endswith('their numbers are not finite')
 
 
 def test_a_slow_stream_is_not_lost_between_two_samples(own):
@@ -164,16 +164,34 @@ def test_a_slow_stream_is_not_lost_between_two_samples(own):
         live.take(states, live.encode(BEGIN + 2000 * k * MS, '', ('slow',), (0.1 * k,)))
         time.sleep(0.05)
         live.node.health.look()
-        assert live.node.health._said['slow'][0] != LOST
-        assert k < 5 or live.node.health._said['slow'][0] == TRACKING
+        assert live.node.health._published['slow'][0] != LOST
+        assert k < 5 or live.node.health._published['slow'][0] == TRACKING
     joint = live.node.stream.bank.joints['slow']
     assert joint.silence == pytest.approx(8.0) and joint.events() == {}
     for k in range(200):  # and a fast one is
         live.take(states, live.encode(BEGIN + (20_000 + k) * MS, '', ('fast',), (0.1,)))
     time.sleep(0.3)
     live.node.health.look()
-    assert live.node.health._said['fast'][0] == LOST
-    assert live.node.health._said['slow'][0] == TRACKING
+    assert live.node.health._published['fast'][0] == LOST
+    assert live.node.health._published['slow'][0] == TRACKING
+
+
+def test_a_misconfigured_joint_is_lost_only_when_no_sample_arrives(own):
+    from sensor_msgs.msg import JointState
+
+    live = own(AngleStream, timeout=0.05, form='paper', epsilon=0.1)
+    states = live.publisher(JointState, 'joint_states')
+    for k in range(30):  # 25 Hz: too slow for these gains
+        live.take(states, live.encode(BEGIN + 40 * k * MS, '', ('j',), (0.01 * k,)))
+        time.sleep(0.04)
+        live.node.health.look()
+    status, why = live.node.health._published['j']
+    joint = live.node.stream.bank.joints['j']
+    assert joint.received - joint.used > joint.silence / 0.04  # for longer than its silence
+    assert status == MISCONFIGURED and 'epsilon' in why
+    time.sleep(joint.silence + 0.1)
+    live.node.health.look()
+    assert live.node.health._published['j'][0] == LOST
 
 
 def test_two_clocks_on_one_topic_are_told(own, capfd):

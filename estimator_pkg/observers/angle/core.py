@@ -35,19 +35,20 @@ from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
 MEMORY = 400.0  # samples over which the innovation's power is averaged
-STILL = 8.0  # after so many equal readings the noise is surely less than a quantum
-SURELY = 4.0  # standard deviations of noise that may have held a reading back
+STILL = 8.0  # equal readings in a row that show that the noise is less than a quantum
+SURELY = 4.0  # standard deviations of noise that may have kept a reading unchanged
 FRESH = 4.0  # samples that the power weighs when a start has settled
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
 LARGEST = 1e9  # beyond it [rad] a double does not resolve 1e-7 rad: no reading, but garbage
 CONFIRMED = 3.5  # a lock takes more samples than these
-LAG_3 = 0.2  # a fifth of what a ramp's begin or end errs by, in acceleration/pace: order 3
-LAG_2 = 0.36  # the same of order 2, which lags throughout
+# A fifth of the velocity error where a ramp begins or ends, in acceleration/pace: order 3 ...
+LAG_3 = 0.2
+LAG_2 = 0.36  # ... and order 2, which lags throughout the ramp
 ENOUGH = 8.0  # changed readings after which a start has shown its noise
 SHORT = 32.0  # samples over which they are averaged until the start is over
 UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
 GAP = 0.2  # [s] a gap is at least so long
-RESIDUE = 1e-9  # [rad] a smaller step is rounding, no quantum
+RESIDUE = 1e-9  # [rad] a smaller step is rounding and not the quantum
 COARSEST = 2.0**-23  # resolution of a float32, of its value: a reading is no finer than known
 FINEST = 2.0**-52  # the same of a double
 # in doubt, and outside for this long [s] in all (never less than it takes to settle): the observer
@@ -89,13 +90,13 @@ class AngleGains:
         None,
         unit='rad',
         range=(1e-12, 10.0),
-        description='standard deviation of the measurement noise, quantisation apart; '
+        description='standard deviation of the measurement noise without quantisation; '
         'automatic: estimated from the innovation',
     )
     low_speed_bound: bool = parameter(
         True,
         unit='',
-        description='hold |velocity| below (last change) / (time since it), on the output only',
+        description='limit |velocity| to (last change) / (time since it), in the output only',
     )
 
 
@@ -149,10 +150,10 @@ def variance_floor(quantum: float) -> float:
 def low_speed_bound(change: float, since: float, quantum: float, variance: float) -> float:
     """Return the largest speed [rad/s] that a reading unchanged for `since` [s] allows; inf: any.
 
-    A shaft turning faster would have changed the reading by now, unless noise held it back: so much
-    is added. No bound where the noise is larger than a quantum, because then an unchanged reading
-    says nothing. A stream that repeats every second sample is not slowed while it is not recognised
-    yet: its change spans two samples.
+    A shaft turning faster would have changed the reading by now, unless noise kept it unchanged:
+    SURELY standard deviations are added. No bound where the noise is larger than a quantum, because
+    then an unchanged reading shows nothing. A stream that repeats every second sample is not slowed
+    before it is recognised: its change spans two samples.
 
     Parameters
     ----------

@@ -9,12 +9,13 @@ import math
 from collections.abc import Callable
 
 UNEVEN = 0.1  # a sample time this part off the mean may be stamped wrongly
-BEYOND = 16.0  # an innovation is no noise if its square is so many times the recent power, and so
-# many times the square that the right sample time leaves
+# An innovation is not noise if its square is BEYOND times the recent power, and BEYOND times the
+# square that the right sample time leaves.
+BEYOND = 16.0
 PACES = 32.0  # samples over which the sample time is averaged
-HOLE = 2.0  # mean sample times: a longer one is a hole, and counts as so much
+HOLE = 2.0  # mean sample times: a longer one is a hole, and is averaged as this
 WHOLE = 0.2  # mean sample times: this close to a whole number, samples may have been lost ...
-SURE = 144.0  # ... and the square must be so many times what is left to show that none was
+SURE = 144.0  # ... unless the square is SURE times what the right sample time leaves
 
 
 def begin_clock(inner: tuple) -> tuple:

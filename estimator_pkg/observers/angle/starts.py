@@ -16,7 +16,7 @@ from estimator_pkg.observers.circle import wrap
 RECENT = 32.0  # samples over which a rest is averaged, and the power of recent innovations
 RESTED = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
 LASTS = 0.25  # [s] that a start lasts at least, ...
-DECAYED = 10.0  # ... and until the errors of the core have decayed by so many nepers
+DECAYED = 10.0  # ... and nepers by which the errors of the core must have decayed
 PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
 TAIL = 1.18  # of these nepers, where the polynomial before the exponential is generous
 LEARNT = 6.0  # nepers after which innovations of a start show the noise again

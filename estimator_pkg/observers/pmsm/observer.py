@@ -170,7 +170,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return i, h, z, x, (level, mean_h, rate, 0.0, power, idle, calm, reasons)
 
     def step(
-        state: Any, coefficients: Any, design: Any, measurement: Sample, given: float
+        state: Any, coefficients: Any, design: Any, measurement: Sample, known_input: float
     ) -> State:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, before, y = core
@@ -298,7 +298,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return reasons
 
     def output(
-        state: Any, coefficients: Any, design: Any, measurement: Sample, given: float
+        state: Any, coefficients: Any, design: Any, measurement: Sample, known_input: float
     ) -> tuple:
         core, clock, registers, watch, out, clear, voltages = state
         i, h, z, x, current, y = core

@@ -359,7 +359,7 @@ def update(
 
 
 def fastest(sensor: Sensor) -> float:
-    """Return the largest speed [rad/s] that a reading unchanged for so long allows."""
+    """Return the largest speed [rad/s] that an unchanged reading allows."""
     quantum, noise, _, _, _, _, change, since, _, _, _ = sensor
     return ((change if change > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(noise)) / since
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-OUTLIER = 25.0  # a square counts at most so many times what is expected: 5 sigma
+OUTLIER = 25.0  # largest weight of a square, in its expected value: 5 sigma
 LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
 ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
 RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion

@@ -24,9 +24,11 @@ from collections.abc import Callable
 from estimator_pkg.observers.angle.hybrid.injections import Injection
 from estimator_pkg.observers.circle import wrap
 
-DOUBTFUL = 0.125  # part of a turn by which one sample may be off at once
-HOLD = 0.02  # a speed is held against such samples for so long [s] ...
-HOLD_SAMPLES = 3  # ... and for so many of them, before a new start
+DOUBTFUL = 0.125  # of a turn: a larger innovation is doubtful
+# Doubtful samples do not correct the speed for HOLD [s] and HOLD_SAMPLES samples; then comes a new
+# start.
+HOLD = 0.02
+HOLD_SAMPLES = 3
 
 Correct = Callable[[tuple, tuple, float], tuple[tuple, float]]
 
