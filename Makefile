@@ -1,6 +1,6 @@
 # make demo     watch a live ROS 2 node estimate velocity beside the truth (installs everything first)
 # make test     run every test, the multi-process ones over real DDS included
-# make test-fast  the tests without DDS and without a browser
+# make test-fast  a minute: the tests without DDS, without a browser and without those that take long
 # make test-slow  the tests that take minutes
 # make figures  write the numbers that commands give into README and docs (docs/tools/figures.yaml)
 # make bench    speed and accuracy next to named peers, in one run (BENCH="speed --part drive": a part)
@@ -34,12 +34,12 @@ $(STAMP): $(SOURCES)
 	@touch $@
 
 # Tests run on the installed package, not on the checkout next to it.
-# One worker has the tests over DDS, which mostly wait; two take the rest, file by file.
+# Two workers have the tests over DDS, which mostly wait; two take the rest, file by file.
 test: install check
-	$(BIN)/pytest -n 3
+	$(BIN)/pytest -n 4
 
 test-fast: install
-	$(BIN)/pytest -m "not dds and not slow and not page" -n 2
+	$(BIN)/pytest -m "not dds and not slow and not page and not long" -n 2
 
 test-slow: install
 	$(BIN)/pytest -m slow

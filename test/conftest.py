@@ -5,15 +5,13 @@ from __future__ import annotations
 import os
 import re
 import sys
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the installed ones
-
-# Processes of tests import the installed packages, too (Python 3.10 finds the checkout first).
-os.environ['PYTHONSAFEPATH'] = '1'
 
 USES_DDS = re.compile(r'^import dds$|\bprobe\b', re.MULTILINE)
 
@@ -33,17 +31,32 @@ def pytest_itemcollected(item):
         item.add_marker(pytest.mark.flaky(reruns=1))
 
 
+@lru_cache
+def scope(file: str) -> str:
+    """Return what one worker of a parallel run (-n 4) takes as a whole.
+
+    Tests over DDS mostly wait: two workers have them all, and the others take the rest by files.
+    """
+    if not USES_DDS.search((ROOT / file).read_text()):
+        return file
+    return 'dds of nodes' if file.startswith('test/nodes/') else 'dds'
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with DDS, which takes longest."""
+    items.sort(key=lambda item: not scope(item.nodeid.partition('::')[0]).startswith('dds'))
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """In a parallel run (-n 3) one worker has the files that use DDS; the others take the rest."""
+    """In a parallel run, see `scope`."""
     from xdist.scheduler import LoadScopeScheduling
 
-    class Files(LoadScopeScheduling):
+    class Scopes(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            file = nodeid.split('::')[0]
-            return 'dds' if USES_DDS.search((ROOT / file).read_text()) else file
+            return scope(nodeid.partition('::')[0])
 
-    return Files(config, log)
+    return Scopes(config, log)
 
 
 @pytest.fixture(scope='module')

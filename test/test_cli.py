@@ -29,6 +29,7 @@ def run(words, stdout, buffered=True):
     return done.returncode, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('buffered', [True, False])
 @pytest.mark.parametrize('words', [[], ['list', 'pll']])
 def test_a_reader_that_went_away_is_no_error(words, buffered):

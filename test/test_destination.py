@@ -33,6 +33,7 @@ def test_a_page_overwrites_no_data(tmp_path, capsys):
     assert '(numpy.load)' not in (tmp_path / 'r.html').read_text()
 
 
+@pytest.mark.long
 def test_the_data_are_written_where_they_are_requested(tmp_path, capsys):
     assert evaluate('--data', tmp_path / 'numbers') == 0  # without a page, with any name
     with np.load(tmp_path / 'numbers') as data:

@@ -177,6 +177,7 @@ def test_modules_and_nodes_in_the_documentation_exist():
         assert (ROOT / 'launch' / launch).is_file(), launch
 
 
+@pytest.mark.long
 def test_the_site_is_built(tmp_path):
     pytest.importorskip('mkdocs', reason='not run: mkdocs is not installed')
     done = subprocess.run(

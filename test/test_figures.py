@@ -16,6 +16,7 @@ ENTRIES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('entry', ENTRIES)
 def test_a_page_prints_what_its_command_gives(entry):
     page = (ROOT / entry['page']).read_text()

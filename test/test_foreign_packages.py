@@ -81,6 +81,7 @@ def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
     assert 'hybrid_angle: ' in said
 
 
+@pytest.mark.long
 def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path):
     said = told(
         foreign,
@@ -98,6 +99,7 @@ def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path)
     assert 'mine' in said and 'rms' in said
 
 
+@pytest.mark.long
 def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign, tmp_path):
     said = told(
         foreign, 'list', 'geso', '--set', 'model=slide', '--set', 'model_parameters=[stiffness=5.0]'
@@ -119,6 +121,7 @@ def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign,
     assert 'received' in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'observer, model, wanted',
     [

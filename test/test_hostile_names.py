@@ -239,6 +239,7 @@ def ran(*words, code=0):
     return done.stdout.decode(), done.stderr.decode()
 
 
+@pytest.mark.long
 def test_evaluate_prints_names_as_names(hostile, tmp_path):
     page = tmp_path / 'r.html'
     told, _ = ran(
@@ -264,6 +265,7 @@ def test_evaluate_prints_names_as_names(hostile, tmp_path):
     assert r'evil\x1b[2J' in body and (tmp_path / 'p.png').stat().st_size
 
 
+@pytest.mark.long
 def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
     told, _ = ran('replay', hostile, '--observer', 'pll', '--out', tmp_path / 'out\x1b\nfake')
     assert r'  evil\x1b[2J' in told
@@ -290,6 +292,7 @@ def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
     ran('replay', hostile, '--params', tmp_path / 'g.yaml')
 
 
+@pytest.mark.long
 def test_what_a_user_names_is_printed_as_a_name(tmp_path):
     params = tmp_path / 'p.yaml'
     params.write_text('/**: {ros__parameters: {"evil\\e[2J\\nfake": 1, joints: ["\\e[2J"]}}')

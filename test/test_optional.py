@@ -76,6 +76,7 @@ def test_the_overview_names_every_command_and_its_purpose():
     assert all(f'  {name} ' in done.stdout for name in COMMANDS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('command', COMMANDS)
 def test_every_command_has_its_help(command):
     done = without(LIBRARIES, command, '--help')
@@ -100,6 +101,7 @@ def test_every_node_has_its_help_and_names_ros(module, main):
     assert "'rclpy' is not installed" in done.stderr and 'setup.bash' in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'library, words',
     [

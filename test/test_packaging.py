@@ -61,6 +61,7 @@ def assert_share_is_found(prefix):
     assert Path(found.strip()) == share
 
 
+@pytest.mark.long
 def test_pip_install_finds_share(source, tmp_path):
     run(
         sys.executable,
@@ -81,6 +82,7 @@ def test_pip_install_finds_share(source, tmp_path):
     assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 
 
+@pytest.mark.long
 def test_colcon_builds_an_ament_python_package(source, tmp_path):
     environment = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
     listed = run('colcon', '--log-base', str(tmp_path / 'log'), 'list', cwd=source, env=environment)

@@ -69,6 +69,7 @@ def test_an_upward_arrow_is_refused(monkeypatch):
         rooms.picture()
 
 
+@pytest.mark.long
 def test_nothing_in_the_package_knows_simulators_benchmarks_or_docs():
     for path in Path(rooms.PACKAGE).rglob('*.py'):
         outside = {name.split('.')[0] for name in rooms.imported(path)}

@@ -233,6 +233,7 @@ def test_an_index_that_leads_out_of_the_chunk(tmp_path):
         assert len(list(bag.messages())) == bag.count
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['d%41', 'a#b', 'a?mode=memory', 'a%', 'ä %20', "a'b", '%2e%2e'])
 @pytest.mark.parametrize(
     'kind', ['sqlite3', 'sqlite3, file compressed', 'mcap folder', 'mcap zstd']
@@ -282,6 +283,7 @@ def about(**changes):
 STRANGE = [None, True, 5, 1.5, [], {}, ['a'], '']
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'content',
     [

@@ -131,6 +131,7 @@ def streams(draw):
     return raws
 
 
+@pytest.mark.long
 @settings(max_examples=120, deadline=None)
 @given(
     raws=streams(),
@@ -151,6 +152,7 @@ def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, onl
         assert joint.counts == other.counts
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not available(), reason='the extra "fast" is not there')
 def test_compiled_and_plain_agree():
     rng = np.random.default_rng(3)

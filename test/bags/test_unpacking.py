@@ -57,6 +57,7 @@ def with_chunk(path, kind, unpacked, declared):
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('kind', BOMBS)
 def test_a_chunk_unpacks_to_no_more_than_it_declares(kind, tmp_path):
     path = with_chunk(tmp_path / 'bag.mcap', kind, 64 * MIB, 1000)

@@ -159,6 +159,7 @@ def test_every_message_malformed_is_exit_1(tmp_path, capsys):
     assert [each.name for each in tmp_path.iterdir()] == ['bag']
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('bad', 'words'),
     [

@@ -116,6 +116,7 @@ def test_both_models_of_the_kalman_filter_are_compared():
 # ---------------------------------------------------------------- timing
 
 
+@pytest.mark.long
 def test_sides_are_interleaved_and_the_first_round_does_not_count():
     order = []
 
@@ -146,6 +147,7 @@ def test_limits_work_both_ways():
 # ---------------------------------------------------------------- speed
 
 
+@pytest.mark.long
 def test_updates_name_every_observer_beside_filterpy():
     rows = {row['name']: row for row in update.updates(rounds=1)}
     for entry in at_defaults():
@@ -177,6 +179,7 @@ def test_filterpy_filters_what_the_observers_get():
     assert kalman.x[1, 0] == pytest.approx(20.0, rel=0.1)
 
 
+@pytest.mark.long
 def test_missing_peers_are_reported_as_not_run(monkeypatch):
     monkeypatch.setitem(sys.modules, 'filterpy.kalman', None)
     monkeypatch.setitem(sys.modules, 'filterpy.common', None)
@@ -209,6 +212,7 @@ def test_a_process_is_weighed():
     assert 90.0 < large.memory - small.memory < 130.0
 
 
+@pytest.mark.long
 def test_replay_is_measured_beside_rosbags():
     rows = {row['name']: row for row in replay.replays(200, rounds=1)}
     assert rows['rosbags / replay without --out']['limit'] == 3.0
@@ -355,6 +359,7 @@ def test_a_program_that_fails_says_why(tmp_path, monkeypatch):
 # ---------------------------------------------------------------- the command
 
 
+@pytest.mark.long
 def test_bench_prints_and_gives_json(tmp_path, capsys):
     out = tmp_path / 'bench.json'
     assert main(['speed', '--part', 'update', '--quick', '--json', str(out)]) == 0

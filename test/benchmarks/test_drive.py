@@ -49,6 +49,7 @@ def gain(signal, estimate, frequency):
     return amplitude(estimate.speed) / amplitude(signal.speed)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('rpm', [500.0, 2000.0, 6000.0])
 def test_both_speed_outputs_have_the_same_bandwidth(rpm):
     signal = modulated(rpm, drive.BANDWIDTH_HZ)
@@ -86,6 +87,7 @@ def test_motulator_tracks_so_that_it_is_a_fair_peer():
     assert angle > 1.0  # by half a sample: which is why it may choose
 
 
+@pytest.mark.long
 def test_the_command_shows_both_sides_and_ours_is_nowhere_worse(capsys):
     rows = {row['name']: row for row in drive.drives(rounds=3)}
     for what in ('speed', 'angle'):

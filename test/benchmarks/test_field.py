@@ -114,6 +114,7 @@ def test_the_torque_is_the_one_that_makes_the_motion():
     assert column.samples.velocity[0] + gained == pytest.approx(column.samples.velocity)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['geso', 'hgo', 'ehgo', 'smo', 'adaptive'])
 def test_who_is_told_the_torque_uses_it(name):
     each = next(each for each in ours.with_input() if each.name == name)
@@ -124,6 +125,7 @@ def test_who_is_told_the_torque_uses_it(name):
     assert np.isnan(each.run(without, each.values[1])).all()
 
 
+@pytest.mark.long
 def test_the_peers_that_are_installed_follow_the_motion():
     found, missing = peers.peers()
     if not found:

@@ -30,6 +30,7 @@ def measured():
     return {(row['case'], row['observer']): row for row in rows}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('case', 'observer'),
     [(case, observer) for case, bounds in BOUNDS.items() for observer in bounds],
@@ -88,6 +89,7 @@ def test_at_rest_the_reference_cannot_tell_and_the_row_says_so(measured):
     assert not measured['sys_id_500hz/elbow', 'hybrid_angle']['reference_cannot_tell']
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('bag', PENDULUMS, ids=lambda bag: bag.name)
 def test_the_drives_own_bias_lag_and_noise_are_found(bag):
     found = compare(str(bag), Options(observers=(recordings.RAW,)))

@@ -84,6 +84,7 @@ def folder(path):
     path.mkdir()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'pattern, damage',
     [
@@ -105,6 +106,7 @@ def test_a_damaged_cache_is_one_line_and_is_mended(kept, pattern, damage):
     assert call(kept) == (1, [])
 
 
+@pytest.mark.long
 def test_a_folder_in_place_of_a_file_is_one_line(kept):
     for path in kept.glob('*/*.nbi'):
         folder(path)
@@ -115,6 +117,7 @@ def test_a_folder_in_place_of_a_file_is_one_line(kept):
     assert call(kept) == (0, [])
 
 
+@pytest.mark.long
 def test_a_full_disk_is_one_line(tmp_path):
     hits, lines = call(tmp_path, size=0)
     assert hits == 0 and len(lines) == 1, lines
@@ -125,6 +128,7 @@ def test_a_full_disk_is_one_line(tmp_path):
     assert call(tmp_path) == (1, [])
 
 
+@pytest.mark.slow
 def test_the_loop_of_pmsm_observer_compiles_with_a_truncated_cache(tmp_path):
     call(tmp_path, script=DRIVE)
     for path in tmp_path.glob('*/*.nbi'):

@@ -216,6 +216,7 @@ def test_scale_per_joint_of_the_adaptive_observer():
     assert bank.joints['a'].estimate() == bank.joints['b'].estimate()
 
 
+@pytest.mark.long
 def test_the_switched_system_takes_commands_as_it_takes_fields():
     switched = observers.find('switched')
 
@@ -256,6 +257,7 @@ def motion(observer):
     return [(state.positions[0], state.efforts[0]) for state in states]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'observer, node, joint',
     [

@@ -57,6 +57,7 @@ def call(folder, gain=3.0):
     return digest, float(value), int(hits)
 
 
+@pytest.mark.long
 def test_kept_between_processes_until_something_called_changes(tmp_path):
     source = tmp_path / 'sample.py'
     source.write_text(textwrap.dedent(MODULE))
@@ -93,6 +94,7 @@ CALL_AROUND = """
 """
 
 
+@pytest.mark.long
 def test_a_module_outlives_a_copy_of_it(tmp_path):
     """What is kept is loaded by importing the module that it came from: a copy's is no other's."""
     (tmp_path / 'shared.py').write_text(textwrap.dedent(AROUND))

@@ -278,6 +278,7 @@ CASES = [  # simulator, observer, parameters, largest rms of each joint
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'plant, observer, values, bounds', CASES, ids=[f'{case[0]}-{case[1]}' for case in CASES]
 )

@@ -80,6 +80,7 @@ def test_each_second_reading_repeated(name, known, frequency):
     assert joint.mean_dt == pytest.approx(2.0 / 224.0, rel=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', angle_observers())
 @pytest.mark.parametrize(
     ('rate', 'ratio', 'counts'),
@@ -235,6 +236,7 @@ def encoders():
                 yield (counts, rate, name, 'residue'), times, still
 
 
+@pytest.mark.long
 def test_nothing_else_is_taken_for_a_repeated_reading():
     taken = []
     for label, times, shown in encoders():
@@ -245,12 +247,16 @@ def test_nothing_else_is_taken_for_a_repeated_reading():
     assert taken == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', angle_observers())
 def test_live_plain_and_compiled_agree(name):
+    """At rest in noise, then a start; from 1 s on readings are repeated, and 0.4 s of rest."""
     angle, _ = sine(1.0)
-    times = np.arange(1500) / 500.0
-    angles = read(times, angle, 8000)[held(len(times), 3)]
-    angles[900:1100] = angles[900]
+    times = np.arange(2000) / 500.0
+    angles = read(times, lambda t: angle(np.maximum(t - 0.5, 0.0)), 8000)
+    angles[:250] += TURN / 8000 * np.random.default_rng(1).integers(-1, 2, 250)
+    angles[500:] = angles[500:][held(1500, 3)]
+    angles[1400:1600] = angles[1400]
     at = ns(times)
     live, rows = make(name), []
     for stamp, value in zip(at.tolist(), angles.tolist()):
@@ -263,7 +269,6 @@ def test_live_plain_and_compiled_agree(name):
         assert joint._track[9:] == live._track[9:] and joint.counts == live.counts
     assert rows.count(REPEATED) > 500
     used = outs[0].verdict < DUPLICATE
-    assert outs[1].velocity[used] == pytest.approx(
-        outs[0].velocity[used], rel=1e-9, abs=1e-9, nan_ok=True
-    )
+    for ours, twins in zip(outs[0][:5], outs[1][:5]):
+        assert twins[used] == pytest.approx(ours[used], rel=1e-9, abs=1e-9, nan_ok=True)
     assert np.isnan(outs[0].velocity[~used]).all() and np.any(outs[0].status == INITIALISING)

@@ -189,6 +189,7 @@ def test_loss_is_what_is_missing():
     assert counted([None, None]) == 0 and counted([0, 0]) == 0
 
 
+@pytest.mark.long
 @given(st.data())
 def test_the_sum_is_right_whichever_publisher_lost(data):
     """Two publishers, interleaved anyhow, until both have come to the same number."""

@@ -224,7 +224,7 @@ def test_publishers_of_another_type_are_told(own, capfd):
             )
         )
     for health in (live.node.health, live.node.health, commanded.node.health):
-        health._name_unheard()
+        health._report_missing_input()
     said = capfd.readouterr().err
     assert (
         said.count(

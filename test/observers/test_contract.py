@@ -54,6 +54,7 @@ def assert_same(plain, twin):
         ), (plain, twin)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
 @each_variant
 def test_plain_equals_compiled_per_step_from_the_same_state(variant):

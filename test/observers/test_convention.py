@@ -49,6 +49,7 @@ def test_wrap_stays_in_its_interval_and_takes_whole_turns(angle, period):
     assert wrap(angle, 0.0) == angle
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('convention', CONVENTIONS)
 @pytest.mark.parametrize('name', OBSERVERS)
 @settings(max_examples=40, deadline=None)
@@ -85,6 +86,7 @@ def test_position_is_right_where_the_motion_is_smooth(name):
         assert np.max(np.abs(error)) < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('convention', CONVENTIONS)
 @pytest.mark.parametrize('name, lag', [('finite_difference', 1e-9), ('hybrid_angle', 2.0)])
 @settings(max_examples=40, deadline=None)
@@ -111,6 +113,7 @@ def test_unwrap_counts_on_over_a_gap_the_short_way():
     assert joint.estimate()[0] == pytest.approx(after, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', OBSERVERS)
 @settings(max_examples=25, deadline=None)
 @given(motion=motions(), step=st.floats(-50.0, 50.0))

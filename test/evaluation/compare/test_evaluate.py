@@ -371,6 +371,7 @@ def test_a_number_of_any_type_is_judged(tmp_path):
     assert 0.0 < error < 0.05 * np.sqrt(np.mean(speeds**2))
 
 
+@pytest.mark.long
 def test_a_stray_stamp_is_told_and_costs_nothing_else(good, tmp_path):
     stamps = stamps_of()
     rows = measured(stamps)

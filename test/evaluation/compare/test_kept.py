@@ -50,6 +50,7 @@ def test_without_room_it_stays_in_memory(monkeypatch):
     assert Kept(np.arange(3)).get().tolist() == [0, 1, 2]
 
 
+@pytest.mark.long
 def test_a_report_does_not_depend_on_where_arrays_wait(tmp_path, all_in_files, monkeypatch):
     pytest.importorskip('bokeh', reason='not run: Bokeh is not installed')
     assert main(['simulate', 'encoder', '--duration', '2', '--out', str(tmp_path / 'bag')]) == 0

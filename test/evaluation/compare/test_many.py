@@ -44,6 +44,7 @@ def mixed(tmp_path):
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('jobs', ['1', '2'])
 def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys, jobs):
     result, page = tmp_path / 'result.json', tmp_path / 'page.html'

@@ -105,6 +105,7 @@ def inner(step):
 
 # spec 3.6: central difference, white jerk by maximum likelihood, its predicted deviation (rows F1,
 # F3, F4, where the variance of the readings is held at that of the quantisation)
+@pytest.mark.long
 @pytest.mark.parametrize(
     'axis, quanta, every, central, error, predicted',
     [
@@ -131,6 +132,7 @@ def test_the_specs_table(axis, quanta, every, central, error, predicted):
     assert 0.8 <= found.uncertainty / actual <= 1.8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('axis, quantum_, error', [(0, TURN / 256, 0.0040), (1, 1 / 500, 0.0019)])
 def test_the_specs_table_with_white_noise(axis, quantum_, error):
     motion = free()

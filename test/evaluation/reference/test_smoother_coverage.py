@@ -67,6 +67,7 @@ def held(speed, noise, seeds):
     return math.sqrt(np.mean(squares)), math.sqrt(np.mean(told)), float(np.mean(within))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('speed', [0.02, 0.5, 60.0])
 @pytest.mark.parametrize('noise', [0.0, 0.3])
 def test_it_covers_what_it_promises_and_no_more(speed, noise):
@@ -156,6 +157,7 @@ def against_the_drive(name, joint):
     return math.sqrt(max(own, 0.0)), found.uncertainty
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name, joint', RECORDED)
 def test_on_recordings(name, joint):
     """Their chatter of less than a count is not followed, but told."""

@@ -55,6 +55,7 @@ def page(tmp_path_factory):
     return path, json.loads(result.read_text())
 
 
+@pytest.mark.long
 def test_the_page_is_small_and_stands_alone(page):
     path, _ = page
     text = path.read_text()
@@ -224,6 +225,7 @@ def report(tmp_path, *words):
     return page.read_text(), json.loads(result.read_text())['bags']
 
 
+@pytest.mark.long
 def test_observers_are_not_ranked_by_a_reference_that_is_no_better(tmp_path, capsys):
     """The pendulum chatters by less than a count: the smoother may be wrong by as much."""
     page, found = report(
@@ -253,6 +255,7 @@ def coarse(path, joint, counts):
     return str(path)
 
 
+@pytest.mark.long
 def test_bags_with_other_joints_and_one_too_coarse_to_judge(tmp_path, capsys):
     fine, rough = coarse(tmp_path / 'fine', 'a', 512), coarse(tmp_path / 'rough', 'b', 8)
     page, found = report(tmp_path, fine, rough, '--observer', 'kalman')

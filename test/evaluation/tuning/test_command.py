@@ -120,6 +120,7 @@ def test_forty_trials_are_as_good_as_a_grid_of_four_hundred(name, seed):
     assert found.best.cost <= 1.05 * grid
 
 
+@pytest.mark.long
 def test_on_a_recording_it_is_as_good_as_the_grid():
     """Two gains of hybrid_angle on a recorded pendulum, one seed of the five of the slow test."""
     grid_against_search([0])
@@ -194,6 +195,7 @@ def test_interrupted_it_keeps_the_best():
     assert found.best.cost == min(trial.cost for trial in found.trials)
 
 
+@pytest.mark.long
 def test_a_stored_study_goes_on(tmp_path):
     storage = f'sqlite:///{tmp_path / "study.db"}'
     first = search(
@@ -251,6 +253,7 @@ def test_tuned_gains_beat_the_defaults_on_a_recording_that_was_held_out(names, t
     assert each['best']['cost'] < each['default']['cost'] < 1.5 * each['best']['cost']
 
 
+@pytest.mark.long
 def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
     bag = write_bag(tmp_path / 'bag', {'a': 0.5, 'b': 3.0})
     found, out = tuned(
@@ -282,6 +285,7 @@ def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
     assert overrides['b']['bandwidth_hz'] > 1.3 * overrides['a']['bandwidth_hz']
 
 
+@pytest.mark.long
 def test_what_is_preferred_is_what_one_gets(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 2.0})
     found = {}
@@ -293,6 +297,7 @@ def test_what_is_preferred_is_what_one_gets(tmp_path):
     assert fast['best']['noise'] > smooth['best']['noise']
 
 
+@pytest.mark.long
 def test_the_result_does_not_depend_on_the_workers(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 1.0, 'b': 2.0}, seconds=3.0)
     texts = []
@@ -302,6 +307,7 @@ def test_the_result_does_not_depend_on_the_workers(tmp_path):
     assert texts[0] == texts[1] == texts[2]
 
 
+@pytest.mark.long
 def test_without_truth_the_smoother_judges(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, truth=False)
     found, _ = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '16')
@@ -355,6 +361,7 @@ def test_a_delay_that_the_motion_does_not_tell_costs_the_whole_error():
     assert cost(Result(0.3, 0.001, 0.0, 1.0), still, weights) == pytest.approx(0.3)
 
 
+@pytest.mark.long
 def test_ctrl_c_keeps_the_best(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=6.0)
     out = tmp_path / 'gains.yaml'
@@ -424,6 +431,7 @@ def test_evaluate_takes_a_folder_and_workers(tmp_path):
 # ---------------------------------------------------------------- Dask
 
 
+@pytest.mark.long
 def test_a_dask_scheduler(tmp_path):
     distributed = pytest.importorskip('distributed', reason='not run: Dask is not installed')
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=2.0)
@@ -474,6 +482,7 @@ def test_an_unreachable_scheduler(bag, tmp_path, capsys, monkeypatch):
     assert not (tmp_path / 'g.yaml').exists()
 
 
+@pytest.mark.long
 def test_a_broken_storage(bag, tmp_path, capsys):
     (tmp_path / 'study.db').write_text('this is no database, whatever it is called' * 100)
     for storage in (

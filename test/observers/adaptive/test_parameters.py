@@ -56,6 +56,7 @@ def scores(seeds, **case):
     return np.array(rows)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'case',
     [{'disturbance': 0.3}, {'counts': 256}, {'noise': 2e-2}],

@@ -50,6 +50,7 @@ def longest(flags):
     return best
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('speed', SPEEDS)
 @pytest.mark.parametrize('form', DEFAULTS)
 def test_locks_from_every_angle_and_says_so(form, speed):

@@ -202,6 +202,7 @@ def test_every_linear_observer_has_its_closed_form_here():
     assert set(angle_observers()) - NOT_LINEAR == set(CASES)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name, gains, form, bandwidth', ROWS)
 def test_response_is_the_closed_form(name, gains, form, bandwidth):
     closed = form(bandwidth, DT)

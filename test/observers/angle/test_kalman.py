@@ -112,6 +112,7 @@ def many(step):
     return compiled(loop)
 
 
+@pytest.mark.long
 @orders
 def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
     step, of_noise, start = (
@@ -134,6 +135,7 @@ def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
         assert gain == pytest.approx(after[0, 0], rel=2e-4)
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(
     st.floats(-3.0, 25.0),

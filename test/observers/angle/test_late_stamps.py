@@ -72,6 +72,7 @@ def errors(out, t, late):
     return [float(np.max(np.abs(out.velocity - speed(at))[used])) for at in (t, late)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('known', [True, False], ids=['quantum', 'no quantum'])
 @pytest.mark.parametrize('case', CASES, ids=label)
 def test_a_late_stamp_is_no_motion(case, known):

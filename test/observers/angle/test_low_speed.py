@@ -100,6 +100,7 @@ def test_a_shaft_at_rest_from_the_start_is_shown_at_rest(variant):
     assert np.all(out.velocity == 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('given', [True, False], ids=['noise given', 'noise estimated'])
 @each_variant
 def test_noise_above_a_quantum_switches_it_off(variant, given):
@@ -118,6 +119,7 @@ def test_noise_above_a_quantum_switches_it_off(variant, given):
     assert held._track[:7] == free._track[:7]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('given', [True, False], ids=['noise given', 'noise estimated'])
 @each_variant
 def test_noise_that_holds_a_reading_back_does_not_slow_a_shaft(variant, given):
@@ -135,6 +137,7 @@ def test_noise_that_holds_a_reading_back_does_not_slow_a_shaft(variant, given):
     assert np.abs(held.velocity - free.velocity)[1000:].max() <= 0.1 * QUANTUM / DT
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('repeat', [2, 3, 5])
 @each_quantum
 @each_variant

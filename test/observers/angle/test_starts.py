@@ -14,6 +14,7 @@ QUANTUM = 2.0 * math.pi / 4096.0
 NOISES = (0.0, 0.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
 @pytest.mark.parametrize('variant', tunable_variants(), ids=label)
 def test_error_is_within_five_sigma_from_the_first_changed_reading_on(variant, known):
@@ -37,6 +38,7 @@ def test_a_start_of_a_joint_that_does_not_wrap_is_covered(variant):
         assert measure(name, gains, Case(motion, period=0.0)).worst < 5.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
 @pytest.mark.parametrize('variant', [*tunable_variants(), ('edge_adaptive', {})], ids=label)
 def test_sigma_is_below_twice_its_steady_value_soon_after_a_start(variant, known):
@@ -52,6 +54,7 @@ def test_sigma_is_below_twice_its_steady_value_soon_after_a_start(variant, known
 AT_ONCE = ('steps at once', 'trapezoid at once', 'constant', 'sine', 'chirp', 'figure_4')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('motion', AT_ONCE)
 def test_edge_adaptive_covers_a_start_out_of_noise(motion):
     """Five samples from the first reading on that is outside the noise: up to 10^6 sigma before."""
@@ -99,6 +102,7 @@ def test_sigma_at_rest_after_motion_follows_from_the_smallest_step_and_time(vari
     assert np.all(out.position_stddev[4000:] > 0.001 * QUANTUM)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
 @pytest.mark.parametrize('gap', [0.25, 0.45])
 @pytest.mark.parametrize('variant', tunable_variants(), ids=label)
@@ -133,16 +137,3 @@ def test_residue_of_floats_before_a_start_is_no_quantum(variant):
     assert np.all(out.velocity_stddev[out.status >= TRACKING] > 0.0)
     part = slice(first, first + 40)  # later the power of few innovations decides
     assert np.all(np.abs(out.velocity - velocity)[part] < 5.0 * out.velocity_stddev[part])
-
-
-@pytest.mark.parametrize(
-    'name', ['hybrid_angle', 'kalman', 'pll', 'finite_difference', 'super_twisting']
-)
-def test_plain_and_compiled_agree_through_a_start(name):
-    pytest.importorskip('numba')
-    at, read, *_ = stream(Case('steps 40 rad/s^2', noise=0.5))
-    plain = make(name).run(at, read, fast=False)
-    compiled = make(name).run(at, read, fast=True)
-    np.testing.assert_allclose(plain.velocity_stddev, compiled.velocity_stddev, rtol=1e-9)
-    np.testing.assert_allclose(plain.position_stddev, compiled.position_stddev, rtol=1e-9)
-    np.testing.assert_allclose(plain.velocity, compiled.velocity, rtol=1e-9, atol=1e-9)

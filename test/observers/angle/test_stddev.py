@@ -54,6 +54,7 @@ def covered(name, gains, profile, seed, count=40_000):
     return float(np.mean(error < 1.96 * out.velocity_stddev[tracked])), int(tracked.sum())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('given', [True, False], ids=['noise given', 'noise estimated'])
 @pytest.mark.parametrize('variant', tunable_variants(), ids=label)
 def test_interval_covers_at_constant_speed(variant, given):
@@ -111,6 +112,7 @@ def test_velocity_stddev_is_the_power_of_the_response_to_white_noise(name, gains
     assert joint.stddev()[1] == pytest.approx(expected * white, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('variant', tunable_variants(), ids=label)
 def test_position_stddev_covers(variant):
     name, gains = variant
@@ -231,6 +233,7 @@ def described(variant):
     return ', '.join((f'`{name}`', *(f'{key}: {value}' for key, value in gains.items())))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('variant', variants(), ids=label)
 def test_table_of_coverage_is_current(variant):
     lines = [

@@ -64,6 +64,7 @@ def test_switched_refuses_a_memory_shorter_than_that_of_its_filter():
         Joint(OBSERVER, build(Gains, {'memory': 1e-5}), JointSettings())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'gains',
     [{}, {'model': 'example'}, {'velocity': 'cascade'}, {'model': 'example', 'form': 'explicit'}],

@@ -46,6 +46,7 @@ def run(observer, dt=1e-3, count=4000):
     return np.array(errors)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'L, gamma',
     [(np.diag([8.0, 8.0]), 20.0), (np.array([[-0.5, 6.0], [-6.0, 4.0]]), 100.0)],
@@ -60,6 +61,7 @@ def test_error_goes_to_zero_exponentially(L, gamma):
     assert errors[-1] < 1e-3
 
 
+@pytest.mark.long
 def test_without_the_drift_it_is_wrong():
     """f1 matters: left out, an error remains."""
     observer = GeneralObserver(lorenz_like, push, np.diag([8.0, 8.0]), np.array([[20.0]]))

@@ -45,6 +45,7 @@ def test_smo_is_exact_below_its_bound_and_fails_beyond():
 # Standard deviations
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('form', ('exact', 'paper'))
 def test_stddev_is_the_scatter_of_the_estimate(name, form):

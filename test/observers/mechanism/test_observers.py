@@ -118,6 +118,7 @@ def test_exact_step_needs_no_small_dt():
     assert np.max(np.abs(velocities[200:] - truth[201:])) < 0.03
 
 
+@pytest.mark.long
 def test_error_of_geso_is_linear_at_any_speed():
     """At 40 rad/s and strong coupling, GESO beats HGO by far more than 10 times (spec 5.3)."""
     dt, count = 1e-4, 20000
@@ -137,6 +138,7 @@ def test_error_of_geso_is_linear_at_any_speed():
 # Frequency response, about a frozen configuration
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ('geso', 'hgo', 'ehgo'))
 @pytest.mark.parametrize(
     'form, hold', [('exact', 'linear'), ('exact', 'previous'), ('paper', 'previous')]
@@ -230,6 +232,7 @@ def test_exact_step_is_of_second_order_in_fast_motion():
     assert found[1] < 0.27 * found[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('dt, rate', ((0.01, 5.0), (0.02, 100.0), (0.01, 1000.0)))
 def test_friction_that_stops_a_joint_within_a_sample_makes_none_unstable(name, dt, rate):

@@ -44,6 +44,7 @@ CASES = [  # recording and model, observer, its parameters, largest rms error of
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'recording, observer, values, bounds',
     CASES,

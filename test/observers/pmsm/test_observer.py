@@ -187,6 +187,7 @@ def test_a_part_of_a_sample_of_voltage_delay_lies_between(part):
     assert abs(np.mean(angle_error(rows[-200:, 0], truth[-200:, 1]))) < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('every', [1, 4, 10])
 def test_it_works_from_2_to_20_khz(every):
     """Decimated as a drive would: current at the edges, mean voltage between them."""
@@ -215,6 +216,7 @@ def test_aliasing_is_said_and_never_taken_for_tracking():
     assert 'sample rate' in describe(TOO_FAST)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_once_beyond_half_a_turn_per_sample_nothing_is_said_until_the_rotor_has_stood(sign, seed):
@@ -350,6 +352,7 @@ def test_the_intervals_hold_95_percent_of_the_errors():
     assert functions.stddev(*at) == (of_angle / 7.0, of_speed / 7.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'rpm, gains',
     [

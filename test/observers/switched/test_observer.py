@@ -115,6 +115,7 @@ def test_two_events_closer_than_the_settling_time_leave_the_prediction():
     assert rows[2600][1] and rows[2600][0] == pytest.approx(gripper.CLOSED, rel=0.03)
 
 
+@pytest.mark.long
 def test_an_event_that_changes_nothing_loses_nothing():
     angles, _, torques = gripped(3000, loads=())
     rows = run(made(quantum=QUANTUM), angles, torques, [(2000, 'same')])
@@ -122,6 +123,7 @@ def test_an_event_that_changes_nothing_loses_nothing():
         assert z == pytest.approx(gripper.OPEN, rel=0.01)
 
 
+@pytest.mark.long
 def test_the_angle_may_wrap():
     angles, velocities, torques = gripped(2000, loads=())
     plain = run(made(quantum=QUANTUM), angles, torques)
@@ -232,6 +234,7 @@ def example_run(steps, z=(0.5, 0.5, 0.2), until=12):
     return rows, state
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('steps', [1, 2, 3])
 def test_the_fifo_of_n_intervals_and_the_prediction_of_n_plus_1_steps(steps):
     """Z(k+1) is right at event k+1, from the outputs of the intervals k-N .. k: not an event
@@ -303,6 +306,7 @@ def test_every_output_has_a_standard_deviation_of_its_own():
     assert functions.stddev(state, (), ()) == (first, speed)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('counts, bandwidth, rms', [(65536, 48.0, 0.0031), (4096, 30.0, 0.024)])
 def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
     """At most the error of `hybrid_angle`, the loads' two changes included, without delay; the

@@ -53,6 +53,7 @@ def test_the_acceleration_changes_at_the_event():
         assert np.abs(acceleration[part] - wanted).max() < 0.2
 
 
+@pytest.mark.long
 def test_the_observer_on_the_stream():
     """Demo of the issue: 16 bits, two events, each new load within 5 % after 0.5 s."""
     joint = SwitchedJoint(

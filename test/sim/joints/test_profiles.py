@@ -51,6 +51,7 @@ def test_derivatives_fit_numeric_differentiation(name, profile):
     assert np.abs(numeric - acceleration)[smooth].max() < 2e-5 * scale
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('name', 'profile'), list(profiles()))
 def test_position_is_continuous_and_any_time_can_be_asked_for(name, profile):
     time = np.linspace(0.0, 40.0, 400_001)

@@ -267,6 +267,7 @@ def test_raising_a_rate_keeps_the_samples_that_were_struck():
     assert many[few].all()
 
 
+@pytest.mark.long
 def test_chunks_do_not_matter():
     values = {**VALUE_FAULTS, 'counts_per_revolution': 1024}
     np.testing.assert_array_equal(

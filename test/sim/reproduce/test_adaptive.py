@@ -15,6 +15,7 @@ PARTS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('part', PARTS)
 def test_every_row_is_within_its_tolerance(part):
     failed = [
@@ -81,6 +82,7 @@ def test_the_recordings_are_told_beside_each_other(capsys):
     assert 'gravity_compensation                                             nothing that' in out
 
 
+@pytest.mark.long
 def test_the_command_draws_both_figures(tmp_path, capsys):
     assert cli.main(['reproduce', 'adaptive', '--only', 'A6', '--plot', str(tmp_path)]) == 0
     assert '45 of 45 rows' in capsys.readouterr().out

@@ -25,6 +25,7 @@ from sim_pkg.reproduce.hybrid_angle.sampled import FIGURE_6, PERIOD, algorithm_1
 TURN = 2.0 * math.pi
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('part', REPRODUCTION.parts, ids=lambda part: part.name)
 def test_every_row_is_within_its_tolerance(part):
     failed = [
@@ -207,6 +208,7 @@ def test_a_place_for_figures_that_cannot_be_is_told_before_the_work(tmp_path, ca
     assert captured.out == '' and captured.err.count('\n') == 1
 
 
+@pytest.mark.long
 def test_figures_are_drawn(tmp_path):
     image = pytest.importorskip('matplotlib.image')
     paths = REPRODUCTION.draw(tmp_path)

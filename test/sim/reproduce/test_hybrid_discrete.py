@@ -12,6 +12,7 @@ PARTS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('part', PARTS)
 def test_every_row_is_within_its_tolerance(part):
     failed = [
@@ -48,6 +49,7 @@ def test_the_table_of_the_specification_is_whole():
     assert set(wanted) <= set(ids)
 
 
+@pytest.mark.long
 def test_the_command_draws_the_figures(tmp_path, capsys):
     assert cli.main(['reproduce', 'hybrid_discrete', '--only', 'B1', '--plot', str(tmp_path)]) == 0
     assert '35 of 35 rows' in capsys.readouterr().out

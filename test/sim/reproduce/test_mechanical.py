@@ -16,6 +16,7 @@ from sim_pkg.reproduce.mechanical.paper import REPRODUCTION
 pytestmark = pytest.mark.skipif(not available(), reason='takes hours without numba')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('part', REPRODUCTION.parts, ids=lambda part: part.name)
 def test_every_row_is_within_its_tolerance(part):
     failed = [

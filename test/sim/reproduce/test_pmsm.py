@@ -55,6 +55,7 @@ def test_the_tables_are_whole():
     assert sum(name.startswith('status') for name in ids) == 2 * 25
 
 
+@pytest.mark.long
 def test_the_order_of_the_observers_holds_for_random_starts():
     cont, hyb, post, _ = drawn_times(12, seed=99).T
     assert later(post, hyb) == 0 and later(hyb, cont) == 0
@@ -99,6 +100,7 @@ def test_dead_time_that_the_voltage_does_not_know_of_is_taken_off_where_it_is_de
     assert told.wrong == 0.0 and told.worst < 4.0 and told.withheld < 15.0
 
 
+@pytest.mark.long
 def test_the_figures_are_drawn(tmp_path):
     paths = REPRODUCTION.draw(tmp_path)
     assert [path.name for path in paths] == [

@@ -64,6 +64,7 @@ def check(rows):
 # ---------------------------------------------------------------- one setting for all columns
 
 
+@pytest.mark.long
 def test_one_setting_serves_every_column():
     check(bench_accuracy.spread(draws=3, duration=5.0, fast=False)['rows'])
 
@@ -113,6 +114,7 @@ MOVING = (
 )
 
 
+@pytest.mark.long
 def test_standard_deviation_covers_in_motion():
     rows = bench_accuracy.spread(
         [ENTRY],
@@ -211,6 +213,7 @@ def test_a_blow_is_not_overshot(noise):
         assert np.max(np.abs(v[612:] - 3.0)) < 1.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('noise', [0.1, 0.2, 0.4, 0.65])
 def test_flicker_between_counts_is_no_motion(noise):
     """Noise before the counter at 10 kHz: at rest by an edge, at creep and when a motion starts."""
@@ -367,6 +370,7 @@ STRAY = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('given', [0.0, 1.0, 0.5, 1.3, 4.0])
 @pytest.mark.parametrize('stray', STRAY)
 def test_a_step_that_nothing_repeats_is_forgotten(stray, given):
@@ -643,6 +647,7 @@ RESIDUES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('kind', RESIDUES)
 @pytest.mark.parametrize('base', [0.0, 0.7])
 def test_float_residue_is_not_taken_for_the_quantum(kind, base):
@@ -684,6 +689,7 @@ def delayed(t, every, delay, burst):
     return stamps(1)[0] + np.rint(late * 1e9).astype(np.int64)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('delay', [1e-3, 2e-3, 4e-3])
 @pytest.mark.parametrize('burst', [True, False])
 @pytest.mark.parametrize('known', [True, False])
@@ -712,6 +718,7 @@ def randomly_late(t, random, delay, jitter):
     return late
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('jitter', [0.0, 0.02])
 @pytest.mark.parametrize('delay', [1.5, 3.0])
 @pytest.mark.parametrize(
@@ -806,6 +813,7 @@ def jump(speed, constant, rate, counts, phase, offset):
     return read(angle + offset * quantum, quantum), velocity, quantum
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('counts', [512, 4096, 65536])
 @pytest.mark.parametrize('rate', [200.0, 1000.0, 4000.0])
 def test_a_found_quantum_is_no_worse_where_a_joint_starts_with_a_jump(rate, counts):
@@ -857,6 +865,7 @@ STARTS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('known', [True, False])
 @pytest.mark.parametrize('name', STARTS)
 def test_sigma_covers_every_start_from_the_first_changed_reading_on(name, known):

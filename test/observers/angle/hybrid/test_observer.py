@@ -114,6 +114,7 @@ def algorithm_1(position, velocity, y, dt, l1, l2, phi):
     return position, velocity
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_algorithm_1_is_the_papers(name):
     ours = hybrid_paper.make_algorithm_1(injections.find(name, margin=MARGIN))

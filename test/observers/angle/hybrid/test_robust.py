@@ -338,6 +338,10 @@ STRUCTURES = {
     'order 2, saw': {'order': 2, 'bandwidth_hz': 4.0},
     'paper, tan': {'form': 'paper', 'injection': 'tan', 'bandwidth_hz': 5.0},
 }
+QUICK = ('default', 'order 2, complex poles, sin', 'order 3, three poles, tan')
+COMPILED = [  # the others compile for as long, and test nothing but their own equations
+    pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in STRUCTURES
+]
 
 
 def hostile_stream(count=1500, seed=13):
@@ -363,8 +367,9 @@ def flat(value):
     return [x for item in value for x in flat(item)] if isinstance(value, tuple) else [value]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not available(), reason='needs the extra "fast"')
-@pytest.mark.parametrize('name', STRUCTURES)
+@pytest.mark.parametrize('name', COMPILED)
 def test_plain_equals_compiled_per_step(name):
     joint = make(quantum=QUANTUM, **STRUCTURES[name])
     plain, fast = joint._batch, compiled(joint._batch)
