@@ -20,6 +20,7 @@ def evaluate(*words):
     return main(['evaluate', str(BAG), *SHORT, *map(str, words)])
 
 
+@pytest.mark.long
 def test_a_page_overwrites_no_data(tmp_path, capsys):
     mine = {
         name: tmp_path / name

@@ -223,6 +223,7 @@ def test_every_declared_parameter_has_a_row():
     assert not missing
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', sorted(declaring_classes()))
 def test_every_declared_parameter_is_described(name):
     for parameter in declared(declaring_classes()[name]).values():

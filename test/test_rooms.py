@@ -42,6 +42,7 @@ def imported(room):
             yield path.name, package, inner
 
 
+@pytest.mark.long
 def test_the_picture_is_of_these_imports():
     assert rooms.PICTURE.read_text() == rooms.picture(), 'python -m docs.tools.rooms draws it'
 

@@ -150,6 +150,7 @@ def test_a_slower_rate_publishes_means_of_the_voltage(tmp_path):
     assert np.allclose(coarse[1:, 2:], means, atol=1e-12)
 
 
+@pytest.mark.long
 def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
     common = settings(sample_rate=5000, current_hz=300, profile='constant', speed_rpm=2000)
     simulate(tmp_path / 'batches', *common)

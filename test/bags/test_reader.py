@@ -318,6 +318,7 @@ def test_no_metadata_keep_a_bag_from_being_read(content, bare, tmp_path, capsys)
     assert 'Traceback' not in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'text',
     [

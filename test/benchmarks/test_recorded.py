@@ -41,6 +41,7 @@ def test_no_worse_than_its_bound_and_no_better_than_half_of_it(measured, case, o
     assert recordings.judge(row['max_abs'], largest) == '', 'largest error'
 
 
+@pytest.mark.long
 def test_every_case_has_a_bound(measured):
     assert set(measured) == {
         (case, observer) for case, bounds in BOUNDS.items() for observer in bounds
@@ -61,6 +62,7 @@ def pendulums(measured):
     return sorted({case for case, _ in measured if case.split('/')[0] in names})
 
 
+@pytest.mark.long
 def test_hybrid_angle_is_at_most_a_tenth_worse_than_constant_acceleration(measured):
     assert len(pendulums(measured)) == 10
     for case in pendulums(measured):

@@ -97,6 +97,7 @@ shared = Decoder()  # as in a node: it remembers the layout of whatever came bef
 encoder = Encoder()
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(messages)
 @example(SEVEN)

@@ -85,6 +85,7 @@ def test_no_admitted_gains_break_an_observer_on_any_stream(name):
     assert ran > DRAWS // 8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('model', ['constant_velocity', 'constant_acceleration'])
 @pytest.mark.parametrize('bandwidth_hz', [60.0, 300.0, 1e5])
 def test_kalman_beyond_nyquist_has_its_deviation_from_the_first_samples_on(model, bandwidth_hz):

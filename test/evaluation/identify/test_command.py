@@ -118,6 +118,7 @@ def of_crane(seed):
     return found, [2.0, 5.0, 1.5, 0.0]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not available(), reason='slow without numba')
 @pytest.mark.parametrize(
     'of, seeds',

@@ -144,6 +144,7 @@ def test_the_specs_table_with_white_noise(axis, quantum_, error):
     assert 0.9 <= found.uncertainty / actual <= 1.8
 
 
+@pytest.mark.long
 def test_jittered_stamps_are_found_to_be_noise():
     """Rows H5: +-1 ms of jitter; 0.35 rad/s with the noise held, 0.031 with it found."""
     motion = driven()

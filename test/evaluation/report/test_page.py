@@ -66,6 +66,7 @@ def test_the_page_is_small_and_stands_alone(page):
     assert 'The truth of pendulum, compared with the measured position: lag ' in text
 
 
+@pytest.mark.long
 def test_many_bags_begin_with_one_table(page, tmp_path):
     path, result = page
     first = path.read_text().partition('<h2')[0]
@@ -94,6 +95,7 @@ def test_what_the_reference_cannot_rank_has_no_best(errors, best):
     assert re.findall('<b>([^<]*)', found.html()) == ([f'{errors[1]:.4f}'] * 2 if best else [])
 
 
+@pytest.mark.long
 def test_every_compared_sample_is_in_the_data(page):
     path, result = page
     assert 'in numbers.npz (numpy.load)' in path.read_text()
@@ -283,6 +285,7 @@ def test_what_fails_leaves_nothing_behind(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('place', 'left'),
     [('page.Path.write_text', ['p.npz']), ('full_data.zipfile.ZipFile.close', [])],

@@ -228,6 +228,7 @@ def test_the_front():
 # ---------------------------------------------------------------- the command
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'observer', ['hybrid_angle', 'kalman', pytest.param('pll', marks=pytest.mark.slow)]
 )
@@ -402,6 +403,7 @@ def test_ctrl_c_keeps_the_best(tmp_path):
     assert yaml.safe_load(out.read_text()) and signal.SIGINT and os.name
 
 
+@pytest.mark.long
 def test_evaluate_takes_a_folder_and_workers(tmp_path):
     (tmp_path / 'bags').mkdir()
     for name in 'xy':
@@ -465,6 +467,7 @@ def bag(tmp_path_factory):
     return write_bag(tmp_path_factory.mktemp('tune') / 'bag', {'a': 1.0}, seconds=3.0)
 
 
+@pytest.mark.long
 def test_an_unreachable_scheduler(bag, tmp_path, capsys, monkeypatch):
     pytest.importorskip('distributed', reason='not run: Dask is not installed')
     monkeypatch.setattr('estimator_pkg.evaluation.workers.PATIENCE', '0.5s')

@@ -235,6 +235,7 @@ def trained(**gains):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('gains', [{}, {'law': 'gradient', 'gate': 'gamma'}])
 @pytest.mark.parametrize('seconds', [30.0, pytest.param(600.0, marks=pytest.mark.slow)])
 def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains, seconds):

@@ -227,6 +227,7 @@ def test_group_delay_is_the_slope_of_the_phase(name, gains, form, bandwidth):
     assert abs(joint.functions.group_delay(DT) - lag) < one_hundredth
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('bandwidth', BANDWIDTHS)
 @pytest.mark.parametrize(
     'name, gains, form',

@@ -367,6 +367,7 @@ def test_a_start_at_speed_locks_on_a_coarse_encoder():
     assert published == list(range(published[0], 600)) and 90 < published[0] < 130
 
 
+@pytest.mark.long
 def test_a_bandwidth_is_the_one_from_true_to_estimated_velocity():
     """A sine at the bandwidth, which the model knows nothing of, comes at -3 dB."""
     functions = OBSERVER.build(Gains(bandwidth_hz=5.0), Circle(0.0))

@@ -115,6 +115,7 @@ def test_velocity_at_a_jump_is_the_later_one():
     np.testing.assert_array_equal(profile(np.array([1.0 - 1e-9, 1.0]))[1], [2.0, 5.0])
 
 
+@pytest.mark.long
 def test_chirp_sweeps_between_its_frequencies_and_back():
     profile = chirp(1.0, 0.5, 8.0, 10.0)
     time = np.linspace(0.0, 40.0, 2_000_001)

@@ -75,6 +75,7 @@ def test_the_continuous_plant_is_the_exact_one():
     assert np.abs(run.velocity - speed).max() < 1e-9
 
 
+@pytest.mark.long
 def test_the_recordings_are_told_beside_each_other(capsys):
     assert cli.main(['reproduce', 'adaptive', '--only', 'recorded']) == 0
     out = capsys.readouterr().out

@@ -16,6 +16,7 @@ from sim_pkg.reproduce.pmsm.paper import REPRODUCTION
 SLOW = ('order',)  # the 120 starts
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'part',
     [

@@ -231,6 +231,7 @@ def test_flicker_between_counts_is_no_motion(noise):
         assert rms(error) < 0.2 * most
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('noise', [0.1, 0.2, 0.4])
 def test_the_noise_is_learnt_from_flicker(noise):
     """At creep edges agree with each other however large it is; what flickers tells it."""
@@ -343,6 +344,7 @@ def test_a_quantum_too_small_is_reported_and_mended(speed):
     assert rms(out.velocity[2500:] - speed) < 5e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('given', [1.0 / 1.6, 0.5])
 def test_a_quantum_of_half_the_step_is_reported_and_mended(given):
     """Twice the counts, as where the lines of an encoder are taken for a quarter of its edges."""
@@ -538,6 +540,7 @@ def test_the_table_of_draws_says_how_often_the_yardstick_is_better():
     assert '2 random phases' in bench_accuracy.describe_spread(found)
 
 
+@pytest.mark.long
 def test_pictures_are_drawn_and_leave_the_constants_alone(tmp_path):
     pytest.importorskip('matplotlib')
     from docs.tools import edge_adaptive_figures as figures
