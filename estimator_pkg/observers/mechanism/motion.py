@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.observers.maths.unroll import written_out
 from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
 from estimator_pkg.observers.mechanism.velocity import make_acceleration
 
@@ -67,20 +68,11 @@ def make_course(mechanics: Mechanics) -> Callable[..., None]:
 
 def row_of(size: int) -> Callable[..., tuple]:
     """Return row(array, k) -> row k of an array as a tuple of `size` floats."""
-    names: dict[str, Any] = {}
-    exec(
-        'def row(array, k): return (' + ''.join(f'array[k, {i}], ' for i in range(size)) + ')',
-        names,
-    )
-    return names['row']
+    entries = ''.join(f'array[k, {i}], ' for i in range(size))
+    return written_out([f'def row(array, k): return ({entries})'], f'row of {size}')['row']
 
 
 def put_row(size: int) -> Callable[..., None]:
     """Return put(array, k, row), which writes a tuple of `size` floats into row k of an array."""
-    names: dict[str, Any] = {}
-    exec(
-        'def put(array, k, row):\n'
-        + '\n'.join(f'    array[k, {i}] = row[{i}]' for i in range(size)),
-        names,
-    )
-    return names['put']
+    lines = [f'    array[k, {i}] = row[{i}]' for i in range(size)]
+    return written_out(['def put(array, k, row):', *lines], f'put row of {size}')['put']

@@ -18,6 +18,7 @@ from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.maths.unroll import written_out
 from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.observers.mechanism.motion import make_plant, put_row, row_of
@@ -130,12 +131,9 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
 
 def make_rounded(n: int) -> Callable[[tuple], tuple]:
     """Return rounded(x), which rounds to single precision."""
-    names: dict[str, Any] = {'single': np.float32}
-    exec(
-        'def rounded(x): return (' + ''.join(f'float(single(x[{i}])), ' for i in range(n)) + ')',
-        names,
-    )
-    return names['rounded']
+    entries = ''.join(f'float(single(x[{i}])), ' for i in range(n))
+    lines = [f'def rounded(x): return ({entries})']
+    return written_out(lines, f'rounded for {n}', single=np.float32)['rounded']
 
 
 def observe(
