@@ -56,7 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     prog = ' '.join(['velocity_estimator', *words[:1]])
-    return guarded(lambda: _find_and_run(words, prog), prog)
+    try:
+        return guarded(lambda: _find_and_run(words, prog), prog)
+    finally:
+        if arguments is None and 'rclpy' in sys.modules:
+            interrupts.limit_end()
 
 
 def guarded(task: Callable[[], int], prog: str) -> int:

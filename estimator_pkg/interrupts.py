@@ -22,6 +22,7 @@ NUMBERS = tuple(
     getattr(signal, name) for name in ('SIGINT', 'SIGTERM', 'SIGHUP') if hasattr(signal, name)
 )
 HANGUP = getattr(signal, 'SIGHUP', None)
+LONGEST_END = 5.0  # time from `limit_end` to the end of the process [s]
 ONE_PRESS = 1.0  # signals within this time count as one, because launchers forward Ctrl-C [s]
 
 
@@ -124,3 +125,12 @@ def say(text: str) -> None:
     """Print to stderr, if it is still open."""
     with suppress(OSError, ValueError):
         print(printable(text), file=sys.stderr, flush=True)
+
+
+def limit_end() -> None:
+    """End the process by an alarm if it is still there after `LONGEST_END`.
+
+    To be called when nothing is left to do: then DDS may wait for one of its threads for ever.
+    """
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_END)

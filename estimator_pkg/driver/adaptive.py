@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.bank import Bank, Taken, taken
+from estimator_pkg.driver.bank import Bank, TakenOfJoints, taken
 from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
@@ -194,7 +194,7 @@ class AdaptiveBank(Bank):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float],
-    ) -> Taken | None:
+    ) -> TakenOfJoints | None:
         """Take one message; return None (and count it) if its arrays do not fit.
 
         Parameters
@@ -222,7 +222,7 @@ class AdaptiveBank(Bank):
                 if joint is not None and self._update(name, joint, stamp_ns, position, effort)
                 else None
             )
-        return taken(names, joints, estimates, positions, efforts)
+        return taken(names, estimates, efforts, joints, positions)
 
     def _update(
         self, name: str, joint: Joint, stamp_ns: int, position: float, effort: float

@@ -28,23 +28,33 @@ class Taken(NamedTuple):
     stddevs: Callable[[Sequence[int]], Sequence[tuple[float, float]]]
 
 
-def taken(
-    names: Sequence[str],
-    joints: Sequence[Joint | None],
-    estimates: Sequence[tuple[float, float, float, int] | None],
-    positions: Sequence[float],
-    efforts: Sequence[float],
-) -> Taken:
-    """Return what became of a message of single joints; None: one too many, which is not kept."""
+class TakenOfJoints(NamedTuple):
+    """The same of a message of single joints.
 
-    def written(k: int) -> float:
-        joint = joints[k]
-        return positions[k] if joint is None else joint.written(positions[k])
+    joints : of each; None: one joint too many, which is not kept.
+    positions : of each, as in the message [rad or m].
+    """
 
-    def stddevs(shown: Sequence[int]) -> list[tuple[float, float]]:
-        return [joint.stddev() for joint in (joints[k] for k in shown) if joint is not None]
+    names: Sequence[str]
+    estimates: Sequence[tuple[float, float, float, int] | None]
+    efforts: Sequence[float]
+    joints: Sequence[Joint | None]
+    positions: Sequence[float]
 
-    return Taken(names, estimates, efforts, written, stddevs)
+    def written(self, k: int) -> float:
+        """See `Taken`."""
+        joint, position = self.joints[k], self.positions[k]
+        return position if joint is None else joint.written(position)
+
+    def stddevs(self, shown: Sequence[int]) -> list[tuple[float, float]]:
+        """See `Taken`."""
+        joints = [self.joints[k] for k in shown]
+        return [joint.stddev() for joint in joints if joint is not None]
+
+
+def taken(*fields: Any) -> TakenOfJoints:
+    """Return a `TakenOfJoints` in half the time that its constructor takes."""
+    return tuple.__new__(TakenOfJoints, fields)
 
 
 class Received:
@@ -185,7 +195,7 @@ class Bank(Received):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float] = (),
-    ) -> Taken | None:
+    ) -> TakenOfJoints | None:
         """Take one message; return None (and count it) if its arrays do not fit.
 
         Parameters
@@ -196,13 +206,15 @@ class Bank(Received):
         if not self.fits(names, positions):
             return None
         self._note(names)
-        names, positions, efforts = self.selected(names, positions, efforts)
+        if self.only or efforts:
+            names, positions, efforts = self.selected(names, positions, efforts)
         joints: list[Joint | None] = []
         estimates: list[tuple[float, float, float, int] | None] = []
+        known = self.joints
         for name, position in zip(names, positions):
-            joint = self.joints.get(name) or self.joint(name)
+            joint = known.get(name) or self.joint(name)
             joints.append(joint)
             estimates.append(
                 joint.estimate() if joint is not None and joint.update(stamp_ns, position) else None
             )
-        return taken(names, joints, estimates, positions, efforts)
+        return taken(names, estimates, efforts, joints, positions)

@@ -11,10 +11,12 @@ import re
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from estimator_pkg.errors import UserError
+from estimator_pkg.interrupts import limit_end
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import printable
 
@@ -78,6 +80,8 @@ class Interrupts:
         """Restore the handlers; `last`: the process ends, and ignores a second Ctrl-C."""
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if last else handler)
+        if last:
+            limit_end()
 
 
 def _at_work(frame: FrameType | None) -> bool:
@@ -162,11 +166,12 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
     finally:
         gc.enable()
         interrupts.making = False
-        rclpy.try_shutdown()  # first: the threads of a node check whether ROS is running
-        if executor is not None:
-            executor.shutdown()
-        if node is not None:
-            node.destroy_node()
+        with ExitStack() as ends:  # from last to first, each of them whatever another raises
+            if node is not None:
+                ends.callback(node.destroy_node)
+            if executor is not None:
+                ends.callback(executor.shutdown)
+            ends.callback(rclpy.try_shutdown)  # the threads of a node check whether ROS is running
 
 
 def _usage(program: str, word: str) -> int:

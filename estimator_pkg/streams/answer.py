@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.bank import Taken
+from estimator_pkg.driver.bank import Taken, TakenOfJoints
 from estimator_pkg.messages import trajectory
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.messages.joint_state_block import encode_block
@@ -41,7 +41,7 @@ class Answering:
         )
         self._estimate, self._stddev = Encoder(), Encoder()
 
-    def __call__(self, stamp_ns: int, frame_id: str, taken: Taken | None) -> Answer:
+    def __call__(self, stamp_ns: int, frame_id: str, taken: Taken | TakenOfJoints | None) -> Answer:
         """Return the messages that answer one message, by number of the output.
 
         Parameters
@@ -50,18 +50,18 @@ class Answering:
         """
         stream = self._stream
         answer: Answer = {}
-        if taken is None or not any(taken.estimates):
+        if taken is None:
             return answer
-        names, estimates, efforts, written, stddevs = taken
+        names, estimates, efforts, _, _ = taken
+        numbers: Any = estimates
         shown = [k for k, each in enumerate(estimates) if each is not None and each[3] in VALID]
-        whole = len(shown) == len(names)
-        if stream.skip and not whole:
-            return answer
-        stream.answered += bool(shown)
-        numbers: list[Any] = list(estimates)
-        if not whole:
+        if len(shown) < len(names):
+            if stream.skip or not any(estimates):
+                return answer
+            numbers = list(estimates)
             for k in set(range(len(names))).difference(shown):
-                numbers[k] = written(k), math.nan, math.nan
+                numbers[k] = taken.written(k), math.nan, math.nan
+        stream.answered += bool(shown)
         if stream.wanted[0]:
             answer[0] = self._estimate.encode(
                 stamp_ns,
@@ -73,7 +73,7 @@ class Answering:
             )
         if stream.wanted[1]:
             pairs = [UNKNOWN] * len(names)
-            for k, pair in zip(shown, stddevs(shown)):
+            for k, pair in zip(shown, taken.stddevs(shown)):
                 pairs[k] = pair
             answer[1] = self._stddev.encode(
                 stamp_ns, frame_id, names, [pair[0] for pair in pairs], [pair[1] for pair in pairs]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import itertools
 import math
@@ -201,8 +202,12 @@ class SimulatorNode(Node):
         self.deadlines.stop()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join()
-        if self.context.ok():
+        name, logged = self.get_name(), self.context.ok()
+        if logged:
             self.get_logger().info(self.deadlines.summary())
-        else:  # after an interrupt a logger could not reach /rosout and would print an error
-            print(f'{self.get_name()}: {self.deadlines.summary()}', file=sys.stderr)
         super().destroy_node()
+        if (
+            not logged
+        ):  # after an interrupt a logger could not reach /rosout and would print an error
+            with contextlib.suppress(OSError):  # nobody reads it
+                print(f'{name}: {self.deadlines.summary()}', file=sys.stderr, flush=True)

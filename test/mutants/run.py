@@ -173,6 +173,8 @@ def pytest(modules) -> list[str]:
         'no:cacheprovider',
         '-p',
         'no:rerunfailures',
+        '-p',
+        'no:timeout',  # by the clock; here CPU time counts
         '--hypothesis-seed',
         '0',
         *modules,

@@ -340,6 +340,37 @@ def test_an_interrupt_waits_for_an_import_and_a_second_one_changes_nothing(tmp_p
     assert (done.returncode, done.stdout, done.stderr) == (0, 'imported True\nended\n', '')
 
 
+def test_a_process_whose_output_nobody_reads_ends_by_itself(probe):
+    """The node is destroyed all the same: else DDS waits for one of its threads for ever."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'sim_pkg.nodes.executables', 'encoder_sim'),
+            *dds.ros_args(remap=['__node:=unread']),
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        probe.until(lambda: 'unread' in probe.node.get_node_names())
+        assert process.stderr is not None
+        process.stderr.close()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(dds.PATIENCE) == 0
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_an_end_that_hangs_is_ended_by_an_alarm():
+    script = (
+        'import signal, time\nfrom estimator_pkg import interrupts\n'
+        'interrupts.LONGEST_END = 0.2\nsignal.signal(signal.SIGALRM, signal.SIG_IGN)\n'
+        'interrupts.limit_end()\ntime.sleep(60.0)'
+    )
+    done = subprocess.run([sys.executable, '-c', script], timeout=dds.PATIENCE, check=False)
+    assert done.returncode == -signal.SIGALRM
+
+
 WRONG_STARTS = [
     (['-p', 'bandwidth_hz:=-3.0'], "parameter 'bandwidth_hz' = -3 is outside [0.001, 1e+06]"),
     (['-p', 'noise:=.nan'], "parameter 'noise' must be finite, not nan"),

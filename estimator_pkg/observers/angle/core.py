@@ -331,8 +331,8 @@ def _make_step(
                     coefficients,
                 )
                 of_core, dt = coefficients
-        square, size, usual = innovation * innovation, abs(innovation), recent
-        inside = size <= outside
+        square, usual = innovation * innovation, recent
+        inside = -outside <= innovation <= outside
         if inside:
             recent += (square - recent) / RECENT
         if measurement == last:
@@ -371,7 +371,7 @@ def _make_step(
             if inside:
                 power += (square - power) / FRESH
             count = FRESH
-        inner, lock = relock(lock, before, inner, size, dt, design, measurement)
+        inner, lock = relock(lock, before, inner, abs(innovation), dt, design, measurement)
         return (inner, convention, reading, (power, count), lock, start, stamps)
 
     return step

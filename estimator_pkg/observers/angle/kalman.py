@@ -135,8 +135,7 @@ def correct_2(state: tuple, coefficients: tuple, measurement: float) -> tuple[tu
         innovation = wrap(innovation, period)
     if started == 0.0:
         return (measurement, v + innovation / dt, start_2(dt), 1.0, scatter), 0.0
-    p, of_s = step_2(p, dt, scale, q)
-    _, K1, _ = p
+    p, K1, of_s = step_2(p, dt, scale, q)
     # prediction + K0 e is measurement - e/S, which stays on the measurement's turn
     return (measurement - of_s * innovation, v + K1 * innovation, p, 1.0, scatter), innovation
 
@@ -156,8 +155,7 @@ def correct_3(state: tuple, coefficients: tuple, measurement: float) -> tuple[tu
         innovation = wrap(innovation, period)
     if started == 0.0:
         return (measurement, v + innovation / dt, 0.0, start_3(dt), 1.0, scatter), 0.0
-    p, of_s = step_3(p, dt, scale, q)
-    _, K1, K2, _, _, _ = p
+    p, K1, K2, of_s = step_3(p, dt, scale, q)
     return (
         (
             measurement - of_s * innovation,

@@ -62,8 +62,8 @@ def start_3(dt: float) -> tuple[float, float, float, float, float, float]:
 
 def step_2(
     p: tuple[float, float, float], dt: float, scale: float, added: tuple[float, float, float]
-) -> tuple[tuple[float, float, float], float]:
-    """Return (P, 1/S) after a prediction over dt [s] and an update; K is the first row of P.
+) -> tuple[tuple[float, float, float], float, float]:
+    """Return (P, K1, 1/S) after a prediction over dt [s] and an update; K is the first row of P.
 
     Parameters
     ----------
@@ -77,9 +77,9 @@ def step_2(
     n01 += scale * q01
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
     if of_s < BLIND:
-        return start_2(dt), of_s
+        return start_2(dt), 1.0 / dt, of_s
     K1 = n01 * of_s
-    return (n00 * of_s, K1, p11 + scale * q11 - K1 * n01), of_s
+    return (n00 * of_s, K1, p11 + scale * q11 - K1 * n01), K1, of_s
 
 
 def step_3(
@@ -87,8 +87,8 @@ def step_3(
     dt: float,
     scale: float,
     added: tuple[float, float, float, float, float, float],
-) -> tuple[tuple[float, float, float, float, float, float], float]:
-    """Return (P, 1/S) as `step_2` does, for (x, v, a)."""
+) -> tuple[tuple[float, float, float, float, float, float], float, float, float]:
+    """Return (P, K1, K2, 1/S) as `step_2` does, for (x, v, a)."""
     p00, p01, p02, p11, p12, p22 = p
     q00, q01, q02, q11, q12, q22 = added
     half = 0.5 * dt * dt
@@ -100,16 +100,21 @@ def step_3(
     n02 = r02 + scale * q02
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
     if of_s < BLIND:
-        return start_3(dt), of_s
+        return start_3(dt), 1.0 / dt, 0.0, of_s
     K1, K2 = n01 * of_s, n02 * of_s
     return (
-        n00 * of_s,
+        (
+            n00 * of_s,
+            K1,
+            K2,
+            p11 + dt * (p12 + r12) + scale * q11 - K1 * n01,
+            r12 + scale * q12 - K1 * n02,
+            p22 + scale * q22 - K2 * n02,
+        ),
         K1,
         K2,
-        p11 + dt * (p12 + r12) + scale * q11 - K1 * n01,
-        r12 + scale * q12 - K1 * n02,
-        p22 + scale * q22 - K2 * n02,
-    ), of_s
+        of_s,
+    )
 
 
 def steady_gains_2(density: float, dt: float) -> tuple[float, float]:

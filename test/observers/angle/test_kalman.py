@@ -182,7 +182,7 @@ def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
     p = covariance.start_2(dt)
     added = covariance.of_noise_2(density, dt)
     for _ in range(2_000):
-        p, _ = step_2(p, dt, 1.0, added)
+        p, _, _ = step_2(p, dt, 1.0, added)
     assert steady_gains_2(density, dt) == pytest.approx((p[0], p[1] * dt), rel=1e-9)
 
 
