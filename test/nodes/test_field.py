@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import Counter
 
 import dds
+import numpy as np
 import pytest
 from bag_making import STORE
 
@@ -20,7 +22,8 @@ from estimator_pkg.ros.message_class import message_types, packages_with_message
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
 POSE, ODOMETRY = 'geometry_msgs/msg/PoseStamped', 'nav_msgs/msg/Odometry'
-LIST, NUMBER = 'std_msgs/msg/Float32MultiArray', 'geometry_msgs/msg/Vector3'
+LIST = 'std_msgs/msg/Float32MultiArray'
+FLOAT = 'std_msgs/msg/Float64'
 BEGIN, MS = 10**18, 1_000_000
 T = STORE.types
 
@@ -50,8 +53,6 @@ def pose(stamp_ns, yaw, frame_id='world'):
 
 
 def odometry(stamp_ns, yaw, frame_id='odom'):
-    import numpy as np
-
     zero = T['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0)
     message = T[ODOMETRY](
         header=header(stamp_ns, frame_id),
@@ -65,8 +66,6 @@ def odometry(stamp_ns, yaw, frame_id='odom'):
 
 
 def numbers(values):
-    import numpy as np
-
     layout = T['std_msgs/msg/MultiArrayLayout'](dim=[], data_offset=0)
     message = T[LIST](layout=layout, data=np.array(values, np.float32))
     return bytes(STORE.serialize_cdr(message, LIST))
@@ -172,6 +171,58 @@ def test_live_equals_replay_to_the_byte(name, probe, tmp_path):
     assert made == deviations
     assert {answer.names for answer in live.answers} == {('body',)}
     assert len(live.answers) == len(raws) - len(unanswered)
+
+
+def test_a_number_of_a_package_of_the_machine(probe, tmp_path):
+    """From an overlay, as colcon installs it: found in the ament index and by its Python path.
+
+    Nothing here compiles messages, so the package borrows the type support of std_msgs/Float64.
+    """
+    from std_msgs.msg import Float64
+
+    folder, prefix = tmp_path / 'python', tmp_path
+    (folder / 'machine_msgs' / 'msg').mkdir(parents=True)
+    (folder / 'machine_msgs' / '__init__.py').touch()
+    (folder / 'machine_msgs' / 'msg' / '__init__.py').write_text(
+        'from std_msgs.msg import Float64\n'
+        'class Reading(metaclass=type(Float64)):\n'
+        '    @classmethod\n'
+        '    def get_fields_and_field_types(cls):\n'
+        "        return {'height': 'double'}\n"
+    )
+    index = prefix / 'share' / 'ament_index' / 'resource_index'
+    for resource, text in (('packages', ''), ('rosidl_interfaces', 'msg/Reading.msg\n')):
+        (index / resource).mkdir(parents=True)
+        (index / resource / 'machine_msgs').write_text(text)
+    overlay = {
+        'AMENT_PREFIX_PATH': os.pathsep.join([str(prefix), os.environ['AMENT_PREFIX_PATH']]),
+        'PYTHONPATH': os.pathsep.join([str(folder), os.environ.get('PYTHONPATH', '')]),
+    }
+    words = [
+        'input:=field',
+        'field_type:=machine_msgs/msg/Reading',
+        'field:=height',
+        'wrap_period:=0.0',
+        'angle_joint:=lift',
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in overlay.items():
+            patch.setenv(name, value)
+        process = dds.NodeProcess(MODULE, *dds.ros_args(*words, remap=('__node:=own',)))
+        wrong = dds.NodeProcess(MODULE, *dds.ros_args(*words, 'field:=heigth'))
+    with process, wrong, dds.Observer(probe, '/own', '/unused_too') as live:
+        probe.node.destroy_publisher(live.publisher)
+        live.publisher = probe.node.create_publisher(Float64, '/angle', 50)
+        live.connect()
+        for k in range(60):
+            number = T[FLOAT](10.0 + 0.01 * k)
+            live.feed([bytes(STORE.serialize_cdr(number, FLOAT))])
+            probe.spin(0.005)
+        assert wrong.ends() == 2
+    (position,), (velocity,) = live.answers[-1].positions, live.answers[-1].velocities
+    assert live.answers[-1].names == ('lift',)
+    assert position == pytest.approx(10.59, abs=0.02) and 0.0 < velocity < 2.0
+    assert "machine_msgs/msg/Reading has no field 'heigth': did you mean 'height'?" in wrong.output
 
 
 def test_stamps_of_the_publisher_where_those_of_the_header_are_zero(tmp_path):
