@@ -55,6 +55,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/config/ros2_control', glob('config/ros2_control/*')),
     ],
     install_requires=[
         'numpy>=1.26,<3',

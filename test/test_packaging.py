@@ -49,8 +49,8 @@ def assert_share_is_found(prefix):
     assert (share / 'package.xml').is_file()
     launch = {path.name for path in (share / 'launch').iterdir() if path.is_file()}
     assert launch == {path.name for path in (ROOT / 'launch').iterdir() if path.is_file()}
-    config = {path.name for path in (share / 'config').iterdir()}
-    assert config == {path.name for path in (ROOT / 'config').iterdir() if path.is_file()}
+    config = {path.relative_to(share / 'config') for path in (share / 'config').rglob('*')}
+    assert config == {path.relative_to(ROOT / 'config') for path in (ROOT / 'config').rglob('*')}
     found = run(
         sys.executable,
         '-c',

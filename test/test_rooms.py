@@ -21,6 +21,7 @@ ROS = {
     'diagnostic_msgs',
     'launch',
     'launch_ros',
+    'ament_index_python',
 }
 PACKAGES = {  # room: packages that its files may import, wherever in a file
     'observers': {'numpy'},

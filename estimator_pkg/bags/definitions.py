@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages.field import SEQUENCE, Definition, Kind
 from estimator_pkg.optional import Lazy
+from estimator_pkg.ros.message_class import TYPE_NAME
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
+interfaces = Lazy('rosbags.interfaces')
 typesys = Lazy('rosbags.typesys')
 SEPARATOR = '=' * 80
-TYPE_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)', re.ASCII)
 
 
 @lru_cache(maxsize=1)
@@ -110,3 +111,22 @@ def store_for(type_name: str, definition: str) -> Typestore:
         f'the bag has no definition of {type_name}, and ROS 2 Jazzy does not have it either: '
         'install its package'
     )
+
+
+def fields_of(store: Typestore) -> Definition:
+    """Return the fields of message types, as a type store defines them."""
+    nodes = interfaces.Nodetype
+
+    def kind(node: Any, what: Any) -> Kind:
+        if node == nodes.NAME:  # rosbags also has there what it does not know, as wstring
+            return Kind(what if what in store.fielddefs else what.rpartition('/')[2])
+        if node == nodes.BASE:
+            return Kind(what[0])
+        inner, count = what
+        return Kind(kind(*inner).base, count if node == nodes.ARRAY else SEQUENCE)
+
+    @lru_cache
+    def fields(type_name: str) -> dict[str, Kind]:
+        return {field: kind(*found) for field, found in store.fielddefs[type_name][1]}
+
+    return fields

@@ -5,23 +5,18 @@ Imports ROS, so the commands import it when they run.
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags.definitions import TYPE_NAME
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.optional import missing
 
 try:
     from estimator_pkg.ros.runtime import make_executor  # isort: skip  settles the environment
     import rclpy
-    from ament_index_python.packages import get_package_prefix
     from rclpy.duration import Duration
     from rclpy.qos import (
         DurabilityPolicy,
@@ -97,35 +92,6 @@ def live(name: str) -> Iterator[Live]:
             yield here
         finally:
             here.close()
-
-
-def message_class(type_name: str) -> Any | None:
-    """Return the Python class of 'package/msg/Name'; None if its package is not installed.
-
-    The name comes from a bag or from another node. So only packages in the ament index are
-    imported, and only from the place that the index names.
-    """
-    named = TYPE_NAME.fullmatch(type_name)
-    if named is None:
-        return None
-    package, name = named.groups()
-    try:
-        prefix = get_package_prefix(package)
-        found = importlib.util.find_spec(package)  # of a package: this imports nothing
-        if found is None or not any(
-            _within(place, prefix) for place in found.submodule_search_locations or ()
-        ):
-            return None
-        return getattr(importlib.import_module(f'{package}.msg'), name, None)
-    except (ImportError, LookupError, ValueError):
-        return None
-
-
-def _within(place: str, prefix: str) -> bool:
-    """Return True if a folder is below a prefix, by its own path or by its real path."""
-    return any(
-        Path(way(place)).is_relative_to(way(prefix)) for way in (os.path.abspath, os.path.realpath)
-    )
 
 
 def offered(profile: QoSProfile) -> Qos:

@@ -181,7 +181,8 @@ class Player:
         from rclpy.qos import ReliabilityPolicy
         from std_srvs.srv import Trigger
 
-        from estimator_pkg.bags.live import matching, message_class
+        from estimator_pkg.bags.live import matching
+        from estimator_pkg.ros.message_class import message_class
 
         self._here, self._bag, self._pressed = here, bag, pressed
         self._rate = rate

@@ -203,7 +203,8 @@ class Recorder:
                 self._adapt(name, types[0], track, profiles)
 
     def _start(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> None:
-        from estimator_pkg.bags.live import matching, message_class
+        from estimator_pkg.bags.live import matching
+        from estimator_pkg.ros.message_class import message_class
 
         kind = message_class(types[0])
         if kind is None or len(types) > 1:
@@ -226,7 +227,8 @@ class Recorder:
 
     def _adapt(self, name: str, type_name: str, track: Track, profiles: list[Qos]) -> None:
         """Subscribe again if a new publisher does not match the present subscription."""
-        from estimator_pkg.bags.live import matching, message_class
+        from estimator_pkg.bags.live import matching
+        from estimator_pkg.ros.message_class import message_class
 
         track.profiles += [profile for profile in profiles if profile not in track.profiles]
         qos = matching(track.profiles)

@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from estimator_pkg import observers, params_file, registry, streams
-from estimator_pkg.bags.definitions import store_for
+from estimator_pkg.bags.definitions import fields_of, store_for
 from estimator_pkg.bags.reader import Bag, Topic
 from estimator_pkg.bags.selection import measured_topics, measurement_topic
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.optional import Lazy
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.contract import Request, Stream
 
-field = Lazy('estimator_pkg.bags.field')
 DATA = 'data'  # the field of the number in std_msgs
 
 
@@ -53,7 +52,7 @@ class Setup:
         stream.expected = measurement.count if measurement else 0
         if self.path and measurement is not None:
             store = store_for(measurement.type, measurement.definition)
-            stream.read_field(field.Field(store, measurement.type, self.path))
+            stream.read_field(Field(fields_of(store), measurement.type, self.path))
         return stream
 
 
@@ -79,7 +78,9 @@ def settled(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: 
             + ' and '.join(f'/{port.topic}' for port in inputs if port.answered)
         )
     first = inputs[0]
-    if first.type == JOINT_STATE:
+    if first.field:
+        measurement, path = bag.require(named or f'/{first.topic}', [first.type]), first.field
+    elif first.type == JOINT_STATE:
         measurement = bag.topics[measurement_topic(bag, named)]
     elif first.any_number:
         measurement, path = bag.require(named or f'/{first.topic}'), path or DATA

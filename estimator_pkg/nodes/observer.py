@@ -17,6 +17,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from estimator_pkg import streams
 from estimator_pkg.errors import UsageError, where
+from estimator_pkg.messages.field import Field
+from estimator_pkg.nodes import message_types
 from estimator_pkg.nodes.endpoints import Endpoints, OnDemand, get_message, latched
 from estimator_pkg.nodes.health import Health
 from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
@@ -76,6 +78,10 @@ class ObserverNode(Node):
                     observer, settings, self._common(self._ros.values), self._ros.overrides
                 ),
             )
+            for port in self.stream.inputs:
+                if port.field:
+                    message_types.find(port.type)
+                    self.stream.read_field(Field(message_types.fields_of, port.type, port.field))
             self._open()
         except BaseException as error:
             self.destroy_node()
@@ -137,7 +143,8 @@ class ObserverNode(Node):
             if port.answered:
                 self.health.took(perf_counter() - begun)
 
-        return self._endpoints.subscribe(get_message(port.type), port.topic, came)
+        kind = message_types.find(port.type) if port.field else get_message(port.type)
+        return self._endpoints.subscribe(kind, port.topic, came)
 
     def _failed(self, topic: str, error: Exception) -> None:
         """Reset after a failure of the observer, so that other joints keep their estimates."""

@@ -17,6 +17,7 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly
 from estimator_pkg.messages.block import Block
+from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.messages.joint_state_block import decode_block
@@ -40,6 +41,7 @@ from estimator_pkg.streams.contract import (
 
 JOINT_STATES = 'joint_states'
 ANGLE = 'angle'
+FIELD = 'field'
 ANGLE_TYPES = ('Float64', 'Float32', 'Int32', 'Int64', 'UInt16')  # of std_msgs
 NODE_OF = {
     'angle_and_input': 'adaptive_observer',
@@ -85,17 +87,33 @@ class AngleSettings(StreamSettings):
     input: str = parameter(
         JOINT_STATES,
         unit='',
-        choices=(JOINT_STATES, ANGLE),
+        choices=(JOINT_STATES, ANGLE, FIELD),
         structural=True,
-        description='topic to read: joint_states (sensor_msgs/JointState) or angle '
-        '(one number of std_msgs, see angle_type)',
+        description='what to read: joint_states (sensor_msgs/JointState on the topic '
+        'joint_states), angle (one number of std_msgs on the topic angle, see angle_type), or '
+        'field (one number in messages of any type on the topic angle, see field_type and field)',
     )
     angle_type: str = parameter(
         'Float64',
         unit='',
         choices=ANGLE_TYPES,
         structural=True,
-        description='message type of the topic angle',
+        description='message type of the topic angle, with input: angle',
+    )
+    field_type: str = parameter(
+        '',
+        unit='',
+        structural=True,
+        description='message type of the topic angle, with input: field, as in '
+        'geometry_msgs/msg/PoseStamped; any type that is installed where the node runs',
+    )
+    field: str = parameter(
+        '',
+        unit='',
+        structural=True,
+        description='the number in these messages, as in pose.position.x or data[0]; yaw of an '
+        'orientation [rad], as in pose.pose.orientation.yaw. Its time is the stamp of the header, '
+        'without a header the time at which the publisher sent it',
     )
     angle_joint: str = parameter(
         'joint',
@@ -130,8 +148,8 @@ class AngleSettings(StreamSettings):
         unit='',
         choices=('header', 'publisher'),
         structural=True,
-        description='time of a JointState: its header stamp, or the time at which its publisher '
-        'sent it (for drivers that leave the stamp zero)',
+        description='time of a message with a header: its stamp, or the time at which its '
+        'publisher sent it (for drivers that leave the stamp zero)',
     )
 
     def find_observer(self) -> Observer:
@@ -140,15 +158,25 @@ class AngleSettings(StreamSettings):
         Raises
         ------
         UsageError : it needs more than an angle; a sign of 0, an integer angle without counts, an
-            empty name.
+            empty name, a field without its type or path.
         """
         if self.angle_sign == 0:
             raise UsageError("parameter 'angle_sign' must be 1 or -1, not 0")
-        if self.input == ANGLE:
-            if 'Int' in self.angle_type and self.counts_per_revolution <= 0.0:
+        if self.is_number:
+            if (
+                self.input == ANGLE
+                and 'Int' in self.angle_type
+                and self.counts_per_revolution <= 0.0
+            ):
                 raise UsageError(
                     f"angle_type '{self.angle_type}' is in counts: set 'counts_per_revolution'"
                 )
+            for name, value, example in (
+                ('field_type', self.field_type, 'geometry_msgs/msg/PoseStamped'),
+                ('field', self.field, 'pose.orientation.yaw'),
+            ):
+                if self.input == FIELD and not value:
+                    raise UsageError(f"input 'field' needs '{name}': set it, as in {example}")
             if not self.angle_joint:
                 raise UsageError("parameter 'angle_joint' must not be empty: set a name")
             if self.only and self.angle_joint not in self.only:
@@ -160,6 +188,11 @@ class AngleSettings(StreamSettings):
             hint = f': run the node {NODE_OF[found.kind]}' if found.kind in NODE_OF else ''
             raise UsageError(f"observer '{found.name}' needs more than an angle{hint}")
         return found
+
+    @property
+    def is_number(self) -> bool:
+        """True if the input is one number per message, for one joint."""
+        return self.input != JOINT_STATES
 
     @property
     def only(self) -> tuple[str, ...]:
@@ -174,7 +207,7 @@ class AngleSettings(StreamSettings):
     def implied(self, common: Values) -> dict[str, Any]:
         """Return `common` observer parameters, with the quantum from the counts if it is unset."""
         values = dict(common)
-        if self.input == ANGLE and not values.get('quantum') and self.counts_per_revolution > 0.0:
+        if self.is_number and not values.get('quantum') and self.counts_per_revolution > 0.0:
             values['quantum'] = self.raw_angle.quantum
         return values
 
@@ -259,40 +292,39 @@ class Numbers:
         """See `Source`."""
 
 
-class Field(Protocol):
-    """A number in messages of any type, see `estimator_pkg.bags.field`."""
-
-    is_integer: bool
-    path: str
-    type: str
-
-    def decode_block(self, block: Block) -> tuple[list[Any], list[int]]:
-        """Return groups with `rows`, `frame_id`, `stamps_ns`, `values`, and the malformed rows."""
-
-
 class FieldSamples:
-    """Samples of one joint from a number in messages of any type; only in blocks.
+    """Samples of one joint from a number in messages of any type.
 
     Parameters
     ----------
     field : the number. joint : name of the joint. angle : conversion of the number to an angle.
+    by_publisher : use the time of publishing also where the messages have a header.
     """
 
-    def __init__(self, field: Field, joint: str, angle: RawAngle) -> None:
+    def __init__(
+        self, field: Field, joint: str, angle: RawAngle, by_publisher: bool = False
+    ) -> None:
         self.type = field.type
         self._field, self._names, self._angle = field, (joint,), angle.angle
+        self._by_publisher = by_publisher
 
     def sample(self, raw: bytes, publish_ns: int) -> Sample:
-        """See `Source`."""
-        raise NotImplementedError
+        """See `Source`; without a header the time is that of publishing."""
+        stamp_ns, frame_id, value = self._field.decode(raw)
+        return Sample(
+            publish_ns if stamp_ns is None or self._by_publisher else stamp_ns,
+            frame_id,
+            self._names,
+            () if value is None else (self._angle(value),),
+        )
 
     def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
-        """See `Source`; without a header the time is that of publishing."""
+        """See `Source`."""
         groups, malformed = self._field.decode_block(block)
         found = []
         for group in groups:
             stamps = group.stamps_ns
-            if stamps is None:
+            if stamps is None or self._by_publisher:
                 stamps = block.publish_ns[group.rows]
             positions = (
                 np.zeros((len(group.rows), 0))
@@ -324,16 +356,20 @@ class AngleStream(Stream):
             observer.gives_acceleration(configuration.for_joint(joint)[0])
             for joint in ('', *configuration.overrides)
         )
-        self.source: Source = (
-            Numbers(settings.angle_type, settings.angle_joint, settings.raw_angle)
-            if settings.input == ANGLE
-            else JointStates(settings.stamp_source == PUBLISHER)
-        )
+        self.source: Source  # of a field: set by `read_field`
+        if settings.input == FIELD:
+            port = Port(ANGLE, settings.field_type, field=settings.field)
+        elif settings.input == ANGLE:
+            self.source = Numbers(settings.angle_type, settings.angle_joint, settings.raw_angle)
+            port = Port(ANGLE, self.source.type, any_number=True)
+        else:
+            self.source = JointStates(settings.stamp_source == PUBLISHER)
+            port = Port(JOINT_STATES, self.source.type)
         super().__init__(
             settings,
             observer,
             Bank(configuration, settings.only),
-            [Port(settings.input, self.source.type, any_number=settings.input == ANGLE)],
+            [port],
             [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else [])],
         )
         self.estimation = Estimation(self.bank)
@@ -379,12 +415,15 @@ class AngleStream(Stream):
 
     def read_field(self, field: Field) -> None:
         """See `Stream`."""
-        if field.is_integer and self.settings.counts_per_revolution <= 0.0:
+        settings = self.settings
+        if field.is_integer and settings.counts_per_revolution <= 0.0:
             raise UsageError(
-                f"'{field.path}' of {self.topics[0]} is a whole number, so it carries "
-                "counts: set 'counts_per_revolution'"
+                f"'{field.path}' of {field.type} is a whole number, so it carries counts: set "
+                "'counts_per_revolution'"
             )
-        self.source = FieldSamples(field, self.settings.angle_joint, self.settings.raw_angle)
+        self.source = FieldSamples(
+            field, settings.angle_joint, settings.raw_angle, settings.stamp_source == PUBLISHER
+        )
 
     # Texts
 
@@ -410,7 +449,7 @@ class AngleStream(Stream):
             )
         there = ', '.join(sorted(seen))
         missing = [name for name in self.settings.only if name not in seen]
-        if missing and self.settings.input != ANGLE:
+        if missing and not self.settings.is_number:
             raise UserError(
                 f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
             )
@@ -432,7 +471,7 @@ class AngleStream(Stream):
             values['angle_type'] = 'Float64'  # any type: the bag's is used
         if request.joints:
             values['joints'] = list(request.joints)
-            if values.get('input') == ANGLE:
+            if values.get('input') in (ANGLE, FIELD):
                 if len(request.joints) > 1:
                     raise UsageError('--angle is one joint: give --joint once')
                 values['angle_joint'] = request.joints[0]

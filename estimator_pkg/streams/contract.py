@@ -24,6 +24,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.field import Field
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared, parameter
@@ -51,7 +52,8 @@ class Port(NamedTuple):
 
     topic : relative name. type : as in 'sensor_msgs/msg/JointState'. answered : estimates answer
     its messages. optional : the stream works without it. any_number : in a bag the topic may have
-    any type with a number.
+    any type with a number. field : path of the number in its messages, for `Stream.read_field`;
+    '': the stream reads the type itself.
     """
 
     topic: str
@@ -59,6 +61,7 @@ class Port(NamedTuple):
     answered: bool = True
     optional: bool = False
     any_number: bool = False
+    field: str = ''
 
 
 class Output(NamedTuple):
@@ -313,12 +316,8 @@ class Stream(ABC):
         """
         return None
 
-    def read_field(self, field: Any) -> None:
+    def read_field(self, field: Field) -> None:
         """Take the measurement from a number in messages of any type.
-
-        Parameters
-        ----------
-        field : see `estimator_pkg.streams.angle.Field`.
 
         Raises
         ------

@@ -10,8 +10,8 @@ import dds
 import pytest
 
 from estimator_pkg.bags.definitions import define
-from estimator_pkg.bags.live import message_class
 from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.ros.message_class import message_class
 
 HOSTILE = 'from pathlib import Path\nPath(__file__).with_name("imported").touch()\n'
 NAMES = [
@@ -49,14 +49,15 @@ def imported(folder):
 @pytest.mark.parametrize('way', ['', os.pathsep])
 def test_a_type_name_imports_nothing_of_the_current_folder(hostile, way):
     script = (
-        'import sys\nfrom estimator_pkg.bags.live import message_class\n'
+        'import sys\nfrom estimator_pkg.ros.message_class import message_class\n'
         'print([message_class(name) for name in sys.argv[1:]])'
     )
     done = subprocess.run(
         [sys.executable, '-c', script, *NAMES],
         cwd=hostile,
         text=True,
-        env={**os.environ, 'PYTHONPATH': way},
+        # as without our conftest: the current folder comes first
+        env={**os.environ, 'PYTHONPATH': way, 'PYTHONSAFEPATH': ''},
         capture_output=True,
         timeout=60,
         check=True,

@@ -25,7 +25,7 @@ from estimator_pkg.evaluation.tuning.seek import seek
 from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import drawn, show
-from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES
+from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES, FIELD
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
@@ -383,10 +383,14 @@ def _held(parsed: argparse.Namespace, tuning: TuneSettings, path: str) -> dict[s
     """
     held = tuning.held
     if parsed.angle:
+        topic, _, field = parsed.angle.partition(':')
         with open_bag(path, parsed.unpack_limit) as bag:
-            kind = bag.topics[parsed.angle.partition(':')[0]].type.rpartition('/')[2]
-        if kind in ANGLE_TYPES:  # else it is a number that no node reads, but replay does
-            held |= {'input': ANGLE, 'angle_type': kind}
+            kind = bag.topics[topic].type
+        package, _, name = kind.rpartition('/')
+        if package == 'std_msgs/msg' and name in ANGLE_TYPES:
+            held |= {'input': ANGLE, 'angle_type': name}
+        else:
+            held |= {'input': FIELD, 'field_type': kind, 'field': field}
     wraps = streams.of_observer(tuning.entry.observer).WRAPS
     if wraps and parsed.wrap_period != WRAP_PERIOD:
         held.setdefault('wrap_period', parsed.wrap_period)

@@ -42,6 +42,7 @@ pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUMS = BAGS / 'dfki_simple_pendulum'
 COUNTS = BAGS / 'simulated' / 'trapezoid_raw_counts'
+YAW = BAGS / 'vicon' / 'yawbag'
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
 PLANE = [Dimension('a', 0.5, 500.0), Dimension('b', 1e-3, 1e3)]
@@ -568,6 +569,20 @@ def test_raw_counts(tmp_path, capsys):
     # as it is, it is enough to replay the bag
     assert main(['replay', str(COUNTS), '--params', str(tmp_path / 'g.yaml')]) == 0
     assert '  wheel: received 2000, used 2000' in capsys.readouterr().out
+
+
+def test_a_field_of_another_type_is_in_the_file_for_the_node(capsys):
+    parser = argparse.ArgumentParser()
+    command.arguments(parser)
+    topic = '/vicon/Group466CF/Group466CF/pose'
+    words = ['--angle', f'{topic}:pose.orientation.yaw', '--observer', 'pll', '--out', 'g.yaml']
+    parsed = parser.parse_args([str(YAW), *words])
+    held = command._held(parsed, command.tune_settings(parsed), str(YAW))
+    assert held['input'] == 'field' and held['field'] == 'pose.orientation.yaw'
+    assert held['field_type'] == 'geometry_msgs/msg/PoseStamped'
+    given = [word for key, value in held.items() for word in ('--set', f'{key}={value}')]
+    assert main(['replay', str(YAW), '--observer', 'pll', '--measurement', topic, *given]) == 0
+    assert 'received' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,11 @@ from bag_making import STORE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator_pkg.bags.definitions import define, store_for
-from estimator_pkg.bags.field import Field
+from estimator_pkg.bags.definitions import define, fields_of, store_for
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.block import from_messages
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.field import Field
 
 T = STORE.types
 ODOMETRY = 'nav_msgs/msg/Odometry'
@@ -25,7 +26,7 @@ def block_of(raws):
 
 def values_of(type_name, path, raws):
     """(value, stamp, frame_id) of each message; None where it has none or is malformed."""
-    field = Field(store_for(type_name, define(type_name)[0]), type_name, path)
+    field = Field(fields_of(store_for(type_name, define(type_name)[0])), type_name, path)
     groups, malformed = field.decode_block(block_of(raws))
     found = [None] * len(raws)
     for group in groups:
@@ -35,6 +36,13 @@ def values_of(type_name, path, raws):
                 None if group.values is None else (float(group.values[i]), stamp, group.frame_id)
             )
     assert all(found[row] is None for row in malformed)
+    for row, raw in enumerate(raws):  # one by one the same, to the last bit
+        try:
+            stamp, frame, value = field.decode(raw)
+        except MalformedMessageError:
+            assert row in malformed
+        else:
+            assert repr(found[row]) == repr(None if value is None else (value, stamp, frame))
     return found
 
 
@@ -228,13 +236,104 @@ def test_bytes_that_are_no_message_are_malformed(cut, noise):
 )
 def test_wrong_paths_say_what_is_right(path, said):
     with pytest.raises(UsageError) as caught:
-        Field(STORE, ODOMETRY, path)
+        Field(fields_of(STORE), ODOMETRY, path)
     assert said in str(caught.value)
 
 
 def test_types_come_from_the_bag_first():
     own = 'float32 other\nfloat64 angle\n'
-    assert Field(store_for('my_msgs/msg/Reading', own), 'my_msgs/msg/Reading', 'angle')
+    reading = 'my_msgs/msg/Reading'
+    assert not Field(fields_of(store_for(reading, own)), reading, 'angle').is_integer
     with pytest.raises(UserError, match='has no definition of my_msgs/msg/Reading'):
         store_for('my_msgs/msg/Reading', '')
     assert store_for(ODOMETRY, 'this is no definition {') is not None
+
+
+OWN = """\
+string[] labels
+std_msgs/Empty nothing
+my_msgs/Part[] parts
+wstring comment
+================================================================================
+MSG: my_msgs/Part
+bool on
+float32[<=3] readings
+int64 angle
+string unit
+std_msgs/Header header
+string note
+================================================================================
+MSG: std_msgs/Empty
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+def test_a_header_after_the_number_gives_its_stamp():
+    """In a type of the machine: texts, an empty message and lists before it, an odd type after."""
+    kind = 'my_msgs/msg/Reading'
+    store = store_for(kind, OWN)
+    types = store.types
+
+    def part(i, readings):
+        time = types['builtin_interfaces/msg/Time'](sec=5 + i, nanosec=7)
+        return types['my_msgs/msg/Part'](
+            on=True,
+            readings=np.array(readings, np.float32),
+            angle=-i,
+            unit='counts',
+            header=types['std_msgs/msg/Header'](stamp=time, frame_id='f' * i),
+            note='x' * i,
+        )
+
+    fields = fields_of(store)
+    angle = Field(fields, kind, 'parts[1].angle')
+    reading = Field(fields, kind, 'parts[1].readings[1]')
+    assert angle.is_integer and not reading.is_integer
+    with pytest.raises(UsageError, match='cannot be read: a wstring'):
+        Field(
+            fields_of(store_for('my_msgs/msg/Odd', 'wstring a\nfloat64 b\n')),
+            'my_msgs/msg/Odd',
+            'b',
+        )
+    whole = [
+        types[kind](
+            labels=['', 'ab', 'c' * i],
+            nothing=types['std_msgs/msg/Empty'](),
+            parts=[part(j, [0.5] * (i % 3) + [1.5 * j]) for j in range(i % 4)],
+            comment='',
+        )
+        for i in range(1, 13)
+    ]
+    # rosbags writes no wstring: the message ends before it
+    short = 'my_msgs/msg/Short'
+    cut = store_for(short, OWN.replace('wstring comment\n', ''))
+    for little in (True, False):
+        for i, message in enumerate(whole, 1):
+            same = cut.types[short](message.labels, message.nothing, message.parts)
+            raw = bytes(cut.serialize_cdr(same, short, little_endian=little))
+            if i % 4 < 2:
+                assert angle.decode(raw).value is None
+                continue
+            assert angle.decode(raw) == (6 * 10**9 + 7, 'f', -1.0)
+            found = reading.decode(raw)
+            assert found.stamp_ns == 6 * 10**9 + 7
+            assert found.value == {0: None, 1: 1.5, 2: 0.5}[i % 3]
+
+
+def test_zeros_are_no_orientation():
+    """Trackers and IMUs without an orientation send them; their yaw is not 0."""
+    messages = [
+        T['geometry_msgs/msg/Quaternion'](x=x, y=0.0, z=0.0, w=w)
+        for x, w in ((0.0, 0.0), (0.0, 1.0), (math.nan, 0.0))
+    ]
+    kind = 'geometry_msgs/msg/Quaternion'
+    raws = [bytes(STORE.serialize_cdr(each, kind)) for each in messages]
+    (zero, _, _), unit, (nan, _, _) = values_of(kind, 'yaw', raws)
+    assert math.isnan(zero) and math.isnan(nan) and unit[0] == 0.0

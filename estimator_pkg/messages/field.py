@@ -1,0 +1,390 @@
+"""One number in messages of any type: ``pose.position.x``, ``data[0]``, ``orientation.yaw``.
+
+The type's definition lists the fields before the number. Fields of variable length (texts,
+sequences) are measured once per layout, so messages with the same layout are decoded together.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.messages.cdr import MalformedMessageError, Reader
+from estimator_pkg.messages.layouts import Messages, groups, numbers, stamps
+
+HEADER = 'std_msgs/msg/Header'
+QUATERNION = 'geometry_msgs/msg/Quaternion'
+YAW = 'yaw'
+SEQUENCE = -1  # a length that each message has
+
+_CODES = {
+    'bool': 'B',
+    'byte': 'B',
+    'octet': 'B',
+    'char': 'B',
+    'int8': 'b',
+    'uint8': 'B',
+    'int16': 'h',
+    'uint16': 'H',
+    'int32': 'i',
+    'uint32': 'I',
+    'int64': 'q',
+    'uint64': 'Q',
+    'float32': 'f',
+    'float64': 'd',
+}
+INTEGERS = frozenset(name for name in _CODES if 'int' in name)
+_STEP = re.compile(r'([A-Za-z_]\w*)((?:\[\d+\])?)$')
+
+
+class Kind(NamedTuple):
+    """The type of a field.
+
+    base : 'float64', 'string', ... or a message type, as in 'geometry_msgs/msg/Pose'.
+    length : number of elements; None: not a list; `SEQUENCE`: as many as the message has.
+    """
+
+    base: str
+    length: int | None = None
+
+    @property
+    def is_message(self) -> bool:
+        """True for a message type."""
+        return '/' in self.base
+
+
+Definition = Callable[[str], Mapping[str, Kind]]  # message type -> its fields, in their order
+
+
+class FieldValues(NamedTuple):
+    """Messages of one layout.
+
+    rows : shape (n,), indices of these messages in the block, ascending.
+    frame_id : of their header; empty without a header.
+    stamps_ns : shape (n,), the header's stamps; None: no header.
+    values : shape (n,); None: the messages' sequences are too short to contain the number.
+    """
+
+    rows: NDArray[np.int64]
+    frame_id: str
+    stamps_ns: NDArray[np.int64] | None
+    values: NDArray[np.float64] | None
+
+
+class FieldValue(NamedTuple):
+    """One message, as `FieldValues`."""
+
+    stamp_ns: int | None
+    frame_id: str
+    value: float | None
+
+
+class Field:
+    """A number within messages of a type.
+
+    Parameters
+    ----------
+    definition : returns the fields of a message type.
+    type_name : of the messages, as in 'nav_msgs/msg/Odometry'.
+    path : fields separated by dots, ``[i]`` for an element; `yaw` of an orientation [rad].
+
+    Raises
+    ------
+    UsageError : the type has no such field (the message lists its fields), or it is not a number.
+
+    Attributes
+    ----------
+    is_integer : the field is an integer, so it may be raw counts.
+    type, path : the type and the path.
+    """
+
+    def __init__(self, definition: Definition, type_name: str, path: str) -> None:
+        self._definition = definition
+        self.type = type_name
+        self.path = path
+        steps: list[tuple[str, int | None]] = []
+        for step in path.split('.'):
+            match = _STEP.match(step)
+            if match is None:
+                raise UsageError(f"'{path}' is not a field: write it as pose.position.x or data[0]")
+            steps.append((match[1], int(match[2][1:-1]) if match[2] else None))
+        self._steps = steps
+        self.is_integer = self._check() in INTEGERS
+        self._stamped_by = self._find_header()
+        self._known: _Layout | None = None
+
+    def _check(self) -> str:
+        """Return the base type at the end of the path."""
+        owner = self.type
+        for depth, (name, index) in enumerate(self._steps):
+            known = self._definition(owner)
+            if owner == QUATERNION and name == YAW and index is None:
+                if depth + 1 < len(self._steps):
+                    raise UsageError(f"'{self.path}': yaw has no fields of its own")
+                return YAW
+            if name not in known:
+                also = [YAW] if owner == QUATERNION else []
+                raise UsageError(
+                    f"{owner} has no field '{name}': " + suggestion(name, [*known, *also])
+                )
+            kind = known[name]
+            if kind.length is not None:
+                if index is None:
+                    raise UsageError(
+                        f"'{name}' of {owner} is a list: name an element, as in '{name}[0]'"
+                    )
+                if kind.length != SEQUENCE and index >= kind.length:
+                    raise UsageError(
+                        f"'{name}' of {owner} has {kind.length} elements, so "
+                        f"'{name}[{index}]' does not exist"
+                    )
+            elif index is not None:
+                raise UsageError(f"'{name}' of {owner} is not a list: omit the index")
+            if kind.is_message:
+                owner = kind.base
+                continue
+            if depth + 1 < len(self._steps):
+                raise UsageError(f"'{name}' of {owner} has no fields of its own")
+            if kind.base not in _CODES:
+                raise UsageError(f"'{name}' of {owner} is a {kind.base}: name a numeric field")
+            return kind.base
+        if owner == QUATERNION:
+            raise UsageError(
+                f"'{self.path}' is an orientation: take its yaw with '{self.path}.{YAW}'"
+            )
+        inner = ', '.join(self._definition(owner))
+        raise UsageError(f"'{self.path}' is a {owner}: name one of its fields, {inner}")
+
+    def _find_header(self) -> int:
+        """Return the depth at which a header follows the number; -1: none is needed or there.
+
+        The stamp is that of the last header before the number on the path's own levels, else of
+        the first one after it.
+
+        Raises
+        ------
+        UsageError : a field of a type that is not supported has to be skipped.
+        """
+        owner, stamped, following, after = self.type, False, -1, []
+        for depth, (name, _) in enumerate(self._steps):
+            if owner == QUATERNION and name == YAW:
+                break
+            fields = list(self._definition(owner).items())
+            place = [field for field, _ in fields].index(name)
+            kinds = [kind for _, kind in fields]
+            self._check_skipped(kinds[:place])
+            stamped = stamped or Kind(HEADER) in kinds[:place]
+            after.append(kinds[place + 1 :])
+            if Kind(HEADER) in kinds[place + 1 :]:
+                following = depth
+            owner = kinds[place].base
+        if stamped or following < 0:
+            return -1
+        last = after[following]
+        self._check_skipped(last[: last.index(Kind(HEADER))])
+        for kinds in after[following + 1 :]:
+            self._check_skipped(kinds)
+        return following
+
+    def _check_skipped(self, kinds: Iterable[Kind]) -> None:
+        for kind in kinds:
+            if kind.is_message:
+                self._check_skipped(self._definition(kind.base).values())
+            elif kind.base not in _CODES and kind.base != 'string':
+                raise UsageError(
+                    f"'{self.path}' of {self.type} cannot be read: a {kind.base}, a type that is "
+                    'not supported, is before it or before its header'
+                )
+
+    def decode_block(self, block: Messages) -> tuple[list[FieldValues], list[int]]:
+        """Return the field of many messages by layout, and the malformed rows."""
+        malformed: list[int] = []
+        found = []
+        for group in groups(block, self._layout, malformed):
+            rows, data, layout = group.rows, group.data, group.layout
+            header = None
+            if layout.stamp_at is not None:
+                header = stamps(data, layout.stamp_at, layout.order)
+            found.append(FieldValues(rows, layout.frame_id, header, layout.values(data)))
+        return found, malformed
+
+    def decode(self, raw: bytes) -> FieldValue:
+        """Return the field of one message; raise MalformedMessageError if it has another type.
+
+        It equals that of `decode_block` to the last bit.
+        """
+        layout = self._known
+        if layout is None or not layout.fits(raw):
+            layout = self._known = self._layout(raw)
+        return FieldValue(layout.stamp_ns(raw), layout.frame_id, layout.value(raw))
+
+    def _layout(self, raw: bytes) -> _Layout:
+        layout = _Layout(raw)
+        self._go(layout, self.type, 0)
+        layout.end()
+        return layout
+
+    def _go(self, layout: _Layout, owner: str, depth: int) -> None:
+        """Read the message up to the field, and on to the header that follows it."""
+        name, index = self._steps[depth]
+        if owner == QUATERNION and name == YAW:
+            layout.found(4, 'd', turned=True)
+            return
+        fields = iter(self._definition(owner).items())
+        for field, kind in fields:
+            if field == name:
+                break
+            if kind == Kind(HEADER):
+                layout.header()
+            else:
+                self._skip(layout, kind)
+        count, place = 1, 0
+        if index is not None:
+            count, place = layout.size() if kind.length == SEQUENCE else kind.length or 0, index
+        self._skip_some(layout, kind.base, min(place, count))
+        if place < count:
+            if kind.is_message:
+                self._go(layout, kind.base, depth + 1)
+            else:
+                layout.found(1, _CODES[kind.base])
+        if 0 <= self._stamped_by <= depth:
+            self._skip_some(layout, kind.base, max(count - place - 1, 0))
+            for _, kind in fields:
+                if kind == Kind(HEADER) and depth == self._stamped_by:
+                    layout.header()
+                    return
+                self._skip(layout, kind)
+
+    def _skip(self, layout: _Layout, kind: Kind) -> None:
+        count = layout.size() if kind.length == SEQUENCE else kind.length
+        self._skip_some(layout, kind.base, 1 if count is None else count)
+
+    def _skip_some(self, layout: _Layout, base: str, count: int) -> None:
+        if base in _CODES:
+            layout.skip_numbers(_CODES[base], count)
+            return
+        for _ in range(count):
+            if base == 'string':
+                layout.skip_text()
+            else:
+                for kind in self._definition(base).values():
+                    self._skip(layout, kind)
+
+
+class _Layout:
+    """Positions of the field and the header in messages with this layout."""
+
+    def __init__(self, raw: bytes) -> None:
+        self._reader = Reader(raw)
+        self._decides = [(0, 2)]  # byte ranges: byte order, lengths, the frame_id
+        self.order = self._reader.order
+        self.stamp_at: int | None = None
+        self.frame_id = ''
+        self._at = 0
+        self._kind = self._code = ''
+        self._count = 0
+        self._turned = False
+
+    def end(self) -> None:
+        """Prepare for single messages, after the last read."""
+        raw = bytes(self._reader.raw)
+        self.length = self._reader.at
+        self._fixed = [(slice(start, end), raw[start:end]) for start, end in self._decides]
+        self._stamp = struct.Struct(f'{self.order}iI')
+        code = self._code if self._count else 'B'
+        self._numbers = struct.Struct(f'{self.order}{self._count}{code}')
+
+    def deciding(self) -> NDArray[np.bool_]:
+        """See `estimator_pkg.messages.layouts.LayoutLike`."""
+        mask = np.zeros(self.length, bool)
+        for where, _ in self._fixed:
+            mask[where] = True
+        return mask
+
+    def fits(self, raw: bytes) -> bool:
+        """Return True if a message has this layout."""
+        return len(raw) >= self.length and all(raw[where] == same for where, same in self._fixed)
+
+    def size(self) -> int:
+        """Read the length before a sequence or text."""
+        count: int = self._reader.number('I')
+        self._decides.append((self._reader.at - 4, self._reader.at))
+        if count > len(self._reader.raw):
+            raise MalformedMessageError('message is too short')
+        return count
+
+    def skip_numbers(self, code: str, count: int) -> None:
+        """Read numbers of another field."""
+        self._reader.numbers(code, count)
+
+    def skip_text(self) -> None:
+        """Read a text of another field."""
+        self._reader.numbers('B', self.size())
+
+    def header(self) -> None:
+        """Read a std_msgs/Header: its stamp is that of the measurement."""
+        self._reader.numbers('I', 2)
+        self.stamp_at = self._reader.at - 8
+        start = self._reader.at
+        self.skip_text()
+        text = self._reader.raw[start : self._reader.at]
+        padding = -(start - 4) % 4
+        self.frame_id = bytes(text[padding + 4 : -1]).decode('utf-8', 'replace')
+        self._decides.append((start + padding, self._reader.at))
+
+    def found(self, count: int, code: str, *, turned: bool = False) -> None:
+        """Note the field at this position: `count` numbers; `turned`: a quaternion, for its yaw."""
+        self._reader.numbers(code, count)
+        self._code = code
+        self._kind = np.dtype(self.order + code).str
+        self._at = self._reader.at - count * np.dtype(self._kind).itemsize
+        self._count, self._turned = count, turned
+
+    def stamp_ns(self, raw: bytes) -> int | None:
+        """Return the header's stamp of a message [ns]; None without a header."""
+        if self.stamp_at is None:
+            return None
+        sec, nanosec = self._stamp.unpack_from(raw, self.stamp_at)
+        stamp: int = sec * 1_000_000_000 + nanosec
+        return stamp
+
+    def value(self, raw: bytes) -> float | None:
+        """Return the number of a message; None if it is not in it."""
+        if not self._count:
+            return None
+        found = self._numbers.unpack_from(raw, self._at)
+        return _yaw(*_sin_cos_of_yaw(*found)) if self._turned else float(found[0])
+
+    def values(self, data: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+        """Return the numbers of these messages, shape (n,)."""
+        if not self._count:
+            return None
+        found = numbers(data, self._at, self._count, self._kind).astype(np.float64)
+        if not self._turned:
+            return found[:, 0]
+        # NumPy's arctan2 differs from that of single numbers in the last bit on some processors.
+        with np.errstate(all='ignore'):
+            sin, cos = _sin_cos_of_yaw(*found.T)
+        return np.fromiter(map(_yaw, sin.tolist(), cos.tolist()), np.float64, len(sin))
+
+
+def _yaw(sin: float, cos: float) -> float:
+    """Return the angle; NaN for a quaternion of zeros, which is no orientation."""
+    return math.atan2(sin, cos) if sin or cos else math.nan
+
+
+def _sin_cos_of_yaw(x: Any, y: Any, z: Any, w: Any) -> tuple[Any, Any]:
+    """Return sine and cosine of the yaw, both times the same positive number.
+
+    Parameters
+    ----------
+    x, y, z, w : of the quaternion: numbers, or arrays of equal shape.
+    """
+    return 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z
