@@ -359,6 +359,8 @@ class Health:
         found.update(self._of_names(now))
         found.update(self._of_silence(now))
         found.update(self._of_messages(new))
+        if 'missing' in found:  # this is why
+            found.pop('mismatched', None)
         mixed = any(kind.startswith('twice') for kind in found)
         found.update(self._of_stamps(new, mixed))
         self._find_rates(new, now, mixed)
@@ -448,15 +450,15 @@ class Health:
             return found
         _, arrived = self._arrivals[0]
         for name, (_, since, before) in self._used.items():
-            lost = self._published.get(name, (INITIALISING, ''))[0] == LOST
+            lost = before and self._published.get(name, (INITIALISING, ''))[0] == LOST
             if lost and before == joints[name].received and arrived - since > joints[name].silence:
                 self._silent.setdefault(name, since)
         measured = self.inputs[0]
         carried = measured.senders.recent(now - patience)
-        gone = sorted(set(self._silent) - carried)
+        gone = sorted(set(self._names_of(self._silent)) - carried)
         if gone and carried:
             what = f'no sample of {listed(gone, chr(39))} on {measured.topic_name}'
-            ended = self._ended(measured, what, self._silent[gone[0]], now)
+            ended = self._ended(measured, what, max(self._silent.values()), now)
             found['silent'] = (
                 ended if 'ended;' in ended else self._absent(gone, now, 'check its publisher')
             )

@@ -717,7 +717,7 @@ def rows(cases):
 
 def shape(line):
     """A row without its numbers and its last column."""
-    line = re.sub(r'; (did you mean|others of this type)[^|]*', '', line)
+    line = re.sub(r'; (did you mean|others of this type)[^|]*(?= \|)', '', line)
     return re.sub(r'\d+(\.\d+)?', 'N', line.rstrip().rstrip('|').rpartition('|')[0])
 
 
