@@ -5,11 +5,12 @@ from __future__ import annotations
 import importlib
 import inspect
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from time import monotonic, time_ns
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Infinite
 from rclpy.event_handler import (
     PublisherEventCallbacks,
     SubscriptionEventCallbacks,
@@ -21,10 +22,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
+    LivelinessPolicy,
+    QoSCompatibility,
     QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
-    qos_policy_name_from_kind,
+    qos_check_compatible,
 )
 from rclpy.qos_overriding_options import (
     InvalidQosOverridesError,
@@ -33,7 +36,9 @@ from rclpy.qos_overriding_options import (
 )
 from rclpy.subscription import Subscription
 
-from estimator_pkg.errors import UsageError
+from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.nodes.faults import Senders, listed, say
 from estimator_pkg.nodes.ros_parameters import in_words
 from estimator_pkg.ros.executor import waiting
 from estimator_pkg.ros.loss import Loss
@@ -74,6 +79,7 @@ SETTLED = 0.1  # [s] without a change among publishers and subscribers: they kno
 SETTLED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
 WAIT_FOR_PUBLISHER = 10.0  # [s] without a publisher, after which we subscribe all the same:
 # some bridges publish only topics that have a subscriber
+UNNAMED_PUBLISHER = 'an unnamed publisher'
 UNNAMED = '_NODE_NAME_UNKNOWN_'  # ROS's name for a node that is not completely discovered
 
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
@@ -90,16 +96,37 @@ class Input:
     ----------
     topic_name : fully qualified. kind : message class.
     make : makes the subscription.
+    port : name of the topic before remapping. qos : requested. optional : it needs no publisher.
 
     Attributes
     ----------
+    type : name of the message class.
+    found : nodes that publish the topic so that they are connected, at the last examination.
+    left : nodes that were found before, and when they were missed, by `monotonic` [s].
+    unnamed : True if a publisher had no name at the last report; set by the reporter.
+    senders : what the messages carry; they are only looked at while `watched`.
     subscription : None while there is none.
     callback : receives its messages. loss : counts those that are lost.
     unpublished_since : when a publisher was last known, by `monotonic` [s].
     """
 
-    def __init__(self, topic_name: str, kind: type, make: Callable[[], Subscription]) -> None:
-        self.topic_name, self.kind, self._make = topic_name, kind, make
+    def __init__(
+        self,
+        topic_name: str,
+        kind: type,
+        make: Callable[[], Subscription],
+        port: str,
+        qos: QoSProfile,
+        optional: bool = False,
+    ) -> None:
+        self.topic_name, self._make, self.port, self.qos = topic_name, make, port, qos
+        self.optional = optional
+        self.type = _type_name(kind)
+        self.found: list[str] = []
+        self.left: dict[str, float] = {}
+        self.unnamed = False
+        self.senders = Senders(self.type == JOINT_STATE)
+        self.watched = True
         self.subscription: Subscription | None = None
         self.callback: Callable[..., None]
         self.loss = Loss(self.publishers)
@@ -173,6 +200,7 @@ class Endpoints:
         self.qos_mismatches = 0
         self._inputs: list[Input] = []
         self._publishers: list[Publisher] = []
+        self._written: dict[str, str] = {}  # topic -> the same before remapping
         self._on_demand: list[OnDemand] = []
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
         self._settled = monotonic() + SETTLED_AT_START  # when all of them know us
@@ -202,26 +230,102 @@ class Endpoints:
         for each, publishers in zip(self._inputs, known):
             each.connect(publishers, now >= self._settled, node)
 
-    def of_other_types(self) -> list[str]:
-        """Return, as texts, the publishers on our inputs with another message type.
+    def refuse_circles(self) -> None:
+        """Raise UsageError if an output is published on a topic that the node reads."""
+        for publisher in self._publishers:
+            for each in self._inputs:
+                if publisher.topic_name == each.topic_name:
+                    name = each.topic_name.rpartition('/')[2]
+                    raise UsageError(
+                        f'{self._written[publisher.topic_name]} and the input {each.port} are the '
+                        f'same topic {each.topic_name}, so the node would read its own output: '
+                        f"remap the input to the driver's topic, as in '-r {each.port}:={name}_raw'"
+                    )
 
-        DDS does not report them: they are not connected, as if they did not exist.
+    def faults(self) -> dict[str, str]:
+        """Return what is wrong among the publishers of our inputs and the subscribers of our
+        outputs, as texts by kind; DDS reports most of it to nobody.
         """
-        texts = []
+        node, texts = self._node, {}
         for each in self._inputs:
-            topic, expected = each.topic_name, _type_name(each.kind)
-            texts += [
-                f'{found.node_name} publishes {found.topic_type} on {topic}, where this node '
-                f'needs {expected}: they are not connected; remap one of them'
-                for found in self._node.get_publishers_info_by_topic(topic)
-                if found.topic_type != expected and found.node_name != UNNAMED
-            ]
+            topic = each.topic_name
+            others = node.get_publishers_info_by_topic(topic)
+            before = each.found
+            wrong, each.found = self._misfits(others, topic, each.type, each.qos, 'publisher')
+            each.left.update(dict.fromkeys(set(before) - set(each.found), monotonic()))
+            for name in each.found:
+                each.left.pop(name, None)
+            texts.update(wrong)
+            if not others and not each.optional:
+                values = {'topic': topic, 'type': each.type, 'port': each.port}
+                texts[f'nobody {topic}'] = say('nobody', **values, hint=self._instead(each))
+        for publisher in self._publishers:
+            topic = publisher.topic_name
+            others = node.get_subscriptions_info_by_topic(topic)
+            kind, qos = _type_name(publisher.msg_type), publisher.qos_profile
+            texts.update(self._misfits(others, topic, kind, qos, 'subscription')[0])
         return texts
 
+    def _misfits(
+        self, others: Iterable[Any], topic: str, kind: str, qos: QoSProfile, role: str
+    ) -> tuple[dict[str, str], list[str]]:
+        """Return (texts about endpoints of others that are not connected, names of the rest)."""
+        texts, rest = {}, []
+        qos = _offered(qos)
+        for other in others:
+            who = _full_name(other)
+            if other.topic_type != kind:
+                does = {'other': other.topic_type, 'topic': topic, 'type': kind}
+                if role == 'publisher':
+                    texts[f'type {topic} {who}'] = say('type', who=who, **does)
+                continue
+            ends = (other.qos_profile, qos) if role == 'publisher' else (qos, other.qos_profile)
+            compatible, reason = qos_check_compatible(*ends)
+            if compatible != QoSCompatibility.ERROR:
+                rest.append(who)
+                continue
+            own = 'subscription' if role == 'publisher' else 'publisher'
+            policy = next((each for word, each in _POLICIES.items() if word in reason), '')
+            theirs, ours = (_value(each, policy) for each in (other.qos_profile, qos))
+            remedy = (
+                f"set the parameter 'qos_overrides.{topic}.{own}.{policy}' to {theirs}"
+                if policy in ('reliability', 'durability')
+                else f'change it in {who}'
+            )
+            values = {'policy': policy or 'QoS', 'theirs': theirs, 'ours': ours}
+            texts[f'qos {topic} {who}'] = say(
+                'qos', role=role, topic=topic, who=who, remedy=remedy, **values
+            )
+        return texts, rest
+
+    def _instead(self, each: Input) -> str:
+        """Return the topics with a publisher of an input's type that may be meant, as text."""
+        node = self._node
+        own = {*self.inputs, *(publisher.topic_name for publisher in self._publishers)}
+        names = sorted(
+            name
+            for name, kinds in node.get_topic_names_and_types()
+            if each.type in kinds and name not in own and node.count_publishers(name)
+        )
+        if not names:
+            return ''
+        said = suggestion(each.topic_name, names)
+        return f'; {said}' if 'mean' in said else f'; others of this type: {listed(names)}'
+
     def subscribe(
-        self, kind: type, topic: str, receive: Receive, qos: QoSProfile | None = None
+        self,
+        kind: type,
+        topic: str,
+        receive: Receive,
+        qos: QoSProfile | None = None,
+        *,
+        optional: bool = False,
     ) -> Input:
         """Return an input that `connect` subscribes; `receive` gets every message's bytes and info.
+
+        Parameters
+        ----------
+        optional : the node works without a publisher of it.
 
         Raises
         ------
@@ -236,13 +340,18 @@ class Endpoints:
                 callback,
                 profile,
                 raw=True,
-                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch, **events),
+                event_callbacks=SubscriptionEventCallbacks(
+                    incompatible_qos=self._mismatch, **events
+                ),
             )
 
         made = Input(
             name,
             kind,
             lambda: self._made(topic, make, {'matched': matched, 'message_lost': reported}),
+            topic,
+            profile,
+            optional,
         )
         loss = made.loss
         saw = loss.saw
@@ -251,13 +360,12 @@ class Endpoints:
             # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
             raw, info = arguments if len(arguments) == 2 else arguments[0]
             saw(info['publication_sequence_number'], info['source_timestamp'])
+            if made.watched:
+                made.senders.saw(raw, info['publication_sequence_number'])
             receive(raw, info)
 
         callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
         made.callback = callback
-
-        def mismatch(event: Any) -> None:
-            self._mismatch(name, 'publisher', 'subscription', event)
 
         def matched(event: Any) -> None:
             if event.current_count_change < 0:
@@ -290,10 +398,6 @@ class Endpoints:
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
         """Create a publisher; raise UsageError for a wrong ``qos_overrides`` parameter."""
-        holder: list[Publisher] = []
-
-        def mismatch(event: Any) -> None:
-            self._mismatch(holder[0].topic_name, 'subscription', 'publisher', event)
 
         def make() -> Publisher:
             return self._node.create_publisher(
@@ -301,12 +405,13 @@ class Endpoints:
                 topic,
                 qos or estimates(),
                 qos_overriding_options=_overriding(),
-                event_callbacks=PublisherEventCallbacks(incompatible_qos=mismatch),
+                event_callbacks=PublisherEventCallbacks(incompatible_qos=self._mismatch),
             )
 
-        holder.append(self._made(topic, make, {}))
-        self._publishers.append(holder[0])
-        return holder[0]
+        made: Publisher = self._made(topic, make, {})
+        self._publishers.append(made)
+        self._written[made.topic_name] = topic
+        return made
 
     def on_demand(self, kind: type, topic: str) -> OnDemand:
         """Create a publisher of messages made on demand; raises as `publisher`."""
@@ -334,14 +439,41 @@ class Endpoints:
             why = str(error).rpartition('are not valid: ')[2]
             raise UsageError(f"qos_overrides of '{topic}': {why}") from error
 
-    def _mismatch(self, topic: str, other: str, own: str, event: Any) -> None:
+    def _mismatch(self, event: Any) -> None:
         # the change is 0 where the other side was there before: an event is one at least
         self.qos_mismatches += max(1, event.total_count_change)
-        policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
-        self._node.get_logger().warning(
-            f'a {other} on {topic} has an incompatible QoS and is not connected: {policy} differs; '
-            f"set the parameter 'qos_overrides.{topic}.{own}.{policy}'"
-        )
+
+
+_POLICIES = {
+    'eliab': 'reliability',
+    'olatile': 'durability',
+    'eadline': 'deadline',
+    'iveliness': 'liveliness',
+}  # word in the reason of `qos_check_compatible` -> policy
+
+
+def _offered(qos: QoSProfile) -> QoSProfile:
+    """Return one of our profiles as the graph shows it: the policies that we leave open are set."""
+    return QoSProfile(
+        depth=1,
+        reliability=qos.reliability,
+        durability=qos.durability,
+        deadline=Infinite,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Infinite,
+    )
+
+
+def _value(qos: QoSProfile, policy: str) -> str:
+    value = getattr(qos, policy, '')
+    return str(getattr(value, 'name', value)).lower()
+
+
+def _full_name(endpoint: Any) -> str:
+    """Return the node of another's endpoint; a publisher outside ROS has none."""
+    if endpoint.node_name == UNNAMED:
+        return UNNAMED_PUBLISHER
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
 def _overriding() -> QoSOverridingOptions:

@@ -111,9 +111,9 @@ class ObserverNode(Node):
         self._ros.watch(self._check, self._apply)
         stream.go_live()
         stream.wanted[:] = [not output.on_demand for output in stream.outputs]
-        inputs = [self._listen(port) for port in range(len(stream.inputs))]
-        self.health.input = inputs[0]
-        stream.topics = [each.topic_name for each in inputs]
+        self.health.inputs = [self._listen(port) for port in range(len(stream.inputs))]
+        self._endpoints.refuse_circles()
+        stream.topics = [each.topic_name for each in self.health.inputs]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_AROUND, self._look_around, clock=steady)
         # It subscribes once the executor runs: the queues of subscriptions are not long.
@@ -144,7 +144,7 @@ class ObserverNode(Node):
                 self.health.took(perf_counter() - begun)
 
         kind = message_types.find(port.type) if port.field else get_message(port.type)
-        return self._endpoints.subscribe(kind, port.topic, came)
+        return self._endpoints.subscribe(kind, port.topic, came, optional=port.optional)
 
     def _failed(self, topic: str, error: Exception) -> None:
         """Reset after a failure of the observer, so that other joints keep their estimates."""

@@ -11,6 +11,7 @@ about 25 us more per message if messages arrive one by one, and less if several 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from inspect import iscoroutinefunction
 from time import monotonic, perf_counter
 from typing import Any
@@ -264,7 +265,8 @@ class SteadyExecutor:
             self._events.spin_once(timeout_sec=0.0)  # adds the nodes
             self._turns.look_at(self._nodes)
             return
-        self._events.spin_once(timeout_sec=timeout_sec)
+        with suppress(InvalidHandle):  # an event of a subscription that was destroyed before it ran
+            self._events.spin_once(timeout_sec=timeout_sec)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """See `rclpy.executors.Executor`."""

@@ -424,6 +424,10 @@ class Stream(ABC):
         """Return what is estimated, as text."""
         return ', '.join(sorted(self.bank.only)) or f'every {self.KEPT}'
 
+    def needed(self) -> set[str]:
+        """Return the joints that the measurement must contain because the parameters name them."""
+        return {*self.bank.only, *self.bank.configuration.overrides}
+
     def about(self, name: str) -> Mapping[str, Any]:
         """Return further values for the status of a joint."""
         return {}

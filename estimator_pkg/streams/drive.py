@@ -278,6 +278,10 @@ class DriveStream(Stream):
         """See `Stream`."""
         return f"'{self.names[0]}'{' (compiled)' if self.joint.fast else ''}"
 
+    def needed(self) -> set[str]:
+        """See `Stream`: currents and voltages have no names."""
+        return set()
+
     def names_of(self, name: str) -> tuple[str, ...]:
         """See `Stream`."""
         return self.names

@@ -123,6 +123,10 @@ class MechanicalStream(DrivenStream):
             joint for mechanism in self.bank.joints.values() for joint in mechanism.names
         )
 
+    def needed(self) -> set[str]:
+        """See `Stream`."""
+        return {joint for mechanism in self.bank.joints.values() for joint in mechanism.names}
+
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`: also stamps without a joint, and the effect of the gains."""
         self._explain()

@@ -120,6 +120,10 @@ class SwitchedStream(DrivenStream):
         """See `Stream`."""
         return ', '.join(self.bank.names)
 
+    def needed(self) -> set[str]:
+        """See `Stream`."""
+        return set(self.bank.names)
+
     def notices(self) -> list[str]:
         """See `Stream`."""
         refused, self.refused_event = self.refused_event, ''

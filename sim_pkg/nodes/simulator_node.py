@@ -21,9 +21,11 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.printable import PrintableLogger
-from sim_pkg.contract import FOREVER, RunSettings, Simulator, Topic
+from sim_pkg.contract import FOREVER, Message, RunSettings, Simulator, Topic
 from sim_pkg.nodes.deadline import Deadlines
 
 SENSOR_DATA = QoSProfile(
@@ -100,6 +102,8 @@ class SimulatorNode(Node):
             for topic in topics
         ]
         duration = math.inf if settings.duration == FOREVER else settings.duration
+        self._topics = topics
+        self._rate = getattr(parameters, 'rate', getattr(parameters, 'sample_rate', 0.0))
         self._chunks = simulator.generate(parameters, duration, settings.seed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -141,6 +145,7 @@ class SimulatorNode(Node):
         if not self._wait_for_subscribers():
             return False
         first = next(self._chunks, [])  # before the clock starts: the first chunk takes longest
+        self._report_topics(first)
         start_ns = self.deadlines.start()
         for chunk in itertools.chain([first], self._chunks):
             for message in chunk:
@@ -151,6 +156,18 @@ class SimulatorNode(Node):
         for sender in self._senders.values():
             sender.wait_for_all_acked(Duration(seconds=1))
         return self.deadlines.pause(LINGER)
+
+    def _report_topics(self, chunk: list[Message]) -> None:
+        """Log what this node publishes."""
+        said = []
+        for topic in self._topics:
+            raw = next((each.encode(0) for each in chunk if each.topic == topic.name), None)
+            names = Decoder().decode(raw).names if raw and topic.type == JOINT_STATE else ()
+            joints = f': {", ".join(names)}' if names else ''
+            truth = ' (ground truth)' if topic.truth else ''
+            said.append(f'{self._senders[topic.name].topic_name}{truth}, {topic.type}{joints}')
+        rate = f'{self._rate:g} samples per second on ' if self._rate else ''
+        self.get_logger().info(f'publishes {rate}{"; ".join(said)}')
 
     def _wait_for_subscribers(self) -> bool:
         """Wait for the requested numbers of subscribers; return False if stopped meanwhile."""

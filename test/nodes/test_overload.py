@@ -228,3 +228,40 @@ def test_joints_expire_unless_they_are_named(still, kind, capfd):
     assert 'no sample for 0.02 s, removed (expiry)' in said and "'joints_max'" in said
     live.feed(['old'], 9)
     assert live.node.stream.bank.joints['old'].used == 1
+
+
+def test_an_event_of_a_destroyed_subscription_is_dropped(probe):
+    """DDS queues that a publisher left, and its subscription is destroyed before the event runs."""
+    import rclpy
+    from rclpy.event_handler import SubscriptionEventCallbacks
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.ros.runtime import make_executor
+
+    executor, node = make_executor(), rclpy.create_node('leaving')
+    executor.add_node(node)
+
+    def spin(seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.01)
+
+    try:
+        for _ in range(3):
+            matched = []
+            subscription = node.create_subscription(
+                JointState,
+                'leaving',
+                lambda message: None,
+                10,
+                event_callbacks=SubscriptionEventCallbacks(matched=matched.append),
+            )
+            publisher = probe.node.create_publisher(JointState, 'leaving', 10)
+            assert dds.until(lambda matched=matched: matched, lambda: spin(0.01))
+            probe.node.destroy_publisher(publisher)
+            time.sleep(0.3)  # the event waits
+            node.destroy_subscription(subscription)
+            spin(0.2)
+    finally:
+        executor.shutdown()
+        node.destroy_node()

@@ -1,0 +1,231 @@
+"""What keeps a node from estimating, or makes its estimates doubtful: each fault, as the user reads
+it.
+
+A fault is reported in three ways: once on the terminal when it begins, and while it lasts in
+``~/status`` and in ``/diagnostics``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from time import monotonic
+
+from estimator_pkg.errors import suggestion
+from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.joint_state import Layout
+
+SHOWN = 5.0  # time for which an event stays among the faults [s]
+AGAIN = 2.0  # a fault that returns after this time is logged again [s]
+NAMED = 5  # largest number of names in a text
+SLOWEST_TURNS = 5.0  # time in which several publishers of a joint must alternate [s]
+LAYOUTS = 8  # layouts that are kept to read names
+
+TEXTS: Mapping[str, str] = {
+    'nobody': 'nobody publishes {topic} ({type}): start its publisher, or remap the input with '
+    "'-r {port}:=TOPIC'{hint}",
+    'mute': '{who} publishes {topic}, but no message has arrived: check that it runs and is not '
+    'paused',
+    'type': '{who} publishes {other} on {topic}, where this node needs {type}: they are not '
+    'connected; remap one of them',
+    'qos': 'a {role} on {topic} has an incompatible QoS and is not connected: {who} has '
+    '{policy} {theirs}, this node {ours}; {remedy}',
+    'twice': '{names} on {topic} from {who}: the estimates mix their samples; stop one of them, '
+    'or remap its topic',
+    'missing': '{names} not in {topic}, which carries {carried}: {hint}',
+    'ended': '{what} for {passed:.1f} s: {who} ended; start it again',
+    'silent': '{what} for {passed:.1f} s: nothing comes from {who}; check that it runs and is not '
+    'paused (after a crash it stays visible for up to 20 s)',
+    'back': '{subject} back on {topic} after an outage of {passed:.1f} s',
+    'zero_stamp': '{count} samples on {topic} have no time stamp and are dropped: {remedy}',
+    'no_clock': 'use_sim_time is true, but nobody publishes /clock: start the simulation, play the '
+    "bag with '--clock', or unset use_sim_time",
+    'clock': "stamps on {topic} are {offset} this node's clock ({clock}): {remedy}",
+    'duplicate': '{count} of {received} samples on {topic} repeat the previous stamp and are '
+    'dropped: stamp each measurement once{remedy}',
+    'late': '{count} of {received} samples on {topic} are older than the previous one and are '
+    'dropped: publish them in the order of their stamps',
+    'repeated': '{count} of {received} samples on {topic} repeat the previous reading and are '
+    'dropped: publish each reading once; the sensor is slower than its driver',
+    'rate': 'the rate of {topic} changed from {before} to {after} Hz: check the load of '
+    'its publisher; if the new rate is right, check the gains for it',
+    'jump': 'the clock of the measurements jumped (a looping bag, a restarted simulation{several}):'
+    ' its {kept}s are reset',
+    'malformed': 'messages on {topic} are malformed and dropped: {why}',
+    'mismatched': 'messages on {topic} are dropped: {why}',
+    'refused': "{count} samples on {topic} are beyond joints_max (newest name: '{name}'; "
+    "{joints} joints exist): name the required joints in 'joints', or raise 'joints_max'",
+    'lost': '{count} of {sent} messages on {topic} were lost in {passed:.0f} s: their rate is too '
+    'high for this node or the network; lower it, or stop other processes',
+}
+
+
+def say(fault: str, **values: object) -> str:
+    """Return the text of a fault."""
+    return TEXTS[fault].format(**values)
+
+
+def listed(names: Iterable[str], quote: str = '') -> str:
+    """Return names for a text: 'a, b and 3 more'."""
+    names = list(names)
+    more = f' and {len(names) - NAMED} more' if len(names) > NAMED else ''
+    return ', '.join(f'{quote}{name}{quote}' for name in names[:NAMED]) + more
+
+
+def of_joints(names: Sequence[str], kept: str, verb: tuple[str, str]) -> str:
+    """Return the subject of a text about joints with its verb: "joints 'a', 'b' are"."""
+    plural = len(names) > 1
+    return f'{kept}{"s" * plural} {listed(names, chr(39))} {verb[plural]}'
+
+
+def publishers(names: Sequence[str]) -> str:
+    """Return the publishers that may have sent something: two of them, or candidates among many."""
+    if len(names) == 2:
+        one, other = names
+        return f'two publishers of {one}' if one == other else f'two publishers, {one} and {other}'
+    return f'several of the publishers {listed(names)}'
+
+
+def absent(missing: Sequence[str], topic: str, carried: Collection[str], otherwise: str) -> str:
+    """Return the text about joints that a topic does not carry.
+
+    Parameters
+    ----------
+    otherwise : remedy, if no name of the topic is similar.
+    """
+    hints = [suggestion(name, carried) for name in missing]
+    near = [hint for hint in hints if hint.startswith('did you mean')]
+    return say(
+        'missing',
+        names=of_joints(missing, 'joint', ('is', 'are')),
+        topic=topic,
+        carried=listed(sorted(carried)) or 'no names',
+        hint=' '.join(near[:NAMED]) or otherwise,
+    )
+
+
+def rounded(rate: float) -> str:
+    """Return a rate for a text, as '500' [Hz]."""
+    return f'{rate:.0f}' if rate >= 10.0 else f'{rate:.3g}'
+
+
+def distance(seconds: float) -> str:
+    """Return the distance of a stamp from the clock, as '3600 s behind'."""
+    digits = 0 if abs(seconds) > 10.0 else 1
+    return f'{abs(seconds):.{digits}f} s {"behind" if seconds < 0.0 else "ahead of"}'
+
+
+class Faults:
+    """The present faults of a node; each is logged once, when it begins.
+
+    Parameters
+    ----------
+    log : logs a text.
+
+    Attributes
+    ----------
+    present : texts of the present faults, by kind.
+    """
+
+    def __init__(self, log: Callable[[str], None]) -> None:
+        self._log = log
+        self.present: dict[str, str] = {}
+        self._lasting: dict[str, str] = {}
+        self._events: dict[str, tuple[str, float]] = {}  # text, and until when it is shown
+        self._seen: dict[str, float] = {}  # when a fault was last present
+
+    def begin(
+        self, kind: str, text: str, now: float, log: Callable[[str], None] | None = None
+    ) -> None:
+        """Report an event at once, and show it for a while."""
+        self._enter(kind, text, now, log or self._log)
+        self._events[kind] = text, now + SHOWN
+        self._collect(now)
+
+    def update(self, lasting: Mapping[str, str], now: float) -> None:
+        """Take the faults that are present now; events are kept."""
+        for kind, text in lasting.items():
+            self._enter(kind, text, now, self._log)
+        self._lasting = dict(lasting)
+        self._collect(now)
+
+    def _enter(self, kind: str, text: str, now: float, log: Callable[[str], None]) -> None:
+        if now - self._seen.get(kind, -math.inf) > AGAIN:
+            log(text)
+        self._seen[kind] = now
+
+    def _collect(self, now: float) -> None:
+        self._events = {kind: each for kind, each in self._events.items() if now < each[1]}
+        for kind in self._events:
+            self._seen[kind] = now
+        self.present = self._lasting | {kind: text for kind, (text, _) in self._events.items()}
+
+
+class Senders:
+    """What the messages of a topic carry, and whether several publishers send the same joint.
+
+    Messages do not name their publisher, but the sequence numbers of one publisher only grow. Those
+    of a joint that two publishers send go back at least once for each message of the slower one.
+
+    Parameters
+    ----------
+    named : the messages are JointStates.
+
+    Attributes
+    ----------
+    names : joints of the messages, and when they last came, by `monotonic` [s].
+    """
+
+    def __init__(self, named: bool) -> None:
+        self._named = named
+        self._layouts: list[Layout] = []
+        self.forget()
+
+    def forget(self) -> None:
+        """Start again, with other publishers."""
+        self.names: dict[str, float] = {}
+        self._newest: dict[str, int] = {}
+        self._turns: Counter[str] = Counter()
+        self._turned: dict[str, tuple[int, float]] = {}  # turns, and when they last grew
+
+    def saw(self, raw: bytes, sequence: int | None) -> None:
+        """Take a message."""
+        newest, turns = self._newest, self._turns
+        names = self._names_of(raw)
+        self.names.update(dict.fromkeys(names, monotonic()))
+        if not sequence:  # this middleware provides no numbers
+            return
+        for name in names:
+            if sequence <= newest.get(name, 0):
+                turns[name] += 1
+            newest[name] = sequence
+
+    def recent(self, since: float) -> set[str]:
+        """Return the joints that came after this time."""
+        return {name for name, when in self.names.items() if name and when > since}
+
+    def twice(self, now: float) -> list[str]:
+        """Return the joints that several publishers send; to be called regularly."""
+        found = []
+        for name, turns in self._turns.items():
+            before, since = self._turned.get(name, (0, now))
+            if turns > before:
+                since = now
+            self._turned[name] = turns, since
+            if turns > 1 and now - since < SLOWEST_TURNS:  # one turn: a publisher started again
+                found.append(name)
+        return sorted(found)
+
+    def _names_of(self, raw: bytes) -> Sequence[str]:
+        if not self._named:
+            return ('',)
+        for layout in self._layouts:
+            if layout.fits(raw):
+                return layout.names
+        try:
+            layout = Layout(raw)
+        except MalformedMessageError:
+            return ()
+        self._layouts = [layout, *self._layouts[: LAYOUTS - 1]]
+        return layout.names
