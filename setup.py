@@ -53,8 +53,9 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
-        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}/launch', glob('launch/*.launch.*')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/layouts', glob('layouts/*')),
     ],
     install_requires=[
         'numpy>=1.26,<3',
