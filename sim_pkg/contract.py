@@ -58,7 +58,7 @@ class RunSettings:
     seed: int = parameter(
         1,
         unit='',
-        range=(0, 2**63 - 1),
+        range=(0, 2**31 - 1),  # a slider of rqt_reconfigure has 32 bits
         structural=True,
         description='the same seed and parameters give the same values and the same stamps '
         "relative to the start, live and in 'velocity_estimator simulate'",

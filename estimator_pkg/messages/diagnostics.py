@@ -34,7 +34,7 @@ def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
         writer.numbers('B', (OK if status.good else WARN,))
         writer.text(status.name)
         writer.text(status.message)
-        writer.text('')
+        writer.text(status.name)  # hardware_id: the joint
         writer.numbers('I', (len(status.values),))
         for key, value in status.values.items():
             writer.text(key)

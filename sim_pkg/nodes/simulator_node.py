@@ -181,6 +181,7 @@ class SimulatorNode(Node):
             level=DiagnosticStatus.WARN if behind else DiagnosticStatus.OK,
             name=f'{self.get_fully_qualified_name()}: deadlines',
             message=deadlines.summary(),
+            hardware_id=self.get_fully_qualified_name(),
             values=[
                 KeyValue(key=key, value=value)
                 for key, value in (
