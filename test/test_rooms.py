@@ -21,6 +21,9 @@ ROS = {
     'diagnostic_msgs',
     'launch',
     'launch_ros',
+    'ament_copyright',
+    'ros2cli',
+    'ros2doctor',
 }
 PACKAGES = {  # room: packages that its files may import, wherever in a file
     'observers': {'numpy'},

@@ -12,7 +12,7 @@ import threading
 import time
 from contextlib import ExitStack
 
-from estimator_pkg.ros.runtime import run as run_node  # first: settles what rclpy reads  # isort: skip
+from estimator_pkg.ros.runtime import run as run_node  # first: rclpy reads it  # isort: skip
 
 import numpy as np
 import psutil
