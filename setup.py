@@ -56,7 +56,7 @@ setup(
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
-        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}', ['package.xml', 'LICENSE']),
         (f'share/{NAME}/launch', glob('launch/*.launch.*')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
         (f'share/{NAME}/layouts', glob('layouts/*')),
@@ -71,7 +71,8 @@ setup(
     extras_require=EXTRAS,
     python_requires='>=3.10',
     zip_safe=True,
-    author='velocity_estimator maintainers',
+    author='velocity_estimator contributors',
+    author_email='velocity-estimator@example.org',
     maintainer='velocity_estimator maintainers',
     maintainer_email='velocity-estimator@example.org',
     description='Live velocity estimation for ROS 2: observers, simulators, bags and tuning.',

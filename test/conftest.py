@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import sys
@@ -31,6 +32,54 @@ def pytest_itemcollected(item):
         item.add_marker(pytest.mark.dds)
     if item.get_closest_marker('dds'):
         item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+# Libraries that rosdep cannot install with apt, so that a ROS installation may lack them.
+WITHOUT_KEY = {
+    *('bokeh', 'colcon_core', 'control', 'dask', 'distributed', 'filterpy', 'latex2mathml', 'mcap'),
+    *('mkdocs', 'motulator', 'numba', 'optuna', 'pynumdiff', 'rosbags', 'selenium'),
+}
+LACKS = re.compile(r"No module named '(\w+)|the library '(\w+)' is not installed")
+
+
+def lacking(text):
+    """Why a test cannot run, if `text` says that such a library is missing; else ''."""
+    for found in LACKS.finditer(text):
+        name = found[1] or found[2]
+        if name in WITHOUT_KEY and importlib.util.find_spec(name) is None:
+            return f'{name} is not installed, and apt has no package of it that rosdep knows'
+    return ''
+
+
+class Module(pytest.Module):
+    """A module that is skipped if it imports a library without a rosdep key that is missing."""
+
+    def _getobj(self):
+        try:
+            return super()._getobj()
+        except self.CollectError as error:
+            why = lacking(str(error))
+            if why:
+                raise pytest.skip.Exception(why, allow_module_level=True) from error
+            raise
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    """Collect with `Module`."""
+    return Module.from_parent(parent, path=module_path)
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item):
+    """Report a test as skipped that failed because such a library is missing."""
+    outcome = yield
+    report = outcome.get_result()
+    why = report.failed and lacking(
+        '\n'.join([report.longreprtext, *(t for _, t in report.sections)])
+    )
+    if why:
+        path, line, _ = item.location
+        report.outcome, report.longrepr = 'skipped', (path, line, f'Skipped: {why}')
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -16,8 +16,10 @@ PARTS = [
     'setup.cfg',
     'pyproject.toml',
     'package.xml',
+    'LICENSE',
     'resource',
     'launch',
+    'layouts',
     'config',
     'estimator_pkg',
     'sim_pkg',
@@ -47,6 +49,9 @@ def run(*command, **options):
 def assert_share_is_found(prefix):
     share = prefix / 'share' / 'velocity_estimator'
     assert (share / 'package.xml').is_file()
+    assert (share / 'LICENSE').is_file()
+    layouts = {path.name for path in (share / 'layouts').iterdir()}
+    assert layouts == {'foxglove.json', 'plotjuggler.xml'}
     launch = {path.name for path in (share / 'launch').iterdir() if path.is_file()}
     assert launch == {path.name for path in (ROOT / 'launch').iterdir() if path.is_file()}
     config = {path.name for path in (share / 'config').iterdir()}
