@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One ament_python package, velocity_estimator, that carries estimator_pkg and sim_pkg.
 
 Dependencies are pinned here and nowhere else. On an apt installation of Jazzy the nodes need rclpy,

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts the simulator: `ros2 launch velocity_estimator encoder_sim.launch.py`."""
 
 from estimator_pkg.nodes.launching import simulator

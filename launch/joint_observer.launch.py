@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts the observer: `ros2 launch velocity_estimator joint_observer.launch.py`."""
 
 from estimator_pkg.nodes.launching import observer

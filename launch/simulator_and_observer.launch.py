@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts a simulator and the observer that suits it.
 
 `ros2 launch velocity_estimator simulator_and_observer.launch.py simulator:=pmsm_sim`

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts a joint_observer for each of two arms, as /left/joint_observer and /right/joint_observer.
 
 `ros2 launch velocity_estimator two_arms.launch.py right_joint_states:=/ur/joint_states`

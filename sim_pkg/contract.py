@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The interface of a simulator: parameters, topics, and a stream of messages.
 
 The same stream is published live, each message when it is due, or written into a bag. Times are

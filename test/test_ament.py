@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The linters of ament: ament_copyright, ament_flake8, ament_pep257 (see CONTRIBUTING.md)."""
 
 import importlib.util

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command list, and the tables of docs/parameters.md that it makes."""
 
 import dataclasses

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The package as pip and as colcon install it: index entry, share/, executables."""
 
 import os

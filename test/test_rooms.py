@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which room knows which: the picture in docs/architecture.md is the imports, and nothing more."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cost of `pmsm_observer` and latency of its estimates, on batches of 200 samples.
 
 python -m benchmarks.live.drive

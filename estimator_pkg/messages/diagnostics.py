@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """diagnostic_msgs/DiagnosticArray as CDR bytes, without ROS."""
 
 from __future__ import annotations

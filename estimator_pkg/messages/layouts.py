@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages in a buffer, decoded together if they have the same layout.
 
 A layout defines the minimum length of a message and the bytes that decide where its fields are

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Status and diagnostics of a node, as diagnostic_msgs."""
 
 from __future__ import annotations

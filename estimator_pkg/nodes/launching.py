@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Shared by the files of launch/: one node of this package with its parameter file and arguments.
 
 This module imports launch and launch_ros, which are part of a ROS 2 installation but not on PyPI.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """ROS parameters made from declarations (see `estimator_pkg.parameters`).
 
 Typing is dynamic, so that 20 and 20.0 are the same. This module checks type, finiteness and range,

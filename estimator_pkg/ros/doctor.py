@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """`ros2 doctor`: which of our nodes estimate nothing, and why.
 
 Only ros2doctor imports this module, through the entry points `ros2doctor.checks` and

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Any simulator as a live ROS 2 node: it publishes each message of the stream when it is due."""
 
 from __future__ import annotations

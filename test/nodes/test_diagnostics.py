@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Entries of diagnostics: hardware_id, and the groups of config/diagnostics_aggregator.yaml."""
 
 import re

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The check of `ros2 doctor`: it reports observers that estimate nothing.
 
 PyPI has no ros2doctor. Without it, small classes stand in for the interface as it was read in

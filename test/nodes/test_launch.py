@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Launch files: their arguments, read as text; and all of them executed, where launch is there.
 
 PyPI has no launch; a ROS 2 installation has. There the nodes run, and what they publish is heard.

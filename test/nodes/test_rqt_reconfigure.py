@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """rqt_reconfigure has an editor for every live gain, with a slider where the gain is bounded.
 
 The rules are those of its sources (version 1.6.2: param_client_widget.py, param_editors.py): which
