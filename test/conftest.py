@@ -42,6 +42,7 @@ WITHOUT_KEY = {
     *('bokeh', 'colcon_core', 'control', 'dask', 'distributed', 'filterpy', 'latex2mathml', 'mcap'),
     *('mkdocs', 'motulator', 'numba', 'optuna', 'pynumdiff', 'rosbags', 'selenium'),
 }
+LACKING = []  # (error, why) of the tests that were skipped
 LACKS = re.compile(r"No module named '(\w+)|the library '(\w+)' is not installed")
 
 
@@ -73,14 +74,20 @@ def pytest_pycollect_makemodule(module_path, parent):
 
 
 @pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_makereport(item):
-    """Report a test as skipped that failed because such a library is missing."""
+def pytest_runtest_makereport(item, call):
+    """Report a test as skipped that failed because such a library is missing.
+
+    A fixture of a module raises its error again for each test, but prints only once.
+    """
     outcome = yield
     report = outcome.get_result()
-    why = report.failed and lacking(
-        '\n'.join([report.longreprtext, *(t for _, t in report.sections)])
-    )
+    if not report.failed:
+        return
+    error = call.excinfo.value
+    text = '\n'.join([report.longreprtext, *(text for _, text in report.sections)])
+    why = lacking(text) or next((why for known, why in LACKING if known is error), '')
     if why:
+        LACKING.append((error, why))
         path, line, _ = item.location
         report.outcome, report.longrepr = 'skipped', (path, line, f'Skipped: {why}')
 

@@ -31,8 +31,8 @@ def declaring_classes():
             try:
                 names = vars(importlib.import_module(module.name))
             except ImportError:
-                if '.nodes' not in module.name:  # nodes need ROS, and declare nothing themselves
-                    raise
+                if '.nodes' not in module.name and '.ros.' not in module.name:
+                    raise  # these two need ROS, and declare nothing themselves
                 continue
             for item in names.values():
                 if isinstance(item, type) and dataclasses.is_dataclass(item) and declared(item):
