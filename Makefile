@@ -14,7 +14,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
-	$(shell find estimator_pkg sim_pkg resource launch config -type f -not -name '*.pyc')
+	$(shell find estimator_pkg sim_pkg resource launch config layouts -type f -not -name '*.pyc')
 
 # Without its cache pytest takes half a minute to read the tests in five processes.
 unexport PYTHONDONTWRITEBYTECODE

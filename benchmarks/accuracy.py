@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``bench accuracy``: every observer on the shared signals, errors and delay.
 
 `run` measures each column once. `spread` draws each column many times, with random phases and

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The chart of the field: a panel per column, a line per estimator."""
 
 from __future__ import annotations

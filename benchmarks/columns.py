@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The columns of the field: readings of one joint with their true velocity.
 
 A column is a signal of the shared set, or a joint of a recording. If the torque is known, the

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``bench drive``: our sensorless observer and motulator's, on the same simulated drive.
 
 Both know the true resistance and inductance. motulator also knows the true flux (ours gets one that

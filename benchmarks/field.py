@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``bench accuracy``: our observers and the peers, each at one setting and at its best per column.
 
 Every estimator has one gain that is swept over a grid. "Best" is the lowest error of each column.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``bench speed --part mechanism``: one sample of GESO for two positions, in the exact form.
 
 The motion is that of a cart-pendulum under a force, at 1 kHz with jitter, so the coefficients are

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Our rows of the field, each with one gain that is swept over a grid.
 
 Observers of an angle use the same readings as the peers. The others also know the torque and the

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The peers of the field: installed libraries, each with the input that it takes.
 
 All of them get clean stamps and multi-turn angles; our observers get the raw readings. Peers that

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """All observers at their defaults on recorded bags, in one table.
 
     python -m benchmarks.recorded bags

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The recordings as columns of the field.
 
 The reference is the truth in a bag, without its own fitted lag and bias; for a bag without one it

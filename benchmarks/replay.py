@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``bench speed``, part 3: read a bag of JointStates and estimate, compared with rosbags' reading.
 
 Every run is its own process, so start-up and compiling count, and its peak memory is known. Rates

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The shared set of motions on which observers are compared, in closed form.
 
 Every column is one encoder, read as an angle in [-pi, pi), at 1 kHz and 4096 counts per turn unless

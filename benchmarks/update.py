@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``bench speed``, parts 1 and 2: one update in plain Python, and compiled batches.
 
 Guard, low-speed bound and standard deviation are included. Stamps are integer nanoseconds with

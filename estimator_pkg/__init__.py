@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Live velocity estimation for ROS 2: observers, their nodes, bags and evaluation.
 
 The library is `VelocityEstimator`: one joint, no ROS (docs/library.md).

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command line ``velocity_estimator``, which finds its commands through entry points.
 
 A command is a `Command`: its module adds its arguments and runs. Errors that a user can correct are

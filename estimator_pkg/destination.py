@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Output files: checked before the work, written completely or not at all, never an input."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Errors for users: a single clear line, never a traceback."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The library: one joint's velocity estimator, without ROS.
 
 >>> from estimator_pkg import VelocityEstimator

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The signals INT, TERM and HUP end a command; its results so far are kept.
 
 A dropped ssh session sends HUP, a service manager TERM, a user INT (Ctrl-C). Within `handled` all

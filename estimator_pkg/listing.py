@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator list``: observers, models, simulators, commands, and all parameters.
 
 With a name it describes each parameter, and for an observer of mechanisms the effect of the gains:

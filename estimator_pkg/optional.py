@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Optional libraries: imported when used; if one is missing, the error has the install command.
 
 The version ranges come from the package's metadata, so they are those of its set-up.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Parameters declared once, as fields of a frozen dataclass.
 
 ROS parameter descriptors, YAML files, command-line ``--set``, the tuner's search space and the

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Parameter files in the ROS format, as nodes take them with ``--params-file``."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Make text from outside (names of joints, topics and frames, paths, file contents) printable.
 
 Such a name may clear the screen, reverse the line, or forge a second one.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A progress bar for long work, on stderr, if it is a terminal."""
 
 from __future__ import annotations

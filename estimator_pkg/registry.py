@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Find observers, their streams, models, commands and simulators through entry points.
 
 Other packages can add their own; ours are found in the same way.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Read YAML as ROS does, and write YAML that every reader understands in the same way.
 
 ROS parses parameter files with its own rules: y, n, on and off are booleans, 017 is 15, and 1:30,

@@ -1,8 +1,11 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts the simulator: `ros2 launch velocity_estimator encoder_sim.launch.py`."""
 
-from estimator_pkg.nodes.launching import MAKES_TIME, one_node
+from estimator_pkg.nodes.launching import simulator
 
 
 def generate_launch_description():
     """The node, with the parameters of config/encoder_sim.yaml or of `params_file`."""
-    return one_node('encoder_sim', MAKES_TIME)
+    return simulator('encoder_sim')

@@ -1,8 +1,11 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts the observer: `ros2 launch velocity_estimator joint_observer.launch.py`."""
 
-from estimator_pkg.nodes.launching import one_node
+from estimator_pkg.nodes.launching import observer
 
 
 def generate_launch_description():
     """The node, with the parameters of config/joint_observer.yaml or of `params_file`."""
-    return one_node('joint_observer')
+    return observer('joint_observer', inputs=['joint_states', 'angle'])

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Split a stream into chunks, and merge messages that arrive later than their chunk."""
 
 from __future__ import annotations

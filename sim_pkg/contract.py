@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The interface of a simulator: parameters, topics, and a stream of messages.
 
 The same stream is published live, each message when it is due, or written into a bag. Times are
@@ -58,7 +61,7 @@ class RunSettings:
     seed: int = parameter(
         1,
         unit='',
-        range=(0, 2**63 - 1),
+        range=(0, 2**31 - 1),  # a slider of rqt_reconfigure has 32 bits
         structural=True,
         description='the same seed and parameters give the same values and the same stamps '
         "relative to the start, live and in 'velocity_estimator simulate'",

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator simulate``: write a bag with measurement and truth, fixed by its seed."""
 
 from __future__ import annotations

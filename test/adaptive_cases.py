@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Servos for the tests of the adaptive observer, and streams through its driver."""
 
 from __future__ import annotations

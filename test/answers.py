@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What messages and banks say, as tests look at it."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags of every kind for tests, made with the libraries that others use."""
 
 from __future__ import annotations

@@ -1,7 +1,11 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fixtures shared by tests."""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import sys
@@ -29,6 +33,61 @@ def pytest_itemcollected(item):
         item.add_marker(pytest.mark.dds)
     if item.get_closest_marker('dds'):
         item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+# Libraries that rosdep cannot install with apt, so that a ROS installation may lack them.
+WITHOUT_KEY = {
+    *('bokeh', 'colcon_core', 'control', 'dask', 'distributed', 'filterpy', 'latex2mathml', 'mcap'),
+    *('mkdocs', 'motulator', 'numba', 'optuna', 'pynumdiff', 'rosbags', 'selenium'),
+}
+LACKING = []  # (error, why) of the tests that were skipped
+LACKS = re.compile(r"No module named '(\w+)|the library '(\w+)' is not installed")
+
+
+def lacking(text):
+    """Why a test cannot run, if `text` says that such a library is missing; else ''."""
+    for found in LACKS.finditer(text):
+        name = found[1] or found[2]
+        if name in WITHOUT_KEY and importlib.util.find_spec(name) is None:
+            return f'{name} is not installed, and apt has no package of it that rosdep knows'
+    return ''
+
+
+class Module(pytest.Module):
+    """A module that is skipped if it imports a library without a rosdep key that is missing."""
+
+    def _getobj(self):
+        try:
+            return super()._getobj()
+        except self.CollectError as error:
+            why = lacking(str(error))
+            if why:
+                raise pytest.skip.Exception(why, allow_module_level=True) from error
+            raise
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    """Collect with `Module`."""
+    return Module.from_parent(parent, path=module_path)
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Report a test as skipped that failed because such a library is missing.
+
+    A fixture of a module raises its error again for each test, but prints only once.
+    """
+    outcome = yield
+    report = outcome.get_result()
+    if not report.failed:
+        return
+    error = call.excinfo.value
+    text = '\n'.join([report.longreprtext, *(text for _, text in report.sections)])
+    why = lacking(text) or next((why for known, why in LACKING if known is error), '')
+    if why:
+        LACKING.append((error, why))
+        path, line, _ = item.location
+        report.outcome, report.longrepr = 'skipped', (path, line, f'Skipped: {why}')
 
 
 @lru_cache

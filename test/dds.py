@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Helpers for tests over real DDS: a probe in the test's process, nodes in processes of their own.
 
 Everything runs on this machine alone, in a ROS domain of this test run.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A package outside ours: an observer in one file, and how to install it into a folder."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Holds what the package puts out, to the last bit, while its inside is rebuilt.
 
     nice .venv/bin/python test/goldens.py make FILE.json       compute and write

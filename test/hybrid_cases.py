@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Observers, angles and stamps for tests of `hybrid_angle`."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Observers of mechanisms driven by hand, for tests."""
 
 from __future__ import annotations

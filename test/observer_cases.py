@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The observers that every contract is tested on, in the variants that differ in structure."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Models of mechanisms as a user writes them, outside the package: right ones and wrong ones."""
 
 from __future__ import annotations

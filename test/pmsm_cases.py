@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Motors and their recorded currents and voltages, for tests of the observer `pmsm`."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The standard deviation where motion begins: how many of it the error is, and how soon it is calm.
 
     python test/sigma_starts.py

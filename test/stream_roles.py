@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The processes next to a node at the start of a stream: a publisher and a relay.
 
 python test/stream_roles.py publish TOPIC     python test/stream_roles.py relay TOPIC

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts of a stream: which messages does a node leave unanswered that a relay next to it gets?
 
 python test/stream_starts.py COUNT [ORDER ...]

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Words of parameters that YAML reads as something else: none of ours, and help with a user's."""
 
 from __future__ import annotations

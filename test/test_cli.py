@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command line itself: where its output goes, and what it says when it cannot."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What commands write: only what the user named, whole or not at all."""
 
 from __future__ import annotations

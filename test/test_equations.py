@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Equations read as their paper does: no field of a tuple is called by its number."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The library, `VelocityEstimator`: the driver's estimates by name, bit for bit, without ROS."""
 
 import math

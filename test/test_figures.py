@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The numbers of the pages are those that the commands give (docs/tools/figures.yaml)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Observers and models of another package, as docs/architecture.md says: one file, one line."""
 
 import os

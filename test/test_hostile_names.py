@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Names that a hostile bag may carry: they stay names in every file, line, table and page."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command list, and the tables of docs/parameters.md that it makes."""
 
 import dataclasses
@@ -28,8 +31,8 @@ def declaring_classes():
             try:
                 names = vars(importlib.import_module(module.name))
             except ImportError:
-                if '.nodes' not in module.name:  # nodes need ROS, and declare nothing themselves
-                    raise
+                if '.nodes' not in module.name and '.ros.' not in module.name:
+                    raise  # these two need ROS, and declare nothing themselves
                 continue
             for item in names.values():
                 if isinstance(item, type) and dataclasses.is_dataclass(item) and declared(item):

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Without the optional libraries: help works, and one line says how to install what is missing."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The package as pip and as colcon install it: index entry, share/, executables."""
 
 import os
@@ -16,8 +19,10 @@ PARTS = [
     'setup.cfg',
     'pyproject.toml',
     'package.xml',
+    'LICENSE',
     'resource',
     'launch',
+    'layouts',
     'config',
     'estimator_pkg',
     'sim_pkg',
@@ -47,6 +52,9 @@ def run(*command, **options):
 def assert_share_is_found(prefix):
     share = prefix / 'share' / 'velocity_estimator'
     assert (share / 'package.xml').is_file()
+    assert (share / 'LICENSE').is_file()
+    layouts = {path.name for path in (share / 'layouts').iterdir()}
+    assert layouts == {'foxglove.json', 'plotjuggler.xml'}
     launch = {path.name for path in (share / 'launch').iterdir() if path.is_file()}
     assert launch == {path.name for path in (ROOT / 'launch').iterdir() if path.is_file()}
     config = {path.relative_to(share / 'config') for path in (share / 'config').rglob('*')}

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which room knows which: the picture in docs/architecture.md is the imports, and nothing more."""
 
 from __future__ import annotations
@@ -22,6 +25,9 @@ ROS = {
     'launch',
     'launch_ros',
     'ament_index_python',
+    'ament_copyright',
+    'ros2cli',
+    'ros2doctor',
 }
 PACKAGES = {  # room: packages that its files may import, wherever in a file
     'observers': {'numpy'},

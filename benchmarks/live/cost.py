@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """CPU per message of the live node, compared with a node that only receives and republishes.
 
 Both run at the same time, as processes of their own, on the same stream and the same executor.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cost of `pmsm_observer` and latency of its estimates, on batches of 200 samples.
 
 python -m benchmarks.live.drive
@@ -12,7 +15,7 @@ import threading
 import time
 from contextlib import ExitStack
 
-from estimator_pkg.ros.runtime import run as run_node  # first: settles what rclpy reads  # isort: skip
+from estimator_pkg.ros.runtime import run as run_node  # first: rclpy reads it  # isort: skip
 
 import numpy as np
 import psutil

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Latency of an observer node's answers, from the stamp to the receipt by another process.
 
 The stamp is the time at which the message was sent. The difference to a node that only republishes

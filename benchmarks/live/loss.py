@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Losses of the live node on a fast stream, and whether it reports them.
 
 python -m benchmarks.live.loss

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Processes of the live benchmarks, in their own ROS domain."""
 
 from __future__ import annotations

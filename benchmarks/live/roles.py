@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Roles of the live benchmarks around a measured node, each in its own process.
 
 python -m benchmarks.live.roles publish RATE SECONDS JOINTS [SUBSCRIBERS]

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Results of the live programs in this folder, as rows of ``bench speed``.
 
 The programs need ROS and psutil, and run in their own processes.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Time of an observer node from its process's start to its first estimate.
 
 It is compared with a node that only republishes. Both join a running stream, with a running

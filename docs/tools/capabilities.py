@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cost and delay of every observer, for the capability matrix of the documentation.
 
     python -m docs.tools.capabilities docs/choosing.md

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Write or check the numbers on the pages with the commands that produce them.
 
     make figures                                    # writes all of figures.yaml into the pages

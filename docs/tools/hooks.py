@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Additions to the pages when the site is built (mkdocs hook).
 
 ``{{ parameters NAME }}`` becomes the table of an observer's declared parameters. A block of LaTeX

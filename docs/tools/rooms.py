@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The picture of the rooms in docs/architecture.md, drawn from the imports.
 
     python -m docs.tools.rooms        # writes docs/figures/rooms.svg

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Message definitions and type hashes; a bag stores them so that any tool can read it."""
 
 from __future__ import annotations

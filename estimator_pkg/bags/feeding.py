@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Feed a bag's messages through a stream; its answers are those of a live node."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Shared by `record` and `play`: their own node, message types, QoS between bag and rclpy.
 
 Imports ROS, so the commands import it when they run.

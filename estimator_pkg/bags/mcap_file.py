@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One MCAP file: opened and indexed by the mcap library, its chunks read as blocks.
 
 A chunk's messages are found through its message index, all at once. If there is no index (the

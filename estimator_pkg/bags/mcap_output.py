@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Writes one MCAP file, block by block: the mcap library's records, our own message framing."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator play``: publish a bag on the live graph, with its bytes and timing."""
 
 from __future__ import annotations

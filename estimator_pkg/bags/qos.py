@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Offered QoS profiles, in the forms of bags and of rclpy."""
 
 from __future__ import annotations

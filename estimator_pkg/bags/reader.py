@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reads bags: rosbag2 folders and single files, MCAP and sqlite3, split and compressed.
 
 >>> with open_bag('recording') as bag:

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator record``: write topics of the live graph into a bag, as received."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The input of observers from a bag, read once and run with one set of gains after another."""
 
 from __future__ import annotations

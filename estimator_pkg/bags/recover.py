@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Make a bag of the files of a recorder that was killed, or of a truncated file.
 
 A truncated MCAP file is read record by record (`mcap_file`). An sqlite3 file is restored to its

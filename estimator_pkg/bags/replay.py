@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator replay``: the estimates of a live node, computed from a bag."""
 
 from __future__ import annotations

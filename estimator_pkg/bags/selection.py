@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Select the topic of the measurement in a bag."""
 
 from __future__ import annotations

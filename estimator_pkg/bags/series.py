@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A topic of JointStates as one time series per joint."""
 
 from __future__ import annotations

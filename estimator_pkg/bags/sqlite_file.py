@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One sqlite3 file of a bag, read through rosbags in blocks."""
 
 from __future__ import annotations

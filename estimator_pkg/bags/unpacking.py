@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Decompress within limits: a bag must not unpack to more memory or disk than the user allows."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Connect a stream to a bag: select the stream, its parameters and its topics."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Writes bags: a rosbag2 folder as ROS 2 Jazzy writes it, MCAP with zstd chunks.
 
 >>> with BagWriter('out') as bag:

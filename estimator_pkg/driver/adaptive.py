@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Joints of the observer `adaptive`: known input, evidence, and start parameters."""
 
 from __future__ import annotations

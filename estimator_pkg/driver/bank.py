@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Any number of joints, which may appear, disappear and change order between messages."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Process many samples of one joint at once, for replay, tuning and benchmarks."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compile pure functions with Numba on demand, if the extra ``fast`` is installed.
 
 The functions stay plain Python. Their compiled twins are made from the same code objects, with

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The observer and its gains for each joint: common values, and overrides per joint."""
 
 from __future__ import annotations

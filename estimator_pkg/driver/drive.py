@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The drive: pass many samples at once through guard and observer, and check the batches' order.
 
 The same track (guard and observer) as for a joint; a measurement is the tuple

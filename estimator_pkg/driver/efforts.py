@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Known inputs: the effort that acts from one sample to the next.
 
 Efforts come in the messages of the positions or on a topic of their own, as commands, which act

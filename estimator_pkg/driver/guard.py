@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The guard for time and data before every observer, one per joint.
 
 Stamps stay int64 nanoseconds until two are subtracted. Numba can compile `judge`.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The identified parameters of the observer `adaptive`, as key and value and in a file.
 
 The file contains the plant itself, the first column of A and B, so it does not depend on the

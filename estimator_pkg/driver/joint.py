@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One joint: an observer with its gains, the guard, and counts of all samples."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Mechanisms of one stream: joints are collected by stamp, inputs matched to the time they act.
 
 No ROS here: the live node and replay pass it the same messages and get the same estimates.

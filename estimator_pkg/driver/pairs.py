@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Pair currents and voltages from two topics by their stamps."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Convert raw counts, or an angle with another zero or sign, to rad."""
 
 from __future__ import annotations

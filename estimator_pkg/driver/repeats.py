@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Detect repeated readings: a sensor slower than the driver that publishes it.
 
 A driver that publishes at 1 kHz the readings of a 100 Hz sensor repeats each reading nine times. An

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A joint of the observer `switched`: samples and events, each at its stamp.
 
 An event takes effect at the sample nearest to its stamp, in any order of arrival: the interval

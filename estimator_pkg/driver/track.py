@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One joint's samples through guard and observer, as pure functions: the core of the driver.
 
 The live node calls them as plain Python, replay and benchmarks may compile them. A track is a plain

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A row of a comparison: an observer and its parameter values."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tables for a terminal and for Markdown."""
 
 from __future__ import annotations

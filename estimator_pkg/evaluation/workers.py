@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Process many bags or jobs on local processes or a Dask cluster; results in job order."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Many messages of a bag in one buffer, with the position of each."""
 
 from __future__ import annotations

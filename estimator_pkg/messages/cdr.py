@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reads and writes CDR (XCDR1) primitives, the format of DDS and rosbag2.
 
 Alignment is relative to the byte after the four-byte encapsulation header.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """diagnostic_msgs/DiagnosticArray as CDR bytes, without ROS."""
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
         writer.numbers('B', (OK if status.good else WARN,))
         writer.text(status.name)
         writer.text(status.message)
-        writer.text('')
+        writer.text(status.name)  # hardware_id: the joint
         writer.numbers('I', (len(status.values),))
         for key, value in status.values.items():
             writer.text(key)

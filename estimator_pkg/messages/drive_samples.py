@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Batches of a drive, as std_msgs/Float64MultiArray: currents and voltages in, estimates out.
 
 Stamps are two integers in each row (sec, nanosec), because one double cannot represent nanoseconds

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One number in messages of any type: ``pose.position.x``, ``data[0]``, ``orientation.yaw``.
 
 The type's definition lists the fields before the number. Fields of variable length (texts,

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """sensor_msgs/JointState from and to CDR bytes.
 
 A stream repeats its names in every message. A `Layout`, which follows from names and counts, is

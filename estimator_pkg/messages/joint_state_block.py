@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Many JointStates at once: decoded into arrays, encoded from a template.
 
 Messages that share names and array lengths (see `joint_state.Layout`) become one group.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages in a buffer, decoded together if they have the same layout.
 
 A layout defines the minimum length of a message and the bytes that decide where its fields are
@@ -22,22 +25,27 @@ class Messages(Protocol):
     """Messages in a buffer; `estimator_pkg.messages.block.Block` is one."""
 
     @property
-    def data(self) -> NDArray[np.uint8]: ...  # noqa: D102  described in Block
+    def data(self) -> NDArray[np.uint8]:
+        """As `Block.data`."""
 
     @property
-    def start(self) -> NDArray[np.int64]: ...  # noqa: D102  described in Block
+    def start(self) -> NDArray[np.int64]:
+        """As `Block.start`."""
 
     @property
-    def end(self) -> NDArray[np.int64]: ...  # noqa: D102  described in Block
+    def end(self) -> NDArray[np.int64]:
+        """As `Block.end`."""
 
 
 class LayoutLike(Protocol):
     """Interface of a layout."""
 
     @property
-    def length(self) -> int: ...  # noqa: D102  minimum length of a message [bytes]
+    def length(self) -> int:
+        """Minimum length of a message [bytes]."""
 
-    def deciding(self) -> Sequence[bool] | NDArray[np.bool_]: ...  # noqa: D102  the deciding bytes
+    def deciding(self) -> Sequence[bool] | NDArray[np.bool_]:
+        """Return True for each byte that decides the layout."""
 
 
 L = TypeVar('L', bound=LayoutLike)

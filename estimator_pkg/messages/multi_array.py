@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """std_msgs/Float64MultiArray from and to CDR bytes: plain numbers, or a table of two dimensions."""
 
 from __future__ import annotations

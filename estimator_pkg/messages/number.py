@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The std_msgs that carry one number, from CDR bytes."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """trajectory_msgs/JointTrajectory with one point, as CDR bytes: the type of ~/acceleration."""
 
 from __future__ import annotations

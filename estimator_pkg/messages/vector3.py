@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """geometry_msgs/Vector3Stamped from and to CDR bytes."""
 
 from __future__ import annotations

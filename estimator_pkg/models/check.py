@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Numerical checks of a model when it is loaded, so that a wrong one is refused.
 
 At random configurations and velocities: M is symmetric and positive definite; calM is M^-1 Psi^-T;

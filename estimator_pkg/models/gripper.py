@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A joint whose load changes when its gripper closes or opens, at known instants.
 
 J q'' = tau - b q' - m g l sin q, Z = (1/J, b/J, m g l / J). After the modes 'close' and 'open' Z is

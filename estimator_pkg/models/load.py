@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A mechanical model by its name: a built-in one, or a user's own; checked before it is used."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The interface of a mechanical model: functions for model-based observers and simulators.
 
 A mechanism with positions q (n), velocities v and inputs u (m) moves by

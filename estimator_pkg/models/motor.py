@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The electrical data of a permanent-magnet motor, and the transformations of its signals.
 
 A two-vector (alpha, beta) is the complex number alpha + j beta. Currents, voltages and flux are

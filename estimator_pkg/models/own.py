@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A user's own model, named as ``package.module:Name``: ordinary Python with numpy.
 
 docs/own_model.md lists what the class (or object) must define. It is called with numpy arrays, and

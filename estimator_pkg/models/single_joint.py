@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A single joint with its motor: inertia, friction, gravity, torque constant and gear ratio.
 
     J q'' = gear kt u - b q' - c sign(q') - g1 sin(q - q0) - bias

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The interface of a model for the observer `switched`, and its checks.
 
 Barbot, Djemai, Manamanni (2007): x' = F(x, Z(k), u), y = h(x), where Z is constant between known

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The illustrative example of Barbot, Djemai, Manamanni (2007), with its misprints corrected."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two links in a vertical plane, a motor in each joint; q = (shoulder, elbow) [rad].
 
     M = [[a + b + 2 k cos q2, b + k cos q2], [b + k cos q2, b]]

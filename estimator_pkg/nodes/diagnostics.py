@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Status and diagnostics of a node, as diagnostic_msgs."""
 
 from __future__ import annotations
@@ -62,8 +65,13 @@ def dropped_for(verdict: int) -> str:
 
 
 def array(node: Node, entries: Iterable[DiagnosticStatus]) -> DiagnosticArray:
-    """Return a message with these entries, stamped now."""
+    """Return a message with these entries, stamped now.
+
+    An entry's hardware_id is its joint; that of the node's own entry is the node.
+    """
     message = DiagnosticArray(status=list(entries))
+    for status in message.status:
+        status.hardware_id = status.name.removeprefix(f'{node.get_fully_qualified_name()}: ')
     message.header.stamp = node.get_clock().now().to_msg()
     return message
 

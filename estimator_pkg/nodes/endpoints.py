@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Subscriptions and publishers of a node: QoS that users can override, and their problems."""
 
 from __future__ import annotations

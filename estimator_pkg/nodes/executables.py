@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Main functions of the observer executables; each runs until it is interrupted.
 
 ``python -m estimator_pkg.nodes.executables joint_observer --ros-args ...`` runs one without its

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What keeps a node from estimating, or makes its estimates doubtful: each fault, as the user reads
 it.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The health of an observer node: status of each joint, diagnostics, warnings."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Message types that users name, and their fields, from the ROS packages of this machine."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The node: a stream connected to ROS. Every observer node is this class with another stream."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """ROS parameters made from declarations (see `estimator_pkg.parameters`).
 
 Typing is dynamic, so that 20 and 20.0 are the same. This module checks type, finiteness and range,
@@ -207,6 +210,10 @@ class RosParameters:
                 changes = ros_values(values)
         self._being_set = frozenset(change.name for change in changes)
         self._wrong = None
+        for change in changes:  # rclpy refuses these without calling `_on_set`
+            parameter = self._find(change.name)
+            if parameter is not None and parameter.structural:
+                self._refused(_fixed(change.name))
         return [self._typed(change) for change in changes]
 
     def _typed(self, change: RosParameter) -> RosParameter:
@@ -232,8 +239,13 @@ class RosParameters:
             if self._check is not None and any(self._find(change.name) for change in changes):
                 self._check(*self._after(changes))
         except UserError as error:
+            self._refused(error)
             return SetParametersResult(successful=False, reason=printable(error))
         return SetParametersResult(successful=True)
+
+    def _refused(self, error: UserError) -> None:
+        """Log a change that is refused: rqt_reconfigure and other programs ignore the result."""
+        self._node.get_logger().warning(f'parameters are not changed: {error}')
 
     def _settable(self, name: str, being_set: bool) -> None:
         parameter = self._find(name)
@@ -243,7 +255,7 @@ class RosParameters:
             if being_set and not self._node.has_parameter(name):
                 raise UsageError(f"unknown parameter '{name}': {self._hint(name)}")
         elif parameter.structural and being_set:
-            raise UsageError(f"parameter '{name}' is structural: set it before the node starts")
+            raise _fixed(name)
 
     def _after_set(self, changes: list[RosParameter]) -> None:
         known = [change.name for change in changes if self._find(change.name) is not None]
@@ -260,6 +272,10 @@ class RosParameters:
                 self._node.set_descriptor(name, _descriptor(parameter))
         if self._apply is not None:
             self._apply()
+
+
+def _fixed(name: str) -> UsageError:
+    return UsageError(f"parameter '{name}' is structural: set it before the node starts")
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

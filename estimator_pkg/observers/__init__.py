@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Observers: the mathematics, written once. No ROS, no files, no plotting."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The contract of an observer: a declaration of gains and a record of pure functions.
 
 An observer's equations are written once, as functions in the subset of Python that Numba

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The published position keeps the convention of the measurement.
 
 If the measurement is multi-turn, so is the estimate; if it is wrapped, the estimate is wrapped to

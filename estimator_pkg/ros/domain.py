@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Find a ROS domain that is unused on this machine, for processes that must be isolated."""
 
 from __future__ import annotations

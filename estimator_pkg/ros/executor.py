@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The executor of our executables: services and timers run at every rate of messages.
 
 rclpy's EventsExecutor has the lowest cost per message, but it queues one event for each, without a

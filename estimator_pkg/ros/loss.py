@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Count the messages lost between the publishers and us, from their sequence numbers.
 
 A queue that overflows (KEEP_LAST) overwrites messages, reliable or not, and Fast DDS reports none

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Message classes by the names of their types, which come from users, bags and other nodes."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Shared by the processes of all nodes: environment, executor, clean ends.
 
 Import this module before rclpy and numpy: it prepares the environment that they read.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One stream per family of observers: messages in, messages out, the same live and in replay.
 
 The entry point of a stream, in the group ``velocity_estimator.streams``, has the name that is the

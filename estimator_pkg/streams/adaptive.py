@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Joints with unknown parameters: the node `adaptive_observer`, which also identifies them."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Single angles: the node `joint_observer`. Joint states, or one number, to velocities."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What is published of a sample: the same bytes live and in replay."""
 
 from __future__ import annotations

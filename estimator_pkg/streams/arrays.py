@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Single angles in arrays: process many messages at once through guard and observer.
 
 The results equal those of single messages, because the driver's functions are the same.

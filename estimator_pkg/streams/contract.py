@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The interface of a stream, the ROS-free core of a node: messages in, messages out.
 
 A `Stream` takes the bytes of messages on its input ports and returns the bytes of messages on its

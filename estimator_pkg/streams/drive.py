@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Drives without an encoder: the node `pmsm_observer`. Currents and voltages to speed and flux."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Shared by streams of observers with a known input: positions with efforts."""
 
 from __future__ import annotations

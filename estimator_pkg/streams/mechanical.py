@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Mechanisms with a model: the node `mechanical_observer`. Positions and inputs to velocities."""
 
 from __future__ import annotations

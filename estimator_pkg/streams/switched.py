@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Systems that known events switch: the node `switched_observer`."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command ``demo``: two nodes over real DDS for ten seconds, recorded and evaluated."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Subscribes to the demo's topics and matches their newest samples for the table."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The live table of the demo: a terminal table, or plain lines without a terminal."""
 
 from __future__ import annotations

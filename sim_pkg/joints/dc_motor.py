@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator ``dc_motor``: J q'' + b q' + k q = Kv u + load, optionally with Coulomb friction.
 
 The plant (34) of Gonzalez-Olvera and Tang, and the voltages of both of its examples.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A joint that a known input drives, as a stream of messages: angle and effort, and the truth.
 
 The drive takes a new input at each sample and keeps it constant until the next. A measurement

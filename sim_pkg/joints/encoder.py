@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator ``encoder``: joints that follow a profile, measured by encoders with faults."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator ``gripper``: a joint whose load changes when its gripper closes or opens."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """True motions in closed form: position, velocity and acceleration, exact at any time.
 
 Stamps are irregular, so nothing is integrated: each profile is a function of time only.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """An angle sensor and its transport, with every fault that users report.
 
 Faults of the value (`AngleSensor`, one per joint): eccentricity, noise, outliers, quantisation,

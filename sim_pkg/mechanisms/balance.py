@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The controller of section 6.3: it balances the pendulum while the cart follows a triangle.
 
 The paper prints the law with the wrong overall sign (as printed, a pole lies at +30.8 1/s).

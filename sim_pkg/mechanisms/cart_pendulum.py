@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator ``cart_pendulum``: the laboratory of section 6, open loop or balanced upright."""
 
 from __future__ import annotations

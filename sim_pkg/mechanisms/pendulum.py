@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator ``pendulum``: a single joint with gravity, driven by a torque of several sines."""
 
 from __future__ import annotations

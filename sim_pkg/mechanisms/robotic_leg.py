@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator ``robotic_leg``: the leg of section 5.2 with its excitation."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Shared by the simulators of mechanisms: encoders, messages, and the loop over samples.
 
 A message of `joint_states` carries the measured positions and, as effort, the inputs from the

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Wait for absolute deadlines and record the lateness. Imports no ROS."""
 
 from __future__ import annotations

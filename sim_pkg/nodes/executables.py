@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Main functions of the simulator executables; each runs until the simulation ends.
 
 ``python -m sim_pkg.nodes.executables encoder_sim --ros-args ...`` runs one without its script. To

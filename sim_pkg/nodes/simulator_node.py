@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Any simulator as a live ROS 2 node: it publishes each message of the stream when it is due."""
 
 from __future__ import annotations
@@ -199,6 +202,7 @@ class SimulatorNode(Node):
             level=DiagnosticStatus.WARN if behind else DiagnosticStatus.OK,
             name=f'{self.get_fully_qualified_name()}: deadlines',
             message=deadlines.summary(),
+            hardware_id=self.get_fully_qualified_name(),
             values=[
                 KeyValue(key=key, value=value)
                 for key, value in (

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The drive's controller: speed and current loops in the rotor frame (field-oriented control).
 
 A command computed from sample k is applied over the period that starts at sample k+1. All functions

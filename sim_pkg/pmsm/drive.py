@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The drive in closed loop: motor, inverter, sensors and controller, sample by sample.
 
 `make_loop` combines the parts into one pure function over a chunk of samples, which Numba can

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The inverter: voltage limit, dead time, and the three-phase bridge that switches.
 
 A period of the carrier starts at its valley, where all three low-side switches are on. All

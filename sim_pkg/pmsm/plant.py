@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The motor: the electromagnetic model (1) and its mechanics, in closed form where there is one.
 
 Vectors are complex numbers alpha + j beta, amplitude-invariant. All functions are in the subset

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Speed profiles for the motor simulator: segments, each starting where the last one ends."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A drive whose controller uses the observer's own angle and speed.
 
 It starts in two ways: with a rotor that spins already (zero current until the observer has found

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator ``pmsm``: a motor in its drive; it publishes currents, voltages and truth."""
 
 from __future__ import annotations

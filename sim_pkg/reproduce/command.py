@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator reproduce``: a paper's figures and tables, our values and references."""
 
 from __future__ import annotations

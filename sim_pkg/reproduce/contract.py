@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The interface of a reproduction of a paper: rows with a reference and a tolerance, and figures.
 
 The references are data: ``references.csv`` beside the code that computes the values of a paper.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The splitmix64 generator: the same numbers on every machine and in every numpy version."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The printed table of a reproduction: our values beside their references."""
 
 from __future__ import annotations

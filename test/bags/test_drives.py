@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Simulated drives in bags: simulate, replay, evaluate, and two-sided bounds on the small ones."""
 
 from __future__ import annotations

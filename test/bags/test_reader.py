@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags of every kind are read alike; what is wrong with one is said in a line."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a crash leaves is never deleted by another writer, and becomes a bag again."""
 
 from __future__ import annotations

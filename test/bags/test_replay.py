@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Replay gives what the driver gives message by message, and loses nothing silently."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every kind of observer through replay, `evaluate --observer` and over DDS: the same estimates."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """No bag unpacks to more than it declares, nor to more than the user allows."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Topics that no command can read: other serialisations, malformed messages. One line, exit 1."""
 
 from __future__ import annotations

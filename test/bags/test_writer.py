@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags that are written: whole or not at all, and as other tools want them."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The benchmarks: their signals, their bookkeeping and their reports. Nothing here is timed."""
 
 import json

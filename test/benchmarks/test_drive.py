@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The drive's benchmark: both sides get the same data, the same bandwidth, and right numbers."""
 
 from __future__ import annotations

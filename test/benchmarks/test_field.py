@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The comparison with the field: the peers run, and both choices are what they are said to be."""
 
 import math

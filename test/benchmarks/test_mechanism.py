@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The benchmark of observers of mechanisms measures what it says."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The table of all observers on the bags of this repository, held by two-sided bounds.
 
 Bounds guard against change. Fresh ones:

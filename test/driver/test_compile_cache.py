@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A fault of the cache of compiled functions costs time and one line, never the answer."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The observer `pmsm` behind the guard: gaps, bad samples; plain equals compiled."""
 
 from __future__ import annotations

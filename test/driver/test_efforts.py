@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Known inputs without ROS: when an effort acts, effort_command's messages, who takes them."""
 
 from __future__ import annotations

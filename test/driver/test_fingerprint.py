@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compiled functions are kept on disk, and never used once anything they call has changed."""
 
 import os

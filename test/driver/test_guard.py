@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The guard for time and data: whatever the stamps, nothing is lost silently and nothing breaks."""
 
 import dataclasses

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Joints and banks: live, in batch and compiled the same; joints that come, go, change order."""
 
 import dataclasses

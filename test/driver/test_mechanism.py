@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Mechanisms without ROS: inputs over time, joints gathered by stamp, wrong settings, replay."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Streams that repeat their readings: recognised, dropped, and nothing else taken for one."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Joint states decoded and encoded many at a time: the same as one by one."""
 
 from __future__ import annotations

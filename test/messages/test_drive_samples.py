@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bytes of drive batches and vectors: against rclpy's serialisation, both ways, and garbage."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Single numbers out of messages of any type, held to what rosbags decodes."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """JointState bytes: ours against rclpy's own serialisation, both ways, and against garbage."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Models of mechanisms: the checks at load, users' own models, wrong ones refused in one line."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A plugin of pytest for `run.py`: writes which test runs which line, or runs the chosen tests.
 
 MUTANTS_COVER: a file for {nodeid: {'time': CPU s, 'lines': {file: [line]}}} of tests that pass

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Mutation testing: small changes of the code, and whether a test notices.
 
     make mutants                              # 500 of seed 1

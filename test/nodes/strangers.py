@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A driver and its consumers as others write them: plain rclpy, in processes of their own.
 
     python strangers.py driver CASE...       # publishes until it is interrupted

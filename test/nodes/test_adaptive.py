@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The node adaptive_observer over real DDS: parameters, freezing, saving, starting frozen."""
 
 from __future__ import annotations

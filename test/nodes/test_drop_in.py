@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A velocity for a driver without one, by one remap: strangers before and after the node."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every output of every node is, byte for byte, what replay makes of the same messages."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """One number in messages of any type, live: a pose, an odometry, a list without a header."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """An observer and a family of another package, through entry points: live as in replay."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The node joint_observer, in a process of its own, over real DDS."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """joint_observer with other inputs, QoS and clocks; its start and its end."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The layouts for PlotJuggler and Foxglove name nothing that the contract's topics do not have.
 
 How the programs read them was taken from their sources: PlotJuggler 3.16 (`xmlLoadState` of the

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The node mechanical_observer over real DDS: several mechanisms, the loop closed with it."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Type names come from bags and from other people's nodes: what they may import."""
 
 from __future__ import annotations

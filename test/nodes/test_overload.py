@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """More than a node can do: too many messages, too many names, messages before the connection."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every parameter of the five nodes through ROS: types, automatic values, ranges, dumps."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a user sets of joint_observer: YAML, settings, raw angles; lost messages."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The nodes pmsm_observer and pmsm_sim in processes of their own, over real DDS."""
 
 from __future__ import annotations

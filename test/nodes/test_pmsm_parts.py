@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What makes up pmsm_observer, without ROS: pairs, order of batches, parameter files."""
 
 from __future__ import annotations

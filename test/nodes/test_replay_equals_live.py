@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The same messages through the real node over real DDS, through replay and the driver."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a plugin of ros2_control that reads a topic needs of us; see docs/ros2_control.md."""
 
 from __future__ import annotations

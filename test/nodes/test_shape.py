@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A stranger's subscriber that indexes ~/estimate by position, over real DDS."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Each fault that keeps a node silent is injected over DDS, and reported in three ways within 5 s.
 
 ``python test/nodes/test_silence.py`` injects them all and prints the table of docs/silence.md.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The first messages of a stream: what a relay next to the node gets, the node answers."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The node switched_observer over real DDS: the gripper live, events, wrong models."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What nodes say when something is wrong with what comes, or with what is done with it.
 
 The nodes live in this process and in no executor: they take what waits when they look around.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What nodes of model-based observers say to a wrong start: one line, at once."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every observer owes the driver, whoever wrote it."""
 
 import dataclasses

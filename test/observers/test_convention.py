@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The published position is written as the measurement is: wrapped, multi-turn or prismatic."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Observers of an angle at the ends of what is admitted: gains, circles, sample times, speeds."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demonstration as a newcomer runs it: processes over real DDS, a bag, a plot, a clean end."""
 
 import io

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The encoder simulator as a stream and as bags, and the command that writes them."""
 
 import filecmp

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every simulator does with parameters that no plant can have: one line, never a NaN."""
 
 import math

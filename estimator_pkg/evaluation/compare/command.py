@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator evaluate``: compare estimates with the truth in a bag, or with an off-line
 reference if there is none.
 """

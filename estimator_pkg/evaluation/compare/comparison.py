@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compare one bag's estimates with its truth: recorded estimates, or observers run now."""
 
 from __future__ import annotations

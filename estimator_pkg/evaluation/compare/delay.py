@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The delay of an estimate: the shift that minimises its error, finer than a sample.
 
 A coarse search over integer samples (by FFT) finds the minimum nearest to zero. Around it the mean

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A comparison as text: the table for a terminal, and the quality of the reference."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cubic interpolation between samples at uneven times, with numpy only."""
 
 from __future__ import annotations

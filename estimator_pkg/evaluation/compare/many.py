@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Expand the paths of a command into bags, and handle bags that cannot be evaluated.
 
 A bag that was named must be evaluated, else the command fails. Bags found in a folder are skipped

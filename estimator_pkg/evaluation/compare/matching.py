@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Match truth and estimates by stamp; interpolate the truth where the stamps differ."""
 
 from __future__ import annotations

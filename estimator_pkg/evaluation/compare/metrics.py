@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Errors of an estimate at zero shift, and its delay.
 
 Errors are estimate minus truth at the same stamp. A late estimate is wrong while the speed changes,

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compare drives sample by sample: their batches contain truth and estimate of every sample.
 
 If a bag has the truth of every sample, the electrical joint is compared per sample: a second of a

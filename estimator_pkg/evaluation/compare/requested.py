@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The requested observers, each with those of the parameters that it has."""
 
 from __future__ import annotations

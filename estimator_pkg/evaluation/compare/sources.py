@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sources of estimates: recorded topics, or observers run on the recorded measurement."""
 
 from __future__ import annotations

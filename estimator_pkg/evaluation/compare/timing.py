@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Measure times of several functions in turn, so that other load on the machine hits all."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The truth in a bag, or the off-line smoother if there is none."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator identify``: fit a model's parameters to a recording and validate them."""
 
 from __future__ import annotations

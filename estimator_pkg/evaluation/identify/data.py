@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Read the input of `identify` from a bag: one mechanism's times, positions and inputs."""
 
 from __future__ import annotations

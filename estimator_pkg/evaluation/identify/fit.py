@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fit a model's parameters by output error: simulated motion under the recorded inputs.
 
 The recording is cut into pieces. In each, the model starts at positions and velocities of its own,

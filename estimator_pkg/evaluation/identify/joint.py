@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fit the parameters of a single joint to a recording of its positions and torques.
 
 The equation of motion is multiplied by smooth windows and integrated by parts, so it needs no

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A recording of a mechanism, and the pieces into which `identify` cuts it."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The benefit of a reported torque: observers with and without it on recorded pendulums.
 
     python -m estimator_pkg.evaluation.identify.torque bags

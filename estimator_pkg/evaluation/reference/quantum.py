@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Estimate the quantum of readings from the readings themselves."""
 
 from __future__ import annotations

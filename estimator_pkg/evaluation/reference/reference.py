@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The quality of a measured reference velocity: its own lag, bias, slope and noise.
 
 The reference of a recording is a sensor too. Its lag and bias are fitted to the measured position,

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The white noise of a reference velocity, separated from its motion.
 
 At usual sample rates the third differences of a motion are small, and those of white noise are not.

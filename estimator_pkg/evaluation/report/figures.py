@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The interactive figures of a report page, drawn with Bokeh."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """All samples of a comparison in an .npz file, written array by array."""
 
 from __future__ import annotations

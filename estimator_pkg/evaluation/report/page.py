@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``evaluate --html``: one self-contained page for any number of bags and observers."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The plot of a comparison: true and estimated velocity, and the error below."""
 
 from __future__ import annotations

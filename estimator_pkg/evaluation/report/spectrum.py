@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Views of an error: over frequency, over speed, and normalised by its standard deviation."""
 
 from __future__ import annotations

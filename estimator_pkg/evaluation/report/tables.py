@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The tables of a report page: one per bag, and one over all bags."""
 
 from __future__ import annotations

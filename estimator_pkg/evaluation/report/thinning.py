@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Thin a long record for drawing without a visible change."""
 
 from __future__ import annotations

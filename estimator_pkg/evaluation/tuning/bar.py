@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A progress bar with the best trial so far, on a terminal."""
 
 from __future__ import annotations

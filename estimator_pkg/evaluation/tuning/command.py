@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``velocity_estimator tune``: find gains from data, and write a YAML that the node loads."""
 
 from __future__ import annotations

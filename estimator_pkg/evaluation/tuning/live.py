@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """``tune --live``: record from a running node, and set its new gains on request."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The objective of the tuner: an observer's error, delay and noise on parts of recorded bags."""
 
 from __future__ import annotations

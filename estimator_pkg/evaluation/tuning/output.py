@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The output of `tune`: a table, and a commented YAML for the node."""
 
 from __future__ import annotations

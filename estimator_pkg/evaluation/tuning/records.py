@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The bags for tuning: parts for the search, and held-out parts."""
 
 from __future__ import annotations

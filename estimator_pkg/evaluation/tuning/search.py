@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The search for gains: Optuna suggests and stores the trials, batch by batch.
 
 Trials run in batches of a fixed size and are recorded in a fixed order, so the result depends on

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Find the best gains for a group of records, and validate them on held-out data."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The checked settings of a tuning run: observer, search ranges, and weights."""
 
 from __future__ import annotations

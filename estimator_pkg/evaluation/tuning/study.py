@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The searched gains, and the Optuna study that stores and suggests the trials."""
 
 from __future__ import annotations

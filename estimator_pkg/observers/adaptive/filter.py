@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Filters with a companion matrix A, unrolled for one order.
 
 A is a_i in its first column and 1 above its diagonal (observable canonical form, C = [1 0 .. 0]).

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Parameters of the observer `adaptive`, and the structure that follows from them."""
 
 from __future__ import annotations

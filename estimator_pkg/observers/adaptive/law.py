@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The adaptation law: when the parameters adapt, how, and the sums for `evidence`."""
 
 from __future__ import annotations

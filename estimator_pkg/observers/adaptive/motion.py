@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """From the filtered regressor and the parameters to the states x and the velocity.
 
 The adaptation of the parameters is in `law`.

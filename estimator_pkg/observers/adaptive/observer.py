@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Adaptive velocity observer: velocity of a linear servo whose parameters it identifies.
 
 The plant x' = A x + B u, y = C x in observable canonical form is written (2)

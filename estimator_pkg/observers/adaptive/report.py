@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The report of the adaptive observer: identified parameters, their errors, and trust in them."""
 
 from __future__ import annotations

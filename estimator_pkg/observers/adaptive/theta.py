@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Functions of the parameters of the adaptive observer: free and known ones, and their signals."""
 
 from __future__ import annotations

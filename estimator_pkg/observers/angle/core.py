@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every angle-only observer shares: noise, low-speed bound, status, convention.
 
 An angle-only observer is a small core (a prediction and a correction by the wrapped innovation);

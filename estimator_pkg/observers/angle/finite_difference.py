@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Finite difference with a one-pole low-pass: what most users have today."""
 
 from __future__ import annotations

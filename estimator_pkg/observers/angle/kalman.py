@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The Kalman filter of a joint that is moved by white noise, with wrapped innovation and true dt.
 
     constant_velocity        v' = w,         w white acceleration of density q [(rad/s^2)^2 s]

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stamps that lie: a sample that came as evenly as the others, and was stamped late.
 
 What a wrong stamp does to an innovation is derived in docs/stamps_and_quantisation.md.

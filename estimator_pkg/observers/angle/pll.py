@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The phase-locked loop of motor drives: a PI loop on the wrapped error, with true sample times.
 
     x' = v + 2 zeta w0 e,   v' = w0^2 e,   e = wrap(y - x)

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A start: the time after a shaft at rest began to move, or after a gap.
 
 The core still carries the old speed, so it errs by more than noise explains until its errors have

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Covariances of position, velocity and acceleration, unrolled, in units of the noise variance.
 
 P/R is symmetric and stored as its upper triangle, row by row: 3 numbers for (x, v), 6 for

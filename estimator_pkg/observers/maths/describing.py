@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Describing functions of sliding-mode injections for Gaussian innovations.
 
 For a Gaussian innovation e of standard deviation s, an injection f(e) is a gain times e plus a

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Recursive least squares with forgetting and a bounded covariance.
 
 Without excitation P grows as exp(t/memory) and would overflow, although other directions are well

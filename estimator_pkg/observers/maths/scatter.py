@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The noise variance of a measurement, estimated from its third differences.
 
 A third difference removes position, speed and acceleration. So the estimate does not depend on a

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Steady-state covariances of a linear observer under white measurement noise."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tracking loops with fixed gains: pole matching and noise variances.
 
 One sample of these loops, with the prediction x + v dt (+ a dt^2/2) and the innovation e:

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Super-twisting: its two injections, and its implicit Euler step in closed form.
 
 Forward Euler chatters with amplitude h a; the implicit step does not:

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Small linear algebra on tuples, unrolled for one size.
 
 In plain Python a loop over two or three numbers costs more than their arithmetic, and Numba cannot

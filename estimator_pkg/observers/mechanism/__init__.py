@@ -1,1 +1,4 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Observers of mechanisms with a known model and known inputs."""

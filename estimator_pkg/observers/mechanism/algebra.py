@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Algebra on tuples for observers of mechanisms, written out for one number of positions.
 
 The functions are generated as text without loops, for the reasons in `maths.unroll`. A vector is a

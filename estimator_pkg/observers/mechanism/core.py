@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The shared part of all observers of mechanisms: guard of the domain, status, convention.
 
 A measurement is the tuple of all positions. The input is the tuple of forces and torques that acted

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """EHGO: the extended high-gain observer, which also estimates a disturbance of the acceleration.
 
     x1h' = x2h + (h1/eps) e,   x2h' = model + sg + (h2/eps^2) e,   sg' = (h3/eps^3) e

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The exact step of the linear part of GESO, written out for one number of positions.
 
 With the terms that depend on the configuration frozen, the observer is linear over one sample:

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Friction that stops a joint within a sample, for the steps of observers of mechanisms.
 
 In a step all forces except viscous ones are constant. Constant dry friction would move a joint that

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Checks and properties of the gain matrices of observers of mechanisms."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The general form of Remark 6, for systems that are linear in their unmeasured states.
 
     e1' = B(e1) e2 + f1(e1, u),   e2' = f2(e1, u),   y = e1

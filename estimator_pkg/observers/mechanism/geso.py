@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """GESO: the globally exponentially stable observer of partially linearisable mechanisms.
 
     qh' = calM(s) ph + L (y - qh)

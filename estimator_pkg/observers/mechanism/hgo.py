@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """HGO: the high-gain observer of a mechanism.
 
     x1h' = x2h + L e,   x2h' = M(y)^-1 [G u - dV/dq - C(y, x2h) x2h - D x2h] + K e,   e = y - x1h

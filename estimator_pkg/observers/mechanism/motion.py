@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Integrate a model's equations by Runge-Kutta, for simulators and identification.
 
 It uses the same `Mechanics` as the observers. Everything compiles if the model does.

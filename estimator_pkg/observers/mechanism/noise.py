@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Variances of an observer of a mechanism under white measurement noise, at one configuration."""
 
 from __future__ import annotations

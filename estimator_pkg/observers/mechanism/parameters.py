@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The shared parameters of all observers of mechanisms, and functions of them."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """SMO: sliding-mode observers of a mechanism.
 
 super_twisting (Davila, Fridman, Levant; (22) of the paper), with e = y - x1h:

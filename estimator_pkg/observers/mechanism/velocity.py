@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The shared part of the observers whose state is the velocity: acceleration, step and gains.
 
 `hgo`, `ehgo` and `smo` need M, C and the forces, but not Psi, so they work for every mechanism.

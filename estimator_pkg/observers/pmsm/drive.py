@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The contract of drive observers: `Functions`, and the outputs that only a drive has.
 
 Observers of kind 'drive' take a sample (i_alpha, i_beta, u_alpha, u_beta): the current at the stamp

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The observer of Bosso, Azzollini and Tilli (2020) in continuous time: flow and jump.
 
 A two-vector (a, b) is the complex number a + j b; J v is j v, C[z] v is z v. All signals except z

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The parameters of the sensorless observer, and the gains that follow from motor and bandwidth."""
 
 from __future__ import annotations

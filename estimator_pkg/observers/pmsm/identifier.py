@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The mini-batch identifier (21) to (26): the flux from the last N clock periods by least squares.
 
 Between clock ticks at t-T and t the rotor's motion satisfies (22),

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Variances of back-EMF, innovation, angle, speed and flux under current noise.
 
 Around a converged state the fast part is linear. Its response to white noise n on each current

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sensorless speed, angle and flux of a permanent-magnet motor (Bosso, Azzollini, Tilli, 2020).
 
 A sample is (i_alpha, i_beta, u_alpha, u_beta): the current at the stamp and the mean voltage over

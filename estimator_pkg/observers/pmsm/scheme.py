@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Discretisation of the observer: exact for the linear fast part, rotation on the unit circle.
 
 In the estimated frame the current and back-EMF estimates obey a linear system with constant

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """`Design` from the gains, `Coefficients` from the sample time, and the layout of the state.
 
 The state is a plain tuple, because a NamedTuple would cost a tenth of a step.

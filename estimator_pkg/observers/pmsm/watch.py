@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Residuals of the sensorless observer, and the reasons why an estimate is not valid.
 
 All residuals are computed from internal signals. They cannot detect an error of the inductance, a

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The discrete part at an event: prediction of Z, inversion from the last intervals, reset."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Hybrid observer: velocities of a system whose dynamics switch at known events.
 
 Step-by-step super-twisting (22) estimates the outputs' derivatives and the last derivative of each

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The discrete state from filtered signals and least squares, within an interval.
 
 All signals pass the same filter, so that Y = Gamma + Lambda Z needs no derivative of the outputs.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The continuous part: step-by-step super-twisting (22), one stage after the other."""
 
 from __future__ import annotations

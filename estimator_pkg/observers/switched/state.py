@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The state of the observer `switched`, and its functions beyond the common contract."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Everything that follows from gains and model of the observer `switched`, computed once."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The published position and velocity: from extended observers, or from the cascade.
 
 A stage of super-twisting bounds the change of the velocity by L. If the encoder's quantum is q, the

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of the adaptive paper: its two examples, and the vectors of the sampled recursions."""
 
 from __future__ import annotations

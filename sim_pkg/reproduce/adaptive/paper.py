@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The adaptive paper: Figures 1 and 2, tables A1 to A6 of its specification, the recordings."""
 
 from __future__ import annotations

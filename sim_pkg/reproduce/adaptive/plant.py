@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The servo (34) of the adaptive paper, its inputs, and the observer in continuous time."""
 
 from __future__ import annotations

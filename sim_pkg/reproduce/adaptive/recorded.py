@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of the recorded pendulum: the parameters that the observer identifies, per recording.
 
 The paper has no recordings, so the references are our own results: they guard against change. The

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The observer `adaptive` on sampled signals, without the driver, for the rows."""
 
 from __future__ import annotations

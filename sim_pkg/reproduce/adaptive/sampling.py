@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows on sampling, noise and excitation, which the paper leaves open (A3, A4, A5)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Continuous time: Figure 4, the Lyapunov function, Figure 5 (rows F4, LY, F5).
 
 Plant (1) and observer (3) with their jumps.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures 3 to 6 of the hybrid-angle paper, drawn with matplotlib."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The continuous-time hybrid observer (3) of Brentari et al. (2018): its flow and its jumps.
 
 Figures 4 and 5 integrate it; a node runs the sampled forms of `hybrid_angle`. Every function is

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The hybrid-angle paper: Figures 3 to 6 and every number of its specification."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Runs the sampled forms of the project's own `hybrid_angle` over measured angles.
 
 Only the observer's core runs. The paper has no guard, no restart after a lost lock and no low-speed

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of Algorithm 1 at 100 Hz: Figure 6, stability, noise, and its limits.
 
 The limits are ramps that it cannot follow, starts that do not lock, and tan.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows on streams with faults: jitter, drops, gaps, duplicates and outliers at 150 rad/s, 14 bit.
 
 Three columns: Algorithm 1 with a fixed T, Algorithm 1 with the true sample times, the robust form

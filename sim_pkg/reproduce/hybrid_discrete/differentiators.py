@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of the differentiators on which the hybrid observer is built (B5 of the specification)."""
 
 from __future__ import annotations

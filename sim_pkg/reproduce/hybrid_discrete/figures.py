@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures 2 to 4 of the hybrid paper, drawn with matplotlib."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The hybrid continuous-discrete paper: Figures 2 to 4, tables B1 to B5 and C."""
 
 from __future__ import annotations

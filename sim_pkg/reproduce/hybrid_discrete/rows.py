@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of the hybrid paper: its example (B1 to B3) and the gripper joint (C)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The hybrid observer on the paper's example and on the gripper joint, without the driver."""
 
 from __future__ import annotations

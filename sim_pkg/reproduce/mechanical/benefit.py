@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The benefit of a known torque: one joint, observers with and without it, best tuning each (G).
 
 The specification names the torque (several sines, 0.3 to 5 Hz), the encoders, 1 kHz and Coulomb

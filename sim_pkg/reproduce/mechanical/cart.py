@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Section 5.1: the normalised cart-pendulum, three observers, Table 1 (rows B); fast (rows H2)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures 2, 3, 5 to 7 and 9 to 13 of the paper, drawn with matplotlib."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What follows from gains and models alone (rows A)."""
 
 from __future__ import annotations

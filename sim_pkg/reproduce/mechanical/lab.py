@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Section 6.2: the laboratory cart-pendulum in open loop, Table 5 (rows D, H3, H4)."""
 
 from __future__ import annotations

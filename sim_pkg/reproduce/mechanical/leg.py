@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Section 5.2: the robotic leg, three observers, Table 2 (rows C); retuned (rows H1)."""
 
 from __future__ import annotations

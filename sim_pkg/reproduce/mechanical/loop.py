@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Section 6.3: the pendulum balanced with each observer in the loop, Table 6 (rows E)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper on observers of mechanisms: every row, Tables 1, 2, 5, 6, 7, Figures 2 to 13."""
 
 from __future__ import annotations

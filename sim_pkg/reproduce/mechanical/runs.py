@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Runs of observers of mechanisms over simulated motions, for the rows of the table.
 
 Every run steps the package's own observers (`MechanicalCore.advance`). Features of the paper alone,

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """An off-line reference from positions alone (rows F and H5).
 
 The cubic smoothing spline is the paper's own: the least mean square acceleration with a residual of

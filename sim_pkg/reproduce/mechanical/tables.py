@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tables 1, 2, 5, 6 and 7 in the paper's layout, our results next to the printed numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """T6: speeds at which the rotor comes back to the same angle at every clock tick."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """T0 to T2 and the order of the observers: exact signals, jump, least squares, reference runs."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Our own claims about the observer in a drive: correct status, closed loop, wrong nominal flux."""
 
 from __future__ import annotations

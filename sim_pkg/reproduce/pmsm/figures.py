@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures 1 and 2 of the sensorless-motor paper, and the drive on the observer's own estimates."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The sensorless-motor paper: Figures 1 and 2, tables T0 to T7, and our claims about a drive."""
 
 from __future__ import annotations

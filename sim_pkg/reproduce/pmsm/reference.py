@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The reference runs of Bosso et al. (2020): exact signals, the observer in continuous time by RK4.
 
 Motor, profile and starts are those of the tables in docs/papers/pmsm.md.

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """T3 to T5 and T7: ways to sample, starts by scheme X, bias from wrong data, controlled drive."""
 
 from __future__ import annotations

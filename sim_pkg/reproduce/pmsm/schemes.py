@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Ways to sample the observer, for the comparison: Euler, Runge-Kutta, and scheme X with variants.
 
 The observer itself uses `pmsm.scheme.advance` (X, voltage rotated, two passes); `exponential_step`

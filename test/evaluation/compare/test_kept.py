@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Arrays that wait in a file, and comparisons that are made of them."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Folders of bags, some of which say nothing: left out with a warning, the others judged."""
 
 import html

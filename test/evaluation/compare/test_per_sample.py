@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Drives with the truth of every sample in the bag are judged and tuned sample by sample."""
 
 import json

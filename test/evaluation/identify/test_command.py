@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """identify: the numbers of models from recordings, and from what cannot tell them."""
 
 from __future__ import annotations

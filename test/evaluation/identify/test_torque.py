@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a reported torque is worth on the recorded pendulums: docs/papers/mechanical.md, held."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The off-line reference, held to the table of spec 3.6 and to motions whose truth is known."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The off-line reference says truly what it may be wrong by: at creep, at speed, on recordings.
 
 Run as a program it prints the table of docs/stamps_and_quantisation.md.

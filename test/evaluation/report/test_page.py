@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The page of evaluate --html: its content, its size, and that it works in a browser offline."""
 
 import html

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """tune for observers that need more than an angle, and what is true of all kinds."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """tune --live beside a running simulator and observer, over real DDS."""
 
 import json

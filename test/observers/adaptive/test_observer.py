@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The adaptive observer: the paper's recursion, its sampled form, gate, freezing, bad input."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the adaptive observer says of its parameters: deviations, trust, knocks, gravity."""
 
 import math

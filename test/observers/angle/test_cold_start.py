@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Starts and returns: from any angle, at any speed up to half a turn per sample, honestly told."""
 
 import math

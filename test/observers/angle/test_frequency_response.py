@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Measured frequency response of each observer, against its closed form in discrete time.
 
 The closed forms are derived here once more, from the continuous design and textbook algebra alone:

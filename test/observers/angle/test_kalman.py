@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The Kalman filter: against a textbook one, from the first samples, for hours, at any noise."""
 
 import math

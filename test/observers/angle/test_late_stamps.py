@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """A stamp that comes late is no motion: every angle observer finds it by its innovations."""
 
 import math

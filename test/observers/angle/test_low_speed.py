@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The low-speed bound: a shaft that turned faster would have moved the reading by now."""
 
 import math

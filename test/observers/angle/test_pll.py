@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The phase-locked loop, and the algebra of loops with fixed gains."""
 
 import math

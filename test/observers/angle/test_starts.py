@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The standard deviation is never zero, covers starts and gaps, and is calm again soon."""
 
 import itertools

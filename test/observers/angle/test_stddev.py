@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 # ruff: noqa: E501, RUF001 (a page of the documentation stands here as it is printed)
 """The standard deviation beside an estimate: right at constant speed, measured in motion.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Super-twisting differentiators: the vectors and tables of the spec, rest, cold start."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Least squares that forgets, as `adaptive` and `switched` use it."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Gains of observers of mechanisms, what follows from them, and those that are refused."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Remark 6: systems that are linear in what is not measured."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sliding modes step by step; standard deviations of every observer of mechanisms."""
 
 from __future__ import annotations

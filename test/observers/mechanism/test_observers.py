@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """geso, hgo, ehgo and smo: steps, frequency response, motion at speed, the driver."""
 
 from __future__ import annotations

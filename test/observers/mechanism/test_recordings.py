@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two-sided bounds of the observers of mechanisms on recorded pendulums, as a user replays them.
 
 The reference is the drive's own velocity as it is, with its noise of 0.06 to 0.11 rad/s and its

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Observers of mechanisms where something is missing, singular or far off."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The mathematics of the sensorless observer: jump, exponential, scheme X, identifier, noise."""
 
 from __future__ import annotations

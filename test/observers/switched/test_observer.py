@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The hybrid observer: events, convergence, the checks of models."""
 
 import dataclasses

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator dc_motor: physics, voltages, effort; the adaptive observer on its bags."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator gripper: events, masses, and the hybrid observer on its stream."""
 
 import numpy as np

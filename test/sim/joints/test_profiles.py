@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The true motions: derivatives that fit together, and the values that their names promise."""
 
 import math

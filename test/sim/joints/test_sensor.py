@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every sensor fault, seen in the data at the rate it was asked for, and alone."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The node encoder_sim over real DDS: the same run as `simulate`, in real time, ending cleanly."""
 
 import contextlib

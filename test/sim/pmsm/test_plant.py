@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The motor simulator: exact plant, inverter, sensors, controller, profiles, repeatability."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The reproduction of the adaptive paper: its rows, the plant they stand on, the figures."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Readings of a counter as cells: intervals of one quantum in which the position was.
 
 As a number with variance quantum^2/12, an unchanged reading would count again and again, and the

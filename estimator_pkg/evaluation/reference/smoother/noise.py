@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Estimate the noise of a record's readings and the jerk of its motion by maximum likelihood."""
 
 from __future__ import annotations

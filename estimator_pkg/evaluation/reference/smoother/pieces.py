@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cut a record of positions at its gaps."""
 
 from __future__ import annotations

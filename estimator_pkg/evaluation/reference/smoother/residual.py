@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The residual of the smoother: white noise, or motion that it did not follow."""
 
 from __future__ import annotations

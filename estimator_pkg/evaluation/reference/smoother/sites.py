@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sites of a stretch of cells: the cells to use, and the sweeps until the sites converge."""
 
 from __future__ import annotations

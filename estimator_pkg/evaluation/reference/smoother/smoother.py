@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The off-line reference: velocity from the measured position alone, with past and future samples.
 
 A fixed-interval smoother for a motion driven by white jerk, at irregular stamps and on wrapped

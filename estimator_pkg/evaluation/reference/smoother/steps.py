@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The sample-by-sample functions of the off-line smoother, which Numba compiles.
 
 State (q, v, a) driven by white jerk of intensity `qc`, measured position with variance `r`, the

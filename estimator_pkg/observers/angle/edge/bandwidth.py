@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """How fast the observer listens: the density of the jerk, from the innovations alone.
 
 Slow law. The innovations of a filter that listens at the right rate are white, whatever the noise.

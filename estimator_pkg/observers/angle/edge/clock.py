@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Late stamps, as the edge-aware observer finds them.
 
 What a late stamp does to an innovation is derived in docs/stamps_and_quantisation.md. A sample time

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The covariance of angle, speed and acceleration: what time, a reading and each law do to it.
 
     a' = -a/fade + w,  v' = a,  x' = v,       w white jerk

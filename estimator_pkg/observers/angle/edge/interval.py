@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """What one reading of a counter shows of the angle: an interval, and how a Gaussian meets it.
 
 A count says that the angle lies in its cell, no more. Two counts in a row say more: the cell

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The edge-aware adaptive observer: a Kalman filter of an angle for which nothing need be tuned.
 
     a' = -a/FADE + w,  v' = a,  x' = v,       w white jerk of a density that is found on line

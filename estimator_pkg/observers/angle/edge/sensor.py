@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The sensor as its readings show it: the quantum, and the noise above it.
 
 The noise is seen in the change of the residual of linear interpolation between every second

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """How the edge-aware observer comes to know a speed: at a start, and where a shaft has rested.
 
 The covariance is right for motions like those before, and knows nothing of one that has just begun.

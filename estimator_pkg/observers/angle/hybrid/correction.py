@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The robust sampled form of the hybrid observer: its corrections, second and third order.
 
 Against Algorithm 1 of Brentari et al. (2018):

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Gains of the hybrid observer: from bandwidth to the paper's symbols, poles and limits.
 
 The continuous designs, in the symbols of Brentari et al. (2018), section III:

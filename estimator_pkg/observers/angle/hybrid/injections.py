@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The output injections of Brentari et al. (2018), section IV, and a user's own.
 
 Each is a function ``(error, period, limit) -> injection`` [rad], periodic in the error with slope 1

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The hybrid velocity observer for wrapped angles (Brentari, Bosetti, Zaccarian, 2018)."""
 
 from __future__ import annotations

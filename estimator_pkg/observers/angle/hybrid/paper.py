@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Algorithm 1 of Brentari et al. (2018), as printed (with the absolute-value bars it lost)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The robust sampled form of the hybrid observer: state, pole-matched gains, noise.
 
 The poles are those of the continuous design at any sample time (pole matching), so no sample time

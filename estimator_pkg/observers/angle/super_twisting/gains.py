@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Gains of the matching form of super-twisting; what noise makes of them, and of the implicit form.
 
 With s = dt (L/|e|)^(1/(n+1)), dt times the speed of the error dynamics at an innovation e, the

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """Super-twisting differentiators of order 1, 2 and 3 (sliding-mode observers of an angle alone).
 
 The continuous differentiator of order n bounds its error by L, the bound of derivative n + 1:

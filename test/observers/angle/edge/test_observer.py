@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The edge-aware adaptive observer: what the issue asks of it, and what it stands on."""
 
 import math

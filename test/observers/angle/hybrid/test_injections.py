@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The four injections of the paper, and a user's own held to Assumption 1."""
 
 import math

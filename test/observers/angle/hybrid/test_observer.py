@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """The hybrid observer: Algorithm 1, the robust form, their gains, limits, noise and streams."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """hybrid_angle, the robust form: equations, streams, low speed, live changes; plain is compiled."""
 
 import dataclasses

@@ -1,0 +1,119 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""`ros2 doctor`: which of our nodes estimate nothing, and why.
+
+Only ros2doctor imports this module, through the entry points `ros2doctor.checks` and
+`ros2doctor.report`. Its interface was read in ros2doctor 0.32 (Jazzy).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros2cli.node.direct import DirectNode
+from ros2doctor.api import DoctorCheck, DoctorReport, Report, Result
+from ros2doctor.api.format import doctor_error
+
+CATEGORY = 'velocity_estimator'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ESTIMATING = {'tracking', 'coasting'}
+PATIENCE = 3.0  # [s] for ~/status, which is latched, and /diagnostics, which comes once a second
+DISCOVERY = 1.0  # [s] for the first node, beyond the 0.5 s of ros2cli
+STATUS, RESET = '/status', '/reset'
+
+
+class EstimateCheck(DoctorCheck):  # type: ignore[misc]  # without ros2cli it is Any
+    """Reports each observer node that estimates nothing, as an error."""
+
+    def category(self) -> str:
+        """Return the name that links check and report."""
+        return CATEGORY
+
+    def check(self) -> Result:
+        """Return one error for each such node."""
+        result = Result()
+        for name, why in found().items():
+            if why:
+                doctor_error(f'{name} estimates nothing: {why}')
+                result.add_error()
+        return result
+
+
+class EstimateReport(DoctorReport):  # type: ignore[misc]  # without ros2cli it is Any
+    """Lists the observer nodes."""
+
+    def category(self) -> str:
+        """Return the name that links check and report."""
+        return CATEGORY
+
+    def report(self) -> Report:
+        """Return the nodes, each with 'estimates' or the reason why not."""
+        report = Report('VELOCITY ESTIMATOR NODES')
+        nodes = found()
+        for name, why in nodes.items():
+            report.add_to_report('node', name)
+            report.add_to_report('estimates', why or 'yes')
+        if not nodes:
+            report.add_to_report('node', 'none')
+        return report
+
+
+def found() -> dict[str, str]:
+    """Return the observer nodes of the graph: name -> '' or why it estimates nothing."""
+    with DirectNode(None) as node:
+        names = _observers(node)
+        end = monotonic() + DISCOVERY
+        while not names and monotonic() < end:
+            rclpy.spin_once(node.node, timeout_sec=0.1)
+            names = _observers(node)
+        statuses: dict[str, list[Any]] = {}
+        diagnoses: dict[str, str] = {}
+
+        def status_of(name: str) -> Callable[[DiagnosticArray], None]:
+            return lambda message: statuses.update({name: list(message.status)})
+
+        def diagnosed(message: DiagnosticArray) -> None:
+            diagnoses.update({each.name: each.message for each in message.status})
+
+        for name in names:
+            node.create_subscription(DiagnosticArray, name + STATUS, status_of(name), LATCHED)
+        if names:
+            node.create_subscription(DiagnosticArray, '/diagnostics', diagnosed, 10)
+        end = monotonic() + PATIENCE
+        while not (names <= statuses.keys() & diagnoses.keys()) and monotonic() < end:
+            rclpy.spin_once(node.node, timeout_sec=0.1)
+    return {name: _why(statuses.get(name), diagnoses.get(name, '')) for name in sorted(names)}
+
+
+def _observers(node: Any) -> set[str]:
+    """Return the nodes that publish ~/status and serve ~/reset, by their full names."""
+    publishing = {
+        f'{each.node_namespace.rstrip("/")}/{each.node_name}' + STATUS
+        for topic, types in node.get_topic_names_and_types()
+        if topic.endswith(STATUS) and 'diagnostic_msgs/msg/DiagnosticArray' in types
+        for each in node.get_publishers_info_by_topic(topic)
+    }
+    services = {
+        name
+        for name, types in node.get_service_names_and_types()
+        if 'std_srvs/srv/Trigger' in types
+    }
+    names = {topic.removesuffix(STATUS) for topic in publishing}
+    return {name for name in names if name + RESET in services}
+
+
+def _why(entries: list[Any] | None, diagnosis: str) -> str:
+    """Return why a node estimates nothing; '' if one of its joints has an estimate."""
+    if entries is None:
+        return f'its status did not arrive within {PATIENCE:g} s'
+    for entry in entries:
+        if any(item.key == 'status' and item.value in ESTIMATING for item in entry.values):
+            return ''
+    reasons = [f'{entry.name}: {entry.message}' for entry in entries] or ['no joint has appeared']
+    return '; '.join([*reasons, *([diagnosis] if diagnosis not in ('', 'ok') else [])])

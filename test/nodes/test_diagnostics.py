@@ -1,0 +1,96 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Entries of diagnostics: hardware_id, and the groups of config/diagnostics_aggregator.yaml."""
+
+import re
+from pathlib import Path
+
+import dds
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+
+from estimator_pkg.messages import diagnostics
+
+ROOT = Path(__file__).resolve().parents[2]
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture(scope='module')
+def entries(probe):
+    """The entries of a simulator and an observer, by topic."""
+    found = {'/diagnostics': [], '/left/joint_observer/status': []}
+    subscriptions = [
+        probe.node.create_subscription(
+            DiagnosticArray,
+            topic,
+            lambda message, topic=topic: found[topic].extend(message.status),
+            qos,
+        )
+        for topic, qos in (('/diagnostics', 10), ('/left/joint_observer/status', LATCHED))
+    ]
+    inside = dds.ros_args(remap=['__ns:=/left'])
+    with (
+        dds.NodeProcess('sim_pkg.nodes.executables encoder_sim', *inside),
+        dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', *inside),
+    ):
+        probe.until(lambda: len({each.name for each in found['/diagnostics']}) == 3)
+        probe.until(lambda: found['/left/joint_observer/status'])
+    for subscription in subscriptions:
+        probe.node.destroy_subscription(subscription)
+    return found
+
+
+def test_every_entry_has_a_hardware_id(entries):
+    ids = {each.name: each.hardware_id for each in entries['/diagnostics']}
+    assert ids == {
+        '/left/joint_observer': '/left/joint_observer',
+        '/left/joint_observer: wheel': 'wheel',
+        '/left/encoder_sim: deadlines': '/left/encoder_sim',
+    }
+    assert {(each.name, each.hardware_id) for each in entries['/left/joint_observer/status']} == {
+        ('wheel', 'wheel')
+    }
+
+
+def test_entries_of_streams_have_a_hardware_id():
+    raw = diagnostics.encode(0, [diagnostics.Status(True, 'elbow', 'tracking', {'J': 0.5})])
+    (status,) = deserialize_message(raw, DiagnosticArray).status
+    assert (status.name, status.hardware_id) == ('elbow', 'elbow')
+
+
+def analyzers():
+    """(path, patterns) of each analyzer, as the aggregator reads them.
+
+    From diagnostic_aggregator's sources (branch ros2-jazzy): the node is 'analyzers', an analyzer
+    is a group of parameters with `type` and `path`, and GenericAnalyzer matches the whole name of
+    an entry with `regex`.
+    """
+    read = yaml.safe_load((ROOT / 'config/diagnostics_aggregator.yaml').read_text())
+    parameters = read['analyzers']['ros__parameters']
+    groups = {key: value for key, value in parameters.items() if isinstance(value, dict)}
+    assert set(parameters) == {'path', *groups}
+    for group in groups.values():
+        assert group['type'] == 'diagnostic_aggregator/GenericAnalyzer'
+        assert set(group) == {'type', 'path', 'regex', 'timeout'}
+        assert isinstance(group['timeout'], float)  # read with as_double
+    return {group['path']: group['regex'] for group in groups.values()}
+
+
+def group_of(name):
+    return [
+        path
+        for path, patterns in analyzers().items()
+        if any(re.fullmatch(pattern, name) for pattern in patterns)
+    ]
+
+
+def test_the_aggregator_groups_every_entry(entries):
+    for name in {each.name for each in entries['/diagnostics']}:
+        assert group_of(name) == (['Simulators'] if '_sim' in name else ['Observers']), name
+    for kind in ('mechanical', 'adaptive', 'switched', 'pmsm'):
+        assert group_of(f'/{kind}_observer') == ['Observers']
+    assert not group_of('/camera: frequency')

@@ -1,0 +1,68 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The linters of ament: ament_copyright, ament_flake8, ament_pep257 (see CONTRIBUTING.md)."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+DEBIAN = Path('/usr/lib/python3/dist-packages')  # apt-get install python3-ament-copyright
+CODE = ['estimator_pkg', 'launch', 'setup.py', 'sim_pkg']  # installed; ruff checks the rest too
+CHECKS = {
+    'ament_copyright': [*CODE, 'bags', 'benchmarks', 'docs', 'test'],
+    'ament_flake8': ['--config', 'setup.cfg', *CODE],
+    'ament_pep257': [
+        *('--convention', 'numpy', '--add-ignore', 'D105', 'D205', 'D400', 'D401', 'D403'),
+        *('--', *CODE),
+    ],
+}
+
+
+def checked(linter, *arguments, folder=ROOT):
+    """(exit code, output) of a linter; the test is skipped without it."""
+    paths = []
+    if importlib.util.find_spec(linter) is None:
+        if not (DEBIAN / linter).is_dir():
+            pytest.skip(f'{linter} is not installed (package ros-jazzy-{linter.replace("_", "-")})')
+        paths = [str(DEBIAN)]  # after ours
+    code = (
+        f'import sys; sys.path += {paths}; from {linter}.main import main; '
+        'sys.exit(main(sys.argv[1:]))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code, *map(str, arguments)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize('linter', CHECKS)
+def test_linter(linter):
+    code, output = checked(linter, *CHECKS[linter])
+    assert code == 0 and 'No problems found' in output, output
+
+
+@pytest.mark.parametrize('linter', CHECKS)
+def test_a_linter_finds_a_fault(linter, tmp_path):
+    wrong = tmp_path / 'wrong.py'
+    wrong.write_text('import os\n\n\ndef speed():\n    """It is\n    fast."""\n')
+    options = [word for word in CHECKS[linter] if not (ROOT / word).exists() or word == 'setup.cfg']
+    options = [str(ROOT / word) if word == 'setup.cfg' else word for word in options]
+    code, _ = checked(linter, *options, wrong, folder=tmp_path)
+    assert code != 0
+
+
+def test_the_licence_in_full():
+    """In a checkout ament_copyright looks at LICENSE and CONTRIBUTING.md, too."""
+    if not (ROOT / '.git').exists():
+        pytest.skip('not a checkout: ament_copyright looks at these files in one only')
+    code, output = checked('ament_copyright', '--verbose', 'LICENSE', 'CONTRIBUTING.md')
+    assert code == 0 and output.count('apache2') == 2, output
