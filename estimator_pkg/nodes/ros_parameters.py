@@ -212,7 +212,7 @@ class RosParameters:
         self._wrong = None
         for change in changes:  # rclpy refuses these without calling `_on_set`
             parameter = self._find(change.name)
-            if parameter is not None and parameter.structural:
+            if parameter is not None and parameter.structural and not self._has(change):
                 self._refused(_fixed(change.name))
         return [self._typed(change) for change in changes]
 
@@ -242,6 +242,13 @@ class RosParameters:
             self._refused(error)
             return SetParametersResult(successful=False, reason=printable(error))
         return SetParametersResult(successful=True)
+
+    def _has(self, change: RosParameter) -> bool:
+        """Return True if the parameter has this value: `ros2 param load` sets every parameter."""
+        return bool(
+            self._node.has_parameter(change.name)
+            and repr(self._node.get_parameter(change.name).value) == repr(change.value)
+        )
 
     def _refused(self, error: UserError) -> None:
         """Log a change that is refused: rqt_reconfigure and other programs ignore the result."""

@@ -147,6 +147,11 @@ def test_a_refused_value_is_logged(probe):
             if editor(descriptor, parameter_value_to_python(value))
         }
         assert {'bandwidth_hz', 'quantum', 'gap_max', 'order'} <= sliders  # over DDS too
+        same = SetParameters.Request(  # `ros2 param load` sets fixed parameters too
+            parameters=[RosParameter('unwrap', value=False).to_parameter_msg()]
+        )
+        (result,) = probe.call(SetParameters, '/edited/set_parameters', same).results
+        assert not result.successful  # of rclpy; nothing to log, since nothing would change
         for name, (value, why) in REFUSED.items():
             request = SetParameters.Request(
                 parameters=[RosParameter(name, value=value).to_parameter_msg()]
