@@ -58,7 +58,7 @@ class Answering:
         names, estimates, efforts, _, _ = taken
         numbers: Any = estimates
         shown = [k for k, each in enumerate(estimates) if each is not None and each[3] in VALID]
-        if len(shown) < len(names):
+        if not shown or len(shown) < len(names):
             if stream.skip or not any(estimates):
                 return answer
             numbers = list(estimates)

@@ -52,7 +52,8 @@ def test_every_entry_has_a_hardware_id(entries):
         '/left/encoder_sim: deadlines': '/left/encoder_sim',
     }
     assert {(each.name, each.hardware_id) for each in entries['/left/joint_observer/status']} == {
-        ('wheel', 'wheel')
+        ('wheel', 'wheel'),
+        ('/left/joint_observer', '/left/joint_observer'),
     }
 
 

@@ -189,6 +189,7 @@ def test_a_number_of_a_package_of_the_machine(probe, tmp_path):
     (folder / 'machine_msgs' / 'msg' / '__init__.py').write_text(
         'from std_msgs.msg import Float64\n'
         'class Reading(metaclass=type(Float64)):\n'
+        "    __module__ = 'machine_msgs.msg._reading'\n"
         '    @classmethod\n'
         '    def get_fields_and_field_types(cls):\n'
         "        return {'height': 'double'}\n"
@@ -211,11 +212,13 @@ def test_a_number_of_a_package_of_the_machine(probe, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         for name, value in overlay.items():
             patch.setenv(name, value)
-        process = dds.NodeProcess(MODULE, *dds.ros_args(*words, remap=('__node:=own',)))
+        process = dds.NodeProcess(
+            MODULE, *dds.ros_args(*words, remap=('__node:=own', 'angle:=/own/angle'))
+        )
         wrong = dds.NodeProcess(MODULE, *dds.ros_args(*words, 'field:=heigth'))
     with process, wrong, dds.Observer(probe, '/own', '/unused_too') as live:
         probe.node.destroy_publisher(live.publisher)
-        live.publisher = probe.node.create_publisher(Float64, '/angle', 50)
+        live.publisher = probe.node.create_publisher(Float64, '/own/angle', 50)
         live.connect()
         for k in range(60):
             number = T[FLOAT](10.0 + 0.01 * k)

@@ -108,8 +108,8 @@ def many(step):
     def loop(p, dt, added, count):
         gain = 0.0
         for _ in range(count):
-            p, left = step(p, dt, 1.0, added)
-            gain = 1.0 - left
+            after = step(p, dt, 1.0, added)  # P, gains, 1/S
+            p, gain = after[0], 1.0 - after[-1]
         return p, gain
 
     return compiled(loop)
@@ -155,7 +155,7 @@ def test_covariance_stays_positive_whatever_the_sample_times(exponent, times, or
     p = start(10.0 ** times[0])
     for time in times[1:]:
         dt = 10.0**time
-        p, left = step(p, dt, 1.0, of_noise(10.0**exponent, dt))
+        p, *_, left = step(p, dt, 1.0, of_noise(10.0**exponent, dt))
         assert all(math.isfinite(value) for value in p)
         assert 0.0 < left <= 1.0 and p[0] <= 1.0
         full = np.zeros((order, order))
