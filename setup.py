@@ -26,7 +26,7 @@ EXTRAS = {
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
     'peers': ['pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
     'test': [
-        'pytest>=8,<10',
+        'pytest>=9,<10',
         'pytest-timeout>=2.3,<3',
         'pytest-rerunfailures>=14,<17',
         'pytest-xdist>=3.5,<4',

@@ -617,8 +617,9 @@ class Health:
         """Log joints that have become misconfigured, or whose samples are all dropped."""
         lost: dict[str, list[str]] = {}
         for name, (status, why) in statuses.items():
-            if status == self._published.get(name, (INITIALISING, ''))[0]:
-                continue
+            before, reason = self._published.get(name, (INITIALISING, ''))
+            if status == before and (status != LOST or ';' in reason):
+                continue  # a lost joint may be silent first; then its samples are dropped
             if status == MISCONFIGURED:
                 self._node.get_logger().error(
                     f"{self._stream.KEPT} '{name}' is misconfigured: {why}"

@@ -178,6 +178,8 @@ def pytest(modules) -> list[str]:
         'no:rerunfailures',
         '-p',
         'no:timeout',  # by the clock; here CPU time counts
+        '-p',
+        'no:faulthandler',
         '--hypothesis-seed',
         '0',
         *modules,
