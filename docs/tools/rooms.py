@@ -36,7 +36,7 @@ REACH = 46  # how far an arrow bows out for each row that it passes [px]
 
 
 def imported(path: Path) -> Iterator[str]:
-    """Yield the dotted names of what a file imports, inside functions too."""
+    """Yield the dotted name of each module that a file imports, also within functions."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -23,6 +23,7 @@ SHOWN = 5.0  # time for which an event stays among the faults [s]
 AGAIN = 2.0  # a fault that returns after this time is logged again [s]
 NAMED = 5  # largest number of names in a text
 SLOWEST_TURNS = 5.0  # time in which several publishers of a joint must alternate [s]
+FORGOTTEN = 60.0  # names that have not come for this time are forgotten [s]
 LAYOUTS = 8  # layouts that are kept to read names
 
 TEXTS: Mapping[str, str] = {
@@ -160,8 +161,8 @@ class Faults:
 
     def _collect(self, now: float) -> None:
         self._events = {kind: each for kind, each in self._events.items() if now < each[1]}
-        for kind in self._events:
-            self._seen[kind] = now
+        self._seen = {kind: when for kind, when in self._seen.items() if now - when <= AGAIN}
+        self._seen.update(dict.fromkeys(self._events, now))
         self.present = self._lasting | {kind: text for kind, (text, _) in self._events.items()}
 
 
@@ -210,6 +211,9 @@ class Senders:
 
     def twice(self, now: float) -> list[str]:
         """Return the joints that several publishers send; to be called regularly."""
+        for name in [name for name, when in self.names.items() if now - when > FORGOTTEN]:
+            for kept in (self.names, self._newest, self._turns, self._turned):
+                kept.pop(name, None)
         found = []
         for name, turns in self._turns.items():
             before, since = self._turned.get(name, (0, now))

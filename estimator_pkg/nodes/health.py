@@ -102,15 +102,15 @@ class Health:
         self._first_input = 0.0
         self._faults = Faults(lambda text: self._node.get_logger().warning(text))
         self._suspected: dict[str, str] = {}  # by others; seen twice in a row they are faults
-        self._seen: set[str] = set()  # names in messages of the measurement
+        self._seen: set[str] = set()  # needed names that messages of the measurement have had
         # received messages by port, and when their number last grew
-        self._arrivals: list[tuple[int, float]] = []
+        self._arrivals = [(0, self._started)] * len(stream.inputs)
         self._patience = DIAGNOSTICS  # longest pause of the messages that is no outage [s]
         self._silent: dict[str, float] = {}  # joints whose samples ended; since when
         self._returned: dict[str, float] = {}  # joints that are back; length of the outage [s]
         self._offset = math.inf  # least distance of stamps from the clock since the report [s]
         self._often: set[str] = set()  # kinds of drops that were often at the last report
-        self._losses: deque[tuple[int, int, float]] = deque(maxlen=LOSSES)
+        self._losses: deque[tuple[int, int]] = deque(maxlen=LOSSES)
         self._rates: dict[str, _Rate] = {}
         self._good_news = False
         self._clock_ran = False  # simulated time was beyond NEW_CLOCK
@@ -391,10 +391,11 @@ class Health:
         for port, each in enumerate(self.inputs):
             several = len(each.found) > 1 and not each.optional
             if port == 0:
-                joints = stream.bank.joints.items()
-                self._seen.update(each.senders.names)
-                self._seen.update(name for name, joint in joints if joint.received)
-                missing = sorted(stream.needed() - self._seen)
+                joints = stream.bank.joints
+                needed = stream.needed() - self._seen
+                came = {name for name in needed if name in joints and joints[name].received}
+                self._seen |= came | needed.intersection(each.senders.names)
+                missing = sorted(needed - self._seen)
             watched = several or (port == 0 and bool(missing or self._silent))
             if not watched and each.watched:
                 each.senders.forget()
@@ -421,7 +422,6 @@ class Health:
     def _note_arrivals(self, now: float) -> None:
         """Note which inputs have new messages, and report those that are back."""
         received = self._stream.received
-        self._arrivals = self._arrivals or [(0, now)] * len(received)
         for port, (count, since) in enumerate(self._arrivals):
             if received[port] > count:
                 self._arrivals[port] = received[port], now
@@ -441,7 +441,6 @@ class Health:
     def _of_silence(self, now: float) -> dict[str, str]:
         """Return the inputs whose messages ended, and the joints that are in none any more."""
         joints, found = self._stream.bank.joints, {}
-        self._note_arrivals(now)
         patience = max([DIAGNOSTICS, *(joint.silence for joint in joints.values())])
         self._patience = patience
         for (count, since), each in zip(self._arrivals, self.inputs):
@@ -492,8 +491,8 @@ class Health:
                 joints=len(bank.joints),
             )
         lost = self._endpoints.lost
-        self._losses.append((new['lost_by_dds'], new['messages_received'], 1.0))
-        if sum(count > 0 for count, _, _ in self._losses) >= LASTING:
+        self._losses.append((new['lost_by_dds'], new['messages_received']))
+        if sum(count > 0 for count, _ in self._losses) >= LASTING:
             count, came = (sum(each[k] for each in self._losses) for k in (0, 1))
             where = ' and '.join(each for each, total in lost.items() if total)
             found['lost'] = say(

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import signal
 import time
@@ -269,7 +270,7 @@ def test_play_tells_the_time_and_loops(probe, recording):
     assert states[:310] == (raws(150) * 3)[:310]
     assert min(clocks) >= START
     assert max(clocks) < START + 350_000_000
-    backwards = sum(later < earlier for earlier, later in zip(clocks, clocks[1:]))  # noqa: RUF007  itertools.pairwise reads no better
+    backwards = sum(later < earlier for earlier, later in itertools.pairwise(clocks))
     assert backwards == (len(states) - 1) // 150
     assert len(clocks) > 60  # 0.7 s at 200 Hz
 
