@@ -17,6 +17,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the installed ones
 
+# Processes of tests import the installed packages, too (Python 3.10 finds the checkout first).
+os.environ['PYTHONSAFEPATH'] = '1'
+
 USES_DDS = re.compile(r'^import dds$|\bprobe\b', re.MULTILINE)
 
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):  # old and new
@@ -118,6 +121,14 @@ def pytest_xdist_make_scheduler(config, log):
     return Scopes(config, log)
 
 
+def pytest_terminal_summary(terminalreporter):
+    """Say what failed at the first try of tests that ran again."""
+    for report in terminalreporter.stats.get('rerun', ()):
+        errors = [line for line in report.longreprtext.splitlines() if line.startswith('E  ')]
+        terminalreporter.write_line(f'first try of {report.nodeid}:')
+        terminalreporter.write_line('\n'.join(errors[:5]))
+
+
 @pytest.fixture(scope='module')
 def probe():
     """A node of the tests' own, on a ROS domain of this run."""
@@ -126,3 +137,18 @@ def probe():
     instance = dds.Probe()
     yield instance
     instance.close()
+
+
+@pytest.fixture(autouse=True)
+def no_endpoints_left(request):
+    """What a test that failed has left on the probe would take part in its second try."""
+    if 'probe' not in request.fixturenames:
+        yield
+        return
+    node = request.getfixturevalue('probe').node
+    before = {*node.publishers, *node.subscriptions}
+    yield
+    for each in {*node.publishers} - before:
+        node.destroy_publisher(each)
+    for each in {*node.subscriptions} - before:
+        node.destroy_subscription(each)

@@ -50,8 +50,7 @@ class NodeProcess:
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            # it imports the installed packages, too (Python 3.10 finds the checkout first)
-            env={**os.environ, 'PYTHONUNBUFFERED': '1', 'PYTHONSAFEPATH': '1'},
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
         )
         self._lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
