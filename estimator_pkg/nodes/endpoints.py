@@ -80,8 +80,11 @@ _OPEN = (
 DEEPEST = 100_000  # largest depth of a queue
 SETTLED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
 SETTLED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
+UNMATCHED = 1.0  # [s] that are waited for subscribers of our outputs that are not connected yet;
+# one whose QoS does not fit never is
 WAIT_FOR_PUBLISHER = 10.0  # [s] without a publisher, after which we subscribe all the same:
 # some bridges publish only topics that have a subscriber
+LEFT = 20  # nodes that are remembered after they ended
 UNNAMED_PUBLISHER = 'an unnamed publisher'
 UNNAMED = '_NODE_NAME_UNKNOWN_'  # ROS's name for a node that is not completely discovered
 
@@ -105,7 +108,7 @@ class Input:
     ----------
     type : name of the message class.
     found : nodes that publish the topic so that they are connected, at the last examination.
-    left : nodes that were found before, and when they were missed, by `monotonic` [s].
+    left : nodes that were found before, and when they were missed, by `monotonic` [s]; the last.
     unnamed : True if a publisher had no name at the last report; set by the reporter.
     senders : what the messages carry; they are only looked at while `watched`.
     subscription : None while there is none.
@@ -225,13 +228,19 @@ class Endpoints:
         """
         now, node = monotonic(), self._node
         around = [node.count_publishers(each.topic_name) for each in self._inputs]
-        known = tuple(around)
+        known, matched = tuple(around), True
         if not all(each.subscription for each in self._inputs):
-            around += [node.count_subscribers(each.topic_name) for each in self._publishers]
+            listeners = [node.count_subscribers(each.topic_name) for each in self._publishers]
+            around += listeners
+            matched = all(
+                each.get_subscription_count() >= count
+                for each, count in zip(self._publishers, listeners)
+            )
         if around != self._around:
             self._around, self._settled = around, max(self._settled, now + SETTLED)
+        settled = now >= self._settled + (0.0 if matched else UNMATCHED)
         for each, publishers in zip(self._inputs, known):
-            each.connect(publishers, now >= self._settled, node)
+            each.connect(publishers, settled, node)
 
     def refuse_circles(self) -> None:
         """Raise UsageError if an output is published on a topic that the node reads."""
@@ -256,7 +265,7 @@ class Endpoints:
             before = each.found
             wrong, each.found = self._misfits(others, topic, each.type, each.qos, 'publisher')
             each.left.update(dict.fromkeys(set(before) - set(each.found), monotonic()))
-            for name in each.found:
+            for name in (*each.found, *list(each.left)[:-LEFT]):
                 each.left.pop(name, None)
             texts.update(wrong)
             if not others and not each.optional:

@@ -156,13 +156,13 @@ class Still:
         )
         self.encode = Encoder().encode
         self.judged: list[str] = []
-        judge = self.node.health._judge
+        judge = self.node.health.watch.judge
 
         def noting(name, joint, now):
             self.judged.append(name)
             return judge(name, joint, now)
 
-        self.node.health._judge = noting
+        self.node.health.watch.judge = noting
 
     def look(self):
         self.judged.clear()

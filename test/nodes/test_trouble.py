@@ -154,7 +154,7 @@ def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
         "joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; "
         'received samples are dropped: their numbers are not finite'
     ) in said
-    assert live.node.health._published['g'][1].endswith('their numbers are not finite')
+    assert live.node.health.watch.statuses['g'][1].endswith('their numbers are not finite')
 
 
 def test_a_slow_stream_is_not_lost_between_two_samples(own):
@@ -167,16 +167,16 @@ def test_a_slow_stream_is_not_lost_between_two_samples(own):
         live.take(states, live.encode(BEGIN + 2000 * k * MS, '', ('slow',), (0.1 * k,)))
         time.sleep(0.05)
         live.node.health.look()
-        assert live.node.health._published['slow'][0] != LOST
-        assert k < 5 or live.node.health._published['slow'][0] == TRACKING
+        assert live.node.health.watch.statuses['slow'][0] != LOST
+        assert k < 5 or live.node.health.watch.statuses['slow'][0] == TRACKING
     joint = live.node.stream.bank.joints['slow']
     assert joint.silence == pytest.approx(8.0) and joint.events() == {}
     for k in range(200):  # and a fast one is
         live.take(states, live.encode(BEGIN + (20_000 + k) * MS, '', ('fast',), (0.1,)))
     time.sleep(0.3)
     live.node.health.look()
-    assert live.node.health._published['fast'][0] == LOST
-    assert live.node.health._published['slow'][0] == TRACKING
+    assert live.node.health.watch.statuses['fast'][0] == LOST
+    assert live.node.health.watch.statuses['slow'][0] == TRACKING
 
 
 def test_a_misconfigured_joint_is_lost_only_when_no_sample_arrives(own):
@@ -188,13 +188,13 @@ def test_a_misconfigured_joint_is_lost_only_when_no_sample_arrives(own):
         live.take(states, live.encode(BEGIN + 40 * k * MS, '', ('j',), (0.01 * k,)))
         time.sleep(0.04)
         live.node.health.look()
-    status, why = live.node.health._published['j']
+    status, why = live.node.health.watch.statuses['j']
     joint = live.node.stream.bank.joints['j']
     assert joint.received - joint.used > joint.silence / 0.04  # for longer than its silence
     assert status == MISCONFIGURED and 'epsilon' in why
     time.sleep(joint.silence + 0.1)
     live.node.health.look()
-    assert live.node.health._published['j'][0] == LOST
+    assert live.node.health.watch.statuses['j'][0] == LOST
 
 
 def test_two_clocks_on_one_topic_are_told(own, capfd):
@@ -227,7 +227,7 @@ def test_publishers_of_another_type_are_told(own, capfd):
             )
         )
     for node in (live.node, commanded.node):
-        node.health._started -= 10.0
+        node.health._detector._started -= 10.0
         for _ in range(3):
             node.health._report(time.monotonic())
     said = capfd.readouterr().err

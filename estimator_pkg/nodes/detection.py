@@ -1,0 +1,369 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Fault detection: what is wrong with a node's inputs, seen ten times and named once a second."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from time import monotonic
+from typing import Any
+
+from rclpy.node import Node
+
+from estimator_pkg.driver.guard import DUPLICATE, ZERO_STAMP
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.nodes import faults
+from estimator_pkg.nodes.endpoints import UNNAMED_PUBLISHER, Endpoints, Input
+from estimator_pkg.nodes.faults import Faults, listed, of_joints, say
+from estimator_pkg.nodes.joint_watch import JointWatch
+from estimator_pkg.streams.contract import PUBLISHER, Stream
+
+INPUT_PATIENCE = 2.5  # time after the start in which publishers appear [s]
+JOINT_PATIENCE = 1.0  # time after the first joint in which the others appear too [s]
+CLOCKS_DIFFER = 1.0  # smaller distances of stamps from the clock are latency [s]
+OFTEN = 0.05  # fraction of dropped samples that is reported
+LOSSES = 5  # seconds that are searched for lost messages,
+LASTING = 3  # and those of them in which messages were lost, if the loss is reported
+RATE_CHANGE = 0.2  # relative change of a rate that is reported,
+RATE_AGREES = 0.1  # if two measurements of the new one differ by less than this
+RATE_SAMPLES = 4  # samples of one measurement at least
+RECENT = 5.0  # age of names that a topic carries [s]
+NEW_CLOCK = 1.0  # simulated time before which samples may have the stamp 0 [s]
+
+
+class Detector:
+    """Finds the faults of a node's inputs by the steady clock.
+
+    Parameters
+    ----------
+    node, stream, endpoints : of the node.
+    watch : statuses of its joints.
+    faults : takes what begins between two reports.
+    patience : longest pause of the messages that is no outage, whatever their rate [s].
+
+    Attributes
+    ----------
+    inputs : the inputs by port, the measurement first; set after their creation.
+    first_input : when the first message was seen, by `monotonic` [s]; 0: none has come.
+    """
+
+    inputs: list[Input]
+
+    def __init__(
+        self,
+        node: Node,
+        stream: Stream,
+        endpoints: Endpoints,
+        watch: JointWatch,
+        faults: Faults,
+        patience: float,
+    ) -> None:
+        self._node, self._stream, self._endpoints = node, stream, endpoints
+        self._watch, self._faults = watch, faults
+        self._started = monotonic()
+        self.first_input = 0.0
+        self._suspected: dict[str, str] = {}  # by others; seen twice in a row they are faults
+        self._seen: set[str] = set()  # needed names that messages of the measurement have had
+        # received messages by port, and when their number last grew
+        self._arrivals = [(0, self._started)] * len(stream.inputs)
+        self._shortest = self._patience = patience
+        self._offset = math.inf  # least distance of stamps from the clock since the report [s]
+        self._often: set[str] = set()  # kinds of drops that were often at the last report
+        self._losses: deque[tuple[int, int]] = deque(maxlen=LOSSES)
+        self._rates: dict[str, _Rate] = {}
+        self._clock_ran = False  # simulated time was beyond NEW_CLOCK
+
+    def look(self, now: float) -> None:
+        """Note what has arrived, and report what is back; to be called often."""
+        self._note_arrivals(now)
+        self._measure_offset(now)
+        if not self.first_input and any(self._stream.received):
+            self.first_input = now
+        returned = self._watch.returned
+        if returned:
+            subject = of_joints(list(returned), self._stream.KEPT, ('is', 'are'))
+            self._report_return(0, subject, max(returned.values()), now)
+            returned.clear()
+
+    def forget(self, names: Iterable[str]) -> None:
+        """Forget joints that were removed."""
+        for name in names:
+            self._rates.pop(name, None)
+
+    def rate(self, names: Iterable[str]) -> float:
+        """Return the largest measured rate of these joints [Hz]; 0: none was measured yet."""
+        return max((self._rates[name].newest for name in names if name in self._rates), default=0.0)
+
+    def present(self, new: Mapping[str, int], now: float) -> dict[str, str]:
+        """Return the faults that are present, as texts by kind; to be called once a second.
+
+        Parameters
+        ----------
+        new : increase of the node's counters since the last call.
+        """
+        found = self._of_graph(now)
+        found.update(self._of_names(now))
+        found.update(self._of_silence(now))
+        found.update(self._of_messages(new))
+        if 'missing' in found:  # this is why
+            found.pop('mismatched', None)
+        mixed = any(kind.startswith('twice') for kind in found)
+        found.update(self._of_stamps(new, mixed, now))
+        self._find_rates(new, now, mixed)
+        return found
+
+    def _of_graph(self, now: float) -> dict[str, str]:
+        """Return faults among publishers and subscribers, once two reports have seen them."""
+        suspected = self._endpoints.faults()
+        for port, each in enumerate(self.inputs):
+            if each.found and not self._stream.received[port] and not each.optional:
+                who = listed(each.found)
+                suspected[f'mute {each.topic_name}'] = say('mute', who=who, topic=each.topic_name)
+        before, self._suspected = self._suspected, suspected
+        if now - self._started < INPUT_PATIENCE:
+            return {}
+        heard = [each for port, each in enumerate(self.inputs) if self._stream.received[port]]
+        ended = {f'nobody {each.topic_name}' for each in heard}  # reported as silence
+        return {
+            kind: text for kind, text in suspected.items() if kind in before and kind not in ended
+        }
+
+    def _of_names(self, now: float) -> dict[str, str]:
+        """Return joints that are not in the messages, and those that several publishers send."""
+        stream, found = self._stream, {}
+        for port, each in enumerate(self.inputs):
+            several = len(each.found) > 1 and not each.optional
+            if port == 0:
+                joints = stream.bank.joints
+                needed = stream.needed() - self._seen
+                came = {name for name in needed if name in joints and joints[name].received}
+                self._seen |= came | needed.intersection(each.senders.names)
+                missing = sorted(needed - self._seen)
+            watched = several or (port == 0 and bool(missing or self._watch.silent))
+            if not watched and each.watched:
+                each.senders.forget()
+            each.watched = watched
+            twice = each.senders.twice(now)
+            unnamed = UNNAMED_PUBLISHER in each.found and not each.unnamed
+            each.unnamed = UNNAMED_PUBLISHER in each.found
+            if several and twice and not unnamed:
+                verb = ('comes', 'come')
+                names = of_joints(twice, 'joint', verb) if any(twice) else 'messages come'
+                who = faults.publishers(sorted(each.found))
+                found[f'twice {each.topic_name}'] = say(
+                    'twice', names=names, topic=each.topic_name, who=who
+                )
+        if missing and self.first_input and now - self.first_input >= JOINT_PATIENCE:
+            found['missing'] = self._absent(missing, now, "set 'joints' to names of the topic")
+        return found
+
+    def _absent(self, missing: list[str], now: float, otherwise: str) -> str:
+        each = self.inputs[0]
+        carried = each.senders.recent(now - RECENT) or set(self._stream.bank.joints)
+        return faults.absent(missing, each.topic_name, carried, otherwise)
+
+    def _note_arrivals(self, now: float) -> None:
+        """Note which inputs have new messages, and report those that are back."""
+        received = self._stream.received
+        for port, (count, since) in enumerate(self._arrivals):
+            if received[port] > count:
+                self._arrivals[port] = received[port], now
+                each = self.inputs[port]
+                if count and not each.optional and now - since > self._patience:
+                    self._report_return(port, 'the messages are', now - since, now)
+
+    def _report_return(self, port: int, subject: str, outage: float, now: float) -> None:
+        """Report what is back, with the length of the outage [s]."""
+        each = self.inputs[port]
+        self._faults.begin(
+            f'back {each.topic_name}',
+            say('back', subject=subject, topic=each.topic_name, passed=outage),
+            now,
+        )
+
+    def _of_silence(self, now: float) -> dict[str, str]:
+        """Return the inputs whose messages ended, and the joints that are in none any more."""
+        joints, found = self._stream.bank.joints, {}
+        patience = max([self._shortest, *(joint.silence for joint in joints.values())])
+        self._patience = patience
+        for (count, since), each in zip(self._arrivals, self.inputs):
+            if not count or each.optional or now - since <= patience:
+                continue
+            what = f'no message on {each.topic_name}'
+            found[f'silent {each.topic_name}'] = self._ended(each, what, since, now)
+        if found:
+            return found
+        _, arrived = self._arrivals[0]
+        for name, (_, since, before) in self._watch.used.items():
+            lost = before and self._watch.lost(name)
+            if lost and before == joints[name].received and arrived - since > joints[name].silence:
+                self._watch.silent.setdefault(name, since)
+        measured = self.inputs[0]
+        carried = measured.senders.recent(now - patience)
+        gone = sorted(set(self._watch.names_of(self._watch.silent)) - carried)
+        if gone and carried:
+            what = f'no sample of {listed(gone, chr(39))} on {measured.topic_name}'
+            ended = self._ended(measured, what, max(self._watch.silent.values()), now)
+            found['silent'] = (
+                ended if 'ended;' in ended else self._absent(gone, now, 'check its publisher')
+            )
+        return found
+
+    def _ended(self, each: Input, what: str, since: float, now: float) -> str:
+        """Return the text about an input, or some joints of it, that came until `since`."""
+        left = sorted(name for name, when in each.left.items() if when > since - self._shortest)
+        kind = 'ended' if left or not each.found else 'silent'
+        who = listed(left or each.found) or 'its publisher'
+        return say(kind, what=what, passed=now - since, who=who)
+
+    def _of_messages(self, new: Mapping[str, int]) -> dict[str, str]:
+        """Return faults of whole messages: those that are dropped or lost."""
+        stream, topic, found = self._stream, self.inputs[0].topic_name, {}
+        if new['messages_dropped.malformed']:
+            where, why = stream.complaint
+            found['malformed'] = say('malformed', topic=where, why=why)
+        if new.get('messages_dropped.mismatched'):
+            found['mismatched'] = say('mismatched', topic=topic, why=stream.MISMATCH)
+        if new['dropped.refused']:
+            bank: Any = stream.bank
+            found['refused'] = say(
+                'refused',
+                count=new['dropped.refused'],
+                topic=topic,
+                name=bank.refused_name,
+                joints=len(bank.joints),
+            )
+        lost = self._endpoints.lost
+        self._losses.append((new['lost_by_dds'], new['messages_received']))
+        if sum(count > 0 for count, _ in self._losses) >= LASTING:
+            count, came = (sum(each[k] for each in self._losses) for k in (0, 1))
+            where = ' and '.join(each for each, total in lost.items() if total)
+            found['lost'] = say(
+                'lost', count=count, sent=count + came, topic=where, passed=len(self._losses)
+            )
+        return found
+
+    def _of_stamps(self, new: Mapping[str, int], mixed: bool, now: float) -> dict[str, str]:
+        """Return faults of stamps and readings.
+
+        Parameters
+        ----------
+        mixed : several publishers send the same joint, which explains the rest.
+        """
+        node, stream, topic = self._node, self._stream, self.inputs[0].topic_name
+        source = getattr(stream.settings, 'stamp_source', PUBLISHER)
+        header = source != PUBLISHER and self.inputs[0].type == JOINT_STATE
+        found = {}
+        simulated = node.get_parameter('use_sim_time').value
+        clock = node.get_clock().now().nanoseconds * 1e-9
+        ran, self._clock_ran = self._clock_ran, simulated and clock > NEW_CLOCK
+        if new['dropped.zero_stamp'] and (ran or not simulated):
+            count = new['dropped.zero_stamp']
+            found['zero_stamp'] = say(
+                'zero_stamp', count=count, topic=topic, remedy=stream.NO_STAMP
+            )
+        offset, self._offset = self._offset, math.inf
+        if simulated and not node.count_publishers(node.resolve_topic_name('/clock')):
+            if now - self._started >= INPUT_PATIENCE:
+                found['no_clock'] = say('no_clock')
+        elif CLOCKS_DIFFER < abs(offset) < math.inf and not (mixed or (simulated and not ran)):
+            found['clock'] = say(
+                'clock',
+                topic=topic,
+                offset=faults.distance(offset),
+                clock='simulated time' if simulated else 'system time',
+                remedy='check the clock of its publisher'
+                + (", set 'stamp_source: publisher'" if header else '')
+                + ('' if simulated else ', or set use_sim_time for a bag or a simulation'),
+            )
+        often = set()
+        for kind in ('duplicate', 'late', 'repeated'):
+            if new[f'dropped.{kind}'] <= OFTEN * new['received']:
+                continue
+            often.add(kind)
+            if kind in self._often and not mixed:
+                found[kind] = say(
+                    kind,
+                    count=new[f'dropped.{kind}'],
+                    received=new['received'],
+                    topic=topic,
+                    remedy=", or set 'stamp_source: publisher'" if header else '',
+                )
+        self._often = often
+        if new['events.clock_jump'] and not mixed:
+            publishers = self.inputs[0].publishers()
+            several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
+            self._faults.begin('jump', say('jump', several=several, kept=stream.KEPT), now)
+        return found
+
+    def _measure_offset(self, now: float) -> None:
+        """Compare the stamps of new samples with the clock."""
+        joints = self._stream.bank.joints
+        fresh = [
+            name for name, (used, since, _) in self._watch.used.items() if used and since == now
+        ]
+        if fresh and getattr(self._stream.settings, 'stamp_source', '') != PUBLISHER:
+            clock_ns = self._node.get_clock().now().nanoseconds
+            offsets = [1e-9 * (joints[name].stamp_ns - clock_ns) for name in fresh]
+            self._offset = min(self._offset, *offsets, key=abs)
+
+    def _find_rates(self, new: Mapping[str, int], now: float, mixed: bool) -> None:
+        """Report rates that changed; losses and gaps are reported elsewhere."""
+        holes = ('events.outage', 'events.gap', 'events.clock_jump', 'events.stray_stamp')
+        holed = mixed or new['lost_by_dds'] or any(new[kind] for kind in holes)
+        changed = []
+        for name, joint in self._stream.bank.joints.items():
+            rate = self._rates.setdefault(name, _Rate())
+            counts = joint.counts
+            count = sum(counts) - counts[DUPLICATE] - counts[ZERO_STAMP]
+            change = rate.measure(count, joint.last_ns, bool(holed))
+            if change:
+                changed.append(change)
+        if changed:
+            before, after = map(faults.rounded, changed[0])
+            self._faults.begin(
+                'rate',
+                say('rate', topic=self.inputs[0].topic_name, before=before, after=after),
+                now,
+            )
+
+
+class _Rate:
+    """The rate of a joint's samples by their stamps, measured again and again.
+
+    Attributes
+    ----------
+    newest : the newest measurement [Hz]; 0: none.
+    """
+
+    def __init__(self) -> None:
+        self._count, self._last_ns = 0, 0
+        self._rate = self.newest = 0.0
+
+    def measure(self, count: int, last_ns: int, holed: bool) -> tuple[float, float] | None:
+        """Return the rates (before, after) a change, else None.
+
+        Parameters
+        ----------
+        count, last_ns : number of samples so far, and the newest stamp [ns].
+        holed : samples are missing since the last call.
+        """
+        new, passed = count - self._count, 1e-9 * (last_ns - self._last_ns)
+        if not self._count or holed or passed < 0.0:
+            self._count, self._last_ns, self.newest = count, last_ns, 0.0
+            return None
+        if new < RATE_SAMPLES or passed <= 0.0:
+            return None
+        self._count, self._last_ns = count, last_ns
+        rate, candidate = new / passed, self.newest
+        self.newest = rate
+        if abs(rate - candidate) > RATE_AGREES * rate:
+            return None
+        before = self._rate
+        if before and abs(rate - before) <= RATE_CHANGE * before:
+            return None
+        self._rate = rate
+        return (before, rate) if before else None

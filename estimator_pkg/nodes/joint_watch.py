@@ -1,0 +1,105 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The statuses of joints by the steady clock, which runs while simulated time is paused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.nodes.diagnostics import dropped_for
+from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
+from estimator_pkg.streams.contract import Stream
+
+Status = tuple[int, str]  # status, and why
+NEW: Status = (INITIALISING, '')
+
+
+class JointWatch:
+    """Judges the joints of a bank: an observer's own status, or lost without usable samples.
+
+    Parameters
+    ----------
+    stream : the node's.
+
+    Attributes
+    ----------
+    statuses : of each joint at the last look.
+    used : number of used samples of each joint, when it last grew by `monotonic` [s], and the
+        number of received ones then.
+    silent : joints whose samples ended, and since when.
+    returned : joints that are back, and the length of their outage [s]; emptied by its reader.
+    """
+
+    def __init__(self, stream: Stream) -> None:
+        self._stream = stream
+        self.statuses: dict[str, Status] = {}
+        self.used: dict[str, tuple[int, float, int]] = {}
+        self.silent: dict[str, float] = {}
+        self.returned: dict[str, float] = {}
+        self._alive: set[str] = set()  # joints that are not lost
+
+    def look(self, now: float, every: bool) -> dict[str, tuple[Status, Status]]:
+        """Return the joints whose status changed, with the statuses before and now.
+
+        A lost joint stays lost until a sample arrives: only the others are looked at, unless
+        `every` joint is.
+        """
+        bank, statuses = self._stream.bank, self.statuses
+        joints, touched = bank.joints, bank.touched()
+        names = joints if every or len(joints) != len(statuses) else self._alive.union(touched)
+        changed = {}
+        for name in joints if len(names) == len(joints) else sorted(names):
+            before, status = statuses.get(name), self.judge(name, joints[name], now)
+            if status != before:
+                changed[name] = before or NEW, status
+                (self._alive.discard if status[0] == LOST else self._alive.add)(name)
+                statuses[name] = status
+        return changed
+
+    def judge(self, name: str, joint: Joint, now: float) -> Status:
+        """Return a joint's status; it is lost after too long without a usable sample."""
+        status = joint.estimate()[3]
+        if self._stream.always_awake(name):
+            return status, joint.why()
+        # a misconfigured joint uses no sample: it is lost when none arrives
+        used, received = joint.received if status == MISCONFIGURED else joint.used, joint.received
+        known, since, before = self.used.get(name, (-1, now, 0))
+        if used != known:
+            if name in self.silent:
+                self.returned[name] = now - self.silent.pop(name)
+            since, before = now, received
+            self.used[name] = (used, now, received)
+        if now - since > joint.silence:
+            reason = self._stream.why_silent(name)
+            if not reason and received > before:
+                reason = dropped_for(joint.verdict)
+            return LOST, (
+                f'no usable sample for {joint.silence:.3g} s' + (f'; {reason}' if reason else '')
+            )
+        return status, joint.why()
+
+    def lost(self, name: str) -> bool:
+        """Return True if a joint was lost at the last look."""
+        return self.statuses.get(name, NEW)[0] == LOST
+
+    def older(self, age: float, now: float) -> list[str]:
+        """Return the joints whose last used sample is older than this [s]; named ones stay."""
+        named = self._stream.bank.named
+        return [
+            name
+            for name, (_, since, _) in self.used.items()
+            if now - since > age and not named(name)
+        ]
+
+    def forget(self, names: Iterable[str]) -> None:
+        """Forget joints that were removed."""
+        for kept in (self.used, self.statuses, self.silent):
+            for name in names:
+                kept.pop(name, None)
+        self._alive.difference_update(names)
+
+    def names_of(self, kept: Iterable[str]) -> Iterator[str]:
+        """Return the names of the messages that belong to joints of the bank."""
+        return (joint for name in kept for joint in self._stream.names_of(name))
