@@ -37,7 +37,7 @@ $(STAMP): $(SOURCES)
 	@touch $@
 
 # Tests run on the installed package, not on the checkout next to it.
-# Two workers have the tests over DDS, which mostly wait; two take the rest, file by file.
+# Three workers begin with the tests over DDS, which mostly wait; the rest goes file by file.
 test: install check
 	$(BIN)/pytest -n 4
 

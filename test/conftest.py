@@ -97,11 +97,14 @@ def pytest_runtest_makereport(item, call):
 def scope(file: str) -> str:
     """Return what one worker of a parallel run (-n 4) takes as a whole.
 
-    Tests over DDS mostly wait: two workers have them all, and the others take the rest by files.
+    Tests over DDS mostly wait: three workers begin with them, and the rest is taken by files.
     """
     if not USES_DDS.search((ROOT / file).read_text()):
         return file
-    return 'dds of nodes' if file.startswith('test/nodes/') else 'dds'
+    folder, _, name = file.rpartition('/')
+    if folder != 'test/nodes':
+        return 'dds'
+    return 'dds of nodes, first half' if name < 'test_p' else 'dds of nodes, second half'
 
 
 def pytest_collection_modifyitems(items):

@@ -31,7 +31,10 @@ def checked(linter, *arguments, folder=ROOT):
             pytest.skip(f'{linter} is not installed (package ros-jazzy-{linter.replace("_", "-")})')
         paths = [str(DEBIAN)]  # after ours
     code = (
-        f'import sys; sys.path += {paths}; from {linter}.main import main; '
+        # ament_copyright looks up its entry points twice for each file
+        'import functools, importlib.metadata as known, sys; '
+        'known.entry_points = functools.lru_cache(known.entry_points); '
+        f'sys.path += {paths}; from {linter}.main import main; '
         'sys.exit(main(sys.argv[1:]))'
     )
     done = subprocess.run(

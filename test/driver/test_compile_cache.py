@@ -92,12 +92,17 @@ def folder(path):
     'pattern, damage',
     [
         ('*.nbi', empty),
-        ('*.nbi', cut),
-        ('*.nbi', garbage),
-        ('*.nbc', empty),
-        ('*.nbc', cut),
-        ('*.nbc', garbage),
         ('*.nbc', flipped),
+        *(
+            pytest.param(pattern, damage, marks=pytest.mark.slow)
+            for pattern, damage in (
+                ('*.nbi', cut),
+                ('*.nbi', garbage),
+                ('*.nbc', empty),
+                ('*.nbc', cut),
+                ('*.nbc', garbage),
+            )
+        ),
     ],
 )
 def test_a_damaged_cache_is_one_line_and_is_mended(kept, pattern, damage):
