@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, chart, field
+from benchmarks import accuracy, chart, field, moteus
 from benchmarks.columns import shared
 from benchmarks.drive import drives
 from benchmarks.live.rows import latencies, live, starts
@@ -46,7 +46,7 @@ SPEED_PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
         row for row in drives(3 if quick else 7) if row['unit'] not in ERRORS
     ],
 }
-ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'drive')
+ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'moteus', 'drive')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -168,10 +168,23 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
                 RECORDED,
                 str(beside.with_stem(f'{beside.stem}_recordings')) if beside else None,
             )
+    if 'moteus' in parts:
+        _moteus(parsed, result)
     if 'drive' in parts:
         rows = [row for row in drives(1) if row['unit'] in ERRORS or row['value'] is None]
         result['drive'] = {'rows': rows}
         print(f'the sensorless drive and motulator\n{describe(rows)}\n', flush=True)
+
+
+def _moteus(parsed: argparse.Namespace, result: dict[str, Any]) -> None:
+    try:
+        result['moteus'] = moteus.run(Path(parsed.bags) / moteus.FOLDER, fast=True)
+    except UserError as error:
+        if 'moteus' in parsed.part:  # requested by name
+            raise
+        print(f'{moteus.FOLDER}: not run: {error}\n')
+    else:
+        print(moteus.describe(result['moteus'], parsed.markdown) + '\n', flush=True)
 
 
 def _print(parsed: argparse.Namespace, found: dict[str, Any], title: str, plot: str | None) -> None:
