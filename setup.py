@@ -24,7 +24,7 @@ EXTRAS = {
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
-    'peers': ['pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
+    'peers': ['AlgDiff>=2.4,<3', 'pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
     'test': [
         'pytest>=9,<10',
         'pytest-timeout>=2.3,<3',

@@ -10,12 +10,19 @@ import textwrap
 from typing import Any
 
 from benchmarks.field import WHOLE, milliseconds
-from benchmarks.ours import AHEAD, OURS, PEERS, TOLD
+from benchmarks.ours import AHEAD, OURS, PEERS, PRACTICE, TOLD
 from estimator_pkg.evaluation.report.plot import check
 
-COLOURS = {OURS: '#1b6ca8', PEERS: '#c8553d', TOLD: '#3f8f5b', AHEAD: '#8a8a8a'}
+COLOURS = {
+    OURS: '#1b6ca8',
+    PRACTICE: '#b8860b',
+    PEERS: '#c8553d',
+    TOLD: '#3f8f5b',
+    AHEAD: '#8a8a8a',
+}
 MEANING = {
     OURS: 'ours',
+    PRACTICE: 'what practitioners use',
     PEERS: 'installed libraries, causal',
     TOLD: 'the torque is known too',
     AHEAD: 'non-causal: uses future samples',

@@ -23,12 +23,14 @@ from benchmarks.ours import (
     NOT_HERE,
     OURS,
     PEERS,
+    PRACTICE,
     TOLD,
     Estimator,
     ours,
     with_input,
 )
 from benchmarks.peers import peers
+from benchmarks.practice import practice
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.text import fixed, markdown, number, table
 from estimator_pkg.progress import progress
@@ -41,6 +43,7 @@ FAILED = 1e3  # ratio that a missing error counts as, when one setting is chosen
 TELLS = 1.1  # errors above this multiple of the reference's own error can be measured
 GROUPS = {
     OURS: 'use the readings only',
+    PRACTICE: 'what practitioners use, from its papers; causal',
     PEERS: 'installed libraries, causal',
     TOLD: 'know the torque as well',
     AHEAD: 'non-causal: use future samples too',
@@ -49,8 +52,10 @@ GROUPS = {
 
 def everyone() -> tuple[list[Estimator], list[str]]:
     """Return (all rows in the order of the groups, names of libraries that are not installed)."""
+    used, lacking = practice()
     others, missing = peers()
-    every = [*ours(), *with_input(), *others]
+    missing = [*lacking, *missing]
+    every = [*ours(), *with_input(), *used, *others]
     return [each for group in GROUPS for each in every if each.group == group], missing
 
 

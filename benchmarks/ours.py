@@ -30,7 +30,8 @@ from estimator_pkg.parameters import build, declared
 Array = NDArray[np.float64]
 Run = Callable[[Column, Any], Array]
 
-OURS, TOLD, PEERS, AHEAD = 'ours', 'told more', 'peers', 'looks ahead'
+OURS, PRACTICE, PEERS = 'ours', 'practice', 'peers'
+TOLD, AHEAD = 'told more', 'looks ahead'
 GRID = 13  # settings of an observer of an angle
 TOLD_GRID = 7  # settings of an observer with an input, which runs in plain Python
 PUBLISHED = (TRACKING, COASTING)
@@ -49,7 +50,7 @@ class Estimator:
         is published, and everywhere if the column lacks an input.
     values : the grid; (None,) without a gain.
     gain : name of the swept gain.
-    group : OURS, TOLD, PEERS or AHEAD.
+    group : OURS, PRACTICE, PEERS, TOLD or AHEAD.
     told : what it knows in addition to readings and stamps.
     """
 

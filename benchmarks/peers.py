@@ -141,7 +141,7 @@ def _control() -> list[Estimator]:
     return [Estimator('python-control estimator', estimator, grid(1e1, 1e11, COUNT), JERK, PEERS)]
 
 
-def _even(column: Column, method: Callable[[Array, float], Array]) -> Array:
+def even(column: Column, method: Callable[[Array, float], Array]) -> Array:
     """Apply a method for even sample times, with interpolation to a grid and back."""
     rows, time, angle = column.cleaned()
     h = float(np.median(np.diff(time)))
@@ -157,11 +157,11 @@ def _pynumdiff() -> list[Estimator]:
         warnings.simplefilter('ignore')  # about optional packages
         import pynumdiff
 
-    def even(call: Callable[[Array, float, Any], Any]) -> Run:
+    def on_grid(call: Callable[[Array, float, Any], Any]) -> Run:
         def run(column: Column, value: Any) -> Array:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore')
-                return _even(column, lambda angle, h: call(angle, h, value)[1])
+                return even(column, lambda angle, h: call(angle, h, value)[1])
 
         return run
 
@@ -216,20 +216,23 @@ def _pynumdiff() -> list[Estimator]:
         ),
         ahead(
             'finitediff',
-            even(lambda x, h, n: p.finitediff(x, h, n, 2)),
+            on_grid(lambda x, h, n: p.finitediff(x, h, n, 2)),
             (1, 3, 10, 30, 100, 300),
             'iterations',
         ),
         ahead(
-            'kerneldiff', even(lambda x, h, n: p.kerneldiff(x, h, 'friedrichs', n)), wide, 'window'
+            'kerneldiff',
+            on_grid(lambda x, h, n: p.kerneldiff(x, h, 'friedrichs', n)),
+            wide,
+            'window',
         ),
         ahead(
             'butterdiff',
-            even(lambda x, h, c: p.butterdiff(x, h, 2, c)),
+            on_grid(lambda x, h, c: p.butterdiff(x, h, 2, c)),
             grid(0.004, 0.4, COUNT),
             'cutoff',
         ),
-        ahead('savgoldiff', even(lambda x, h, n: p.savgoldiff(x, h, 3, n, n)), wide, 'window'),
+        ahead('savgoldiff', on_grid(lambda x, h, n: p.savgoldiff(x, h, 3, n, n)), wide, 'window'),
         ahead(
             'polydiff',
             uneven(lambda x, t, n: p.polydiff(x, t, 3, n, stride=max(1, n // 8))),
@@ -238,13 +241,13 @@ def _pynumdiff() -> list[Estimator]:
         ),
         ahead(
             'spectraldiff',
-            even(lambda x, h, c: p.spectraldiff(x, h, c)),
+            on_grid(lambda x, h, c: p.spectraldiff(x, h, c)),
             grid(0.004, 0.4, COUNT),
             'cutoff',
         ),
         ahead(
             'waveletdiff',
-            even(lambda x, h, s: p.waveletdiff(x, h, threshold=s)),
+            on_grid(lambda x, h, s: p.waveletdiff(x, h, threshold=s)),
             grid(0.1, 30.0, COUNT),
             'threshold',
         ),

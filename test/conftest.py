@@ -40,7 +40,17 @@ def pytest_itemcollected(item):
 
 # Libraries that rosdep cannot install with apt, so that a ROS installation may lack them.
 WITHOUT_KEY = {
-    *('bokeh', 'colcon_core', 'control', 'dask', 'distributed', 'filterpy', 'latex2mathml', 'mcap'),
+    *(
+        'AlgDiff',
+        'bokeh',
+        'colcon_core',
+        'control',
+        'dask',
+        'distributed',
+        'filterpy',
+        'latex2mathml',
+        'mcap',
+    ),
     *('mkdocs', 'motulator', 'numba', 'optuna', 'pynumdiff', 'rosbags', 'selenium'),
 }
 LACKING = []  # (error, why) of the tests that were skipped

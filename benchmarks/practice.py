@@ -1,0 +1,219 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The laws that practitioners name, each from its paper or a kept library.
+
+All of them are causal. They get clean stamps and multi-turn angles, like the peers.
+
+References
+----------
+Windowed slopes: Janabi-Sharifi, Hayward, Chen, "Discrete-time adaptive windowing for velocity
+estimation", IEEE TCST 8(6), 2000. Edges: Merry, van de Molengraft, Steinbuch, "Velocity and
+acceleration estimation for optical incremental encoders", Mechatronics 20, 2010. Robust exact
+filtering differentiator: Levant, Livne, "Robust exact filtering differentiators", European Journal
+of Control 55, 2020; its implicit form: Carvajal-Rubio, Defoort, Sanchez-Torres, Djemai, Loukianov,
+"Implicit and explicit discrete-time realizations of the robust exact filtering differentiator",
+Journal of the Franklin Institute 359, 2022. Algebraic differentiators: Othmane, Kiltz, Rudolph,
+"Survey on algebraic numerical differentiation", Int. J. of Systems Science 53, 2022. Rolling mean:
+the odometry of ros2_controllers' diff_drive_controller.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from benchmarks.columns import Column
+from benchmarks.ours import PRACTICE, Estimator, grid
+from benchmarks.peers import COUNT, even
+
+Array = NDArray[np.float64]
+Law = Callable[[Array, Array, float, float], Array]  # (time, angle, quantum, gain) -> velocity
+
+LONGEST = 200  # samples of the adaptive windows at most
+LAMBDA = (3.0, 4.16, 3.06, 1.1)  # Levant's parameters for n = 3, from the first equation on
+ALPHA = BETA = 4.0  # of the Jacobi polynomials, as in the library's examples
+SILENT = 3  # an edge that is late by more of its periods than this ends the fit's validity
+
+
+def practice() -> tuple[list[Estimator], list[str]]:
+    """Return (estimators, names of the missing libraries)."""
+    found = [
+        _made('Savitzky-Golay, causal', savitzky_golay, _windows(3, 101), 'window'),
+        _made('rolling mean', rolling_mean, _windows(1, 100), 'window'),
+        _made('adaptive windows, best fit', adaptive_windows, grid(0.5, 20.0, COUNT), 'quanta'),
+        _made('time-stamped edges', edges, _windows(3, 40), 'edges'),
+        _made('filtering differentiator', filtering, grid(1e2, 1e7, COUNT), 'bound of the jerk'),
+    ]
+    try:
+        return [*found, _algebraic()], []
+    except ImportError as error:
+        return found, [error.name or str(error)]
+
+
+def _made(name: str, law: Law, values: tuple[float, ...], gain: str) -> Estimator:
+    def run(column: Column, value: float) -> Array:
+        rows, time, angle = column.cleaned()
+        return column.spread(rows, law(time, angle, max(column.quantum, 1e-6), value))
+
+    return Estimator(name, run, values, gain, PRACTICE)
+
+
+def _windows(low: int, high: int) -> tuple[int, ...]:
+    return tuple(sorted({round(each) for each in grid(low, high, COUNT)}))
+
+
+def _algebraic() -> Estimator:
+    from AlgDiff import AlgebraicDifferentiator
+
+    def run(column: Column, window: float) -> Array:
+        def law(angle: Array, h: float) -> Array:
+            made = AlgebraicDifferentiator(
+                ts=h, alpha=ALPHA, beta=BETA, N=1, T=max(window, 4.0 * h), display=False
+            )
+            found: Array = made.estimateDer(1, angle)
+            return found
+
+        return even(column, law)
+
+    return Estimator('algebraic, AlgDiff', run, grid(0.003, 0.3, COUNT), 'window', PRACTICE)
+
+
+def local_slope(time: Array, angle: Array, order: int) -> Array:
+    """Return the derivative at the newest sample of polynomials fitted to windows.
+
+    Parameters
+    ----------
+    time, angle : shape (windows, samples), the newest sample last.
+    """
+    tau = (time - time[:, -1:]) / np.maximum(time[:, -1:] - time[:, :1], 1e-12)
+    powers = tau[:, :, None] ** np.arange(order + 1)
+    fit = np.linalg.pinv(powers) @ (angle - angle[:, -1:])[:, :, None]
+    found: Array = fit[:, 1, 0] / np.maximum(time[:, -1] - time[:, 0], 1e-12)
+    return found
+
+
+def savitzky_golay(time: Array, angle: Array, quantum: float, window: float) -> Array:
+    """Return the slope at the end of a parabola through the last samples."""
+    n = int(window)
+    found = np.full(len(angle), np.nan)
+    if len(angle) >= n:
+        found[n - 1 :] = local_slope(
+            sliding_window_view(time, n), sliding_window_view(angle, n), order=2
+        )
+    return found
+
+
+def rolling_mean(time: Array, angle: Array, quantum: float, window: float) -> Array:
+    """Return the mean of the last finite differences."""
+    slopes = np.diff(angle) / np.diff(time)
+    sums = np.concatenate([[0.0], np.cumsum(slopes)])
+    newest = np.arange(1, len(sums))
+    oldest = np.maximum(newest - int(window), 0)
+    return np.concatenate([[np.nan], (sums[newest] - sums[oldest]) / (newest - oldest)])
+
+
+def adaptive_windows(time: Array, angle: Array, quantum: float, quanta: float) -> Array:
+    """Return the slope of the longest window whose chord stays within the noise of each sample.
+
+    The chord from sample k - n to k passes all samples between within d if its slope lies in each
+    of their cones; the window is as long as that holds (end-fit), and the slope is that of the
+    least-squares line over it (best-fit-FOAW).
+    """
+    d, count = quanta * quantum, len(angle)
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    longest, growing = np.ones(count, int), np.ones(count, bool)
+    growing[0] = False
+    for n in range(1, min(LONGEST, count - 1) + 1):
+        k = np.flatnonzero(growing)
+        k = k[k >= n]
+        passed, moved = time[k] - time[k - n], angle[k] - angle[k - n]
+        inside = (low[k] <= moved / passed) & (moved / passed <= high[k])
+        growing[k[~inside]] = False
+        k, passed, moved = k[inside], passed[inside], moved[inside]
+        longest[k] = n
+        low[k] = np.maximum(low[k], (moved - d) / passed)
+        high[k] = np.minimum(high[k], (moved + d) / passed)
+        growing[:n] = False
+    found = np.full(count, np.nan)
+    for n in np.unique(longest):
+        k = np.flatnonzero((longest == n) & (np.arange(count) >= n))
+        rows = k[:, None] + np.arange(-n, 1)
+        found[k] = local_slope(time[rows], angle[rows], order=1)
+    return found
+
+
+def edges(time: Array, angle: Array, quantum: float, count: float) -> Array:
+    """Return the slope now of a parabola through the last edges between counts.
+
+    The newest edge lies half a quantum before the new reading, at that part of the step between the
+    last two stamps. Where the next edge is late, the speed is at most one quantum over the time
+    since the newest one; where it is later than `SILENT` of its periods, the joint is at rest.
+    """
+    n, moved = int(count), np.diff(angle)
+    at = np.flatnonzero(np.abs(moved) > 0.25 * quantum) + 1
+    found = np.zeros(len(angle))
+    if len(at) < n:
+        return np.full(len(angle), np.nan)
+    step = np.maximum(np.abs(moved[at - 1]), quantum)
+    when = time[at] - 0.5 * quantum / step * (time[at] - time[at - 1])
+    where = angle[at] - 0.5 * quantum * np.sign(moved[at - 1])
+    newest = np.searchsorted(at, np.arange(len(angle)), side='right') - 1
+    last = newest >= n - 1
+    rows = np.flatnonzero(last)[:, None]
+    used = newest[rows] + np.arange(1 - n, 1)
+    now, times = time[rows[:, 0]], when[used]
+    scale = times[:, -1:] - times[:, :1]
+    tau = (times - now[:, None]) / scale
+    fit = (
+        np.linalg.pinv(tau[:, :, None] ** np.arange(3))
+        @ (where[used] - where[used][:, -1:])[:, :, None]
+    )
+    velocity = fit[:, 1, 0] / scale[:, 0]
+    since = now - times[:, -1]
+    late = np.where(np.isin(rows[:, 0], at), np.inf, quantum / since)
+    velocity = np.clip(velocity, -late, late)
+    velocity[since > SILENT * (times[:, -1] - times[:, -2])] = 0.0
+    found[last], found[~last] = velocity, np.nan
+    return found
+
+
+def filtering(time: Array, angle: Array, quantum: float, bound: float) -> Array:
+    """Return z1 of the filtering differentiator (nd = 2, nf = 1) by the implicit Euler scheme.
+
+    With s = (w1, z0, z1, z2) and a = lambda L^(1/4, 2/4, 3/4, 1), backward Euler gives for the new
+    w1 = x^4 sign(b) the equation x^4 + h a1 x^3 + h^2 a2 x^2 + h^3 a3 x + h^4 a4 xi = |b| with xi
+    in [0, 1], and xi = 1 where x > 0. Its left side grows with x, so that it has one root.
+    """
+    a1, a2, a3, a4 = (gain * bound ** ((i + 1) / 4.0) for i, gain in enumerate(LAMBDA))
+    w1, z0, z1, z2 = 0.0, float(angle[0]), 0.0, 0.0
+    found = [0.0]
+    for h, reading in zip(np.diff(time).tolist(), angle[1:].tolist()):
+        b = w1 + h * (z0 - reading) + h * h * z1 + h**3 * z2
+        sign, rest = math.copysign(1.0, b), abs(b) - h**4 * a4
+        if rest <= 0.0:
+            x, xi = 0.0, b / (h**4 * a4)
+        else:
+            x, xi = _root(h * a1, h * h * a2, h**3 * a3, rest), sign
+        w1 = sign * x**4
+        z2 -= h * a4 * xi
+        z1 += h * (z2 - a3 * sign * x)
+        z0 += h * (z1 - a2 * sign * x * x)
+        found.append(z1)
+    return np.array(found)
+
+
+def _root(c3: float, c2: float, c1: float, rest: float) -> float:
+    """Return the positive root of x^4 + c3 x^3 + c2 x^2 + c1 x = rest, by Newton from above."""
+    x = min(rest**0.25, *((rest / c) ** p for c, p in ((c3, 1 / 3), (c2, 0.5), (c1, 1.0))))
+    for _ in range(50):
+        value = (((x + c3) * x + c2) * x + c1) * x - rest
+        step = value / (((4.0 * x + 3.0 * c3) * x + 2.0 * c2) * x + c1)
+        x -= step
+        if abs(step) <= 1e-12 * x:
+            break
+    return x

@@ -1,0 +1,91 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The laws of practitioners are what their papers say."""
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_coeffs
+
+from benchmarks import practice
+from benchmarks.columns import Column
+from benchmarks.signals import Samples
+
+H, QUANTUM = 1e-3, 2e-3
+TIME = np.arange(2000) * H
+
+
+def counted(angle):
+    return np.round(angle / QUANTUM) * QUANTUM
+
+
+def test_every_law_follows_a_constant_speed():
+    stamps = 10**9 + (TIME * 1e9).astype(np.int64)
+    column = Column('x', '', Samples(stamps, counted(1.3 * TIME), np.full(len(TIME), 1.3)), QUANTUM)
+    laws, missing = practice.practice()
+    assert len(laws) == 6 and not missing
+    for law in laws:
+        errors = [
+            np.sqrt(np.nanmean((law.run(column, value)[1000:] - 1.3) ** 2)) for value in law.values
+        ]
+        assert min(errors) < 0.02, law.name  # a raw difference has 1.0
+
+
+def test_the_slope_at_the_end_of_a_parabola_is_savitzky_and_golays():
+    angle = np.random.default_rng(1).standard_normal(len(TIME))
+    kernel = savgol_coeffs(15, 2, deriv=1, delta=H, pos=14, use='dot')
+    wanted = np.convolve(angle, kernel[::-1], 'valid')
+    found = practice.savitzky_golay(TIME, angle, QUANTUM, 15)
+    assert np.isnan(found[:14]).all()
+    assert found[14:] == pytest.approx(wanted, rel=1e-6, abs=1e-6)
+
+
+def test_the_rolling_mean_is_of_differences():
+    time = np.cumsum(np.random.default_rng(2).uniform(0.5, 1.5, 50))
+    angle = np.random.default_rng(3).standard_normal(50)
+    found = practice.rolling_mean(time, angle, QUANTUM, 4)
+    slopes = np.diff(angle) / np.diff(time)
+    assert np.isnan(found[0]) and found[2] == pytest.approx(slopes[:2].mean())
+    assert found[20] == pytest.approx(slopes[16:20].mean())
+
+
+def test_adaptive_windows_are_as_long_as_the_chord_holds():
+    rng = np.random.default_rng(4)
+    time = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 400))
+    angle = counted(0.3 * np.sin(9.0 * time)) + 1e-4 * rng.standard_normal(400)
+    found = practice.adaptive_windows(time, angle, QUANTUM, 1.5)
+    for k in range(1, 400, 7):
+        n = 0
+        while n < min(k, practice.LONGEST):
+            chord = np.interp(time[k - n - 1 : k + 1], time[[k - n - 1, k]], angle[[k - n - 1, k]])
+            if np.abs(chord - angle[k - n - 1 : k + 1]).max() > 1.5 * QUANTUM:
+                break
+            n += 1
+        slope = np.polyfit(time[k - n : k + 1], angle[k - n : k + 1], 1)[0]
+        assert found[k] == pytest.approx(slope, rel=1e-6, abs=1e-9), k
+
+
+def test_edges_are_where_the_count_changes():
+    """Exact for a constant speed, below one count per sample and above; at rest it is 0."""
+    for speed in (0.31, 7.77):
+        found = practice.edges(TIME, counted(speed * TIME), QUANTUM, 30)
+        assert np.abs(found[500:] - speed).max() < 0.03 * speed
+    stopped = counted(0.31 * np.minimum(TIME, 1.0))
+    found = practice.edges(TIME, stopped, QUANTUM, 10)
+    assert found[990] == pytest.approx(0.31, rel=0.05) and not found[1100:].any()
+
+
+def test_the_filtering_differentiator_is_exact_within_its_bound():
+    """A jerk of 40 rad/s^3, without noise: exact up to the step if the bound is larger."""
+    angle = 40.0 / 6.0 * TIME**3
+    errors = [
+        np.abs(practice.filtering(TIME, angle, QUANTUM, bound) - 20.0 * TIME**2)[1500:].max()
+        for bound in (100.0, 20.0)
+    ]
+    assert errors[0] < 0.1 < errors[1]
+
+
+@pytest.mark.parametrize('c3, c2, c1, rest', [(1.0, 2.0, 3.0, 4.0), (1e-3, 1e-6, 1e-9, 1e-14)])
+def test_the_root_is_one(c3, c2, c1, rest):
+    x = practice._root(c3, c2, c1, rest)
+    assert (((x + c3) * x + c2) * x + c1) * x == pytest.approx(rest, rel=1e-9) and x > 0.0
