@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.signals import START_NS
+from benchmarks.columns import Column
+from benchmarks.signals import START_NS, Samples
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.entries import Entry, at_defaults
@@ -118,6 +119,24 @@ def captures(folder: Path) -> list[Capture]:
             'give the folder of the bags with --bags'
         )
     return found
+
+
+def columns(folder: Path) -> list[Column]:
+    """Return the captures as columns of the field, in radians; raises as `captures`."""
+    return [
+        Column(
+            each.name,
+            'a motor with Hall sensors, 90 counts a turn, 30 kHz',
+            Samples(
+                each.stamps,
+                each.counts.astype(np.float64) * QUANTUM,
+                each.velocity * QUANTUM,
+            ),
+            QUANTUM,
+            skip=0.0,
+        )
+        for each in captures(folder)
+    ]
 
 
 def judge(found: Capture, velocity: Array) -> dict[str, float]:

@@ -34,19 +34,22 @@ from benchmarks.peers import COUNT, even
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array, float, float], Array]  # (time, angle, quantum, gain) -> velocity
 
-LONGEST = 200  # samples of the adaptive windows at most
+LONGEST = 0.1  # [s] of the adaptive windows at most
+EVEN = 1e-3  # relative difference of sample times that are taken for equal
+BLOCK = 2_000_000  # numbers that are fitted at once
 LAMBDA = (3.0, 4.16, 3.06, 1.1)  # Levant's parameters for n = 3, from the first equation on
 ALPHA = BETA = 4.0  # of the Jacobi polynomials, as in the library's examples
+WINDOWS = grid(0.002, 0.3, COUNT + 2)
 SILENT = 3  # an edge that is late by more of its periods than this ends the fit's validity
 
 
 def practice() -> tuple[list[Estimator], list[str]]:
     """Return (estimators, names of the missing libraries)."""
     found = [
-        _made('Savitzky-Golay, causal', savitzky_golay, _windows(3, 101), 'window'),
-        _made('rolling mean', rolling_mean, _windows(1, 100), 'window'),
+        _made('Savitzky-Golay, causal', savitzky_golay, WINDOWS, 'window [s]'),
+        _made('rolling mean', rolling_mean, WINDOWS, 'window [s]'),
         _made('adaptive windows, best fit', adaptive_windows, grid(0.5, 20.0, COUNT), 'quanta'),
-        _made('time-stamped edges', edges, _windows(3, 40), 'edges'),
+        _made('time-stamped edges', edges, tuple(range(3, 36, 4)), 'edges'),
         _made('filtering differentiator', filtering, grid(1e2, 1e7, COUNT), 'bound of the jerk'),
     ]
     try:
@@ -63,10 +66,6 @@ def _made(name: str, law: Law, values: tuple[float, ...], gain: str) -> Estimato
     return Estimator(name, run, values, gain, PRACTICE)
 
 
-def _windows(low: int, high: int) -> tuple[int, ...]:
-    return tuple(sorted({round(each) for each in grid(low, high, COUNT)}))
-
-
 def _algebraic() -> Estimator:
     from AlgDiff import AlgebraicDifferentiator
 
@@ -80,7 +79,12 @@ def _algebraic() -> Estimator:
 
         return even(column, law)
 
-    return Estimator('algebraic, AlgDiff', run, grid(0.003, 0.3, COUNT), 'window', PRACTICE)
+    return Estimator('algebraic, AlgDiff', run, WINDOWS, 'window [s]', PRACTICE)
+
+
+def length(time: Array, window: float) -> int:
+    """Return the number of steps that a window [s] has."""
+    return max(1, round(window / float(np.median(np.diff(time)))))
 
 
 def local_slope(time: Array, angle: Array, order: int) -> Array:
@@ -90,18 +94,32 @@ def local_slope(time: Array, angle: Array, order: int) -> Array:
     ----------
     time, angle : shape (windows, samples), the newest sample last.
     """
-    tau = (time - time[:, -1:]) / np.maximum(time[:, -1:] - time[:, :1], 1e-12)
-    powers = tau[:, :, None] ** np.arange(order + 1)
-    fit = np.linalg.pinv(powers) @ (angle - angle[:, -1:])[:, :, None]
-    found: Array = fit[:, 1, 0] / np.maximum(time[:, -1] - time[:, 0], 1e-12)
+    found = np.empty(len(time))
+    for rows in np.array_split(np.arange(len(time)), 1 + time.size // BLOCK):
+        span = np.maximum(time[rows, -1] - time[rows, 0], 1e-12)
+        tau = (time[rows] - time[rows, -1:]) / span[:, None]
+        powers = tau[:, :, None] ** np.arange(order + 1)
+        moments = np.einsum('kni,knj->kij', powers, powers)
+        moved = np.einsum('kni,kn->ki', powers, angle[rows] - angle[rows, -1:])
+        found[rows] = np.linalg.solve(moments, moved[:, :, None])[:, 1, 0] / span
     return found
 
 
 def savitzky_golay(time: Array, angle: Array, quantum: float, window: float) -> Array:
     """Return the slope at the end of a parabola through the last samples."""
-    n = int(window)
+    n = max(2, length(time, window)) + 1
     found = np.full(len(angle), np.nan)
-    if len(angle) >= n:
+    if len(angle) < n:
+        return found
+    steps = np.diff(time)
+    if np.ptp(steps) < EVEN * steps[0]:  # the same weights everywhere
+        h = float(np.mean(steps))
+        unit = np.arange(1.0 - n, 1.0)[None] * h
+        weights = local_slope(np.repeat(unit, n, 0), np.eye(n), order=2)
+        # local_slope takes angles from the newest one on: the weights have the mean 0
+        weights[-1] = -np.sum(weights[:-1])
+        found[n - 1 :] = np.convolve(angle - angle[0], weights[::-1], 'valid')
+    else:
         found[n - 1 :] = local_slope(
             sliding_window_view(time, n), sliding_window_view(angle, n), order=2
         )
@@ -113,7 +131,7 @@ def rolling_mean(time: Array, angle: Array, quantum: float, window: float) -> Ar
     slopes = np.diff(angle) / np.diff(time)
     sums = np.concatenate([[0.0], np.cumsum(slopes)])
     newest = np.arange(1, len(sums))
-    oldest = np.maximum(newest - int(window), 0)
+    oldest = np.maximum(newest - length(time, window), 0)
     return np.concatenate([[np.nan], (sums[newest] - sums[oldest]) / (newest - oldest)])
 
 
@@ -126,19 +144,16 @@ def adaptive_windows(time: Array, angle: Array, quantum: float, quanta: float) -
     """
     d, count = quanta * quantum, len(angle)
     low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    longest, growing = np.ones(count, int), np.ones(count, bool)
-    growing[0] = False
-    for n in range(1, min(LONGEST, count - 1) + 1):
-        k = np.flatnonzero(growing)
+    longest = np.ones(count, int)
+    k = np.arange(1, count)
+    for n in range(1, min(length(time, LONGEST), count - 1) + 1):
         k = k[k >= n]
         passed, moved = time[k] - time[k - n], angle[k] - angle[k - n]
         inside = (low[k] <= moved / passed) & (moved / passed <= high[k])
-        growing[k[~inside]] = False
         k, passed, moved = k[inside], passed[inside], moved[inside]
         longest[k] = n
         low[k] = np.maximum(low[k], (moved - d) / passed)
         high[k] = np.minimum(high[k], (moved + d) / passed)
-        growing[:n] = False
     found = np.full(count, np.nan)
     for n in np.unique(longest):
         k = np.flatnonzero((longest == n) & (np.arange(count) >= n))

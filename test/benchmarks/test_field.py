@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import chart, field, ours, peers
+from benchmarks import chart, field, ours, peers, rivals
 from benchmarks.columns import Column, driven_by, of_signal, shared
 from benchmarks.ours import Estimator
 from benchmarks.recordings import recorded
@@ -202,3 +202,20 @@ def test_recordings_that_are_asked_for_must_be_there(tmp_path, capsys):
     words = ['accuracy', '--part', 'recordings', '--bags', str(tmp_path)]
     assert command.main(words) == 1
     assert f'{tmp_path} contains no bag with' in capsys.readouterr().err
+
+
+def test_every_loss_beside_the_rivals_is_printed():
+    laws = [
+        made(rivals.MAIN, {1: (1.0, 1.0)}),
+        made('worse', {1: (4.0, 4.0)}),
+        made('mixed', {1: (0.25, 4.0)}),
+        made('silent', {1: (1.0, 1.0)}, share=0.1),
+    ]
+    found = {'shared': field.run(columns(), laws), 'captures': field.run(columns(), laws[:2])}
+    assert rivals.ratios(found['shared'], 'mixed') == pytest.approx(
+        {'one': 0.26 / 1.01, 'two': 4.01 / 1.01}
+    )
+    lines = {line.split('  ')[0]: line.split() for line in rivals.describe(found).splitlines()}
+    assert lines['worse'] == ['worse', '3.97', '3.97', 'none']
+    assert lines['mixed'] == ['mixed', '1.01', '-', 'one', '0.26']
+    assert lines['silent'] == ['silent', '-', '-', 'none'] and rivals.MAIN not in lines
