@@ -5,14 +5,17 @@
 
 import argparse
 import importlib.util
+import json
 import math
 import re
 import shlex
 import subprocess
 import sys
+import time
 from importlib.metadata import entry_points
 from pathlib import Path
 
+import browser
 import pytest
 
 from docs.tools import capabilities
@@ -180,9 +183,11 @@ def test_modules_and_nodes_in_the_documentation_exist():
         assert (ROOT / 'launch' / launch).is_file(), launch
 
 
-@pytest.mark.long
-def test_the_site_is_built(tmp_path):
+@pytest.fixture(scope='module')
+def site(tmp_path_factory):
+    """The folder of the built site."""
     pytest.importorskip('mkdocs', reason='not run: mkdocs is not installed')
+    folder = tmp_path_factory.mktemp('docs') / 'site'
     done = subprocess.run(
         [
             sys.executable,
@@ -194,22 +199,84 @@ def test_the_site_is_built(tmp_path):
             '--config-file',
             str(ROOT / 'mkdocs.yml'),
             '--site-dir',
-            str(tmp_path / 'site'),
+            str(folder),
         ],
         capture_output=True,
         text=True,
-        cwd=tmp_path,
+        cwd=folder.parent,
         timeout=120,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    page = (tmp_path / 'site' / 'observers' / 'pll' / 'index.html').read_text()
+    return folder
+
+
+@pytest.mark.long
+def test_the_site_is_built(site):
+    page = (site / 'observers' / 'pll.html').read_text()
     assert 'bandwidth_hz' in page and '{{ parameters' not in page
     assert '<math ' in page and '<script>window.MathJax' not in page
     for name in observers():
-        page = (tmp_path / 'site' / 'observers' / name / 'index.html').read_text()
+        page = (site / 'observers' / f'{name}.html').read_text()
         formulas = ' '.join(re.findall('<math .*?</math>', page, re.DOTALL))
         assert '\\' not in formulas and '<mi>&<' not in formulas, name  # LaTeX that was not known
         assert '```' not in page, name
         for parameter in declared(registry.find(registry.OBSERVERS, name).gains):
             assert f'<code>{parameter}</code>' in page, (name, parameter)
+
+
+def test_formulas_are_typeset_as_they_are_meant():
+    typeset = hooks().typeset
+    bars = typeset(r'\lvert e \rvert^2')
+    assert bars.count('fence="true"') == 2 and '<msup><mrow><mo' in bars  # not the bar is squared
+    assert '<mo form="prefix"' in typeset(r'\operatorname{wrap}(y)')
+    assert '<mover accent="true">' in typeset(r'\dot q')
+    inline = hooks().on_page_markdown('the variance $`q^2/12`$ of', page=None)
+    assert 'display="inline"' in inline and '$' not in inline
+
+
+@pytest.mark.page
+@pytest.mark.long
+def test_links_search_and_formulas_work_from_files(site):
+    driver = browser.start()
+    try:
+        driver.get(f'file://{site}/index.html')
+        link = driver.find_element('css selector', 'article a[href^="choosing"]')
+        driver.get(link.get_attribute('href'))
+        assert driver.title.startswith('Which observer?')
+
+        driver.find_element('css selector', 'label.md-header__button[for=__search]')
+        driver.execute_script("document.querySelector('#__search').click()")
+        words = driver.find_element('css selector', '[data-md-component=search-query]')
+        until(words.is_displayed)
+        words.send_keys('super-twisting differentiator')
+        found = until(lambda: driver.find_elements('css selector', '.md-search-result__link'))
+        found = [each.get_attribute('href').partition('?')[0] for each in found]
+        assert f'file://{site}/observers/super_twisting.html' in found
+
+        # the subscripts of f_k: below their base, as a font with a table of mathematics places them
+        driver.get(f'file://{site}/observers/finite_difference.html')
+        lowered = driver.execute_script(
+            """const box = each => each.getBoundingClientRect();
+            return [...document.querySelectorAll('msub')].map(each => {
+              const [base, index] = each.children;
+              return box(index).bottom > box(base).bottom + 1; });"""
+        )
+        assert lowered and all(lowered)
+        for entry in driver.get_log('performance'):
+            message = json.loads(entry['message'])['message']
+            if message['method'] == 'Network.requestWillBeSent':
+                url = message['params']['request']['url']
+                assert url.startswith(('file://', 'data:', 'about:')), url
+        assert not [e for e in driver.get_log('browser') if e['level'] == 'SEVERE']
+    finally:
+        driver.quit()
+
+
+def until(true, seconds=10.0):
+    """Wait until the result of a call is true, and return it."""
+    end = time.monotonic() + seconds
+    while not (result := true()):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    return result

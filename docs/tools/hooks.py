@@ -4,8 +4,8 @@
 """Additions to the pages when the site is built (mkdocs hook).
 
 ``{{ parameters NAME }}`` becomes the table of an observer's declared parameters. A block of LaTeX
-after three backquotes and ``math`` (which GitHub typesets by itself) becomes MathML, so a browser
-needs neither a script nor a network for it.
+after three backquotes and ``math``, and LaTeX between ``$`` and backquotes within a line (GitHub
+typesets both by itself), become MathML, so a browser needs neither a script nor a network for it.
 """
 
 import re
@@ -17,6 +17,8 @@ from estimator_pkg.parameters import declared
 
 PLACE = re.compile(r'\{\{ parameters (\w+) \}\}')
 MATHEMATICS = re.compile(r'^```math\n(.*?)\n```$', re.DOTALL | re.MULTILINE)
+INLINE = re.compile(r'\$`([^`]+)`\$')
+OPERATOR = re.compile(r'<mo>([A-Za-z]{2,})</mo>(<mo stretchy="false">&#x00028;</mo>)?')
 
 
 def parameter_table(name):
@@ -31,11 +33,23 @@ def parameter_table(name):
     )
 
 
-def typeset(latex):
-    """Return a displayed formula as HTML."""
+def typeset(latex, display='block'):
+    """Return a formula as MathML; `display` is 'block' or 'inline'."""
     from latex2mathml.converter import convert
 
-    return f'<div class="mathematics">{convert(latex, display="block")}</div>'
+    # the converter knows as fences only what is between \left and \right, and spaces no tag
+    latex = re.sub(r'(?<!\\left)\\lvert\b', r'\\left|', latex)
+    latex = re.sub(r'(?<!\\right)\\rvert\b', r'\\right|', latex)
+    latex = re.sub(r'\\tag\{(\w+)\}', r'\\qquad (\1)', latex)
+    formula = convert(latex, display=display).replace('<mover>', '<mover accent="true">')
+    return OPERATOR.sub(_operator, formula)
+
+
+def _operator(found):
+    """Return a named operator with the space around it: none before a bracket."""
+    name, bracket = found.groups()
+    after = '0' if bracket else '0.167em'
+    return f'<mo form="prefix" lspace="0.167em" rspace="{after}">{name}</mo>{bracket or ""}'
 
 
 def on_page_markdown(markdown, page=None, **_):
@@ -43,5 +57,8 @@ def on_page_markdown(markdown, page=None, **_):
     folder, _, name = page.file.src_uri.removesuffix('.md').partition('/') if page else ('', '', '')
     if folder == 'observers' and not PLACE.search(markdown):
         markdown += f'\n\n## Parameters\n\n{{{{ parameters {name} }}}}\n'
-    markdown = MATHEMATICS.sub(lambda found: typeset(found.group(1)), markdown)
+    markdown = MATHEMATICS.sub(
+        lambda found: f'<div class="mathematics">{typeset(found.group(1))}</div>', markdown
+    )
+    markdown = INLINE.sub(lambda found: typeset(found.group(1), 'inline'), markdown)
     return PLACE.sub(lambda found: parameter_table(found.group(1)), markdown)
