@@ -139,6 +139,21 @@ def test_links_and_pictures_lead_somewhere(page):
             assert anchor in anchors(there), f'{target} in {page.name}'
 
 
+@pytest.mark.long
+def test_the_page_of_topics_is_what_the_nodes_have():
+    pytest.importorskip('rclpy', reason='not run: rclpy is not installed')
+    code = f'import sys; sys.path.append({str(ROOT)!r}); from docs.tools import topics; '
+    done = subprocess.run(
+        [sys.executable, '-c', code + 'topics.main()'],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == (DOCS / 'topics.md').read_text(), 'python -m docs.tools.topics'
+
+
 def test_every_page_is_in_the_site():
     nav = (ROOT / 'mkdocs.yml').read_text()
     for page in DOCS.glob('**/*.md'):

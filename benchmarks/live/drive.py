@@ -3,7 +3,8 @@
 
 """Cost of `pmsm_observer` and latency of its estimates, on batches of 200 samples.
 
-python -m benchmarks.live.drive
+python -m benchmarks.live.drive          # batches
+python -m benchmarks.live.drive topics   # one message per sample on current and voltage
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ import numpy as np
 import psutil
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from benchmarks.drive import MOTOR, simulate
 from benchmarks.live.processes import cpu, process, result
-from estimator_pkg.messages import drive_samples
+from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.ros.domain import free_domain
 
 MODULE = 'estimator_pkg.nodes.executables pmsm_observer'
@@ -170,8 +172,90 @@ def feed(rate: float, seconds: float) -> None:
     )
 
 
+TOPICS = (500.0, 1000.0, 2000.0, 4000.0)  # rates of separate topics [Hz]
+
+
+class TopicsFeeder(Node):
+    """Publishes each sample on current and voltage, and stops after `seconds`.
+
+    Attributes
+    ----------
+    sent : number of samples. used : of these, samples that the node has used; from its diagnostics.
+    """
+
+    def __init__(self, rate: float, seconds: float) -> None:
+        super().__init__('benchmark_drive')
+        self.sent = self.used = 0
+        self._rate, self._seconds = rate, seconds
+        self._publishers = [
+            self.create_publisher(Vector3Stamped, name, 50) for name in ('current', 'voltage')
+        ]
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        threading.Thread(target=self._play, daemon=True).start()
+
+    def _diagnosed(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == '/pmsm_observer: motor':
+                self.used = int({item.key: item.value for item in status.values}['used'])
+
+    def _play(self) -> None:
+        signal = simulate(
+            {'publish_rate': self._rate, 'profile': 'ramps', 'profile_time': 1.0}, self._seconds
+        )
+        while not all(each.get_subscription_count() for each in self._publishers):
+            time.sleep(0.02)
+        time.sleep(1.0)
+        print('started', flush=True)
+        begun, first = time.perf_counter(), time.time_ns() - int(signal.stamps[0])
+        for stamp, sample in zip((signal.stamps + first).tolist(), signal.samples.tolist()):
+            wait = begun + self.sent / self._rate - time.perf_counter()
+            if wait > 0.0:
+                time.sleep(wait)
+            for k, publisher in enumerate(self._publishers):
+                publisher.publish(vector3.encode(stamp, '', sample[2 * k], sample[2 * k + 1]))
+            self.sent += 1
+        time.sleep(2.5)
+        rclpy.try_shutdown()
+
+
+def feed_topics(rate: float, seconds: float) -> None:
+    """Feed a node with separate topics; print the numbers of sent and used samples."""
+    made: list[TopicsFeeder] = []
+
+    def make() -> TopicsFeeder:
+        made.append(TopicsFeeder(rate, seconds))
+        return made[0]
+
+    run_node(make, [])
+    print(json.dumps({'sent': made[0].sent, 'used': made[0].used}), flush=True)
+
+
+def measure_topics(rate: float, seconds: float = 8.0) -> dict:
+    """Return the node's load of a core and the used samples, with separate topics."""
+    domain = free_domain()
+    words = [word for name, value in MOTOR.items() for word in ('-p', f'{name}:={value}')]
+    words += ['-p', 'input:=current_voltage']
+    with ExitStack() as stack:
+        node = stack.enter_context(
+            process('node', domain=domain, module=MODULE, extra=('--ros-args', *words))
+        )
+        meter = psutil.Process(node.pid)
+        arguments = ('feed_topics', str(rate), str(seconds))
+        feeder = stack.enter_context(process('node', domain=domain, module=FEEDER, extra=arguments))
+        assert feeder.stdout is not None
+        feeder.stdout.readline()  # it has started
+        before, begun = cpu(meter), time.perf_counter()
+        time.sleep(0.9 * seconds)
+        load = (cpu(meter) - before) / (time.perf_counter() - begun)
+        return {'rate_hz': rate, 'load': load, **result(feeder)}
+
+
 if __name__ == '__main__':
     if sys.argv[1:2] == ['feed']:
         feed(float(sys.argv[2]), float(sys.argv[3]))
+    elif sys.argv[1:2] == ['feed_topics']:
+        feed_topics(float(sys.argv[2]), float(sys.argv[3]))
+    elif sys.argv[1:2] == ['topics']:
+        print(json.dumps([measure_topics(rate) for rate in TOPICS], indent=2))
     else:
         print(json.dumps([measure(*case) for case in CASES], indent=2))

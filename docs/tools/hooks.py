@@ -3,18 +3,21 @@
 
 """Additions to the pages when the site is built (mkdocs hook).
 
-``{{ parameters NAME }}`` becomes the table of an observer's declared parameters. A block of LaTeX
+``{{ parameters NAME }}`` becomes the table of an observer's declared parameters, and
+``{{ changelog }}`` the text of CHANGELOG.rst. A block of LaTeX
 after three backquotes and ``math``, and LaTeX between ``$`` and backquotes within a line (GitHub
 typesets both by itself), become MathML, so a browser needs neither a script nor a network for it.
 """
 
 import re
+from pathlib import Path
 
 from estimator_pkg import registry
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.listing import default_text
 from estimator_pkg.parameters import declared
 
+CHANGELOG = Path(__file__).resolve().parents[2] / 'CHANGELOG.rst'
 PLACE = re.compile(r'\{\{ parameters (\w+) \}\}')
 MATHEMATICS = re.compile(r'^```math\n(.*?)\n```$', re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r'\$`([^`]+)`\$')
@@ -31,6 +34,27 @@ def parameter_table(name):
             for each in declared(gains).values()
         ],
     )
+
+
+def changelog():
+    """Return CHANGELOG.rst, without its title, as Markdown."""
+    text = CHANGELOG.read_text().partition('=\n\n')[2]
+    text = re.sub(r'(?m)^(.+)\n-{3,}$', r'## \1', text)
+    text = re.sub(r'(?m)^(.+)\n~{3,}$', r'### \1', text)
+    # a table: a border, the header, a border, the rows, a border
+    text = re.sub(r'(?m)^( *)(=+ [= ]+)\n((?:.*\n)+?)\1\2\n((?:.*\n)+?)\1\2$', _table, text)
+    return re.sub(r'`([^`<]+) <([^>]+)>`_', r'[\1](\2)', text).replace('``', '`')
+
+
+def _table(found):
+    """Return a simple table of reStructuredText as Markdown; its border shows the columns."""
+    spans = [column.span() for column in re.finditer('=+', found[1] + found[2])]
+    spans[-1] = (spans[-1][0], None)
+
+    def rows(lines):
+        return [[line[first:last].strip() for first, last in spans] for line in lines.splitlines()]
+
+    return markdown([' '.join(words) for words in zip(*rows(found[3]))], rows(found[4]))
 
 
 def typeset(latex, display='block'):
@@ -57,6 +81,7 @@ def on_page_markdown(markdown, page=None, **_):
     folder, _, name = page.file.src_uri.removesuffix('.md').partition('/') if page else ('', '', '')
     if folder == 'observers' and not PLACE.search(markdown):
         markdown += f'\n\n## Parameters\n\n{{{{ parameters {name} }}}}\n'
+    markdown = markdown.replace('{{ changelog }}', changelog())
     markdown = MATHEMATICS.sub(
         lambda found: f'<div class="mathematics">{typeset(found.group(1))}</div>', markdown
     )
