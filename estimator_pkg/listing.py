@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import observers, registry
+from estimator_pkg import observers, registry, streams
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
@@ -123,16 +123,16 @@ class Item:
 
 def catalogue() -> dict[str, list[Item]]:
     """Return all items by kind; an item that cannot be imported has the error as its summary."""
-    streams = _records(registry.STREAMS)
+    families = _records(registry.STREAMS)
     simulators = _records(registry.SIMULATORS)
     return {
         'observers': _entries(registry.OBSERVERS, 'gains'),
-        'settings of each joint': _settings(streams, 'PER_JOINT'),
+        'settings of each joint': _settings(families, 'PER_JOINT'),
         'nodes': [
             Item(name, f'({stream})')
             if isinstance(stream, UserError)
             else _declared(stream.NODE, stream.SETTINGS)
-            for name, stream in streams.items()
+            for name, stream in families.items()
         ],
         'models': _entries(registry.MODELS, 'parameters'),
         'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
@@ -179,7 +179,12 @@ def _settings(records: Mapping[str, Any], attribute: str, live: bool = True) -> 
         for record in records.values()
         if not isinstance(record, UserError)
     )
-    return [_declared(cls.__name__.removesuffix('Settings').lower(), cls, live) for cls in classes]
+    return [_declared(_name(cls), cls, live) for cls in classes]
+
+
+def _name(cls: type) -> str:
+    """Return the name of a class of settings in the catalogue."""
+    return cls.__name__.removesuffix('Settings').lower()
 
 
 def _declared(name: str, cls: type, live: bool = True) -> Item:
@@ -264,20 +269,22 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
     parts = [
         '# Parameters',
         '',
-        'Made from the declarations in the code by `velocity_estimator list --markdown`; '
-        'change them there.',
+        'Set a parameter of a node in its parameter file (`/**` or the name of the node, then '
+        '`ros__parameters`), or with `-p name:=value`. `per_joint.<joint>.<parameter>` is for one '
+        'joint. Commands on bags take the same file with `--params`, and `--set name=value`.',
         '',
-        'In a parameter file of a node (`/**` or its name, then `ros__parameters`) each has '
-        'its plain name; `per_joint.<joint>.<parameter>` overrides one for one joint. On the '
-        'command line it is `--set name=value`. An "automatic" one follows from the others or from '
-        'the data; the value in parentheses selects that in a parameter file. A "required" one has '
-        'no default: set it.',
+        '- *Automatic*: the value follows from others or from the data. The value in parentheses '
+        'selects this in a file.',
+        '- *Required*: there is no default, so set it.',
+        '- *At start only*: a running node refuses the change.',
         '',
         '`ros2 param dump NODE > FILE` writes every parameter of a running node, those of single '
         'joints included. `--params-file FILE` starts the same node again, and `replay --params '
         'FILE` reads the same file.',
+        '',
+        '`velocity_estimator list --markdown` makes this page from the declarations in the code.',
     ]
-    for kind, items in kinds.items():
+    for kind, items in _usual_first(kinds).items():
         with_parameters = [item for item in items if item.parameters]
         if not with_parameters:
             continue
@@ -303,6 +310,28 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
                 ),
             ]
     return '\n'.join(parts)
+
+
+def _usual_first(kinds: dict[str, list[Item]]) -> dict[str, list[Item]]:
+    """Return the items, with those of the default node and its default observer as first kind."""
+    stream: Any = registry.find(registry.STREAMS, streams.USUAL)
+    observer = stream.SETTINGS().observer
+    joint = _name(stream.PER_JOINT)
+    places = (('nodes', stream.NODE), ('observers', observer), ('settings of each joint', joint))
+    found = {
+        name: item  # in this order
+        for kind, name in places
+        for item in kinds.get(kind, ())
+        if item.name == name and item.parameters
+    }
+    if len(found) < len(places):
+        return kinds  # of one requested name
+    first = {f'default node: {stream.NODE} with {observer}': list(found.values())}
+    rest = {
+        kind: [item for item in items if item not in found.values()]
+        for kind, items in kinds.items()
+    }
+    return {**first, **rest}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

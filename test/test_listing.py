@@ -234,3 +234,12 @@ def test_every_declared_parameter_is_described(name):
         assert parameter.kind in listing.TYPE_NAMES, parameter.name
         if parameter.default is not None:
             assert parameter.check(parameter.default) == parameter.default
+
+
+def test_the_page_of_parameters_opens_with_the_default_node(capsys):
+    observer = AngleStream.SETTINGS().observer
+    heads = re.findall('(?m)^##+ (.*)$', listed(capsys, '--markdown'))
+    usual = ['joint_observer', observer, 'joint']
+    assert heads[:4] == [f'Default node: joint_observer with {observer}', *usual]
+    assert all(heads.count(name) == 1 for name in usual)
+    assert 'Default node' not in listed(capsys, 'pll', '--markdown')
