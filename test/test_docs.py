@@ -21,7 +21,9 @@ import pytest
 from docs.tools import capabilities
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages import drive_samples
 from estimator_pkg.parameters import declared
+from estimator_pkg.streams.angle import AngleStream
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
@@ -137,6 +139,28 @@ def test_links_and_pictures_lead_somewhere(page):
         assert there.is_relative_to(ROOT), target
         if anchor:
             assert anchor in anchors(there), f'{target} in {page.name}'
+
+
+def test_the_readme_has_the_coverage_of_the_default_observer():
+    observer = AngleStream.SETTINGS().observer
+    rows = [line.split('|') for line in (DOCS / 'coverage.md').read_text().splitlines()]
+    [row] = [row for row in rows if len(row) > 5 and row[1].strip() == f'`{observer}`']
+    constant, *motions = (cell.strip() for cell in row[2:6])
+    text = ' '.join((ROOT / 'README.md').read_text().split())
+    assert f'covered {constant} of the errors of the default observer at constant speed' in text
+    assert f'{motions[0]}, {motions[1]} and {motions[2]} in three motions' in text
+
+
+def test_the_code_for_drive_samples_makes_what_the_node_reads():
+    pytest.importorskip('std_msgs', reason='not run: std_msgs is not installed')
+    from rclpy.serialization import serialize_message
+
+    [code] = re.findall(r'```python\n(.*?)```', (DOCS / 'first_drive.md').read_text(), re.DOTALL)
+    exec(code, found := {})
+    rows = [(1_700_000_000 + k, 5, 1.0, -2.0, 3.0, k) for k in range(3)]
+    batch = drive_samples.decode(serialize_message(found['drive_samples'](rows)))
+    assert batch.stamps_ns.tolist() == [(1_700_000_000 + k) * 10**9 + 5 for k in range(3)]
+    assert batch.values.tolist() == [list(row[2:]) for row in rows]
 
 
 @pytest.mark.long

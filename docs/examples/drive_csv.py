@@ -64,6 +64,8 @@ def to_bag(given: argparse.Namespace) -> str:
     current, voltage = given.current.split(','), given.voltage.split(',')
     if not {len(current), len(voltage)} <= {2, 3}:
         raise UserError('--current and --voltage need two or three columns, separated by commas')
+    if given.batch < 1:
+        raise UserError(f'--batch is {given.batch}: it must be at least 1')
     names = [given.time, *current, *voltage, *([given.speed] if given.speed else [])]
     time, *values = columns(given.log, names)
     stamps = FIRST * 10**9 + np.round((time - time[0]) * UNITS[given.time_unit]).astype(np.int64)
