@@ -139,10 +139,10 @@ def seconds(samples: Samples) -> Array:
 
 def _edges(plt: Any) -> Any:
     """Draw creep, and a beat near one count per sample, the same in a moving frame."""
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4.2))
+    figure, axes = plt.subplots(1, 2, figsize=(8, 3.6))
     for axis, speed, frame, title in (
         (axes[0], 0.1, 0.0, '0.1 counts per sample'),
-        (axes[1], 1.1, 1.0, '1.1 counts per sample, in a frame that moves at 1'),
+        (axes[1], 1.1, 1.0, '1.1 counts per sample, in a moving frame'),
     ):
         quantum = signal(constant(1.0)).quantum
         motion = constant(speed * 1000.0 * quantum)
@@ -183,7 +183,7 @@ def _beats(plt: Any) -> Any:
     """Draw a beat, with the reading as a cell and as the intersection of two cells."""
     one = signal(beat(1, 1, 0.025))
     samples = one.samples(duration=4.0)
-    figure, axes = plt.subplots(2, 1, figsize=(9, 5.5), sharex=True)
+    figure, axes = plt.subplots(2, 1, figsize=(8, 5), sharex=True)
     time = seconds(samples)
     with constants(interval=cells_alone):
         cells = traced(ENTRY.joint(quantum=one.quantum), samples)
@@ -210,7 +210,7 @@ def _bandwidth(plt: Any) -> Any:
     found = traced(ENTRY.joint(quantum=one.quantum), samples)
     time = seconds(samples)
     part = time > 1.5
-    figure, axes = plt.subplots(3, 1, figsize=(9, 7), sharex=True)
+    figure, axes = plt.subplots(3, 1, figsize=(8, 6.5), sharex=True)
     axes[0].plot(time[part], samples.velocity[part], 'k', lw=1)
     axes[0].plot(time[part], found['velocity'][part], color='tab:red', lw=0.8)
     axes[0].set(ylabel='velocity [rad/s]', title='0 to 20 rad/s at 100 rad/s^2')
@@ -257,7 +257,7 @@ def shaking(quanta: float) -> Motion:
 
 def _vibration(plt: Any) -> Any:
     """Draw vibrations with a period of a few samples: how they are detected, and the effect."""
-    figure, axes = plt.subplots(2, 2, figsize=(12, 6), sharex=True)
+    figure, axes = plt.subplots(2, 2, figsize=(8, 6), sharex=True)
     for (above, below), quanta in zip(axes.T, (4.0, 1.3)):
         one = signal(shaking(quanta), rate=200.0, counts=2048)
         samples = one.samples(duration=4.0)
@@ -276,7 +276,7 @@ def _vibration(plt: Any) -> Any:
         above.plot(
             time[part], found['velocity'][part], color='tab:red', lw=1, label='edge_adaptive'
         )
-        above.set(title=f'{quanta:g} quanta at a seventh of the sample rate')
+        above.set(title=f'{quanta:g} quanta, rate / 7')
         below.semilogy(time[part], found['density'][part], label='density [(rad/s^3)^2 s]')
         least = found['vibration'][part]
         below.semilogy(
@@ -304,7 +304,7 @@ def _vibration(plt: Any) -> Any:
 
 def _sigma(plt: Any) -> Any:
     """Draw error and standard deviation for a slow reversal, and for the sine."""
-    figure, axes = plt.subplots(2, 1, figsize=(9, 6))
+    figure, axes = plt.subplots(2, 1, figsize=(8, 5.5))
     for axis, motion, title, span in (
         (axes[0], sine(0.1, 0.5), '0.1 rad/s at 0.5 Hz', (3.0, 6.0)),
         (axes[1], sine(5.0, 2.0), '5 rad/s at 2 Hz', (3.0, 4.0)),
@@ -323,7 +323,9 @@ def _sigma(plt: Any) -> Any:
             label='+-1.96 standard deviations',
         )
         axis.plot(time[part], error, color='tab:red', lw=0.8, label='error')
-        axis.set(title=title, ylabel='rad/s')
+        largest = found['stddev'][part].max()  # at a reversal it may be far outside the axis
+        axis.set(title=f'{title}, standard deviations up to {largest:.2g} rad/s', ylabel='rad/s')
+        axis.set_ylim(-3.0 * np.abs(error).max(), 3.0 * np.abs(error).max())
     axes[1].set(xlabel='time [s]')
     axes[0].legend(fontsize=8)
     return figure
@@ -332,7 +334,7 @@ def _sigma(plt: Any) -> Any:
 def _constants(plt: Any) -> Any:
     """Draw the effect of each constant at a quarter to four times its value, all columns."""
     chosen = tuple(one for one in ALL if one.name in COLUMNS)
-    figure, axes = plt.subplots(3, 4, figsize=(13, 8), sharex=True, sharey=True)
+    figure, axes = plt.subplots(4, 3, figsize=(8, 9.5), sharex=True, sharey=True)
 
     def pooled() -> dict[str, float]:
         rows = spread([ENTRY], chosen, DRAWS, 4.0, fast=False)['rows']
@@ -390,7 +392,7 @@ def draw(folder: Path, names: Sequence[str] = tuple(PICTURES)) -> list[Path]:
         figure = PICTURES[name](plt)
         figure.tight_layout()
         path = folder / f'edge_adaptive_{name}.png'
-        figure.savefig(path, dpi=90)
+        figure.savefig(path, dpi=110)
         plt.close(figure)
         written.append(path)
     return written

@@ -82,7 +82,7 @@ def wrapped(angle: Array) -> Array:
 
 def phase_portrait() -> Figure:
     """Figure 1: the reduced system (6) on the plane and on the cylinder."""
-    figure = Figure(figsize=(11.0, 4.8), layout='constrained')
+    figure = Figure(figsize=(8.0, 3.8), layout='constrained')
     plane = figure.add_subplot(1, 2, 1)
     cylinder = figure.add_subplot(1, 2, 2, projection='3d')
     starts = [
@@ -112,12 +112,12 @@ def phase_portrait() -> Figure:
         ylim=(-4.2, 4.2),
         xlabel=r'$\tilde\vartheta$ [rad]',
         ylabel=r'$\tilde\xi$ [1/Wb]',
-        title=r'Phase diagram of (6): $\chi=1$, $k_\eta=1.5$, $\gamma=1$',
+        title='(6) on the plane',
     )
     plane.grid(color=GREY, linewidth=0.5)
     plane.legend(loc='upper right', frameon=False)
     cylinder.set(xlabel=r'$\eta_1$', ylabel=r'$\eta_2$', zlabel=r'$\tilde\xi$', zlim=(-4.2, 4.2))
-    cylinder.set_title('The same on the cylinder')
+    cylinder.set_title('(6) on the cylinder')
     return figure
 
 
@@ -130,8 +130,8 @@ def tidy(axes: Axes) -> None:
 
 def transients() -> Figure:
     """Figure 2: speed, angle error, xi and back-EMF error for the three observers, start A."""
-    figure = Figure(figsize=(15.0, 8.5), layout='constrained')
-    panels = figure.subplots(3, 4, sharex=True)
+    figure = Figure(figsize=(8.0, 9.5), layout='constrained')
+    panels = figure.subplots(4, 3, sharex=True, sharey='row').T
     direction, eta0, xi0 = STARTS['A']
     for row, (kind, name) in enumerate(ROWS):
         run = reference_run(grid(direction), kind, eta0, xi0)
@@ -139,7 +139,7 @@ def transients() -> Figure:
         speed, angle, xi, emf = panels[row]
         speed.plot(time, np.abs(run.h) * run.x / POLE_PAIRS * RPM, color=RED, linewidth=0.9)
         speed.plot(time, run.truth.omega / POLE_PAIRS * RPM, color=BLUE, linewidth=0.9)
-        speed.set_ylabel(f'{name}\nspeed [rpm]', fontsize=9)
+        speed.set_ylabel('speed [rpm]', fontsize=9)
         speed.set_ylim(-1000.0, 8000.0)
         angle.plot(time, np.degrees(wrapped(wrong.angle)), color=BLUE, linewidth=0.9)
         angle.set_ylabel('angle error [deg]', fontsize=9)
@@ -155,14 +155,16 @@ def transients() -> Figure:
         for letter, axes in zip(LETTERS[row], panels[row]):
             axes.set_title(f'({letter})', fontsize=9, color=SOFT)
             tidy(axes)
-    for axes in panels[-1]:
-        axes.set_xlabel('time [s]', fontsize=9)
+            if row:
+                axes.set_ylabel('')
+        speed.set_title(f'{name} ({LETTERS[row][0]})', fontsize=9)
+        emf.set_xlabel('time [s]', fontsize=9)
     return figure
 
 
 def loops() -> Figure:
     """Speed and errors of a drive on the observer's own angle and speed, with a load step."""
-    figure = Figure(figsize=(13.0, 6.0), layout='constrained')
+    figure = Figure(figsize=(8.0, 6.0), layout='constrained')
     panels = figure.subplots(3, len(LOOPS), sharex='col')
     for column, name in enumerate(LOOPS):
         loop = closed_loop(name)
@@ -172,7 +174,7 @@ def loops() -> Figure:
         top.plot(time, loop.speed, color=BLUE, linewidth=1.0, label='true')
         estimate = np.where(loop.running, loop.speed * (1.0 + 0.01 * loop.speed_error), np.nan)
         top.plot(time, estimate, color=RED, linewidth=1.0, label='estimate, once it leads')
-        top.set_title(f'{name}, load step at {LOOPS[name][3]:g} s', fontsize=10)
+        top.set_title(f'{name},\nload step at {LOOPS[name][3]:g} s', fontsize=9)
         middle.plot(
             time, np.where(loop.running, loop.angle_error, np.nan), color=BLUE, linewidth=0.9
         )
