@@ -52,6 +52,7 @@ class Smoothed(NamedTuple):
     outliers : number of ignored readings.
     unexplained : rms speed of the residual that is not white noise [rad/s].
     changes : number of changes of a counted reading; -1 if readings are not counted.
+    rows : shape (n,), indices of the readings in the record.
     """
 
     stamps: Stamps
@@ -63,6 +64,7 @@ class Smoothed(NamedTuple):
     outliers: int
     unexplained: float
     changes: int = -1
+    rows: NDArray[np.int64] = np.zeros(0, np.int64)
 
     @property
     def firm(self) -> NDArray[np.bool_]:
@@ -143,6 +145,7 @@ def smooth(
         outliers,
         unexplained(parts, rest, weights, found.quantised),
         _changes(parts, found.quantum),
+        rows,
     )
 
 

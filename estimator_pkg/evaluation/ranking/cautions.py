@@ -1,0 +1,37 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What limits a verdict without truth: failures that the readings show, and those they cannot."""
+
+from __future__ import annotations
+
+from estimator_pkg.evaluation.ranking.verdict import STANDING
+from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.text import number
+
+SHORT = 5.0  # a shorter record shows too little of the motion [s]
+
+
+def cautions(reference: Motion) -> tuple[str, ...]:
+    """Return the cautions for this joint, most important first; the last one always applies."""
+    found = []
+    if reference.constant:
+        found.append(
+            'the joint moves at constant speed, so noise alone is ranked and delay is not: record '
+            'a motion that accelerates'
+        )
+    if reference.fresh.stuck:
+        longest = max(length for _, length in reference.fresh.stuck)
+        found.append(
+            f'the sensor sticks {len(reference.fresh.stuck)} times (longest '
+            f'{number(longest * 1e3, 2)} ms) while the joint moves; these readings are left out'
+        )
+    if reference.fresh.stale > 0.2:
+        found.append(
+            f'{reference.fresh.stale:.0%} of the readings in motion repeat the one before; only '
+            'new readings make the reference'
+        )
+    length = float(reference.time[-1] - reference.time[0])
+    if length < SHORT:
+        found.append(f'the record has only {number(length, 2)} s: a longer one may rank otherwise')
+    return (*found, STANDING)

@@ -1,0 +1,87 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Test whether one estimate is better than another: a confidence interval over blocks of time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.95  # of a declared pair
+BLOCKS, SHORTEST, FEWEST = 40, 0.25, 8  # blocks of a record, at least so long [s], at least so many
+
+
+class Difference(NamedTuple):
+    """Mean of the difference of two squared errors, and its half confidence interval."""
+
+    mean: float
+    half: float
+
+    @property
+    def sign(self) -> int:
+        """1: the first estimate is better, -1: the second, 0: not known."""
+        return 0 if abs(self.mean) <= self.half else (1 if self.mean < 0.0 else -1)
+
+
+def blocks(time: Array) -> NDArray[np.int64]:
+    """Return the number of each sample's block, from 0; shape (n,).
+
+    Parameters
+    ----------
+    time : shape (n,), increasing [s].
+    """
+    length = float(time[-1] - time[0])
+    count = int(min(BLOCKS, max(FEWEST, length / SHORTEST)))
+    return np.minimum(((time - time[0]) / length * count).astype(np.int64), count - 1)
+
+
+def difference(squares: Array, others: Array, block: NDArray[np.int64]) -> Difference:
+    """Return the mean difference of two squared errors with its confidence interval.
+
+    Parameters
+    ----------
+    squares, others : shape (n,), squared errors. block : shape (n,), see `blocks`.
+    """
+    return of_sums([np.bincount(block, squares - others)], [np.bincount(block).astype(float)])
+
+
+def of_sums(sums: Sequence[NDArray], counts: Sequence[NDArray]) -> Difference:
+    """Return the same for block sums of several records; blocks without samples are ignored.
+
+    The sum over blocks has the variance of the blocks, and the covariance of neighbours if it is
+    positive. Its quantile is Student's.
+    """
+    filled = [count > 0 for count in counts]
+    number = sum(int(np.count_nonzero(each)) for each in filled)
+    total = float(sum(np.sum(count) for count in counts))
+    if number < 2:
+        return Difference(math.nan, math.inf)
+    mean = float(sum(np.sum(each) for each in sums)) / total
+    variance = 0.0
+    for each, count, full in zip(sums, counts, filled):
+        rest = each[full] - mean * count[full]
+        variance += float(rest @ rest) + 2.0 * max(0.0, float(rest[1:] @ rest[:-1]))
+    spread = math.sqrt(variance * number / (number - 1)) / total
+    return Difference(mean, student(number - 1) * spread)
+
+
+def student(degrees: int, confidence: float = CONFIDENCE) -> float:
+    """Return the two-sided quantile of Student's t; within 0.1 % from 7 degrees of freedom on.
+
+    Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.5.
+    """
+    z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
+    return (
+        z
+        + (z**3 + z) / (4.0 * degrees)
+        + (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * degrees**2)
+        + (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / (384.0 * degrees**3)
+    )

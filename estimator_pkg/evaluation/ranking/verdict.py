@@ -1,0 +1,184 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The verdict on estimates of one joint, and its sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from estimator_pkg.evaluation.text import number
+
+STANDING = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two estimates compared.
+
+    first, second : names; the first has the smaller error.
+    sign : 1: the first is better; 0: they cannot be told apart.
+    difference : by how much the second error is larger [%].
+    resolution : the smallest difference that would be declared [%].
+    """
+
+    first: str
+    second: str
+    sign: int
+    difference: float
+    resolution: float
+
+    @property
+    def within(self) -> float:
+        """Upper bound of the difference [%]."""
+        return self.difference + self.resolution
+
+    def sentence(self) -> str:
+        """Return the result of the pair."""
+        if self.sign:
+            return f'{self.first} is better than {self.second} (95 %)'
+        return (
+            f'{self.first} and {self.second} cannot be told apart: within {percent(self.within)} %'
+        )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The ranking of the estimates of one joint.
+
+    best : the name with the smallest error; '' if nothing can be ranked.
+    default : the estimate that is used where no other is better; '': none.
+    ties : names that are as good as the best, as far as the readings show.
+    rms : expected rms error by name, the reference's own variance added [rad/s]; best first.
+    pairs : all pairs, best first.
+    motion_hz : the choice rests on motion up to this frequency [Hz].
+    question_hz : frequency of an oscillation that is motion or sensor noise; nan: none.
+    other : the verdict if it is sensor noise; None: the same.
+    cautions : what limits the verdict, most important first; the last one always applies.
+    why : why nothing can be ranked; '' otherwise.
+    unranked : names with too few estimates.
+    tunable : False if gains must not be chosen from this motion (rest, constant speed).
+    """
+
+    best: str = ''
+    default: str = ''
+    ties: tuple[str, ...] = ()
+    rms: Mapping[str, float] = field(default_factory=dict)
+    pairs: tuple[Pair, ...] = ()
+    motion_hz: float = math.nan
+    question_hz: float = math.nan
+    other: Verdict | None = None
+    cautions: tuple[str, ...] = (STANDING,)
+    why: str = ''
+    unranked: tuple[str, ...] = ()
+    tunable: bool = True
+
+    @property
+    def choice(self) -> str:
+        """The estimate to use: the default, unless another one is better."""
+        return self.default if not self.best or self.default in self.ties else self.best
+
+    def pair(self, one: str, other: str) -> Pair | None:
+        """Return the pair of these names, in the order of their errors."""
+        return next(
+            (each for each in self.pairs if {each.first, each.second} == {one, other}), None
+        )
+
+    def better(self, one: str, other: str) -> int:
+        """Return 1 if `one` is better than `other`, -1 if it is worse, 0 if that is not known."""
+        found = self.pair(one, other)
+        return 0 if found is None else found.sign * (1 if found.first == one else -1)
+
+    def sentences(self) -> list[str]:
+        """Return the verdict in words; the cautions are last."""
+        if not self.best:
+            use = f'; use {self.default} as it is' if self.default else ''
+            return [f'No ranking: {self.why}{use}.', *map(_sentence, self.cautions)]
+        return [*self._best(), *self._pairs(), *self._rests(), *map(_sentence, self.cautions)]
+
+    def _best(self) -> list[str]:
+        own = f'{number(self.rms[self.best], 2)} rad/s rms'
+        if len(self.rms) == 1:
+            return [f'{self.best}: {own}.']
+        if not self._declared():
+            within = max(pair.within for pair in self._of_best())
+            keep = f': keep {self.default}' if self.default else ''
+            return [f'All are equal within {percent(within)} % here{keep}.']
+        text = f'{self.best} is best: {own}'
+        if self.default in self.rms and self.default != self.best:
+            known = '95 % sure' if self.better(self.best, self.default) else 'not significant'
+            text += f'; {self.default} makes {number(self.rms[self.default], 2)} ({known})'
+        return [f'{text}.']
+
+    def _pairs(self) -> list[str]:
+        """Return the pairs of the best, if any pair is declared."""
+        if not self._declared():
+            return []
+        worse = [pair.second for pair in self._of_best() if pair.sign]
+        found = [f'{self.best} is better than {listed(worse)} (95 %).'] if worse else []
+        return found + [f'{pair.sentence()}.' for pair in self._of_best() if not pair.sign]
+
+    def _of_best(self) -> list[Pair]:
+        return [pair for pair in self.pairs if pair.first == self.best]
+
+    def _declared(self) -> bool:
+        return any(pair.sign for pair in self.pairs)
+
+    def _rests(self) -> list[str]:
+        found = []
+        if self.other is not None:
+            hz = percent(self.question_hz)
+            found.append(
+                f'{self.other.best} is best if the {hz} Hz are sensor noise, {self.best} if they '
+                'are motion: answer with --motion-hz.'
+            )
+        if math.isfinite(self.motion_hz) and len(self.rms) > 1:
+            found.append(
+                f'This rests on motion up to {percent(self.motion_hz)} Hz. If the joint is slower, '
+                'set --motion-hz.'
+            )
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the verdict for ``--json``."""
+        return {
+            'best': self.best,
+            'choice': self.choice,
+            'default': self.default,
+            'ties': list(self.ties),
+            'rms': dict(self.rms),
+            'pairs': [
+                {
+                    'names': [each.first, each.second],
+                    'sign': each.sign,
+                    'difference_percent': each.difference,
+                    'resolution_percent': each.resolution,
+                    'text': each.sentence(),
+                }
+                for each in self.pairs
+            ],
+            'motion_hz': self.motion_hz,
+            'question_hz': self.question_hz,
+            'other': None if self.other is None else self.other.best,
+            'cautions': list(self.cautions),
+            'why': self.why,
+            'unranked': list(self.unranked),
+            'sentences': self.sentences(),
+        }
+
+
+def percent(value: float) -> str:
+    """Return a percentage or frequency with two digits."""
+    return number(value, 2) if value < 100.0 else f'{value:.0f}'
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as part of a sentence."""
+    return ' and '.join([', '.join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + '.'

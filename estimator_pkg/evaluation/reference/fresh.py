@@ -1,0 +1,104 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Find readings that are older than their stamps: repeated ones, and those of a sensor that sticks.
+
+Both show the joint where it was, while it moves on. The reference must not follow them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.evaluation.compare.metrics import wrapped
+
+Array = NDArray[np.float64]
+
+AROUND = 10  # the speed at a reading is taken over this many readings to either side
+MOVING = 3.0  # quanta per reading that count as motion
+REPEATS = 0.2  # fraction of equal readings in motion that is not chance
+ENOUGH = 50  # smallest number of readings in motion
+STUCK = 4  # shortest run of equal readings that may be a sensor that sticks
+FAR = 4.0  # quanta that the joint must have travelled during the run, by the speed on both sides
+ALIKE = 0.5  # the jump after the run is at least this fraction of the travel, and at most 1 / this
+
+
+class Fresh(NamedTuple):
+    """Which readings are new.
+
+    new : shape (n,), True for a reading that is not older than its stamp.
+    stale : fraction of equal readings in motion.
+    stuck : (time [s] since the first reading, duration [s]) of each time that the sensor stuck.
+    """
+
+    new: NDArray[np.bool_]
+    stale: float
+    stuck: tuple[tuple[float, float], ...]
+
+
+def fresh(time: Array, readings: Array, period: float, quantum: float) -> Fresh:
+    """Return which readings are new.
+
+    Parameters
+    ----------
+    time : shape (n,), increasing [s]. readings : shape (n,) [rad], finite.
+    period : wrap period [rad]; 0: none. quantum : of the readings [rad]; 0: none.
+    """
+    count = len(readings)
+    new = np.ones(count, bool)
+    if count < 4 * AROUND:
+        return Fresh(new, 0.0, ())
+    moves = wrapped(np.diff(readings, prepend=readings[0]), period)
+    small = max(quantum, 1e-9)
+    moving = np.zeros(count, bool)
+    travelled = np.cumsum(moves)
+    far = np.abs(travelled[2 * AROUND :] - travelled[: -2 * AROUND])
+    moving[AROUND:-AROUND] = far > MOVING * 2 * AROUND * small
+    same = moves == 0.0
+    same[0] = False
+    stale = float(np.mean(same[moving])) if np.count_nonzero(moving) > ENOUGH else 0.0
+    if stale > REPEATS:
+        slower = np.ones(count, bool)
+        slower[AROUND:-AROUND] = far <= 2 * AROUND * small
+        return Fresh(~same | slower, stale, ())
+    stuck = _stuck(time, moves, same, small)
+    for first, last in stuck:
+        new[first + 1 : last + 1] = False
+    spans = tuple((float(time[a] - time[0]), float(time[b] - time[a])) for a, b in stuck)
+    return Fresh(new, stale, spans)
+
+
+def _stuck(
+    time: Array, moves: Array, same: NDArray[np.bool_], small: float
+) -> list[tuple[int, int]]:
+    """Return (first, last) reading of each run of equal readings that ends in a jump.
+
+    The joint moved on at the speed before and after the run, so the jump equals its travel. A joint
+    that stops and starts again does not jump.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    firsts, lasts = edges[::2] - 1, edges[1::2] - 1  # readings first .. last are equal
+    usable = (lasts - firsts >= STUCK) & (firsts >= AROUND) & (lasts + 1 + AROUND < len(moves))
+    firsts, lasts = firsts[usable], lasts[usable]
+    jumped = np.abs(moves[lasts + 1]) >= ALIKE * FAR * small
+    found = []
+    for first, last in zip(firsts[jumped].tolist(), lasts[jumped].tolist()):
+        before = float(np.sum(moves[first - AROUND + 1 : first + 1]))
+        before /= time[first] - time[first - AROUND]
+        after = float(np.sum(moves[last + 2 : last + 2 + AROUND]))
+        after /= time[last + 1 + AROUND] - time[last + 1]
+        length = time[last + 1] - time[first]
+        slow, fast = sorted((before * length, after * length), key=abs)
+        jump = float(moves[last + 1])
+        if (
+            slow * fast > 0.0
+            and slow * jump > 0.0
+            and abs(slow) > FAR * small
+            and abs(jump) >= ALIKE * abs(slow)
+            and abs(jump) <= abs(fast) / ALIKE
+        ):
+            found.append((first, last))
+    return found

@@ -1,0 +1,188 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The motion of a joint from its readings alone: the reference where there is no ground truth.
+
+The off-line smoother, with three additions. Readings that are older than their stamps are left out
+(`fresh`). A vibration that the smoother took for noise is put back (`put_back`). Readings that lie
+on a straight line within their noise are a constant speed, and not the tones of the quantiser.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.reference.fresh import Fresh, fresh
+from estimator_pkg.evaluation.reference.put_back import needed, put_back
+from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut
+from estimator_pkg.evaluation.reference.smoother.smoother import COUNTS, OUTLIER, Smoothed, smooth
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+WITHIN = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
+WHITE = 2.0  # or by white noise: a spectrum below this multiple of its median
+STRETCH = 256  # readings in a window of that spectrum
+LINE_FEWEST = 200  # smallest number of readings that show a constant speed
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The velocity of a joint at its readings' stamps, and what it rests on.
+
+    stamps : shape (n,) [ns], of the readings, in order, without those at the same stamp.
+    time : shape (n,), strictly increasing [s].
+    velocity : shape (n,) [rad/s], with the vibration that was put back.
+    plain : shape (n,) [rad/s], without it; the same array if nothing was put back.
+    firm : shape (n,), False near the ends of a piece, where the reference is less accurate.
+    stddev : rms of the smoother's own standard deviation where `firm` [rad/s].
+    vibration_hz : mean frequency of what was put back; nan: nothing.
+    constant : the readings show one constant speed.
+    seldom : the reading changes too rarely to show the motion.
+    fresh : which readings are new.
+    smoothed : result of the smoother.
+    """
+
+    stamps: Stamps
+    time: Array
+    velocity: Array
+    plain: Array
+    position: Array
+    firm: NDArray[np.bool_]
+    stddev: float
+    vibration_hz: float
+    constant: bool
+    seldom: bool
+    fresh: Fresh
+    smoothed: Smoothed
+
+    @property
+    def put_back(self) -> bool:
+        """True if there are two references."""
+        return self.plain is not self.velocity
+
+    @property
+    def rate(self) -> float:
+        """Sample rate [Hz], from the median sample time."""
+        return 1.0 / float(np.median(np.diff(self.time)))
+
+    def between(self, first: int, last: int) -> Motion:
+        """Return the part with first < stamp <= last [ns]."""
+        kept = (self.stamps > first) & (self.stamps <= last)
+        cut_ = {name: getattr(self, name)[kept] for name in ('stamps', 'time', 'position', 'firm')}
+        velocity = self.velocity[kept]
+        plain = self.plain[kept] if self.put_back else velocity
+        return replace(self, velocity=velocity, plain=plain, **cut_)
+
+
+def motion(stamps: Stamps, position: Array, period: float) -> Motion | None:
+    """Return the motion that the readings show; None for too few readings.
+
+    Parameters
+    ----------
+    stamps : shape (n,) [ns], as recorded.
+    position : shape (n,) [rad or m]; nan: none.
+    period : wrap period [rad]; 0: none.
+    """
+    good = np.flatnonzero(np.isfinite(position) & (stamps > 0))
+    readings = position[good]
+    seconds = (stamps[good] - stamps[good[0]]) * 1e-9 if len(good) else np.zeros(0)
+    kept = fresh(seconds, readings, period, quantum(readings))
+    rows = good[kept.new]
+    smoothed = smooth(stamps[rows], position[rows], period)
+    if not len(smoothed.stamps):
+        return None
+    used = rows[smoothed.rows]
+    plain = velocity = smoothed.velocity
+    places = smoothed.position
+    firm = smoothed.firm
+    stddev = float(np.sqrt(np.mean(smoothed.velocity_stddev[firm] ** 2)))
+    at_hz = math.nan
+    lines = None if smoothed.seldom else _lines(smoothed, position[used], period)
+    if lines is not None:
+        plain = velocity = lines[0]
+        stddev, firm = lines[1], np.ones(len(velocity), bool)
+    elif not smoothed.seldom and needed(smoothed):
+        rest = wrapped(position[used] - smoothed.position, period)
+        more, at_hz = put_back(smoothed, _without_outliers(rest, smoothed.noise.quantum))
+        if not math.isnan(at_hz):
+            velocity = smoothed.velocity + more
+    at = match(stamps[good], smoothed.stamps, velocity, places, 0.0)
+    other = match(stamps[good], smoothed.stamps, plain, firm.astype(float), 0.0)
+    if not len(at.rows):
+        return None
+    return Motion(
+        stamps[good][at.rows],
+        at.time,
+        at.velocity,
+        at.velocity if plain is velocity else other.velocity,
+        at.position,
+        other.position > 0.99,
+        stddev,
+        at_hz,
+        lines is not None,
+        smoothed.seldom,
+        kept,
+        smoothed,
+    )
+
+
+def _without_outliers(rest: Array, count: float) -> Array:
+    """Return the residual with 0 for the readings that the smoother ignored."""
+    spread = 1.4826 * float(np.median(np.abs(rest)))
+    return np.where(np.abs(rest) > max(OUTLIER * spread, COUNTS * count, 1e-12), 0.0, rest)
+
+
+def _lines(smoothed: Smoothed, readings: Array, period: float) -> tuple[Array, float] | None:
+    """Return (velocity, its standard deviation) if every piece is a straight line; else None."""
+    velocity, variances = np.zeros(len(readings)), []
+    for part in cut(smoothed.stamps, readings):
+        found = _line(part, period, smoothed)
+        if found is None:
+            return None
+        velocity[part.rows] = found[0]
+        variances.append(found[1] ** 2)
+    return (velocity, math.sqrt(max(variances))) if variances else None
+
+
+def _line(part: Piece, period: float, smoothed: Smoothed) -> tuple[float, float] | None:
+    """Return (slope, its standard deviation) if the readings lie on a straight line; else None.
+
+    Either they stay within one quantum of it, as counts of a constant speed do, or they scatter
+    about it as white noise.
+    """
+    count = len(part.readings)
+    if count < LINE_FEWEST:
+        return None
+    time = np.cumsum(part.steps)
+    time -= time.mean()
+    angle = part.readings
+    if period > 0.0:
+        smooth_ = smoothed.position[part.rows]
+        angle = smooth_ + wrapped(angle - smooth_, period)
+    inertia = float(time @ time)
+    slope = float(time @ (angle - angle.mean())) / inertia
+    rest = angle - angle.mean() - slope * time
+    step = smoothed.noise.quantum
+    spread = float(np.std(rest))
+    inside = step > 0.0 and float(np.ptp(rest)) <= WITHIN * step
+    if not inside and not (spread > step and _is_white(rest)):
+        return None
+    return slope, spread / math.sqrt(inertia)
+
+
+def _is_white(rest: Array) -> bool:
+    """Return True if no frequency stands out of the spectrum."""
+    windows = rest[: len(rest) // STRETCH * STRETCH].reshape(-1, STRETCH)
+    if len(windows) < 4:
+        return False
+    power = np.mean(np.abs(np.fft.rfft(np.hanning(STRETCH) * windows)) ** 2, axis=0)[1:-1]
+    margin = 1.0 + (WHITE - 1.0) * max(1.0, math.sqrt(32.0 / len(windows)))
+    return float(np.max(power)) <= margin * float(np.median(power))

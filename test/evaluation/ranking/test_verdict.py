@@ -1,0 +1,108 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Ranking without truth: the tests of pairs and frequencies, and the sentences of a verdict."""
+
+import math
+
+import numpy as np
+import pytest
+
+from estimator_pkg.evaluation.ranking import frequencies, pairs
+from estimator_pkg.evaluation.ranking.ranking import rank
+from estimator_pkg.evaluation.ranking.verdict import STANDING, Pair, Verdict
+
+
+def test_the_quantile_is_students():
+    scipy = pytest.importorskip('scipy.stats')
+    for degrees in (7, 10, 20, 39, 400):
+        assert pairs.student(degrees) == pytest.approx(scipy.t.ppf(0.975, degrees), rel=1e-3)
+
+
+def test_equal_estimates_are_declared_different_in_one_of_twenty_cases():
+    """Correlated within blocks, as errors of estimates are."""
+    random = np.random.default_rng(3)
+    time = np.arange(4000) * 1e-3
+    block = pairs.blocks(time)
+    assert block[0] == 0 and block[-1] == 14  # at least 0.25 s each
+    declared = 0
+    for _ in range(600):
+        a, b = (np.convolve(random.normal(size=4063), np.ones(64) / 8.0, 'valid') for _ in 'ab')
+        declared += pairs.difference(a**2, b**2, block).sign != 0
+    assert 0.02 <= declared / 600 <= 0.08
+
+
+def test_a_better_estimate_is_declared_and_the_sign_follows_the_order():
+    random = np.random.default_rng(3)
+    a, b = random.normal(size=(2, 4000))
+    block = pairs.blocks(np.arange(4000) * 1e-3)
+    assert pairs.difference(a**2, (1.3 * b) ** 2, block).sign == 1
+    assert pairs.difference((1.3 * b) ** 2, a**2, block).sign == -1
+
+
+def test_the_low_pass_has_its_gain_and_no_phase():
+    time = np.arange(20_000) * 1e-3
+    for hz in (2.0, 10.0, 12.0):
+        wave = np.sin(2.0 * math.pi * hz * time)
+        left = frequencies.low_passed(wave, 1000.0, 10.0)[4000:-4000]
+        expected = wave[4000:-4000] / (1.0 + (hz / 10.0) ** 8)
+        assert left == pytest.approx(expected, abs=2e-3)
+    ramp = 3.0 + 0.2 * time
+    assert frequencies.low_passed(ramp, 1000.0, 10.0) == pytest.approx(ramp)
+
+
+def test_a_choice_rests_on_the_vibration_that_only_it_follows():
+    """One estimate follows 1 Hz and 30 Hz but is noisy, the other one follows 1 Hz alone."""
+    time = np.arange(20_000) * 1e-3
+    slow = np.sin(2.0 * math.pi * time)
+    truth = slow + 0.5 * np.sin(2.0 * math.pi * 30.0 * time)
+    noisy = truth + np.random.default_rng(1).normal(0.0, 0.1, len(time))
+    errors = np.stack([noisy - truth, slow - truth])
+    assert 20.0 <= frequencies.rests_on(errors, truth, 0, 1000.0) <= 37.0
+    errors = np.stack([noisy - truth, slow + 0.8 - truth])  # better without the 30 Hz, too
+    assert frequencies.rests_on(errors, truth, 0, 1000.0) < 3.0
+
+
+def test_the_sentences_of_a_verdict():
+    found = Verdict(
+        'edge_adaptive',
+        'hybrid_angle',
+        ('kalman',),
+        {'edge_adaptive': 0.21, 'kalman': 0.215, 'hybrid_angle': 0.34, 'pll': 0.4},
+        (
+            Pair('edge_adaptive', 'kalman', 0, 2.4, 3.6),
+            Pair('edge_adaptive', 'hybrid_angle', 1, 62.0, 5.0),
+            Pair('edge_adaptive', 'pll', 1, 90.0, 5.0),
+        ),
+        37.2,
+    )
+    assert found.sentences() == [
+        'edge_adaptive is best: 0.21 rad/s rms; hybrid_angle makes 0.34 (95 % sure).',
+        'edge_adaptive is better than hybrid_angle and pll (95 %).',
+        'edge_adaptive and kalman cannot be told apart: within 6 %.',
+        'This rests on motion up to 37 Hz. If the joint is slower, set --motion-hz.',
+        STANDING[0].upper() + STANDING[1:] + '.',
+    ]
+    assert found.choice == 'edge_adaptive'
+    assert found.better('pll', 'edge_adaptive') == -1 and found.better('kalman', 'pll') == 0
+
+
+def test_without_a_declared_pair_the_default_is_kept():
+    found = Verdict(
+        'pll',
+        'edge_adaptive',
+        ('edge_adaptive',),
+        {'pll': 0.2, 'edge_adaptive': 0.202},
+        (Pair('pll', 'edge_adaptive', 0, 1.0, 5.0),),
+        5.0,
+    )
+    assert found.choice == 'edge_adaptive'
+    assert found.sentences()[0] == 'All are equal within 6 % here: keep edge_adaptive.'
+
+
+def test_without_a_reference_the_default_is_the_choice():
+    found = rank({'pll': np.zeros(0)}, None, default='edge_adaptive')
+    assert (found.best, found.choice, found.tunable) == ('', 'edge_adaptive', False)
+    assert found.sentences()[0] == (
+        'No ranking: there are too few readings; use edge_adaptive as it is.'
+    )
