@@ -5,11 +5,14 @@
 
 from __future__ import annotations
 
+import argparse
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimator_pkg.bags.unpacking import LIMIT
+from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.entries import Entry
 
 MEASUREMENT = '/joint_states'
@@ -32,6 +35,7 @@ class Options:
     reference : 'auto': the truth, or the off-line smoother without one; 'truth' or 'smoother':
         only this one.
     unpack_limit : of the bags, see `estimator_pkg.bags.reader.open_bag`.
+    motion_hz : highest frequency at which the joints move [Hz]; None: not known.
     """
 
     measurement: str | None = None
@@ -44,3 +48,22 @@ class Options:
     reference: str = AUTO
     angle: str | None = None
     unpack_limit: int = LIMIT
+    motion_hz: float | None = None
+
+
+def motion_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--motion-hz`` to a command that ranks without truth."""
+    parser.add_argument(
+        '--motion-hz',
+        type=float,
+        metavar='HZ',
+        help='highest frequency at which the joints move, for ranking without truth: faster '
+        'oscillations of the readings are sensor errors (default: all of them are motion)',
+    )
+
+
+def checked_motion_hz(value: float | None) -> float | None:
+    """Return the value of ``--motion-hz``; raise UsageError."""
+    if value is not None and not (math.isfinite(value) and value > 0.0):
+        raise UsageError(f'--motion-hz is {value:g} Hz: it must be above 0')
+    return value

@@ -20,7 +20,15 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
-from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.options import (
+    AUTO,
+    MEASUREMENT,
+    SMOOTHER,
+    TRUTH,
+    Options,
+    checked_motion_hz,
+    motion_argument,
+)
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.report.page import Report
@@ -104,6 +112,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='reference for the velocities: the truth in the bag, or an off-line smoother of the '
         'measured positions (default: the truth, or the smoother if there is none)',
     )
+    motion_argument(parser)
     parser.add_argument(
         '--html',
         metavar='FILE',
@@ -140,6 +149,7 @@ def options(parsed: argparse.Namespace) -> Options:
         parsed.reference,
         parsed.angle,
         parsed.unpack_limit,
+        checked_motion_hz(parsed.motion_hz),
     )
 
 

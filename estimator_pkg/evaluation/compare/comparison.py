@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO
@@ -20,11 +21,14 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import Estimate, measured, sources
-from estimator_pkg.evaluation.compare.truth import SMOOTHED, Truth, check_common, truth
+from estimator_pkg.evaluation.compare.truth import check_common, truth
 from estimator_pkg.evaluation.options import Options
+from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
-from estimator_pkg.evaluation.text import number
+from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import WHY_DROPPED
 
 MMAP_THRESHOLD = -3  # glibc's malloc.h
@@ -142,7 +146,7 @@ class Comparison:
 
     measurement : the measured positions by joint; starts : their first stamps [ns].
     smoothed : results of the off-line smoother; empty if the bag has a truth.
-    refused : why observers are not ranked, by joint.
+    verdicts : the ranking without truth, by joint; empty if the bag has a truth.
     """
 
     bag: str
@@ -154,7 +158,16 @@ class Comparison:
     measurement: dict[str, Series]
     starts: dict[str, int]
     smoothed: dict[str, Smoothed]
-    refused: dict[str, str]
+    verdicts: dict[str, Verdict]
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Why estimates cannot be ranked, by joint."""
+        return {
+            joint: f'{joint}: {verdict.sentences()[0]}'
+            for joint, verdict in self.verdicts.items()
+            if not verdict.best
+        }
 
     def as_dict(self) -> dict[str, Any]:
         """Return the comparison for ``--json``."""
@@ -172,6 +185,7 @@ class Comparison:
                 }
                 for joint, known in self.references.items()
             },
+            'verdict': {joint: each.as_dict() for joint, each in self.verdicts.items()},
             'refused': self.refused,
             'notes': list(self.notes),
         }
@@ -193,9 +207,15 @@ def compare(path: str, options: Options) -> Comparison:
         rows: list[Row] = []
         notes: list[str] = []
         starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
+        candidates = {joint: _Candidates() for joint in true.motions}
         for source, estimates in sources(bag, path, measurement, options):
             check_common(path, source, estimates, true)
             for joint, estimate in estimates.items():
+                moved = true.motions.get(joint)
+                if moved is not None and len(estimate.stamps):
+                    candidates[joint].add(source, estimate, moved)
+                if joint not in true.series and joint in true.motions:
+                    continue
                 if joint not in true.series:
                     notes.append(f"joint '{joint}' has no truth")
                 elif not len(estimate.stamps):
@@ -218,7 +238,7 @@ def compare(path: str, options: Options) -> Comparison:
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
             estimates.clear()
             del estimate  # before the next observer makes its own
-        if not rows:
+        if not rows and not true.motions:
             raise UserError(f'{path}: nothing to compare: ' + '; '.join(dict.fromkeys(notes)))
     return Comparison(
         path,
@@ -230,7 +250,15 @@ def compare(path: str, options: Options) -> Comparison:
         measurement,
         starts,
         true.smoothed,
-        _refusals(true, rows),
+        {
+            joint: rank(
+                candidates[joint],
+                moved,
+                AngleSettings.observer,
+                skip=options.skip or None,
+            )
+            for joint, moved in true.motions.items()
+        },
     )
 
 
@@ -326,28 +354,23 @@ def coverage(errors: Array, stddev: Array) -> float:
     return float(np.mean(np.abs(errors[known]) <= BAND * stddev[known]))
 
 
-def _refusals(true: Truth, rows: list[Row]) -> dict[str, str]:
-    """Return, by joint, why the smoother cannot rank the observers."""
-    refused = {}
-    for joint, smoothed in true.smoothed.items():
-        errors = [row.velocity['rms'] for row in rows if row.joint == joint]
-        if errors and true.references[joint].cannot_tell(min(errors)):
-            if smoothed.seldom:
-                refused[joint] = (
-                    f'no ranking of {joint}: its reading changes only '
-                    f'{smoothed.changes} times, too rarely to show the motion: record a longer or '
-                    'faster motion'
-                )
-                continue
-            because = ''
-            if smoothed.unexplained > 0.5 * smoothed.uncertainty:
-                because = ', because it treats a fast motion in the readings as noise'
-            refused[joint] = (
-                f"no ranking of {joint}: {SMOOTHED}'s own error is "
-                f'{number(smoothed.uncertainty, 2)} rad/s rms{because}, and the best estimate '
-                f'differs from it by {number(min(errors), 2)}: record a ground truth'
-            )
-    return refused
+class _Candidates(Mapping[str, Array]):
+    """Estimates of a joint at its reference's stamps, each loaded when it is read."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, Kept] = {}
+
+    def add(self, name: str, estimate: Estimate, moved: Motion) -> None:
+        self._kept[name] = Kept(at_reference(moved, estimate.stamps, estimate.velocity))
+
+    def __getitem__(self, name: str) -> Array:
+        return self._kept[name].get()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._kept)
+
+    def __len__(self) -> int:
+        return len(self._kept)
 
 
 def _smoother(found: Smoothed | None) -> dict[str, Any] | None:

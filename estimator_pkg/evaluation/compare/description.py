@@ -68,7 +68,10 @@ def describe(comparison: Comparison) -> str:
     lines += table(HEADER, rows, left=2).split('\n')
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the error is below the reference's own error")
-    lines += comparison.refused.values()
+    for joint, verdict in comparison.verdicts.items():
+        lines += ['', f'{joint}:', *(f'  {each}' for each in verdict.sentences())]
+    if comparison.verdicts:
+        lines.append('')
     for joint, known in comparison.references.items():
         if joint in comparison.smoothed:
             if comparison.smoothed[joint].seldom:

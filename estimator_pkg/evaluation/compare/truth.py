@@ -19,8 +19,9 @@ from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import reference
+from estimator_pkg.evaluation.reference.motion import Motion, motion
 from estimator_pkg.evaluation.reference.reference import Reference
-from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed, smooth
+from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
@@ -40,14 +41,20 @@ class Truth:
     series : positions and velocities.
     references : quality of each.
     corrected : lag and bias that were removed.
-    smoothed : results of the smoother; empty if the bag has a truth.
+    motions : what the off-line smoother found, None for too few readings; empty if the bag has a
+        truth.
     """
 
     name: str
     series: dict[str, Series]
     references: dict[str, Reference]
     corrected: dict[str, dict[str, float]] = field(default_factory=dict)
-    smoothed: dict[str, Smoothed] = field(default_factory=dict)
+    motions: dict[str, Motion | None] = field(default_factory=dict)
+
+    @property
+    def smoothed(self) -> dict[str, Smoothed]:
+        """Results of the smoother by joint."""
+        return {joint: each.smoothed for joint, each in self.motions.items() if each is not None}
 
 
 def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> Truth:
@@ -102,26 +109,23 @@ def _from_smoother(path: str, measurement: dict[str, Series], options: Options) 
     found = Truth(SMOOTHED, {}, {})
     with progress(f'{path}: reference', len(measurement)) as advance:
         for joint, each in measurement.items():
-            smoothed = smooth(each.stamps_ns, each.position, options.wrap_period)
+            found.motions[joint] = moved = motion(
+                each.stamps_ns, each.position, options.wrap_period
+            )
             advance(1)
-            if not len(smoothed.stamps):
+            if moved is None:
                 continue
-            firm = smoothed.firm
+            if options.motion_hz is not None:
+                found.motions[joint] = moved = moved.below(options.motion_hz)
+            firm = moved.firm
             nothing = np.full(int(np.count_nonzero(firm)), np.nan)
             found.series[joint] = Series(
-                smoothed.stamps[firm], smoothed.position[firm], smoothed.velocity[firm], nothing
+                moved.stamps[firm], moved.position[firm], moved.velocity[firm], nothing
             )
-            found.references[joint] = reference.from_smoother(smoothed.uncertainty)
-            found.smoothed[joint] = smoothed
-    if not found.series:
-        stamped = any((each.stamps_ns > 0).any() for each in measurement.values())
+            found.references[joint] = reference.from_smoother(moved.uncertainty)
+    if not any((each.stamps_ns > 0).any() for each in measurement.values()):
         raise UserError(
-            f'{path}: no truth, and '
-            + (
-                'too few readings for an off-line reference'
-                if stamped
-                else 'readings without a stamp: use --set stamp_source=publisher'
-            )
+            f'{path}: no truth, and readings without a stamp: use --set stamp_source=publisher'
         )
     return found
 
@@ -174,7 +178,7 @@ def _finite(series: Series) -> Series:
 
 def check_common(path: str, source: str, joints: Iterable[str], true: Truth) -> None:
     """Raise UserError if the truth has none of these joints."""
-    if set(joints) & set(true.series):
+    if set(joints) & (set(true.series) | set(true.motions)):
         return
     hint = ''
     if list(joints) == [AngleSettings.angle_joint] and len(true.series) == 1:

@@ -5,10 +5,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from estimator_pkg.evaluation.ranking.verdict import STANDING
 from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.reference.put_back import SEEN
 from estimator_pkg.evaluation.text import number
 
+AT_REST = 0.01  # a joint that moves less in the whole record is at rest [rad]
 SHORT = 5.0  # a shorter record shows too little of the motion [s]
 
 
@@ -17,7 +21,7 @@ def cautions(reference: Motion) -> tuple[str, ...]:
     found = []
     if reference.constant:
         found.append(
-            'the joint moves at constant speed, so noise alone is ranked and delay is not: record '
+            f'the joint {_steady(reference)}, so noise alone is ranked and delay is not: record '
             'a motion that accelerates'
         )
     if reference.fresh.stuck:
@@ -31,7 +35,23 @@ def cautions(reference: Motion) -> tuple[str, ...]:
             f'{reference.fresh.stale:.0%} of the readings in motion repeat the one before; only '
             'new readings make the reference'
         )
+    left = reference.smoothed
+    if (
+        not (reference.constant or reference.put_back or reference.seldom)
+        and left.unexplained > SEEN * left.uncertainty
+    ):
+        found.append(
+            f'an oscillation of {number(left.unexplained, 2)} rad/s in the readings is taken for '
+            'tones of the counts, not for motion'
+        )
     length = float(reference.time[-1] - reference.time[0])
     if length < SHORT:
         found.append(f'the record has only {number(length, 2)} s: a longer one may rank otherwise')
     return (*found, STANDING)
+
+
+def _steady(reference: Motion) -> str:
+    speed = float(np.max(np.abs(reference.velocity)))
+    if speed * float(reference.time[-1] - reference.time[0]) < AT_REST:
+        return 'is at rest'
+    return f'moves at a constant {number(speed, 3)} rad/s'

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -36,16 +36,15 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.evaluation.ranking import pairs as test
 from estimator_pkg.evaluation.ranking.cautions import cautions
-from estimator_pkg.evaluation.ranking.frequencies import low_passed, rests_on
+from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.reference.motion import ABOVE, Motion
 
 Array = NDArray[np.float64]
 
 SKIPPED, AT_MOST = 1.0, 0.15  # ignored at the beginning [s], at most this part of the record
 PRESENT = 0.9  # a candidate with fewer estimates than this fraction is not ranked
 FEWEST = 80  # smallest number of samples with all estimates
-ABOVE = 3.0  # the reference is low-passed at this multiple of motion_hz
 
 
 def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) -> Array:
@@ -63,20 +62,24 @@ def rank(
     reference: Motion | None,
     default: str = '',
     motion_hz: float | None = None,
-    skip: float = SKIPPED,
+    skip: float | None = None,
 ) -> Verdict:
     """Return the ranking of estimates of one joint.
 
     Parameters
     ----------
     candidates : name -> velocities at `reference.stamps`, shape (n,) [rad/s]; nan: no estimate.
+        Each is read twice, one at a time, so a mapping may load them when they are read.
     reference : None: too few readings.
     default : the candidate that is kept where no other is better.
-    motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
-    skip : time ignored at the beginning [s], at most 15 % of the record.
+    motion_hz : highest frequency at which the joint moves [Hz]; None: not known, or it was given
+        to `Motion.below` already.
+    skip : time ignored at the beginning [s]; None: 1 s, at most 15 % of the record.
     """
     if reference is None:
         return Verdict(default=default, why='there are too few readings', tunable=False)
+    if motion_hz is not None and reference.motion_hz is None:
+        reference = reference.below(motion_hz)
     said = cautions(reference)
     nothing = Verdict(default=default, cautions=said, tunable=False)
     if reference.seldom:
@@ -85,104 +88,114 @@ def rank(
             why=f'the reading changes only {max(reference.smoothed.changes, 0)} times, too rarely '
             'to show the motion: record a longer or faster motion',
         )
-    names = list(candidates)
+    elapsed = reference.time - reference.time[0]
     counted = reference.firm & (
-        reference.time - reference.time[0]
-        >= min(skip, AT_MOST * (reference.time[-1] - reference.time[0]))
+        elapsed >= (min(SKIPPED, AT_MOST * elapsed[-1]) if skip is None else skip)
     )
-    values = np.array([candidates[name] for name in names], float).reshape(len(names), -1)
-    present = np.isfinite(values[:, counted]).sum(axis=1) >= PRESENT * max(counted.sum(), 1)
-    unranked = tuple(name for name, there in zip(names, present) if not there)
-    names, values = [name for name in names if name not in unranked], values[present]
-    rows = np.flatnonzero(counted & np.isfinite(values).all(axis=0))
+    names, rows = _common(candidates, counted)
+    unranked = tuple(name for name in candidates if name not in names)
     if not names or len(rows) < FEWEST:
         return replace(nothing, why='there are too few estimates', unranked=unranked)
-    references = _references(reference, motion_hz)
-    found = _ranked(
-        names, values[:, rows], [each[rows] for each in references], reference, rows, default
-    )
-    found = replace(found, cautions=said, unranked=unranked, tunable=not reference.constant)
-    if motion_hz is not None:
-        found = replace(found, motion_hz=min(found.motion_hz, ABOVE * motion_hz))
-    if len(references) > 1:
-        found = replace(
-            found,
-            question_hz=reference.vibration_hz,
-            other=_other(found, names, values[:, rows], references, reference, rows),
-        )
-    return found
-
-
-def _references(reference: Motion, motion_hz: float | None) -> list[Array]:
-    """Return the reference, and the one without vibration if that is a question."""
-    found = [reference.velocity]
-    if reference.put_back and not (motion_hz and reference.vibration_hz <= motion_hz):
-        found.append(reference.plain)
-    if motion_hz is not None:
-        found = [low_passed(each, reference.rate, ABOVE * motion_hz) for each in found]
-    return found
-
-
-def _ranked(
-    names: Sequence[str],
-    values: Array,
-    references: Sequence[Array],
-    reference: Motion,
-    rows: NDArray[np.int64],
-    default: str,
-) -> Verdict:
-    """Return best, ties, rms, pairs and frequency against the first of these references."""
-    errors = values - references[0]
-    squares = [errors**2, *((values - each) ** 2 for each in references[1:])]
-    own = reference.stddev**2
-    rms = np.sqrt(np.mean(squares[0], axis=1) + own)
-    order = np.argsort(rms, kind='stable')
+    references = [reference.velocity[rows]]
+    if reference.put_back:
+        references.append(reference.plain[rows])
     block = test.blocks(reference.time[rows])
-    found = tuple(
-        _pair(names[i], names[j], [(each[i], each[j]) for each in squares], block, own)
-        for i, j in combinations(order, 2)
+    scores = {
+        name: _score(candidates[name][rows], references, block, reference.rate) for name in names
+    }
+    found = _ranked(scores, reference, default)
+    found = replace(found, cautions=said, unranked=unranked, tunable=not reference.constant)
+    if reference.motion_hz is not None:
+        found = replace(found, motion_hz=min(found.motion_hz, ABOVE * reference.motion_hz))
+    if len(references) == 1:
+        return found
+    plain = {name: replace(each, of=each.of[1:]) for name, each in scores.items()}
+    other = _ranked(plain, reference, default)
+    same = other.best == found.best or found.best in other.ties
+    return replace(
+        found,
+        question_hz=reference.vibration_hz,
+        other=None if same else replace(other, cautions=said),
     )
-    best = names[order[0]]
+
+
+@dataclass(frozen=True)
+class _Against:
+    """An estimate against one reference: sums of squared errors by block, and its frequencies."""
+
+    sums: NDArray
+    count: NDArray
+    frequencies: Frequencies
+
+    @property
+    def mean(self) -> float:
+        return float(np.sum(self.sums) / np.sum(self.count))
+
+
+@dataclass(frozen=True)
+class _Score:
+    """An estimate against each reference, the one with the vibration first."""
+
+    of: tuple[_Against, ...]
+
+
+def _common(
+    candidates: Mapping[str, Array], counted: NDArray[np.bool_]
+) -> tuple[list[str], NDArray[np.int64]]:
+    """Return the candidates with enough estimates, and the rows where all of them have one."""
+    names, common = [], counted.copy()
+    for name in candidates:
+        there = np.isfinite(candidates[name])
+        if np.count_nonzero(there & counted) >= PRESENT * max(int(np.count_nonzero(counted)), 1):
+            names.append(name)
+            common &= there
+    return names, np.flatnonzero(common)
+
+
+def _score(
+    values: Array, references: Sequence[Array], block: NDArray[np.int64], rate: float
+) -> _Score:
+    """Return the score of an estimate; arrays of shape (n,)."""
+    count = np.bincount(block).astype(float)
+    return _Score(
+        tuple(
+            _Against(
+                np.bincount(block, (values - each) ** 2), count, Frequencies.of(values, each, rate)
+            )
+            for each in references
+        )
+    )
+
+
+def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str) -> Verdict:
+    """Return best, ties, rms, pairs and frequency against the first of the references."""
+    own = float(reference.stddev**2)
+    rms = {name: math.sqrt(each.of[0].mean + own) for name, each in scores.items()}
+    order = sorted(rms, key=rms.__getitem__)
+    found = tuple(_pair(a, b, scores, own) for a, b in combinations(order, 2))
+    best = order[0]
     return Verdict(
         best,
         default,
         tuple(pair.second for pair in found if pair.first == best and not pair.sign),
-        {names[i]: float(rms[i]) for i in order},
+        {name: rms[name] for name in order},
         found,
-        rests_on(errors, references[0], int(order[0]), reference.rate),
+        rests_on([scores[name].of[0].frequencies for name in order], reference.rate),
     )
 
 
-def _pair(
-    first: str,
-    second: str,
-    squares: Sequence[tuple[Array, Array]],
-    block: NDArray[np.int64],
-    own: float,
-) -> Pair:
+def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float) -> Pair:
     """Return a pair; every reference must agree on its sign."""
-    found = [test.difference(one, other, block) for one, other in squares]
-    scale = 2.0 * max(float(np.mean(squares[0][0])) + own, 1e-300)
-    relative = [abs(each.mean) / scale for each in found]
+    found = [
+        test.of_sums([one.sums - other.sums], [one.count])
+        for one, other in zip(scores[first].of, scores[second].of)
+    ]
+    scale = 2.0 * max(scores[first].of[0].mean + own, 1e-300)
     signs = {each.sign for each in found}
     return Pair(
         first,
         second,
         signs.pop() if len(signs) == 1 else 0,
-        100.0 * (math.sqrt(1.0 + 2.0 * relative[0]) - 1.0),
-        100.0 * max(each.half / scale for each in found),
+        100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
+        100.0 * max(each.half for each in found) / scale,
     )
-
-
-def _other(
-    found: Verdict,
-    names: Sequence[str],
-    values: Array,
-    references: Sequence[Array],
-    reference: Motion,
-    rows: NDArray[np.int64],
-) -> Verdict | None:
-    """Return the verdict without the vibration; None if it is the same within its resolution."""
-    other = _ranked(names, values, [references[1][rows]], reference, rows, found.default)
-    same = other.best == found.best or found.best in other.ties
-    return None if same else replace(other, cautions=found.cautions)

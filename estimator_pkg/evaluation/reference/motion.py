@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.reference.fresh import Fresh, fresh
+from estimator_pkg.evaluation.reference.low_pass import low_passed
 from estimator_pkg.evaluation.reference.put_back import needed, put_back
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut
@@ -27,9 +28,13 @@ from estimator_pkg.evaluation.reference.smoother.smoother import COUNTS, OUTLIER
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
+ABOVE = 3.0  # the reference is low-passed at this multiple of the highest frequency of the motion
 WITHIN = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
 WHITE = 2.0  # or by white noise: a spectrum below this multiple of its median
 STRETCH = 256  # readings in a window of that spectrum
+SPREAD = 1.2  # and their rms is at most this multiple of the noise that the smoother finds
+LOW = 5  # windows of the spectrum below this are those of a motion
+TONES = 4  # number of the quantiser's tones that are left out of it
 LINE_FEWEST = 200  # smallest number of readings that show a constant speed
 
 
@@ -48,6 +53,7 @@ class Motion:
     seldom : the reading changes too rarely to show the motion.
     fresh : which readings are new.
     smoothed : result of the smoother.
+    motion_hz : highest frequency at which the joint moves [Hz], see `below`; None: not known.
     """
 
     stamps: Stamps
@@ -62,6 +68,7 @@ class Motion:
     seldom: bool
     fresh: Fresh
     smoothed: Smoothed
+    motion_hz: float | None = None
 
     @property
     def put_back(self) -> bool:
@@ -69,9 +76,27 @@ class Motion:
         return self.plain is not self.velocity
 
     @property
+    def uncertainty(self) -> float:
+        """Expected rms error of `velocity` where `firm` [rad/s]; infinite if `seldom`."""
+        if self.put_back or self.constant:
+            return self.stddev
+        return self.smoothed.uncertainty
+
+    @property
     def rate(self) -> float:
         """Sample rate [Hz], from the median sample time."""
         return 1.0 / float(np.median(np.diff(self.time)))
+
+    def below(self, motion_hz: float) -> Motion:
+        """Return the motion of a joint that moves at most at `motion_hz` [Hz].
+
+        The velocities are low-passed at three times that. A vibration up to it is motion.
+        """
+        velocity = low_passed(self.velocity, self.rate, ABOVE * motion_hz)
+        plain = velocity
+        if self.put_back and not self.vibration_hz <= motion_hz:
+            plain = low_passed(self.plain, self.rate, ABOVE * motion_hz)
+        return replace(self, velocity=velocity, plain=plain, motion_hz=motion_hz)
 
     def between(self, first: int, last: int) -> Motion:
         """Return the part with first < stamp <= last [ns]."""
@@ -156,7 +181,7 @@ def _line(part: Piece, period: float, smoothed: Smoothed) -> tuple[float, float]
     """Return (slope, its standard deviation) if the readings lie on a straight line; else None.
 
     Either they stay within one quantum of it, as counts of a constant speed do, or they scatter
-    about it as white noise.
+    about it as white noise, but for the tones of the quantiser.
     """
     count = len(part.readings)
     if count < LINE_FEWEST:
@@ -173,16 +198,28 @@ def _line(part: Piece, period: float, smoothed: Smoothed) -> tuple[float, float]
     step = smoothed.noise.quantum
     spread = float(np.std(rest))
     inside = step > 0.0 and float(np.ptp(rest)) <= WITHIN * step
-    if not inside and not (spread > step and _is_white(rest)):
+    tone = abs(slope) / step * float(np.median(part.steps[1:])) if step > 0.0 else 0.0
+    noise = spread <= SPREAD * smoothed.noise.reading and _is_white(rest, tone)
+    if not inside and not noise:
         return None
     return slope, spread / math.sqrt(inertia)
 
 
-def _is_white(rest: Array) -> bool:
-    """Return True if no frequency stands out of the spectrum."""
+def _is_white(rest: Array, tone: float) -> bool:
+    """Return True if no frequency stands out of the spectrum but the quantiser's.
+
+    Parameters
+    ----------
+    tone : quanta per reading; the quantiser's tones are its multiples, modulo the sample rate.
+    """
     windows = rest[: len(rest) // STRETCH * STRETCH].reshape(-1, STRETCH)
     if len(windows) < 4:
         return False
-    power = np.mean(np.abs(np.fft.rfft(np.hanning(STRETCH) * windows)) ** 2, axis=0)[1:-1]
+    power = np.mean(np.abs(np.fft.rfft(np.hanning(STRETCH) * windows)) ** 2, axis=0)
+    own = np.zeros(len(power), bool)
+    own[[0, -1]] = True
+    for multiple in tone * np.arange(1, TONES + 1) if tone else ():
+        place = abs(multiple - round(multiple)) * STRETCH
+        own[LOW:] |= np.abs(np.arange(LOW, len(power)) - place) < 3.0
     margin = 1.0 + (WHITE - 1.0) * max(1.0, math.sqrt(32.0 / len(windows)))
-    return float(np.max(power)) <= margin * float(np.median(power))
+    return float(np.max(power[~own])) <= margin * float(np.median(power))

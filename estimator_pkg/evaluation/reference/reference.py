@@ -36,7 +36,6 @@ LAG_KNOWN = 1e-3  # a lag, slope or bias is reported up to this standard deviati
 SLOPE_KNOWN = 0.01  # (lag [s], slope, fraction of the reference's rms speed or this [rad/s])
 BIAS_KNOWN = 0.01
 ALIKE = 1.1  # an error up to this multiple of the reference's noise cannot be measured
-CLEARLY = 2.0  # the same for the smoother, which uses the same sensor as the observers
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,14 @@ class Reference:
         return asdict(self)
 
     def cannot_tell(self, rms: float) -> bool:
-        """Return True if an rms error [rad/s] is below the reference's own error."""
-        return bool(rms <= (ALIKE if self.origin == SENSOR else CLEARLY) * self.noise)
+        """Return True if an rms error [rad/s] is below the reference's own error.
+
+        The error of the off-line smoother only adds to those of all estimates, so it can rank them
+        unless it is infinite.
+        """
+        if self.origin != SENSOR:
+            return self.noise == np.inf
+        return bool(rms <= ALIKE * self.noise)
 
 
 def from_smoother(uncertainty: float) -> Reference:

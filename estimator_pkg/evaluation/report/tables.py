@@ -103,10 +103,11 @@ def _best(comparison: Comparison) -> dict[str, Row]:
     """Return the best row by joint; none where the reference cannot rank them."""
     found = {}
     for joint in {row.joint for row in comparison.rows} - set(comparison.refused):
-        best = min(
-            (row for row in comparison.rows if row.joint == joint),
-            key=lambda row: row.velocity['rms'],
-        )
+        rows = [row for row in comparison.rows if row.joint == joint]
+        verdict = comparison.verdicts.get(joint)
+        best = min(rows, key=lambda row: row.velocity['rms'])
+        if verdict is not None:
+            best = next((row for row in rows if row.source == verdict.best), best)
         if not best.reference_cannot_tell:
             found[joint] = best
     return found

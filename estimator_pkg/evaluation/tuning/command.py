@@ -18,13 +18,21 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
-from estimator_pkg.evaluation.options import AUTO, MEASUREMENT, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.options import (
+    AUTO,
+    MEASUREMENT,
+    SMOOTHER,
+    TRUTH,
+    Options,
+    checked_motion_hz,
+    motion_argument,
+)
 from estimator_pkg.evaluation.report.plot import check, save
 from estimator_pkg.evaluation.tuning import command as picture
 from estimator_pkg.evaluation.tuning import live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
-from estimator_pkg.evaluation.tuning.seek import seek
+from estimator_pkg.evaluation.tuning.seek import kept, seek
 from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import drawn, show
@@ -68,7 +76,7 @@ def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
             color='tab:blue',
             label='Pareto front',
         )
-        _, _, best = min(each['trials'], key=lambda trial: trial[1])
+        _, _, best = min(each['trials'], key=lambda trial: trial[1], default=(None, 0.0, None))
         if best:
             axis.scatter(
                 [best[0] * 1e3],
@@ -204,6 +212,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
     )
+    motion_argument(parser)
     parser.add_argument(
         '--wrap-period',
         type=float,
@@ -248,6 +257,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         reference=parsed.reference,
         angle=parsed.angle,
         unpack_limit=parsed.unpack_limit,
+        motion_hz=checked_motion_hz(parsed.motion_hz),
     )
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
@@ -275,10 +285,15 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         for joint, chosen in _groups(seen, tuning, parsed.per_joint).items():
             name = f'{parsed.study}/{joint}' if joint else parsed.study
             try:
+                fit = [record for record in chosen if not record.why]
+                if not fit:
+                    why = '; '.join(dict.fromkeys(record.why for record in chosen))
+                    tuned.append(kept(joint, chosen, why))
+                    continue
                 tuned.append(
                     seek(
                         joint,
-                        chosen,
+                        fit,
                         _of(judged, joint),
                         tuning,
                         parsed.trials,
@@ -304,8 +319,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         picture.draw(tuned, parsed.plot, parsed.observer)
         show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
-        changed = live.apply(parsed.apply, output.node_values(tuned), tuning.gains)
-        show(f'set on {parsed.apply}: {", ".join(changed)}')
+        values = output.node_values(tuned)
+        changed = live.apply(parsed.apply, values, tuning.gains) if values else []
+        show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
     for each in tuned:
         each.pop('trials')
     return {
@@ -358,18 +374,19 @@ def _of(judged: Sequence[Record], joint: str) -> list[Record]:
     found = [record for record in judged if not joint or record.label == joint]
     if judged and not found:
         raise UserError(f"no recording of --judge has a joint '{joint}'")
-    return found
+    return [record for record in found if not record.why]
 
 
 def _notes(seen: Sequence[Record]) -> list[str]:
     """Return notes on the bags for the user."""
+    unused = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
     by_bag: dict[str, list[str]] = {}
     for record in seen:
         by_bag.setdefault(record.bag, []).extend(record.joints)
     sets = {tuple(sorted(joints)) for joints in by_bag.values()}
     if len(sets) < 2:
-        return []
-    return [
+        return unused
+    return unused + [
         'the bags have different joints ('
         + '; '.join(', '.join(joints) for joints in sorted(sets))
         + '): every joint has the same weight; --joint selects one, --per-joint tunes each '

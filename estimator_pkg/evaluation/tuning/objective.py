@@ -51,11 +51,16 @@ class Known:
     """The truth of one joint at the stamps where an estimate is due.
 
     stamps : shape (n,), ascending. velocity : shape (n,). acceleration : rms [rad/s^2].
+    plain : shape (n,), the off-line reference without the vibration that was put back; None: there
+        is no such question.
+    own : variance of the off-line reference [rad^2/s^2]; 0 for a truth.
     """
 
     stamps: NDArray[np.int64]
     velocity: Array
     acceleration: float
+    plain: Array | None = None
+    own: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,7 @@ def measure(part: Part, observer: str, values: Mapping[str, Any], fast: bool) ->
 
 def _result(estimate: Estimate, known: Known) -> Result | None:
     elapsed = (known.stamps - known.stamps[0]) * 1e-9
-    counted = elapsed >= min(SETTLING, 0.25 * elapsed[-1])
+    counted = settled(elapsed)
     at = np.minimum(np.searchsorted(known.stamps, estimate.stamps), len(known.stamps) - 1)
     same = known.stamps[at] == estimate.stamps
     rows, first = np.unique(at[same], return_index=True)
@@ -119,6 +124,11 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
         float(np.sqrt(np.mean((velocity - slow)[width:-width] ** 2))),
         float(len(rows) / np.count_nonzero(counted)),
     )
+
+
+def settled(elapsed: Array) -> NDArray[np.bool_]:
+    """Return True for the samples after the settling at the beginning of a part."""
+    return elapsed >= min(SETTLING, 0.25 * float(elapsed[-1]))
 
 
 def cost(result: Result, known: Known, weights: Weights) -> float:

@@ -16,23 +16,30 @@ from estimator_pkg.parameters import Parameter, declared
 from estimator_pkg.printable import printable
 from estimator_pkg.yaml_text import scalar
 
-WORSE = 'on held-out data these gains do not beat the defaults: keep the defaults'
 HEADER = ('joint', '', 'gains', 'error rad/s', 'delay ms', 'noise rad/s', 'cost')
 
 
-def worse(each: Mapping[str, Any]) -> bool:
-    """Return True if the gains do worse than the defaults on held-out data."""
-    best, default = each['best'], each['default']
-    return default is not None and (best is None or best['cost'] > default['cost'])
-
-
 def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the gains by parameter: ``<gain>`` or ``per_joint.<joint>.<gain>``."""
-    found: dict[str, Any] = {}
-    for each in tuned:
-        prefix = f'{params_file.OVERRIDES}.{each["joint"]}.' if each['joint'] else ''
-        found.update({prefix + name: rounded(value) for name, value in each['gains'].items()})
-    return found
+    """Return the tuned gains by parameter: ``<gain>`` or ``per_joint.<joint>.<gain>``."""
+    return {
+        (f'{params_file.OVERRIDES}.{joint}.' if joint else '') + name: value
+        for each in tuned
+        for joint, gains in written_gains({**each, 'quanta': {}}).items()
+        for name, value in gains.items()
+    }
+
+
+def written_gains(each: Mapping[str, Any], quantum: bool = True) -> dict[str, dict[str, Any]]:
+    """Return the parameters that the file sets, by joint; '': for all joints.
+
+    Tuned gains as they are. Defaults with the quantum of the readings, if the observer has it.
+    """
+    if each['gains']:
+        return {each['joint']: {name: rounded(value) for name, value in each['gains'].items()}}
+    quanta = {joint: rounded(value) for joint, value in each['quanta'].items()} if quantum else {}
+    if quanta and (each['joint'] or len(set(quanta.values())) == 1):
+        return {each['joint']: {'quantum': next(iter(quanta.values()))}}
+    return {joint: {'quantum': value} for joint, value in quanta.items()}
 
 
 def rounded(value: Any) -> Any:
@@ -55,8 +62,9 @@ def as_yaml(
     """
     observer = tuning.entry.observer
     stream = streams.of_observer(observer)
+    tuned_ = 'tuned from data' if any(each['gains'] for each in tuned) else 'its defaults'
     about = [
-        f'Gains of {observer}, tuned from data (preference: {tuning.preference}).',
+        f'Gains of {observer}: {tuned_} (preference: {tuning.preference}).',
         f'For the node {stream.NODE}: --ros-args --params-file THIS_FILE',
     ]
     for each in tuned:
@@ -70,15 +78,19 @@ def as_yaml(
         f'    {yaml_text.key(name)}: {known[params_file.parameter_of(name)].text(value)}'
         for name, value in held.items()
     ]
+    quantum = 'quantum' in tuning.gains and 'quantum' not in held
     for each in tuned:
-        indent = '    '
-        if each['joint']:
-            lines.append(f'    {yaml_text.key(params_file.OVERRIDES + "." + each["joint"])}:')
-            indent = '      '
-        lines += [
-            f'{indent}{name}: {scalar(rounded(value))}{_about(tuning.gains[name])}'
-            for name, value in each['gains'].items()
-        ]
+        for joint, gains in written_gains(each, quantum).items():
+            indent = '    '
+            if joint:
+                lines.append(f'    {yaml_text.key(params_file.OVERRIDES + "." + joint)}:')
+                indent = '      '
+            lines += [
+                f'{indent}{name}: {scalar(value)}{_about(tuning.gains[name])}'
+                for name, value in gains.items()
+            ]
+    if lines[-1] == '  ros__parameters:':
+        lines[-1] += ' {}'
     return '\n'.join(lines) + '\n'
 
 
@@ -96,6 +108,8 @@ def _about(gain: Parameter) -> str:
 def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
     of = f'Joint {each["joint"]}' if each['joint'] else f'Joints {", ".join(each["joints"])}'
     lines = [f'{of}, from', *(f'  {bag}' for bag in each['bags'])]
+    if not each['tried']:
+        return [*lines, f'The defaults: {each["why"]}.']
     if each['judged_on']:
         where = 'recordings that the search did not use'
     elif each['held_out']:
@@ -108,7 +122,7 @@ def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
         + f'. On {where}:'
     )
     lines += [f'  {bag}' for bag in each['judged_on']]
-    for label, result in (('these gains', each['best']), ('the defaults', each['default'])):
+    for label, result in (('the tuned gains', each['best']), ('the defaults', each['default'])):
         if result is None:
             lines.append(f'  {label}: do not work on it')
             continue
@@ -118,9 +132,28 @@ def _origin(each: Mapping[str, Any], held_out: float) -> list[str]:
     lines += [
         f"'{name}' has no effect in these bags and stays at its default." for name in each['idle']
     ]
-    if worse(each):
-        lines.append(f'{WORSE[0].upper()}{WORSE[1:]}.')
-    return lines
+    return lines + founded(each)
+
+
+def founded(each: Mapping[str, Any]) -> list[str]:
+    """Return how well-founded the choice between defaults and tuned gains is, as sentences."""
+    pair = each['pair']
+    if each['why']:
+        found = [f'The defaults stay: {each["why"]}.']
+    elif pair is None:
+        found = ['The tuned gains are used: the defaults do not work here.']
+    else:
+        found = [
+            'The tuned gains are better than the defaults (95 %): their error is smaller by '
+            f'{number(100.0 - 100.0 / (1.0 + pair["difference"] / 100.0), 2)} %.'
+        ]
+    if each['cautions'] and pair is not None:
+        hz = number(pair['motion_hz'], 2)
+        found += [
+            'Judged without ground truth.',
+            f'This rests on motion up to {hz} Hz. If the joint is slower, set --motion-hz.',
+        ]
+    return found + [text[:1].upper() + text[1:] + '.' for text in each['cautions']]
 
 
 def _expected(result: Mapping[str, Any]) -> str:
@@ -136,7 +169,7 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
     for each in tuned:
         for label, gains, result in (
             ('defaults', each['default_gains'], each['default']),
-            ('tuned', each['gains'], each['best']),
+            ('tuned', each['tried'], each['best']),
         ):
             text = ', '.join(f'{name} {written(value)}' for name, value in gains.items())
             cells = (
@@ -166,8 +199,7 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
             f"{of}: '{name}' has no effect in these bags and stays at its default"
             for name in each['idle']
         ]
-        if worse(each):
-            lines.append(f'{of}: {WORSE}')
+        lines += [f'{of}: {text}' for text in founded(each)]
     if any(each['interrupted'] for each in tuned):
         lines.append('interrupted: these are the best gains so far')
     return '\n'.join(map(printable, [*lines, *notes]))

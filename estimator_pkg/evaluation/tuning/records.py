@@ -18,9 +18,12 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.interpolation import slopes
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import measured, recording
-from estimator_pkg.evaluation.compare.truth import check_common, truth
+from estimator_pkg.evaluation.compare.truth import Truth, check_common, truth
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
+from estimator_pkg.evaluation.ranking.cautions import cautions
+from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
 
 SHORTEST = 20  # smallest number of samples of a part with a truth
@@ -30,22 +33,24 @@ SHORTEST = 20  # smallest number of samples of a part with a truth
 class Record:
     """A part of a bag that can have its own gains: a joint, or joints estimated together.
 
-    label : the joint; '' if there is no choice. seen : data of the search. held_out : data for
-    validation. uncertainty : the reference's own error [rad/s], by joint. origin : 'sensor' or
-    'smoother', by joint.
+    label : the joint; '' if there is no choice. seen : data of the search; it knows no joint if
+    there is nothing to tune on. held_out : data for validation. quanta : of the readings, by joint
+    [rad]; 0: not quantised. cautions : what limits a judgement without truth. why : why there is
+    nothing to tune on; '' otherwise.
     """
 
     bag: str
     label: str
     seen: Part
     held_out: Part | None
-    uncertainty: dict[str, float]
-    origin: dict[str, str]
+    quanta: dict[str, float]
+    cautions: tuple[str, ...]
+    why: str = ''
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The evaluated joints."""
-        return tuple(self.seen.known)
+        """The evaluated joints; those of the readings if none is."""
+        return tuple(self.seen.known) or tuple(self.quanta)
 
 
 def records(
@@ -61,7 +66,7 @@ def records(
     Raises
     ------
     UserError, UsageError : the bag lacks an input of the observer, a parameter is wrong, or there
-        is no truth and too little data for an off-line reference.
+        is neither truth nor measured position.
     """
     with open_bag(path, options.unpack_limit) as bag:
         measurement = measured(bag, options)
@@ -75,38 +80,61 @@ def records(
     for name in joints:
         if name not in apart:
             raise UserError(f"{path}: no joint '{name}'; it has {', '.join(sorted(apart))}")
+    quanta = {joint: quantum(series.position) for joint, series in measurement.items()}
     found = []
     for label, each in apart.items():
-        if (joints and label not in joints) or (label and label not in true.series):
+        if joints and label not in joints:
             continue
+        if label and label not in true.series and label not in true.motions:
+            continue
+        of = (label,) if label else tuple(true.motions or true.series)
+        why = {joint: _unfit(true, joint) for joint in of}
+        usable = {joint: true.series[joint] for joint, reason in why.items() if not reason}
         first, rest = each.split(held_out)
-        seen = _part(first, entry, true.series, options)
-        if seen is None:
-            continue
+        seen = _part(first, entry, usable, true, options)
         after = None
-        if held_out > 0.0:
-            after = _part(rest, entry, true.series, options, after=seen)
+        if seen is not None and held_out > 0.0:
+            after = _part(rest, entry, usable, true, options, after=seen)
+        reasons = [f'{joint}: {reason}' for joint, reason in why.items() if reason]
+        moved = [true.motions[joint] for joint in usable if joint in true.motions]
         found.append(
             Record(
                 path,
                 label,
-                seen,
+                seen or Part(first, {}),
                 after,
-                {joint: true.references[joint].noise for joint in seen.known},
-                {joint: true.references[joint].origin for joint in seen.known},
+                {joint: quanta[joint] for joint in of if joint in quanta},
+                tuple(dict.fromkeys(each for one in moved if one for each in cautions(one))),
+                ''
+                if seen is not None
+                else '; '.join(reasons)
+                or f'fewer than {SHORTEST} samples with a truth, too few for tuning',
             )
         )
     if not found:
-        raise UserError(
-            f'{path} has fewer than {SHORTEST} samples with a truth, too few for tuning'
-        )
+        raise UserError(f'{path}: no joint can be read: name another topic with --measurement')
     return found
+
+
+def _unfit(true: Truth, joint: str) -> str:
+    """Return why a joint has no motion to tune on; '' if it has."""
+    if joint not in true.motions:
+        return ''
+    moved = true.motions[joint]
+    if moved is None:
+        return 'there are too few readings'
+    if moved.seldom:
+        return 'it moves too little: record a longer or faster motion'
+    if moved.constant:
+        return 'it moves at constant speed only: record a motion that accelerates'
+    return ''
 
 
 def _part(
     part: Recording,
     entry: Entry,
-    true: Mapping[str, Series],
+    usable: Mapping[str, Series],
+    true: Truth,
     options: Options,
     after: Part | None = None,
 ) -> Part | None:
@@ -114,24 +142,29 @@ def _part(
 
     Parameters
     ----------
+    usable : true velocities of the joints to tune on.
     after : the data of the search: its samples do not count, although the observer may run through
         them first.
     """
-    if not part.size():
+    if not part.size() or not usable:
         return None
     known = {}
     for joint, estimate in part.run(entry.observer, {}).items():
-        if joint not in true:
+        if joint not in usable:
             continue
         seen = after.known[joint].stamps if after is not None and joint in after.known else None
-        one = _known(estimate, true[joint], options.wrap_period, seen)
+        one = _known(estimate, usable[joint], true.motions.get(joint), options.wrap_period, seen)
         if one is not None:
             known[joint] = one
     return Part(part, known) if known else None
 
 
 def _known(
-    estimate: Estimate, true: Series, period: float, seen: NDArray[np.int64] | None
+    estimate: Estimate,
+    true: Series,
+    moved: Motion | None,
+    period: float,
+    seen: NDArray[np.int64] | None,
 ) -> Known | None:
     due = np.unique(estimate.due)
     if seen is not None:
@@ -141,10 +174,15 @@ def _known(
     at = match(due, true.stamps_ns, true.velocity, true.position, period)
     good = np.isfinite(at.velocity)
     stamps, velocity = due[at.rows[good]], at.velocity[good]
+    plain = None
+    if moved is not None and moved.put_back:
+        plain = match(due, true.stamps_ns, moved.plain[moved.firm], true.position, period).velocity
+        plain = plain[good]
     if len(stamps) < SHORTEST:
         return None
     time = (stamps - stamps[0]) * 1e-9
     width = averaged(time)
     smooth = np.convolve(velocity, np.ones(width) / width, 'valid')
     turns = slopes(time[: len(smooth)], smooth) if len(smooth) > 2 else np.zeros(1)
-    return Known(stamps, velocity, float(np.sqrt(np.mean(turns**2))))
+    own = 0.0 if moved is None else moved.stddev**2
+    return Known(stamps, velocity, float(np.sqrt(np.mean(turns**2))), plain, own)

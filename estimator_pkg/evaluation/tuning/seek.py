@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import interrupts
-from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.options import SMOOTHER
-from estimator_pkg.evaluation.reference.reference import CLEARLY
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.bar import bar
+from estimator_pkg.evaluation.tuning.held_out import Compared, compared
 from estimator_pkg.evaluation.tuning.objective import (
     Part,
     Result,
@@ -33,6 +31,7 @@ from estimator_pkg.evaluation.tuning.study import Trial, Value
 from estimator_pkg.evaluation.workers import Map
 
 COMPILE_FROM = 400_000  # number of samples over all trials from which compiling pays
+ALIKE = 0.01  # quanta of a joint in several bags agree within this fraction
 SAME = 1e-6  # errors this close are equal [relative, or rad/s]
 
 Details = Sequence[Results | None]  # of a trial, by part
@@ -57,9 +56,8 @@ def seek(
     judged : records for validation; empty: the held-out parts of those chosen.
     study : its name in the storage.
 
-    Raises
-    ------
-    UserError : no gains work; the reference is too inaccurate; no gain has an effect.
+    The gains are those to use: empty where the search does not beat the defaults on held-out data
+    (`why` has the reason, `tried` the gains that it found).
     """
     observer, weights = tuning.entry.observer, tuning.weights
     seen = [record.seen for record in chosen]
@@ -100,12 +98,17 @@ def seek(
     if best is None:
         if found.interrupted:
             raise KeyboardInterrupt
-        raise UserError(
+        return kept(
+            joint,
+            chosen,
             f"no gains of '{observer}' in the search ranges work on these bags: widen "
-            '--search, or check the sample rate'
+            '--search, or check the sample rate',
+            found,
         )
     interrupts.finish()  # validation takes as long as one trial
-    _check_effect(found, tuning)
+    if _no_effect(found):
+        names = ' nor '.join(f"'{each.name}'" for each in tuning.dimensions)
+        return kept(joint, chosen, f'nothing in these bags depends on {names}', found)
     idle = found.idle
     gains = {name: value for name, value in best.values.items() if name not in idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
@@ -113,13 +116,18 @@ def seek(
     default, better = (
         [measure(part, observer, values, fast) for part in parts] for values in ({}, gains)
     )
-    _check_reference(
-        chosen, best.details or [measure(part, observer, gains, fast) for part in seen]
-    )
+    pair = compared(parts, observer, gains, weights, fast)
+    summaries = _summary(default, parts, weights), _summary(better, parts, weights)
+    why = _why(pair, *summaries, bool(held or judged))
     points = _points([first, *(trial.details for trial in found.trials)])
     return {
         'joint': joint,
-        'gains': gains,
+        'gains': {} if why else gains,
+        'tried': gains,
+        'why': why,
+        'pair': None if pair is None else pair._asdict(),
+        'cautions': list(dict.fromkeys(each for record in chosen for each in record.cautions)),
+        'quanta': _quanta(chosen),
         'default_gains': {
             name: value for name, value in tuning.defaults().items() if name not in idle
         },
@@ -130,14 +138,80 @@ def seek(
         'interrupted': found.interrupted,
         'held_out': bool(held or judged),
         'judged_on': sorted({record.bag for record in judged}),
-        'default': _summary(default, parts, weights),
-        'best': _summary(better, parts, weights),
+        'default': summaries[0],
+        'best': summaries[1],
         'bags': sorted({record.bag for record in chosen}),
         'joints': sorted({joint for record in chosen for joint in record.joints}),
         'trials': [
             (trial.values, trial.cost, point) for trial, point in zip(found.trials, points[1:])
         ],
     }
+
+
+def kept(
+    joint: str, chosen: Sequence[Record], why: str, found: Search | None = None
+) -> dict[str, Any]:
+    """Return the result where the defaults stay without a comparison; keys as those of `seek`."""
+    trials = [] if found is None else found.trials
+    return {
+        'joint': joint,
+        'gains': {},
+        'tried': {},
+        'why': why,
+        'pair': None,
+        'cautions': list(dict.fromkeys(each for record in chosen for each in record.cautions)),
+        'quanta': _quanta(chosen),
+        'default_gains': {},
+        'idle': [],
+        'default_point': None,
+        'relative_cost': 1.0,
+        'evaluations': 0 if found is None else found.asked,
+        'interrupted': found is not None and found.interrupted,
+        'held_out': False,
+        'judged_on': [],
+        'default': None,
+        'best': None,
+        'bags': sorted({record.bag for record in chosen}),
+        'joints': sorted({joint for record in chosen for joint in record.joints}),
+        'trials': [(trial.values, trial.cost, None) for trial in trials],
+    }
+
+
+def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
+    """Return the quantum of each joint's readings [rad]; a joint whose bags differ has none."""
+    found: dict[str, list[float]] = {}
+    for record in chosen:
+        for joint, value in record.quanta.items():
+            found.setdefault(joint, []).append(value)
+    return {
+        joint: values[0]
+        for joint, values in found.items()
+        if 0.0 < max(values) <= (1.0 + ALIKE) * min(values)
+    }
+
+
+def _why(
+    pair: Compared | None,
+    default: Mapping[str, Any] | None,
+    best: Mapping[str, Any] | None,
+    held_out: bool,
+) -> str:
+    """Return why the defaults stay; '' if the tuned gains beat them."""
+    where = 'on held-out data' if held_out else 'on the data of the search'
+    if best is None:
+        return f'the tuned gains do not work {where}'
+    if default is None:
+        return ''
+    if pair is None:
+        return f'there are too few estimates {where}'
+    if pair.difference == 0.0 == pair.resolution:
+        return 'the search finds no better gains'
+    if pair.sign == 1 and best['cost'] <= default['cost']:
+        return ''
+    if pair.sign == 0 and pair.difference > -pair.resolution:
+        within = number(max(abs(pair.difference), 0.0) + pair.resolution, 2)
+        return f'the tuned gains and the defaults cannot be told apart {where}: within {within} %'
+    return f'the tuned gains do not beat the defaults {where}'
 
 
 def _about(chosen: Sequence[Record], tuning: TuneSettings) -> str:
@@ -212,31 +286,10 @@ def _flat(details: Details | None) -> list[Result]:
     return [one for result in details if result is not None for one in result.values()]
 
 
-def _check_reference(chosen: Sequence[Record], results: Details) -> None:
-    """A smoother that is no better than what it should judge must not choose."""
-    for record, result in zip(chosen, results):
-        for joint, one in (result or {}).items():
-            if (
-                record.origin[joint] == SMOOTHER
-                and one.error <= CLEARLY * record.uncertainty[joint]
-            ):
-                raise UserError(
-                    f'{record.bag}, {joint}: no truth, and the bag is too coarse to judge: the '
-                    f'reference may be wrong by {number(record.uncertainty[joint], 2)} rad/s, the '
-                    f'best estimate differs from it by {number(one.error, 2)}; tune on a recording '
-                    'with a truth or with more counts'
-                )
-
-
-def _check_effect(found: Search, tuning: TuneSettings) -> None:
-    """Raises UserError if the gains were varied and the data never felt it."""
+def _no_effect(found: Search) -> bool:
+    """Return True if the gains were varied and no result changed."""
     working = [trial for trial in found.trials if _works(trial)]
-    if len(working) >= 3 and _alike(working):
-        names = ' nor '.join(f"'{each.name}'" for each in tuning.dimensions)
-        raise UserError(
-            f'nothing in these bags depends on {names}: hold it with --set, or tune '
-            'on a bag with motion'
-        )
+    return len(working) >= 3 and _alike(working)
 
 
 def _same(one: Trial, other: Trial) -> bool:

@@ -309,16 +309,38 @@ def test_the_smoother_beside_a_truth(good, tmp_path):
     assert velocity['delay_s'] == pytest.approx(0.006, abs=2e-4)
 
 
-def test_a_bag_too_coarse_to_judge_is_not_ranked(tmp_path, capsys):
+def test_a_joint_that_moves_too_little_is_not_ranked(tmp_path, capsys):
     stamps = stamps_of(4.0, 100.0)
     bag = write_bag(
         tmp_path / 'bag',
-        {MEASUREMENT: coarse(stamps, TURN / 64), ESTIMATE: estimated(stamps, bias=0.02)},
+        {MEASUREMENT: coarse(stamps, TURN / 4), ESTIMATE: estimated(stamps, bias=0.02)},
     )
     found = evaluate(tmp_path, bag)['bags'][bag]
-    assert 'no ranking of a' in found['refused']['a']
+    assert found['refused']['a'].startswith('a: No ranking: the reading changes only')
     assert found['estimates'][ESTIMATE]['joints']['a']['reference_cannot_tell'] is True
-    assert 'no ranking of a' in capsys.readouterr().out
+    assert 'No ranking: the reading changes only' in capsys.readouterr().out
+
+
+def test_without_truth_the_estimates_are_ranked(tmp_path, capsys):
+    """A coarse reading and a bias of 2 rad/s: the better estimate is declared."""
+    stamps = stamps_of(4.0, 200.0)
+    other = '/other/estimate'
+    bag = write_bag(
+        tmp_path / 'bag',
+        {
+            MEASUREMENT: coarse(stamps, TURN / 64),
+            ESTIMATE: estimated(stamps, bias=0.02),
+            other: estimated(stamps, bias=2.0),
+        },
+    )
+    verdict = evaluate(tmp_path, bag)['bags'][bag]['verdict']['a']
+    assert verdict['best'] == ESTIMATE and verdict['ties'] == []
+    assert verdict['rms'][other] == pytest.approx(2.0, rel=0.15)
+    assert verdict['pairs'][0]['sign'] == 1
+    out = capsys.readouterr().out
+    for sentence in verdict['sentences']:
+        assert sentence in out
+    assert f'{ESTIMATE} is better than {other} (95 %).' in out
 
 
 def test_samples_without_a_stamp(tmp_path, capsys):
@@ -396,7 +418,9 @@ def test_a_stray_stamp_is_told_and_costs_nothing_else(good, tmp_path):
 def test_too_few_readings_for_a_reference(tmp_path, capsys):
     stamps = stamps_of(0.01)
     bag = write_bag(tmp_path / 'bag', {MEASUREMENT: measured(stamps), ESTIMATE: estimated(stamps)})
-    assert 'too few readings' in fails(capsys, bag)
+    verdict = evaluate(tmp_path, bag)['bags'][bag]['verdict']['a']
+    assert verdict['best'] == '' and verdict['choice']
+    assert 'No ranking: there are too few readings; use' in capsys.readouterr().out
 
 
 # ---------------------------------------------------------------- errors, one line each

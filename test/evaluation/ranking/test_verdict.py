@@ -11,6 +11,7 @@ import pytest
 from estimator_pkg.evaluation.ranking import frequencies, pairs
 from estimator_pkg.evaluation.ranking.ranking import rank
 from estimator_pkg.evaluation.ranking.verdict import STANDING, Pair, Verdict
+from estimator_pkg.evaluation.reference.low_pass import low_passed
 
 
 def test_the_quantile_is_students():
@@ -44,11 +45,11 @@ def test_the_low_pass_has_its_gain_and_no_phase():
     time = np.arange(20_000) * 1e-3
     for hz in (2.0, 10.0, 12.0):
         wave = np.sin(2.0 * math.pi * hz * time)
-        left = frequencies.low_passed(wave, 1000.0, 10.0)[4000:-4000]
+        left = low_passed(wave, 1000.0, 10.0)[4000:-4000]
         expected = wave[4000:-4000] / (1.0 + (hz / 10.0) ** 8)
         assert left == pytest.approx(expected, abs=2e-3)
     ramp = 3.0 + 0.2 * time
-    assert frequencies.low_passed(ramp, 1000.0, 10.0) == pytest.approx(ramp)
+    assert low_passed(ramp, 1000.0, 10.0) == pytest.approx(ramp)
 
 
 def test_a_choice_rests_on_the_vibration_that_only_it_follows():
@@ -57,10 +58,24 @@ def test_a_choice_rests_on_the_vibration_that_only_it_follows():
     slow = np.sin(2.0 * math.pi * time)
     truth = slow + 0.5 * np.sin(2.0 * math.pi * 30.0 * time)
     noisy = truth + np.random.default_rng(1).normal(0.0, 0.1, len(time))
-    errors = np.stack([noisy - truth, slow - truth])
-    assert 20.0 <= frequencies.rests_on(errors, truth, 0, 1000.0) <= 37.0
-    errors = np.stack([noisy - truth, slow + 0.8 - truth])  # better without the 30 Hz, too
-    assert frequencies.rests_on(errors, truth, 0, 1000.0) < 3.0
+
+    def rests(first, second):
+        both = [frequencies.Frequencies.of(each, truth, 1000.0) for each in (first, second)]
+        return frequencies.rests_on(both, 1000.0)
+
+    assert 20.0 <= rests(noisy, slow) <= 37.0
+    assert rests(noisy, slow + 0.8) < 3.0  # better without the 30 Hz, too
+
+
+def test_the_errors_by_frequency_are_those_against_the_low_passed_reference():
+    random = np.random.default_rng(2)
+    truth = np.cumsum(random.normal(size=6000))
+    estimate = truth + random.normal(size=6000)
+    found = frequencies.Frequencies.of(estimate, truth, 500.0)
+    for corner in (3.0, 30.0):
+        smooth = low_passed(truth, 500.0, corner)
+        expected = np.mean((estimate - smooth) ** 2)
+        assert found.against(corner) == pytest.approx(expected, rel=0.01)
 
 
 def test_the_sentences_of_a_verdict():

@@ -297,7 +297,7 @@ def test_what_is_preferred_is_what_one_gets(tmp_path):
     for preference in ('smooth', 'fast'):
         found[preference], _ = tuned(tmp_path, bag, '--observer', 'pll', '--prefer', preference)
     smooth, fast = (found[each]['tuned'][0] for each in ('smooth', 'fast'))
-    assert fast['gains']['bandwidth_hz'] > smooth['gains']['bandwidth_hz']
+    assert fast['tried']['bandwidth_hz'] > smooth['tried']['bandwidth_hz']
     assert fast['best']['delay_s'] < smooth['best']['delay_s']
     assert fast['best']['noise'] > smooth['best']['noise']
 
@@ -318,8 +318,8 @@ def test_without_truth_the_smoother_judges(tmp_path):
     found, _ = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '16')
     with_truth = write_bag(tmp_path / 'with', {'a': 1.0})
     other, _ = tuned(tmp_path, with_truth, '--observer', 'pll', '--trials', '16')
-    assert found['tuned'][0]['gains']['bandwidth_hz'] == pytest.approx(
-        other['tuned'][0]['gains']['bandwidth_hz'], rel=0.25
+    assert found['tuned'][0]['tried']['bandwidth_hz'] == pytest.approx(
+        other['tuned'][0]['tried']['bandwidth_hz'], rel=0.25
     )
 
 
@@ -403,7 +403,7 @@ def test_ctrl_c_keeps_the_best(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert 'interrupted' in done.stdout
-    assert 'bandwidth_hz' in params_file.load(out)
+    assert params_file.load(out)['observer'] == 'pll' and 'interrupted' in out.read_text()
     assert yaml.safe_load(out.read_text()) and signal.SIGINT and os.name
 
 
@@ -510,16 +510,76 @@ def test_a_broken_storage(bag, tmp_path, capsys):
         assert 'cannot be used' in line and storage in line
 
 
-def test_a_gain_that_nothing_observes(tmp_path, capsys):
+def test_a_gain_that_nothing_observes_stays_at_its_default(tmp_path):
     still = write_bag(tmp_path / 'still', {'a': 1e-9}, seconds=3.0)
-    line = fails(capsys, still, '--observer', 'pll', '--out', str(tmp_path / 'g.yaml'))
-    assert "depends on 'bandwidth_hz'" in line
+    found, out = tuned(tmp_path, still, '--observer', 'pll')
+    assert "depends on 'bandwidth_hz'" in found['tuned'][0]['why']
+    assert params_file.load(out) == {'observer': 'pll'}
 
 
-def test_too_coarse_to_judge(tmp_path, capsys):
-    coarse = write_bag(tmp_path / 'coarse', {'a': 1.0}, truth=False, counts=6, rate=100.0)
-    line = fails(capsys, coarse, '--observer', 'kalman', '--out', str(tmp_path / 'g.yaml'))
-    assert 'too coarse to judge' in line
+# ---------------------------------------------------------------- without truth
+
+
+@pytest.mark.parametrize(
+    ('joints', 'more', 'why'),
+    [
+        ({'a': 1e-9}, {}, 'it moves too little'),
+        ({'a': 1.0}, {'seconds': 0.012}, 'too few readings'),
+        ({'a': 1.0}, {'counts': 6, 'rate': 100.0}, ''),
+    ],
+)
+def test_without_truth_a_file_is_always_written(tmp_path, capsys, joints, more, why):
+    bag = write_bag(tmp_path / 'bag', joints, truth=False, **more)
+    found, out = tuned(tmp_path, bag, '--observer', 'kalman', '--trials', '8')
+    (each,) = found['tuned']
+    assert why in each['why'] and why in out.read_text() and why in capsys.readouterr().out
+    assert params_file.load(out)['observer'] == 'kalman'
+
+
+def test_a_joint_at_constant_speed_keeps_the_defaults_with_its_quantum(tmp_path):
+    bag = str(tmp_path / 'bag')
+    states = Encoder()
+    with BagWriter(bag) as writer:
+        writer.add_topic('/joint_states', TYPE)
+        for k in range(3000):
+            angle = math.floor(7.0 * k / 500.0 * 4096 / TURN) * TURN / 4096
+            stamp = START + k * 2_000_000
+            writer.write('/joint_states', stamp, states.encode(stamp, '', ('a',), [angle]))
+    found, out = tuned(tmp_path, bag, '--observer', 'pll')
+    assert 'constant speed' in found['tuned'][0]['why']
+    gains = params_file.load(out)
+    assert gains == {'observer': 'pll', 'quantum': pytest.approx(TURN / 4096, rel=1e-4)}
+
+
+@pytest.mark.long
+def test_gains_are_written_where_they_beat_the_defaults_on_held_out_data(tmp_path):
+    """5 rad/s at 15 Hz: 50 Hz of bandwidth are far too few."""
+    bag = write_bag(tmp_path / 'bag', {'a': 15.0}, truth=False, counts=65536)
+    found, out = tuned(tmp_path, bag, '--observer', 'pll', '--trials', '16')
+    (each,) = found['tuned']
+    assert each['why'] == '' and each['pair']['sign'] == 1
+    assert params_file.load(out)['bandwidth_hz'] > 100.0
+    text = out.read_text()
+    assert 'better than the defaults (95 %)' in text and 'Judged without ground truth' in text
+    slower, _ = tuned(
+        tmp_path,
+        bag,
+        '--observer',
+        'pll',
+        '--trials',
+        '16',
+        '--motion-hz',
+        '1',
+        '--held-out',
+        '0.4',
+    )
+    assert slower['tuned'][0]['tried']['bandwidth_hz'] < each['tried']['bandwidth_hz']
+
+
+def test_a_wrong_motion_hz(tmp_path, bag, capsys):
+    out = str(tmp_path / 'g.yaml')
+    line = fails(capsys, bag, '--observer', 'pll', '--out', out, '--motion-hz', '-1', code=2)
+    assert '--motion-hz is -1 Hz: it must be above 0' in line
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,273 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How well the ranking without truth agrees with the truth.
+
+    python -m benchmarks.ranking               # every series: minutes
+    python -m benchmarks.ranking --sample      # a small sample: seconds
+
+Series with truth: recordings with the drive's own velocity, recordings made coarser (judged by the
+fine original), and simulated motions. The estimators are ranked from the readings alone and from
+the truth. Regret is the true rms error of the pick over that of the best candidate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import recorded
+from benchmarks.motions import FAILURES, MOTIONS, Sampled, sampled
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.compare.truth import truth
+from estimator_pkg.evaluation.entries import Entry, angle_observers
+from estimator_pkg.evaluation.options import MEASUREMENT, Options
+from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.reference.motion import motion
+from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.observers.contract import VALID
+from estimator_pkg.progress import progress
+
+Array = NDArray[np.float64]
+
+TURN = 2.0 * math.pi
+BANDWIDTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)  # [Hz], of observers that have one
+BOUNDS = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7)  # of super_twisting
+COARSER = (8.0, 32.0, 128.0)  # times the quantum of a recording
+JUDGES = 0.4  # the truth's own error is at most this part of the best candidate's,
+WHITE_JUDGES = 1.0  # and this part if it is white noise of a sensor of its own, which only adds
+RECORDED, COARSENED, SIMULATED = 'recorded', 'coarsened', 'simulated'
+
+
+class Case(NamedTuple):
+    """One series: readings of a joint and the velocity that judges; noise is its error [rad/s]."""
+
+    name: str
+    group: str
+    samples: Sampled
+    noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Agreement of one series.
+
+    tau : Kendall's, over all candidates. regret : of the pick among all; regret_of_six : among the
+    defaults. declared, wrong : pairs of the defaults. cautions, motion_hz, question_hz : as in the
+    verdict.
+    """
+
+    name: str
+    group: str
+    best: str
+    true_best: str
+    tau: float
+    regret: float
+    regret_of_six: float
+    regret_of_default: float
+    pairs: int
+    declared: int
+    wrong: int
+    among_ties: bool
+    resolution: float
+    ratio: float
+    motion_hz: float
+    question_hz: float
+    cautions: tuple[str, ...]
+
+
+def candidates() -> list[Entry]:
+    """Return the six observers at their defaults, then each at several settings."""
+    found = [Entry(name, name) for name in angle_observers()]
+    for name in angle_observers():
+        if name == 'edge_adaptive':
+            found += [
+                Entry(f'{name} {prefer}', name, (('prefer', prefer),))
+                for prefer in ('smooth', 'fast')
+            ]
+        elif name == 'super_twisting':
+            found += [Entry(f'{name} {bound:g}', name, (('bound', bound),)) for bound in BOUNDS]
+        else:
+            found += [
+                Entry(f'{name} {hz:g} Hz', name, (('bandwidth_hz', hz),)) for hz in BANDWIDTHS
+            ]
+    return found
+
+
+def cases(bags: Path) -> Iterator[Case]:
+    """Yield every series with truth; those of `FAILURES` have their name as their group."""
+    for path in recorded.recordings(bags):
+        with open_bag(path) as bag:
+            measured = joint_series(bag, MEASUREMENT)
+            true = truth(bag, str(path), measured, Options(correct_reference=True))
+        for joint, series in measured.items():
+            if path.parent.name == 'simulated' or joint not in true.series:
+                continue
+            known = true.series[joint]
+            own = float(true.references[joint].noise)
+            at = match(series.stamps_ns, known.stamps_ns, known.velocity, known.velocity, 0.0)
+            velocity = np.full(len(series.stamps_ns), np.nan)
+            velocity[at.rows] = at.velocity
+            name = f'{path.name}/{joint}'
+            yield Case(name, RECORDED, Sampled(series.stamps_ns, series.position, velocity), own)
+            yield from _coarser(name, Sampled(series.stamps_ns, series.position, velocity))
+    for name in MOTIONS:
+        yield Case(name, SIMULATED, sampled(name))
+    for name in FAILURES:
+        yield Case(name, name.partition(':')[0], sampled(name))
+
+
+def _coarser(name: str, fine: Sampled) -> Iterator[Case]:
+    """Yield a recording with coarser readings; its own smoothed motion is the truth."""
+    reference = motion(fine.stamps, fine.readings, TURN)
+    if reference is None or reference.seldom or reference.constant:
+        return
+    velocity = np.full(len(fine.stamps), np.nan)
+    velocity[np.searchsorted(fine.stamps, reference.stamps)] = np.where(
+        reference.firm, reference.velocity, np.nan
+    )
+    for times in COARSER:
+        step = times * quantum(fine.readings)
+        coarse = np.floor(fine.readings / step) * step
+        samples = Sampled(fine.stamps, coarse, velocity)
+        yield Case(f'{name}, {times:g} times coarser', COARSENED, samples, reference.stddev)
+
+
+def estimates(entry: Entry, samples: Sampled) -> tuple[NDArray[np.int64], Array]:
+    """Return (stamps, velocities) that the observer publishes."""
+    out = entry.joint().run(samples.stamps, samples.readings, fast=True)
+    valid = (out.verdict < DUPLICATE) & np.isin(out.status, VALID)
+    return samples.stamps[valid], out.velocity[valid]
+
+
+def judge(
+    case: Case, entries: Sequence[Entry], motion_hz: float | None = None
+) -> tuple[Outcome, Verdict] | None:
+    """Return the agreement and the verdict; None if the truth cannot rank, or nothing is ranked."""
+    samples = case.samples
+    reference = motion(samples.stamps, samples.readings, TURN)
+    if reference is None or reference.seldom:
+        return None
+    found = {entry.label: at_reference(reference, *estimates(entry, samples)) for entry in entries}
+    verdict = rank(found, reference, angle_observers()[0], motion_hz)
+    six = {name: found[name] for name in angle_observers()}
+    small = rank(six, reference, 'edge_adaptive', motion_hz)
+    if not verdict.best or not small.best:
+        return None
+    known = at_reference(reference, samples.stamps, samples.velocity)
+    time = reference.time - reference.time[0]
+    use = reference.firm & (time >= min(1.0, 0.15 * time[-1])) & np.isfinite(known)
+    for name in verdict.rms:
+        use &= np.isfinite(found[name])
+    true = {
+        name: max(float(np.mean((found[name] - known)[use] ** 2)) - case.noise**2, 1e-12) ** 0.5
+        for name in verdict.rms
+    }
+    best = min(true, key=lambda name: true[name])
+    if case.noise > (WHITE_JUDGES if case.group == RECORDED else JUDGES) * true[best]:
+        return None
+    declared = [pair for pair in small.pairs if pair.sign]
+    best_of_six = min(true[name] for name in small.rms)
+    outcome = Outcome(
+        case.name,
+        case.group,
+        verdict.best,
+        best,
+        kendall([verdict.rms[name] for name in true], list(true.values())),
+        true[verdict.best] / true[best],
+        true[small.best] / best_of_six,
+        true['edge_adaptive'] / true[best],
+        len(small.pairs),
+        len(declared),
+        sum(true[pair.first] > true[pair.second] for pair in declared),
+        best == verdict.best or best in verdict.ties,
+        float(np.median([pair.resolution for pair in small.pairs])),
+        float(np.median([verdict.rms[name] / true[name] for name in small.rms])),
+        verdict.motion_hz,
+        verdict.question_hz,
+        verdict.cautions,
+    )
+    return outcome, small
+
+
+def kendall(one: Sequence[float], other: Sequence[float]) -> float:
+    """Return Kendall's tau of two lists of numbers."""
+    a, b = np.asarray(one), np.asarray(other)
+    signs = np.sign(a[:, None] - a) * np.sign(b[:, None] - b)
+    return float(np.sum(signs) / (len(a) * (len(a) - 1)))
+
+
+def run(found: Sequence[Case]) -> list[Outcome]:
+    """Return the outcome of every case that the truth can rank."""
+    entries = candidates()
+    outcomes = []
+    with progress('ranking', len(found)) as advance:
+        for case in found:
+            judged = judge(case, entries)
+            if judged is not None:
+                outcomes.append(judged[0])
+            advance(1)
+    return outcomes
+
+
+def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:
+    """Return the figures of a group of series."""
+    regret = np.array([each.regret for each in outcomes])
+    small = np.array([each.regret_of_six for each in outcomes])
+    declared = sum(each.declared for each in outcomes)
+    return {
+        'series': len(outcomes),
+        'tau_median': float(np.median([each.tau for each in outcomes])),
+        'regret_median': float(np.median(regret)),
+        'regret_90': float(np.quantile(regret, 0.9)),
+        'regret_worst': float(np.max(regret)),
+        'regret_of_six_90': float(np.quantile(small, 0.9)),
+        'regret_of_six_worst': float(np.max(small)),
+        'pairs': sum(each.pairs for each in outcomes),
+        'declared': declared,
+        'wrong': sum(each.wrong for each in outcomes),
+        'wrong_percent': 100.0 * sum(each.wrong for each in outcomes) / max(declared, 1),
+        'among_ties': sum(each.among_ties for each in outcomes),
+        'resolution_median': float(np.median([each.resolution for each in outcomes])),
+        'default_regret_90': float(np.quantile([each.regret_of_default for each in outcomes], 0.9)),
+    }
+
+
+if __name__ == '__main__':
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('bags', nargs='?', default='bags', type=Path)
+    parser.add_argument('--sample', action='store_true')
+    parser.add_argument('--only', default='')
+    parser.add_argument('--json')
+    parsed = parser.parse_args()
+    every = [case for case in cases(parsed.bags) if parsed.only in case.name + case.group]
+    every = every[::6] if parsed.sample else every
+    results = run(every)
+    for each in results:
+        print(
+            f'{each.name[:50]:50} tau {each.tau:.2f} regret {each.regret:.2f} '
+            f'{each.regret_of_six:.2f} {each.regret_of_default:.2f} '
+            f'{each.declared:2}/{each.pairs} wrong {each.wrong} '
+            f'ratio {each.ratio:.2f} hz {each.motion_hz:.1f} {each.question_hz:.1f} '
+            f'{each.best} | {each.true_best} {len(each.cautions) - 1}'
+        )
+    groups = dict.fromkeys(each.group for each in results)
+    for group in groups:
+        print(group, summary([each for each in results if each.group == group]))
+    good = [each for each in results if each.group in (RECORDED, COARSENED, SIMULATED)]
+    if good:
+        print('all', json.dumps(summary(good), indent=1))
+    if parsed.json:
+        Path(parsed.json).write_text(json.dumps([asdict(each) for each in results], indent=1))

@@ -1,0 +1,130 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Whether the tuned gains beat the defaults on held-out data: a test of the pair."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.recording import Estimate
+from estimator_pkg.bags.series import at_stamps
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.compare.interpolation import slopes
+from estimator_pkg.evaluation.ranking import pairs
+from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
+from estimator_pkg.evaluation.tuning.objective import (
+    FEWEST,
+    Known,
+    Part,
+    Weights,
+    averaged,
+    settled,
+)
+
+Array = NDArray[np.float64]
+
+
+class Compared(NamedTuple):
+    """The tuned gains against the defaults.
+
+    sign : 1: the tuned gains are better (95 %), -1: worse, 0: not known. difference : by how much
+    the weighted error of the defaults is larger [%]; resolution : the smallest difference that
+    would be declared [%]. motion_hz : the choice rests on motion up to this frequency [Hz].
+    """
+
+    sign: int
+    difference: float
+    resolution: float
+    motion_hz: float
+
+
+def compared(
+    parts: Sequence[Part],
+    observer: str,
+    gains: Mapping[str, Any],
+    weights: Weights,
+    fast: bool,
+) -> Compared | None:
+    """Return the comparison over these parts; None if the gains or the defaults do not work.
+
+    The squared errors are weighted as the costs, and every joint counts in units of its defaults.
+    Both references must agree where there are two.
+    """
+    found: list[list[tuple[Array, Array]]] = [[], []]
+    highest = math.nan
+    for part in parts:
+        try:
+            ran = [part.recording.run(observer, values, fast) for values in (gains, {})]
+        except UserError:
+            return None
+        for joint, known in part.known.items():
+            both = _velocities([each.get(joint) for each in ran], known)
+            if both is None:
+                return None
+            time, rows, tuned, default = both
+            references = [known.velocity, known.velocity if known.plain is None else known.plain]
+            block = pairs.blocks(time)
+            for sums, reference in zip(found, references):
+                scores = [
+                    _score(time, each, reference[rows], weights, block) for each in (tuned, default)
+                ]
+                unit = max(float(np.sum(scores[1])), 1e-300) / len(time)
+                count = np.bincount(block).astype(float)
+                sums.append(((scores[0] - scores[1]) / unit, count))
+            rate = 1.0 / float(np.median(np.diff(time)))
+            own = [Frequencies.of(each, known.velocity[rows], rate) for each in (tuned, default)]
+            own.sort(key=lambda each: each.square)
+            highest = float(np.fmax(highest, rests_on(own, rate)))
+    tests = [pairs.of_sums(*map(list, zip(*each))) for each in found]
+    signs = {each.sign for each in tests}
+    mean = tests[0].mean  # of the squares, in units of the defaults: -1 if no error is left
+    return Compared(
+        signs.pop() if len(signs) == 1 else 0,
+        100.0 * ((1.0 + min(max(mean, -0.999999), 1e6)) ** -0.5 - 1.0),
+        50.0 * max(each.half for each in tests),
+        highest,
+    )
+
+
+def _velocities(
+    estimates: Sequence[Estimate | None], known: Known
+) -> tuple[Array, NDArray[np.int64], Array, Array] | None:
+    """Return (time, rows of `known`, tuned, default) where both have an estimate."""
+    columns = []
+    for each in estimates:
+        if each is None:
+            return None
+        columns.append(at_stamps(known.stamps, each.stamps, each.velocity))
+    elapsed = (known.stamps - known.stamps[0]) * 1e-9
+    rows = np.flatnonzero(settled(elapsed) & np.isfinite(columns).all(axis=0))
+    if len(rows) < FEWEST:
+        return None
+    return elapsed[rows], rows, columns[0][rows], columns[1][rows]
+
+
+def _score(
+    time: Array, velocity: Array, truth: Array, weights: Weights, block: NDArray[np.int64]
+) -> Array:
+    """Return the weighted sum of squares by block: error, its part by delay, and noise.
+
+    The part by delay is the projection of the error on the acceleration.
+    """
+    error = velocity - truth
+    width = averaged(time)
+    mean = np.ones(width) / width
+    sums = weights.error**2 * np.bincount(block, error**2)
+    if weights.noise:
+        sums = sums + weights.noise**2 * np.bincount(
+            block, (velocity - np.convolve(velocity, mean, 'same')) ** 2
+        )
+    if weights.delay:
+        turns = slopes(time, np.convolve(truth, mean, 'same'))
+        power = np.maximum(np.bincount(block, turns**2), 1e-300)
+        sums = sums + weights.delay**2 * np.bincount(block, error * turns) ** 2 / power
+    return np.asarray(sums, float)
