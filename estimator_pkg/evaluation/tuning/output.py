@@ -20,13 +20,18 @@ HEADER = ('joint', '', 'gains', 'error rad/s', 'delay ms', 'noise rad/s', 'cost'
 
 
 def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the tuned gains by parameter: ``<gain>`` or ``per_joint.<joint>.<gain>``."""
-    return {
-        (f'{params_file.OVERRIDES}.{joint}.' if joint else '') + name: value
-        for each in tuned
-        for joint, gains in written_gains({**each, 'quanta': {}}).items()
-        for name, value in gains.items()
-    }
+    """Return the gains to use by parameter: ``<gain>`` or ``per_joint.<joint>.<gain>``.
+
+    Where the defaults stay, these are the defaults of the gains that were searched.
+    """
+    found: dict[str, Any] = {}
+    for each in tuned:
+        prefix = f'{params_file.OVERRIDES}.{each["joint"]}.' if each['joint'] else ''
+        gains = each['gains'] or {
+            name: value for name, value in each['default_gains'].items() if value is not None
+        }
+        found.update({prefix + name: rounded(value) for name, value in gains.items()})
+    return found
 
 
 def written_gains(each: Mapping[str, Any], quantum: bool = True) -> dict[str, dict[str, Any]]:
