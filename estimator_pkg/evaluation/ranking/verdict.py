@@ -13,6 +13,7 @@ from typing import Any
 from estimator_pkg.evaluation.text import number
 
 STANDING = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
+EQUAL = 30.0  # estimates whose errors differ by less may be called equal [%]
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,8 @@ class Verdict:
         if not self._declared():
             within = max(pair.within for pair in self._of_best())
             keep = f': keep {self.default}' if self.default else ''
+            if within > EQUAL:
+                return [f'None can be told apart here (within {percent(within)} %){keep}.']
             return [f'All are equal within {percent(within)} % here{keep}.']
         text = f'{self.best} is best: {own}'
         if self.default in self.rms and self.default != self.best:
@@ -119,7 +122,10 @@ class Verdict:
             return []
         worse = [pair.second for pair in self._of_best() if pair.sign]
         found = [f'{self.best} is better than {listed(worse)} (95 %).'] if worse else []
-        return found + [f'{pair.sentence()}.' for pair in self._of_best() if not pair.sign]
+        ties = [pair for pair in self._of_best() if not pair.sign]
+        vague = [pair.second for pair in ties if pair.within > EQUAL]
+        found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL]
+        return found + ([f'{self.best} and {listed(vague)} cannot be told apart.'] if vague else [])
 
     def _of_best(self) -> list[Pair]:
         return [pair for pair in self.pairs if pair.first == self.best]

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 ABOVE = 3.0  # the reference is low-passed at this multiple of the highest frequency of the motion
+AROUND = 60  # the smoother is not used so many readings around a turn that it adds
 WITHIN = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
 WHITE = 2.0  # or by white noise: a spectrum below this multiple of its median
 STRETCH = 256  # readings in a window of that spectrum
@@ -124,6 +125,12 @@ def motion(stamps: Stamps, position: Array, period: float) -> Motion | None:
     smoothed = smooth(stamps[rows], position[rows], period)
     if not len(smoothed.stamps):
         return None
+    followed = _followed(smoothed, position[rows[smoothed.rows]], period)
+    if not followed.all():
+        rows = rows[smoothed.rows[followed]]
+        smoothed = smooth(stamps[rows], position[rows], period)
+        if not len(smoothed.stamps):
+            return None
     used = rows[smoothed.rows]
     plain = velocity = smoothed.velocity
     places = smoothed.position
@@ -157,6 +164,26 @@ def motion(stamps: Stamps, position: Array, period: float) -> Motion | None:
         kept,
         smoothed,
     )
+
+
+def _followed(smoothed: Smoothed, readings: Array, period: float) -> NDArray[np.bool_]:
+    """Return False around the readings between which the smoother adds whole turns.
+
+    After a gap or a flip by half a turn it may follow the readings by turns that the joint did not
+    make. A joint that makes more than half a turn per reading does so at most of them.
+    """
+    steps = np.diff(smoothed.position, prepend=smoothed.position[0])
+    moves = wrapped(np.diff(readings, prepend=readings[0]), period)
+    turns = np.abs(steps - moves) > 0.5 * period if period > 0.0 else np.zeros(len(steps), bool)
+    turns[_firsts(smoothed)] = False
+    if not turns.any() or np.mean(turns) > 0.5:
+        return np.ones(len(turns), bool)
+    return np.convolve(turns, np.ones(2 * AROUND + 1), 'same') < 0.5
+
+
+def _firsts(smoothed: Smoothed) -> NDArray[np.int64]:
+    """Return the first row of each piece."""
+    return np.array([part.rows[0] for part in cut(smoothed.stamps, smoothed.position)], np.int64)
 
 
 def _without_outliers(rest: Array, count: float) -> Array:
