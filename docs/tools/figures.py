@@ -59,7 +59,8 @@ def outcome(commands: tuple[str, ...]) -> tuple[str, list]:
     printed, results, before = '', [], Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        Path('bags').symlink_to(ROOT / 'bags')
+        for name in ('bags', 'config'):
+            Path(name).symlink_to(ROOT / name)
         try:
             for number, command in enumerate(commands):
                 words = shlex.split(command)
