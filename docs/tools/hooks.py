@@ -7,6 +7,7 @@
 ``{{ changelog }}`` the text of CHANGELOG.rst. A block of LaTeX
 after three backquotes and ``math``, and LaTeX between ``$`` and backquotes within a line (GitHub
 typesets both by itself), become MathML, so a browser needs neither a script nor a network for it.
+Powers and indices in the text, as in q^2/12 and P_00, are raised and lowered.
 """
 
 import re
@@ -21,6 +22,12 @@ CHANGELOG = Path(__file__).resolve().parents[2] / 'CHANGELOG.rst'
 PLACE = re.compile(r'\{\{ parameters (\w+) \}\}')
 MATHEMATICS = re.compile(r'^```math\n(.*?)\n```$', re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r'\$`([^`]+)`\$')
+KEPT = re.compile(  # code, formulas, tags and links
+    r'^```.*?^```$|^(?: {4}|\t).*?$|`[^`\n]+`|<math.*?</math>|<[^>\n]+>|\]\([^)\n]*\)|https?://\S+',
+    re.DOTALL | re.MULTILINE,
+)
+POWER = re.compile(r"(?<=[\w)\]'])\^(?:\(([^()\s]+)\)|(-?\w+))")
+INDEX = re.compile(r'(?<![\w/.])([A-Za-z\u0370-\u03ff])_([a-z]{1,3}|\d{1,2})(?![\w/])')
 OPERATOR = re.compile(r'<mo>([A-Za-z]{2,})</mo>(<mo stretchy="false">&#x00028;</mo>)?')
 
 
@@ -76,6 +83,19 @@ def _operator(found):
     return f'<mo form="prefix" lspace="0.167em" rspace="{after}">{name}</mo>{bracket or ""}'
 
 
+def raised(text):
+    """Return text with powers and indices as HTML; code, formulas and links are kept."""
+    parts, end = [], 0
+    for kept in [*KEPT.finditer(text), None]:
+        plain = text[end : kept.start() if kept else len(text)]
+        plain = POWER.sub(lambda found: f'<sup>{found[1] or found[2]}</sup>', plain)
+        parts.append(INDEX.sub(r'\1<sub>\2</sub>', plain))
+        if kept:
+            parts.append(kept[0])
+            end = kept.end()
+    return ''.join(parts)
+
+
 def on_page_markdown(markdown, page=None, **_):
     """Return a page's text with tables and formulas; mkdocs calls this for each page."""
     folder, _, name = page.file.src_uri.removesuffix('.md').partition('/') if page else ('', '', '')
@@ -86,4 +106,4 @@ def on_page_markdown(markdown, page=None, **_):
         lambda found: f'<div class="mathematics">{typeset(found.group(1))}</div>', markdown
     )
     markdown = INLINE.sub(lambda found: typeset(found.group(1), 'inline'), markdown)
-    return PLACE.sub(lambda found: parameter_table(found.group(1)), markdown)
+    return raised(PLACE.sub(lambda found: parameter_table(found.group(1)), markdown))

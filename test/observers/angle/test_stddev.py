@@ -129,7 +129,7 @@ def test_position_stddev_covers(variant):
 
 
 STARTS = r"""
-# The standard deviation where motion begins
+## Where motion begins
 
 Readings that repeat show neither noise nor motion. Three rules follow for every angle observer except
 `edge_adaptive`, which has a covariance of its own.
@@ -144,15 +144,15 @@ before: a reading unchanged for a time T allows no more than one step per T.
 **A start.** A joint rests when its readings stay within 3.2 standard deviations of one angle for 0.12 s.
 The first reading outside ends the rest, and so do the first sample and a gap. From then on the error of
 the observer is that of a linear loop whose input was at rest until the time t ago. Its poles are at
-about w, with nepers x = w t. The angle c that was travelled since is measured, so the speed is between
-c/t (a step of speed) and 2 c/t (a ramp). For a third-order loop with three poles at w, a step of speed d
-and a ramp of acceleration a leave
+about w, with nepers x = w t. The angle c since then is measured, so the speed is between c/t (a step of
+speed) and 2 c/t (a ramp). In a third-order loop with three poles at w, a step of speed d and a ramp of
+acceleration a cause the errors
 
 ```math
 d\,(1 + x - x^2)\,e^{-x}, \qquad a\,t\,(1 + x)\,e^{-x}
 ```
 
-of the velocity. Both are covered by five times
+of the velocity. Five times $`\sigma_1`$ covers both:
 
 ```math
 \sigma_1 = \frac{c}{t}\,(1 + x + x^2)\,e^{-1.18 x} \tag{1}
@@ -205,15 +205,16 @@ MOTIONS = {
     'sine 0.2 rad, 5 Hz': fast_sine,
     'trapezoid 10 rad/s, 100 rad/s^2': trapezoid,
 }
-HEAD = f"""# What the 95 % interval covers in motion
+HEAD = f"""# Coverage of the 95 % interval
 
-The standard deviation beside an estimate is that of the measurement noise after the observer. It
-does not know how far the estimate lags behind a motion, nor what the motion does within that lag.
-At constant speed its interval, +-1.96 standard deviations, covers 95 %; in motion less, and the
-less the slower the observer is against the motion. Measured in simulation: 1 kHz, white noise of
-{NOISE * 1e3:g} mrad, defaults but for what is named, noise estimated from the stream, part of the
-samples that were `tracking`. Made by
-`python test/observers/angle/test_stddev.py > docs/coverage.md`.
+The standard deviation of an estimate is that of the measurement noise behind the observer. It does
+not contain the lag behind a motion. At constant speed the interval, ±1.96 standard deviations, of most
+observers covers 95 % of the errors. In motion it covers less, the slower the observer is for the motion.
+
+The table has the covered part of the samples that were `tracking`. It was measured in simulation:
+1 kHz, white noise of {NOISE * 1e3:g} mrad, noise estimated from the stream, and defaults except for
+the parameters in the first column. `python test/observers/angle/test_stddev.py > docs/coverage.md`
+makes it.
 
 """
 
