@@ -196,6 +196,12 @@ MOTIONS: dict[str, tuple[Move, Sensor]] = {
         vibrating(1.0, 1.5, 45.0, 0.5),
         Sensor(500.0, 1 << 20, 5e-4),
     ),
+    'bursts of 28 Hz, 2157 counts': (vibrating(1.0, 2.0, 28.0, 0.05), Sensor(200.0, 2157)),
+    'bursts of 28 Hz, noise of 2 mrad': (
+        vibrating(1.0, 1.0, 28.0, 0.05),
+        Sensor(1000.0, 1 << 20, 2e-3),
+    ),
+    'shaking at 28 Hz, 2157 counts': (vibrating(1.0, 1.0, 28.0, 0.3), Sensor(200.0, 2157)),
     'wander to 2 Hz, 4096 counts': (wander(2.0, 2.0), Sensor(1000.0, 4096)),
     'wander to 8 Hz, 4096 counts': (wander(5.0, 8.0), Sensor(500.0, 4096)),
     'wander to 2 Hz, noise of 1 mrad': (wander(2.0, 2.0), Sensor(300.0, 1 << 20, 1e-3)),
@@ -240,7 +246,7 @@ def sampled(name: str) -> Sampled:
     held = np.arange(count) // sensor.held * sensor.held
     duration, every = sensor.sticks
     if duration:
-        free = np.mod(time, every) >= duration
+        free = np.mod(time + 0.5 * every, every) >= duration
         held = np.maximum.accumulate(np.where(free, held, 0))
     angle = angle[held]
     step = TURN / sensor.counts

@@ -43,7 +43,7 @@ from estimator_pkg.evaluation.reference.motion import ABOVE, Motion
 Array = NDArray[np.float64]
 
 SKIPPED, AT_MOST = 1.0, 0.15  # ignored at the beginning [s], at most this part of the record
-PRESENT = 0.9  # a candidate with fewer estimates than this fraction is not ranked
+PRESENT = 0.9  # a candidate with fewer than this fraction of the most estimates is not ranked
 FEWEST = 80  # smallest number of samples with all estimates
 
 
@@ -69,7 +69,7 @@ def rank(
     Parameters
     ----------
     candidates : name -> velocities at `reference.stamps`, shape (n,) [rad/s]; nan: no estimate.
-        Each is read twice, one at a time, so a mapping may load them when they are read.
+        Each is read three times, one at a time, so a mapping may load them when they are read.
     reference : None: too few readings.
     default : the candidate that is kept where no other is better.
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known, or it was given
@@ -143,12 +143,13 @@ def _common(
     candidates: Mapping[str, Array], counted: NDArray[np.bool_]
 ) -> tuple[list[str], NDArray[np.int64]]:
     """Return the candidates with enough estimates, and the rows where all of them have one."""
-    names, common = [], counted.copy()
-    for name in candidates:
-        there = np.isfinite(candidates[name])
-        if np.count_nonzero(there & counted) >= PRESENT * max(int(np.count_nonzero(counted)), 1):
-            names.append(name)
-            common &= there
+    present = {
+        name: int(np.count_nonzero(np.isfinite(candidates[name]) & counted)) for name in candidates
+    }
+    enough = max(1.0, PRESENT * max(present.values(), default=0))
+    names, common = [name for name in present if present[name] >= enough], counted.copy()
+    for name in names:
+        common &= np.isfinite(candidates[name])
     return names, np.flatnonzero(common)
 
 

@@ -23,6 +23,7 @@ REPEATS = 0.2  # fraction of equal readings in motion that is not chance
 ENOUGH = 50  # smallest number of readings in motion
 STUCK = 4  # shortest run of equal readings that may be a sensor that sticks
 FAR = 4.0  # quanta that the joint must have travelled during the run, by the speed on both sides
+ABRUPT = 2.0  # the jump after the run is more than this multiple of the moves on both sides
 ALIKE = 0.5  # the jump after the run is at least this fraction of the travel, and at most 1 / this
 
 
@@ -76,8 +77,8 @@ def _stuck(
 ) -> list[tuple[int, int]]:
     """Return (first, last) reading of each run of equal readings that ends in a jump.
 
-    The joint moved on at the speed before and after the run, so the jump equals its travel. A joint
-    that stops and starts again does not jump.
+    The joint moved on at about the speed before and after the run, so the jump is about its travel,
+    and far more than from any reading to the next. A joint that stops and starts does not jump.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     firsts, lasts = edges[::2] - 1, edges[1::2] - 1  # readings first .. last are equal
@@ -86,19 +87,18 @@ def _stuck(
     jumped = np.abs(moves[lasts + 1]) >= ALIKE * FAR * small
     found = []
     for first, last in zip(firsts[jumped].tolist(), lasts[jumped].tolist()):
-        before = float(np.sum(moves[first - AROUND + 1 : first + 1]))
-        before /= time[first] - time[first - AROUND]
-        after = float(np.sum(moves[last + 2 : last + 2 + AROUND]))
-        after /= time[last + 1 + AROUND] - time[last + 1]
-        length = time[last + 1] - time[first]
-        slow, fast = sorted((before * length, after * length), key=abs)
+        sides = moves[first - AROUND + 1 : first + 1], moves[last + 2 : last + 2 + AROUND]
+        speeds = (
+            np.sum(sides[0]) / (time[first] - time[first - AROUND]),
+            np.sum(sides[1]) / (time[last + 1 + AROUND] - time[last + 1]),
+        )
+        travel = float(np.mean(speeds) * (time[last + 1] - time[first]))
         jump = float(moves[last + 1])
         if (
-            slow * fast > 0.0
-            and slow * jump > 0.0
-            and abs(slow) > FAR * small
-            and abs(jump) >= ALIKE * abs(slow)
-            and abs(jump) <= abs(fast) / ALIKE
+            jump * travel > 0.0
+            and abs(travel) > FAR * small
+            and ALIKE <= jump / travel <= 1.0 / ALIKE
+            and abs(jump) > ABRUPT * np.max(np.abs(sides))
         ):
             found.append((first, last))
     return found

@@ -23,7 +23,13 @@ from estimator_pkg.evaluation.reference.low_pass import low_passed
 from estimator_pkg.evaluation.reference.put_back import needed, put_back
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut
-from estimator_pkg.evaluation.reference.smoother.smoother import COUNTS, OUTLIER, Smoothed, smooth
+from estimator_pkg.evaluation.reference.smoother.smoother import (
+    ALONE,
+    COUNTS,
+    OUTLIER,
+    Smoothed,
+    smooth,
+)
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -91,11 +97,13 @@ class Motion:
     def below(self, motion_hz: float) -> Motion:
         """Return the motion of a joint that moves at most at `motion_hz` [Hz].
 
-        The velocities are low-passed at three times that. A vibration up to it is motion.
+        The velocities are low-passed at three times that. A vibration up to `motion_hz` is motion,
+        above three times that it is an error of the sensor, and in between it stays a question.
         """
-        velocity = low_passed(self.velocity, self.rate, ABOVE * motion_hz)
-        plain = velocity
-        if self.put_back and not self.vibration_hz <= motion_hz:
+        vibration = self.vibration_hz if self.put_back else 0.0
+        whole = self.plain if vibration > ABOVE * motion_hz else self.velocity
+        velocity = plain = low_passed(whole, self.rate, ABOVE * motion_hz)
+        if motion_hz < vibration <= ABOVE * motion_hz:
             plain = low_passed(self.plain, self.rate, ABOVE * motion_hz)
         return replace(self, velocity=velocity, plain=plain, motion_hz=motion_hz)
 
@@ -187,9 +195,11 @@ def _firsts(smoothed: Smoothed) -> NDArray[np.int64]:
 
 
 def _without_outliers(rest: Array, count: float) -> Array:
-    """Return the residual with 0 for the readings that the smoother ignored."""
-    spread = 1.4826 * float(np.median(np.abs(rest)))
-    return np.where(np.abs(rest) > max(OUTLIER * spread, COUNTS * count, 1e-12), 0.0, rest)
+    """Return the residual with 0 for single readings far from the smoothed position."""
+    size = np.abs(rest)
+    far = size > max(OUTLIER * 1.4826 * float(np.median(size)), COUNTS * count, 1e-12)
+    far[1:-1] &= size[1:-1] > ALONE * np.maximum(size[:-2], size[2:])
+    return np.where(far, 0.0, rest)
 
 
 def _lines(smoothed: Smoothed, readings: Array, period: float) -> tuple[Array, float] | None:
