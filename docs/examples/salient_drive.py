@@ -74,7 +74,7 @@ def main() -> None:
                 (
                     f'id {i_d:.0f} A, iq {i_q:.0f} A',
                     name,
-                    f'{angle:.1f} deg',
+                    f'{round(angle, 1) + 0.0:.1f} deg',  # without -0.0
                     f'{100.0 * speed:.2f} %',
                     f'{flux:.2f}',
                 )

@@ -60,7 +60,7 @@ def report(stamps: NDArray[np.int64], samples: Array, truth: Array, **motor: flo
     return [
         share,
         f'{np.median(rows[:, 1] / truth[:, 1]):.2f}',
-        f'{angle:.0f} deg',
+        f'{round(angle) + 0.0:.0f} deg',
         f'{np.median(rows[:, 2] / truth[:, 2]):.2f}',
         '',
     ]

@@ -105,5 +105,8 @@ def on_page_markdown(markdown, page=None, **_):
     markdown = MATHEMATICS.sub(
         lambda found: f'<div class="mathematics">{typeset(found.group(1))}</div>', markdown
     )
-    markdown = INLINE.sub(lambda found: typeset(found.group(1), 'inline'), markdown)
+    # a tag of mathematics at the beginning of a line would be a paragraph of its own
+    markdown = INLINE.sub(
+        lambda found: f'<span>{typeset(found.group(1), "inline")}</span>', markdown
+    )
     return raised(PLACE.sub(lambda found: parameter_table(found.group(1)), markdown))

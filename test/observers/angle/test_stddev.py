@@ -185,12 +185,12 @@ start, in steady standard deviations:
 | observer | at reading 20 | largest after it (the end of the ramp) | above 2 until reading | sigma above 2 until reading |
 |---|---|---|---|---|
 | `kalman`, quantum found | 2.1 | 11.4 | 74 | 81 |
-| `kalman`, quantum given | 1.6 | 9.7 | 71 | 70 |
+| `kalman`, quantum set | 1.6 | 9.7 | 71 | 70 |
 | `super_twisting`, both | 1.4 | 3.6 | 58 | 48 |
 | `hybrid_angle`, form: paper, both | 7.8 | 8.1 | 55 | 73 |
 
 No reading shows the end of the ramp before it comes. With a standard deviation of 2 before it, the error of
-`kalman` would be 5.7 of them (quantum found) and 4.8 (quantum given). `super_twisting` does not need its
+`kalman` would be 5.7 of them (quantum found) and 4.8 (quantum set). `super_twisting` does not need its
 width between readings 20 and 46: the bound (1) falls more slowly than the error of its smallest transients.
 
 Limitations: a start is not covered before its first reading outside the noise. A change of speed without
