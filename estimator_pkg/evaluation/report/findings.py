@@ -16,9 +16,10 @@ from estimator_pkg import registry
 from estimator_pkg.bags.series import Series
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.delay import GAP
-from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
+from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.compare.matching import pieces, strays
 from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.doctor.stamp_error import stamp_error
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import number
@@ -30,9 +31,6 @@ Array = NDArray[np.float64]
 MOVING = 3.0  # a joint counts as moving above this many quanta per sample
 REPEATS = 0.2  # this fraction of equal readings in motion is not chance
 HOLES_NAMED = 5  # number of gaps that are listed individually
-JITTER_SEEN = 3.0  # jitter is reported if the error at speed is this multiple of that at rest
-JITTER_MATTERS = 1e-3  # and if it is more than this fraction of a sample time
-FEWEST = 200  # smallest number of samples for an estimate of jitter
 USUAL = Entry('', 'hybrid_angle')  # observer whose noise the jitter is converted to
 SETTLED = 400  # samples after which its noise gain is steady
 MOSTLY = 0.7  # a cause explains most of an error if at most this ratio remains without the cause,
@@ -90,7 +88,7 @@ def look(series: Series, start: int, period: float) -> Measurement | None:
     order = long[np.argsort(-steps[long], kind='stable')]
     count = quantum(series.position)
     moves = np.concatenate([np.abs(wrapped(np.diff(series.position[run]), period)) for run in runs])
-    jitter = max((_jitter(series, run, period, count) for run in runs[:1]), default=0.0)
+    jitter = stamp_error(series, runs[0], period, count)
     return Measurement(
         1.0 / step,
         len(steps) / float(np.sum(steps[steps <= GAP * step])),
@@ -116,46 +114,6 @@ def _repeats(moves: Array, count: float) -> int:
         return 1
     equal = float(np.mean(moves[moving] <= 1e-9 + 0.01 * small))
     return round(1.0 / (1.0 - equal)) if REPEATS < equal < 0.95 else 1
-
-
-def _jitter(series: Series, run: NDArray[np.int64], period: float, count: float) -> float:
-    """Return the standard deviation of the stamps' error [s], from errors that grow with speed.
-
-    Each reading is compared with the straight line between its neighbours. The effect of noise
-    does not depend on the speed; that of a wrong stamp is the speed times its error.
-    """
-    time = (series.stamps_ns[run] - series.stamps_ns[run[0]]) * 1e-9
-    if len(time) < FEWEST:
-        return 0.0
-    angle = series.position[run]
-    if period > 0.0:
-        angle = np.unwrap(angle, period=period).astype(np.float64)
-    before, after = np.diff(time)[:-1], np.diff(time)[1:]
-    usable = before + after <= 4.0 * float(np.median(before))
-    part = before / (before + after)
-    missed = angle[1:-1] - (1.0 - part) * angle[:-2] - part * angle[2:]
-    spread = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
-    # the neighbours after next know the speed without the stamps in question
-    speed = np.abs(slopes(time, angle))[1:-1]
-    missed, speed = (missed / spread)[usable], speed[usable]
-    bends = np.diff(missed)  # the effect of acceleration changes slowly
-    fast = speed[1:] >= np.percentile(speed, 75)
-    slow = speed[1:] <= np.percentile(speed, 25)
-    if not fast.any() or not slow.any():
-        return 0.0
-
-    # steady jitter on a straight line: the second difference has 1.22 times one stamp's deviation,
-    # and neighbouring ones are correlated by -2/3
-    def scale(which: NDArray[np.bool_]) -> float:
-        return 1.4826 * float(np.median(np.abs(bends[which]))) / math.sqrt(2.0 * (1.0 + 2.0 / 3.0))
-
-    floor = max(scale(slow), count / math.sqrt(12.0))
-    high = scale(fast)
-    top = float(np.median(speed[1:][fast]))
-    if high < JITTER_SEEN * floor or top <= 0.0:
-        return 0.0
-    jitter = math.sqrt(high * high - floor * floor) / top
-    return jitter if jitter > JITTER_MATTERS * float(np.median(before)) else 0.0
 
 
 def speed_noise(position_noise: float, step: float) -> float:

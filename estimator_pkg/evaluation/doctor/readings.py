@@ -1,0 +1,287 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One joint's readings in the form that the checks share, and the form of a check's result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from estimator_pkg.bags.series import Series, of_positions
+from estimator_pkg.driver.batch import Estimates
+from estimator_pkg.driver.guard import VERDICTS
+from estimator_pkg.evaluation.compare.matching import pieces
+from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.reference.quantum import quantum
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+PASS, WARN, FAIL = 'PASS', 'WARN', 'FAIL'
+LEVELS = (PASS, WARN, FAIL)
+DIFFERENCE = Entry('', 'finite_difference')
+NAMED = 5  # largest number of times in a text
+MOVING = 3.0  # a joint moves where it passes this many quanta per sample, over
+WINDOW = 21  # samples
+BESIDE = 5  # moves on either side that a jump is compared with
+JUMP = 8.0  # a jump is this many times their median,
+JUMP_COUNTS, JUMP_NOISE = 6.0, 10.0  # and this many quanta, and deviations of the noise,
+JUMP_RANGE = 1e-3  # and this fraction of the range
+HELD = 4  # a sensor sticks for at least this many readings
+CATCH_UP = 0.4  # and then catches up this fraction of the way that it missed
+OVER = 0.1  # time over which a speed is averaged [s]
+REPEATED = 1.5  # a reading after a repeated one moves by this many times its neighbours
+STALE = 0.2  # a larger fraction of equal readings in motion is not chance
+
+
+class Finding(NamedTuple):
+    """The result of one check.
+
+    check : its name. level : PASS; WARN: estimates get worse; FAIL: they are wrong or missing.
+    value : what was measured, with units. remedy : what to do; '' if nothing.
+    numbers : the measured values for ``--json``.
+    """
+
+    check: str
+    level: str
+    value: str
+    remedy: str = ''
+    numbers: Mapping[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Readings:
+    """One joint's readings in the order of their arrival.
+
+    name : of the joint.
+    stamps_ns, arrival_ns : shape (n,), header stamps and times of publishing [ns].
+    position : shape (n,) [rad or m], nan for a missing or unusable one.
+    velocity : shape (n,), the velocity in the same messages [rad/s or m/s], nan without one.
+    period : wrap period [rad]; 0: none.
+    start_ns : the time zero of texts.
+    """
+
+    name: str
+    stamps_ns: Rows
+    arrival_ns: Rows
+    position: Array
+    velocity: Array
+    period: float
+    start_ns: int = field(default=0)
+
+    @cached_property
+    def difference(self) -> Estimates:
+        """The low-passed finite difference, with the verdicts of the guard that every node has."""
+        joint = DIFFERENCE.joint(wrap_period=self.period)
+        return joint.run(self.stamps_ns, self.position)
+
+    @property
+    def series(self) -> Series:
+        """The same as a series of positions."""
+        return of_positions(self.stamps_ns, self.position)
+
+    @cached_property
+    def parts(self) -> list[Rows]:
+        """Indices of the usable readings, in pieces without a jump of the clock."""
+        good = np.flatnonzero(np.isfinite(self.position) & (self.stamps_ns > 0))
+        return [good[part] for part in pieces(self.stamps_ns[good]) if len(part) > 2]
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Indices of the usable readings, in the order of their stamps within each piece."""
+        return np.concatenate(self.parts) if self.parts else np.zeros(0, np.int64)
+
+    @cached_property
+    def joined(self) -> Mask:
+        """Shape (m - 1,): True where a row and the next belong to one piece."""
+        found = np.ones(max(len(self.rows) - 1, 0), bool)
+        found[np.cumsum([len(part) for part in self.parts])[:-1] - 1] = False
+        return found
+
+    @cached_property
+    def steps(self) -> Array:
+        """Shape (m - 1,): the time from a row to the next [s]; only where `joined`."""
+        return np.diff(self.stamps_ns[self.rows]) * 1e-9
+
+    @cached_property
+    def step(self) -> float:
+        """Median sample time [s]; nan for too few readings."""
+        steps = self.steps[self.joined]
+        return float(np.median(steps)) if len(steps) else np.nan
+
+    @cached_property
+    def raw(self) -> Array:
+        """Shape (m,): the readings of the rows."""
+        return self.position[self.rows]
+
+    @cached_property
+    def moves(self) -> Array:
+        """Shape (m - 1,): change of the reading from a row to the next, the shorter way around."""
+        return np.where(self.joined, wrapped(np.diff(self.raw), self.period), 0.0)
+
+    @cached_property
+    def quantum(self) -> float:
+        """Distance of neighbouring levels of the readings; 0 if they are not quantised."""
+        return quantum(self.raw)
+
+    @cached_property
+    def range(self) -> float:
+        """The way between the extremes of `path`."""
+        return float(np.ptp(self.path))
+
+    @cached_property
+    def scatter(self) -> float:
+        """Deviation of neighbouring readings from a straight line; noise, and bends of the motion."""
+        return 1.4826 * float(np.median(np.abs(np.diff(self.moves)))) / np.sqrt(6.0)
+
+    @cached_property
+    def noise(self) -> float:
+        """Deviation of white noise with the same third differences, in the slower half."""
+        third, size = np.abs(np.diff(self.moves, 2)), np.abs(self.moves[1:-1])
+        slow = third[size <= np.median(size)]
+        return 1.4826 * float(np.median(slow)) / np.sqrt(20.0) if len(slow) else 0.0
+
+    @cached_property
+    def at_rest(self) -> bool:
+        """True if the joint moves by no more than its readings' noise or three quanta."""
+        return self.range <= max(3.0 * self.quantum, 10.0 * self.noise, 1e-9)
+
+    @cached_property
+    def speed(self) -> float:
+        """Largest mean speed over `OVER` seconds."""
+        across = max(1, round(OVER / self.step))
+        path = self.path
+        if len(path) <= across:
+            return float(np.ptp(path) / max(float(np.sum(self.steps[self.joined])), 1e-9))
+        return float(np.percentile(np.abs(path[across:] - path[:-across]), 99.9)) / (
+            across * self.step
+        )
+
+    @cached_property
+    def moving(self) -> Mask:
+        """Shape (m - 1,): the joint passes more than `MOVING` quanta per sample around here."""
+        size = np.abs(self.moves)
+        if len(size) < WINDOW:
+            return np.zeros(len(size), bool)
+        mean = np.convolve(size, np.ones(WINDOW) / WINDOW, 'same')
+        floor = MOVING * self.quantum or max(1e-3 * self.range / WINDOW, 2.0 * self.scatter)
+        return mean > floor
+
+    @cached_property
+    def equal(self) -> float:
+        """Fraction of the readings in motion that repeat the one before; nan without motion."""
+        moving = self.moving & self.joined
+        if np.count_nonzero(moving) < 2 * WINDOW:
+            return np.nan
+        return float(np.mean(np.abs(self.moves[moving]) <= 0.01 * self.quantum))
+
+    @cached_property
+    def leaps(self) -> Mask:
+        """Where a move is far larger than those on both sides (shape (m - 1,))."""
+        size = np.abs(self.moves)
+        changed = np.flatnonzero(self.joined & (size > 0.01 * self.quantum))
+        found = np.zeros(len(size), bool)
+        if len(changed) < 2 * BESIDE:
+            return found
+        size = size[changed] / np.maximum(1.0, np.rint(self.steps[changed] / self.step))
+        floor = max(JUMP_COUNTS * self.quantum, JUMP_NOISE * self.scatter, JUMP_RANGE * float(np.ptp(np.cumsum(self.moves))))
+        found[changed] = size > np.maximum(JUMP * beside(size, np.arange(len(size))), floor)
+        return found & ~self.released
+
+    @cached_property
+    def released(self) -> Mask:
+        """Where a reading that was held catches up (shape (m - 1,)).
+
+        The joint moves before and after, the reading is equal for `HELD` samples or more, and then
+        changes by most of the way that the joint has gone meanwhile.
+        """
+        size = np.abs(self.moves)
+        found = np.zeros(len(size), bool)
+        still = self.joined & (size <= 0.01 * self.quantum)
+        edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
+        first, last = edges[::2], edges[1::2]  # moves first .. last - 1 are zero
+        long = (last - first >= HELD) & (first >= BESIDE) & (last + BESIDE < len(size))
+        for a, b in zip(first[long].tolist(), last[long].tolist()):
+            before = float(np.median(self.moves[a - BESIDE : a]))
+            after = float(np.median(self.moves[b + 1 : b + 1 + BESIDE]))
+            missed = 0.5 * (before + after) * (b - a + 1)
+            if (
+                before * after > 0.0
+                and abs(missed) > max(8.0 * self.quantum, 4.0 * max(abs(before), abs(after)))
+                and CATCH_UP < self.moves[b] / missed < 1.0 / CATCH_UP
+            ):
+                found[b] = True
+        return found
+
+    @property
+    def stale(self) -> bool:
+        """True if the same reading is published several times."""
+        return self.equal > STALE
+
+    @cached_property
+    def path(self) -> Array:
+        """Shape (m,): the unwrapped motion from 0 on, without jumps."""
+        return np.concatenate([[0.0], np.cumsum(np.where(self.leaps, 0.0, self.moves))])
+
+    @cached_property
+    def repeats(self) -> Rows:
+        """Where a single reading repeats the one before, and the next catches up (of moves)."""
+        size = np.abs(self.moves)
+        around = beside(size, np.arange(len(size)))
+        at = np.flatnonzero(self.moving[:-1] & (size[:-1] <= 0.01 * self.quantum))
+        at = at[(around[at] > MOVING * self.quantum) & (size[at + 1] > REPEATED * around[at])]
+        return at[self.joined[at] & self.joined[at + 1]]
+
+    def count(self, *verdicts: int) -> int:
+        """Return the number of samples with one of these verdicts of the guard."""
+        return int(np.count_nonzero(np.isin(self.difference.verdict, verdicts)))
+
+    def when(self, rows: Rows, arrival: bool = False) -> list[float]:
+        """Return the times [s] of these samples, from `start_ns`."""
+        stamps = self.arrival_ns - self.arrival_ns[0] if arrival else self.stamps_ns - self.start_ns
+        return [float(each) * 1e-9 for each in stamps[rows]]
+
+    def of(self, *verdicts: int) -> Rows:
+        """Return the samples with one of these verdicts of the guard."""
+        return np.flatnonzero(np.isin(self.difference.verdict, verdicts))
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of samples by verdict."""
+        return {
+            name: int(number)
+            for name, number in zip(
+                VERDICTS, np.bincount(self.difference.verdict, minlength=len(VERDICTS))
+            )
+        }
+
+
+def beside(size: Array, at: Rows) -> Array:
+    """Return the larger of the median moves before and after these."""
+    padded = np.pad(size, BESIDE, mode='reflect')
+    medians = np.median(sliding_window_view(padded, BESIDE), axis=1)
+    return np.asarray(np.maximum(medians[at], medians[at + BESIDE + 1]))
+
+
+def times(seconds: list[float]) -> str:
+    """Return times for a text, as 'at 1.20 s, 3.41 s and 7 more'."""
+    more = f' and {len(seconds) - NAMED} more' if len(seconds) > NAMED else ''
+    return 'at ' + ', '.join(f'{each:.2f} s' for each in seconds[:NAMED]) + more
+
+
+def short(seconds: float) -> str:
+    """Return a time with its unit: 1.23 s, 4.5 ms, 67 us."""
+    if not np.isfinite(seconds):
+        return '-'
+    for factor, unit in ((1.0, 's'), (1e3, 'ms')):
+        if abs(seconds) * factor >= 0.9995:
+            return f'{seconds * factor:.3g} {unit}'
+    return f'{seconds * 1e6:.3g} us'

@@ -1,0 +1,259 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Checks of the stamps: rate, jitter, holes, order, and whether they are true."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator_pkg.driver.guard import (
+    AFTER_CLOCK_JUMP,
+    AFTER_GAP,
+    AFTER_OUTAGE,
+    AFTER_STRAY_STAMP,
+    DUPLICATE,
+    LATE,
+    ZERO_STAMP,
+)
+from estimator_pkg.evaluation.compare.delay import GAP
+from estimator_pkg.evaluation.compare.matching import strays
+from estimator_pkg.evaluation.doctor.readings import (
+    FAIL,
+    PASS,
+    WARN,
+    Finding,
+    Readings,
+    short,
+    times,
+)
+from estimator_pkg.evaluation.doctor.stamp_error import spacing_error, stamp_error
+
+WINDOWS, IN_WINDOW = 20, 100  # windows of the rate; samples of one at least
+OTHER_RATE = 1.3  # ratio of the rates of two windows that is a change
+IRREGULAR = 0.25  # spacing whose spread is this fraction of the sample time is irregular
+HOLE = 10.0  # a longer gap between stamps is a hole [median sample times]
+LOST_OFTEN = 0.005  # a larger fraction of missing samples is reported
+LIE = 0.05  # stamps that err by this fraction of the sample time are reported
+OFTEN = 0.2  # a larger fraction of dropped samples leaves too few
+SAME_CLOCK = 86_400.0  # stamps further from their arrival are of another clock [s]
+AHEAD = 0.005  # stamps this far in the future of their arrival [s]
+OLD = 0.05  # readings that arrive this long after their stamp [s]
+DRIFT, DRIFTED = 1e-3, 0.02  # relative drift of the stamps, and its least effect [s]
+LONG = 2.0  # least duration in which a drift shows [s]
+
+
+def rate(seen: Readings) -> Finding:
+    """Return the sample rate, and whether it changes."""
+    steps = seen.steps[seen.joined]
+    count, hz = len(seen.rows), 1.0 / seen.step
+    text = f'{hz:.5g} Hz, {count} readings in {short(float(np.sum(steps)))}'
+    numbers = {'hz': hz, 'readings': count}
+    windows = min(WINDOWS, len(steps) // IN_WINDOW)
+    if windows > 1:
+        parts = np.array_split(steps, windows)
+        medians = np.array([np.median(part) for part in parts])
+        slow, fast = float(np.max(medians)), float(np.min(medians))
+        if slow > OTHER_RATE * fast:
+            far = np.abs(np.log(medians / medians[0])) > np.log(OTHER_RATE)
+            at = float(np.sum(np.concatenate(parts[: max(1, int(np.argmax(far)))])))
+            return Finding(
+                'rate',
+                WARN,
+                f'{text}; it changes between {1.0 / fast:.4g} and {1.0 / slow:.4g} Hz, '
+                f'first about {at:.1f} s after the start',
+                'check the load of the publisher; gains fit one rate',
+                numbers | {'fastest_hz': 1.0 / fast, 'slowest_hz': 1.0 / slow},
+            )
+    return Finding('rate', PASS, text, numbers=numbers)
+
+
+def jitter(seen: Readings) -> Finding:
+    """Return how regular the spacing of the stamps is."""
+    near = seen.steps[seen.joined & (seen.steps < GAP * seen.step)]
+    spread = float(np.sqrt(np.mean((near - seen.step) ** 2)))
+    middle = 1.4826 * float(np.median(np.abs(near - seen.step)))
+    text = (
+        f'the spacing of stamps varies by {short(spread)} rms ({spread / seen.step:.2g} samples)'
+    )
+    numbers = {'spacing_rms_s': spread, 'spacing_mad_s': middle}
+    if middle > IRREGULAR * seen.step:
+        return Finding(
+            'jitter',
+            WARN,
+            text,
+            'stamp each reading when it is taken, not when it is published or received',
+            numbers,
+        )
+    return Finding('jitter', PASS, text, numbers=numbers)
+
+
+def holes(seen: Readings) -> Finding:
+    """Return the gaps between stamps, and how many samples are missing."""
+    inside = seen.steps < HOLE * seen.step
+    regular = 1.4826 * float(np.median(np.abs(seen.steps - seen.step))) < 0.1 * seen.step
+    missing = np.rint(seen.steps / seen.step) - 1.0 if regular else np.zeros(len(inside))
+    lost = float(np.sum(missing[seen.joined & inside])) / max(len(seen.rows), 1)
+    long = np.flatnonzero(seen.joined & ~inside)
+    numbers = {'holes': len(long), 'lost_fraction': lost}
+    if not len(long) and lost <= LOST_OFTEN:
+        return Finding('holes', PASS, f'none; {lost:.2%} of single samples missing', '', numbers)
+    if not len(long):
+        return Finding(
+            'holes',
+            WARN,
+            f'{lost:.1%} of the samples are missing, a few at a time',
+            'look for a lossy link or a queue of depth 1; raise the publisher\'s priority',
+            numbers,
+        )
+    worst = long[np.argsort(-seen.steps[long], kind='stable')]
+    longest = float(seen.steps[worst[0]])
+    gaps = seen.count(AFTER_GAP, AFTER_OUTAGE)
+    plural = 's' if len(long) > 1 else ''
+    return Finding(
+        'holes',
+        FAIL if gaps and longest > 0.1 * float(np.sum(seen.steps[seen.joined])) else WARN,
+        f'{len(long)} hole{plural}, the longest {short(longest)}, '
+        + times(seen.when(seen.rows[worst])),
+        'look for a blocked publisher or a lossy link'
+        + ('; observers start anew after those above gap_max' if gaps else ''),
+        numbers | {'longest_s': longest, 'restarts': gaps},
+    )
+
+
+def repeated_stamps(seen: Readings) -> Finding:
+    """Return how many samples repeat the stamp of the one before."""
+    return _dropped(
+        seen,
+        'repeated stamps',
+        seen.count(DUPLICATE),
+        'repeat the previous stamp and are dropped',
+        'stamp each reading once; look for two publishers, or stamps of a coarse clock',
+        times(seen.when(seen.of(DUPLICATE))),
+    )
+
+
+def order(seen: Readings) -> Finding:
+    """Return how many stamps are late, jump, or stand alone in the future."""
+    late, jumps = seen.of(LATE), seen.of(AFTER_CLOCK_JUMP)
+    alone = np.flatnonzero(strays(seen.stamps_ns))
+    if not len(alone):
+        alone = seen.of(AFTER_STRAY_STAMP)
+    jumps = jumps[~np.isin(jumps - 1, alone)]
+    parts = []
+    if len(jumps):
+        parts.append(
+            f'the clock jumps back {len(jumps)} time{"s" * (len(jumps) > 1)}, '
+            + times(seen.when(jumps, arrival=True))
+        )
+    if len(alone):
+        parts.append(f'{len(alone)} single stamps are far in the future')
+    if len(late):
+        parts.append(f'{len(late)} stamps are older than the one before, and are dropped')
+    numbers = {'late': len(late), 'clock_jumps': len(jumps), 'strays': len(alone)}
+    if not parts:
+        return Finding('order of stamps', PASS, 'each is newer than the one before', '', numbers)
+    remedies = [
+        *(['one bag or simulation per record (a loop, a restart)'] if len(jumps) else []),
+        *(['check the clock of the driver'] if len(alone) else []),
+        *(['publish in the order of the stamps; look for two publishers'] if len(late) else []),
+    ]
+    level = FAIL if len(late) > OFTEN * len(seen.stamps_ns) else WARN
+    return Finding('order of stamps', level, '; '.join(parts), '; '.join(remedies), numbers)
+
+
+def missing_stamps(seen: Readings) -> Finding:
+    """Return how many samples have no stamp."""
+    return _dropped(
+        seen,
+        'missing stamps',
+        seen.count(ZERO_STAMP),
+        'have no time stamp and are dropped',
+        "set header.stamp in the driver, or use 'stamp_source: publisher'",
+    )
+
+
+def lying(seen: Readings) -> Finding:
+    """Return by how much the stamps are wrong, from errors that grow with the speed."""
+    if seen.stale or np.any(seen.leaps):
+        return Finding('lying stamps', PASS, 'not told from repeats and jumps of the readings')
+    good = np.sort(seen.rows)
+    wrong = max(
+        stamp_error(seen.series, seen.parts[0], seen.period, seen.quantum),
+        spacing_error(seen.stamps_ns[good], seen.position[good], seen.period),
+    )
+    numbers = {'stamp_error_s': wrong}
+    if wrong <= LIE * seen.step:
+        text = f'wrong by {short(wrong)} rms' if wrong else 'no error seen in the motion'
+        return Finding('lying stamps', PASS, text, '', numbers)
+    return Finding(
+        'lying stamps',
+        WARN,
+        f'the stamps are wrong by {short(wrong)} rms: in motion the readings do not fit them '
+        f'({wrong * seen.speed:.2g} rad at {seen.speed:.2g} rad/s)',
+        'stamp each reading when it is taken; a clock of the device is best',
+        numbers,
+    )
+
+
+def clock(seen: Readings) -> Finding:
+    """Return how the stamps agree with the times of arrival."""
+    good = seen.rows
+    age = (seen.arrival_ns[good] - seen.stamps_ns[good]) * 1e-9
+    usual, least = float(np.median(age)), float(np.min(age))
+    numbers = {'age_s': usual}
+    if len(seen.parts) > 1 or len(age) < 20:
+        return Finding('clock', PASS, f'stamps are {short(usual)} older than their arrival')
+    tenth = max(1, len(age) // 10)
+    passed = float(seen.stamps_ns[good[-1]] - seen.stamps_ns[good[0]]) * 1e-9
+    drifted = float(np.min(age[-tenth:]) - np.min(age[:tenth]))
+    jittery = float(np.percentile(age[:tenth], 50) - np.min(age[:tenth]))
+    if passed > LONG and abs(drifted) > max(DRIFT * passed, DRIFTED, 5.0 * jittery):
+        ratio = 1.0 - drifted / (passed + drifted)
+        return Finding(
+            'clock',
+            WARN,
+            f'the stamps run at {ratio:.4f} times the clock of arrival '
+            f'({short(abs(drifted))} in {short(passed)})',
+            'right in a simulation (use_sim_time); else the velocity is wrong by this factor: '
+            'check the unit and clock of the stamps',
+            numbers | {'clock_ratio': ratio},
+        )
+    if abs(usual) > SAME_CLOCK:
+        return Finding('clock', PASS, 'stamps are of another clock than the arrival', '', numbers)
+    if least < -AHEAD:
+        return Finding(
+            'clock',
+            WARN,
+            f'stamps are up to {short(-least)} ahead of their arrival',
+            'the clocks of two machines differ: synchronise them (chrony, PTP)',
+            numbers,
+        )
+    if usual > OLD:
+        return Finding(
+            'clock',
+            WARN,
+            f'readings arrive {short(usual)} after their stamp',
+            'estimates are as late: look for a queue or a slow link, or for clocks that differ',
+            numbers,
+        )
+    return Finding('clock', PASS, f'readings arrive {short(usual)} after their stamp', '', numbers)
+
+
+def _dropped(
+    seen: Readings, name: str, count: int, what: str, remedy: str, where: str = ''
+) -> Finding:
+    """Return the finding on samples that the guard drops."""
+    total = len(seen.stamps_ns)
+    if not count:
+        return Finding(name, PASS, f'0 of {total} samples', '', {'count': 0})
+    return Finding(
+        name,
+        FAIL if count > OFTEN * total else WARN,
+        f'{count} of {total} samples {what}' + (f', {where}' if where else ''),
+        remedy,
+        {'count': count},
+    )
+
+
+CHECKS = (rate, jitter, holes, repeated_stamps, order, missing_stamps, lying, clock)
