@@ -137,6 +137,7 @@ setup(
         ],
         'velocity_estimator.commands': [
             'demo = sim_pkg.demo.command:COMMAND',
+            'doctor = estimator_pkg.evaluation.doctor.command:COMMAND',
             'list = estimator_pkg.listing:COMMAND',
             'simulate = sim_pkg.simulate:COMMAND',
             'record = estimator_pkg.bags.record:COMMAND',

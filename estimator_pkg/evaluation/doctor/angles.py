@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+
 from estimator_pkg.driver.guard import REPEATED
 from estimator_pkg.evaluation.doctor.readings import (
+    BESIDE,
     FAIL,
     PASS,
-    BESIDE,
     WARN,
     Array,
     Finding,
@@ -100,8 +101,10 @@ def wrap(seen: Readings) -> Finding:
     text = f'readings from {low:.3g} to {high:.3g}'
     period = _period(seen, raw, low, high)
     if period:
-        unit = 'the angle is in degrees: publish radians' if abs(period - 360.0) < 4.0 else (
-            f"set 'wrap_period: {period:.6g}'"
+        unit = (
+            'the angle is in degrees: publish radians'
+            if abs(period - 360.0) < 4.0
+            else (f"set 'wrap_period: {period:.6g}'")
         )
         return Finding(
             'wrap',
@@ -153,7 +156,7 @@ def _period(seen: Readings, raw: Array, low: float, high: float) -> float:
     if not np.all(ends <= slack) or np.max(slack) > 0.2 * (high - low):
         return 0.0
     # a wrap goes against the motion around it
-    signed = np.array([_middle(raw, at) for at in far])
+    signed = np.array([_middle(raw, int(at)) for at in far])
     if np.any(signed * raw[far] > 0.0) or np.count_nonzero(signed) < 0.5 * len(far):
         return 0.0
     found = float(np.median(size[far] + np.abs(signed)))

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.bags.wiring import Setup, settled
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor import angles, stamps, velocities
+from estimator_pkg.evaluation.doctor.choice import Answer, answer
 from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
-from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.angle.core import LARGEST
 from estimator_pkg.streams.contract import PUBLISHER, Request
@@ -28,11 +29,11 @@ FEWEST = angles.FEWEST
 
 @dataclass(frozen=True)
 class Examined:
-    """One joint's findings; `smoothed` is the reference of its velocity, None without one."""
+    """One joint's findings, and the verdict on its estimates; None without a reference."""
 
     readings: Readings
     findings: list[Finding]
-    smoothed: Smoothed | None = field(default=None, repr=False)
+    answer: Answer | None = None
 
     def as_dict(self) -> list[dict[str, Any]]:
         """Return the findings for ``--json``."""
@@ -48,10 +49,17 @@ class Examined:
         ]
 
 
-def setup(bag: Bag, measurement: str | None, angle: str | None, period: float) -> Setup:
+def setup(
+    bag: Bag,
+    measurement: str | None,
+    angle: str | None,
+    period: float,
+    settings: Mapping[str, Any] | None = None,
+) -> Setup:
     """Return the wiring of the measurement in the bag, as `joint_observer` would have it."""
     stream = streams.named(streams.USUAL)
-    return settled(stream, bag, {'wrap_period': period}, Request(measurement, angle))
+    values = {'wrap_period': period, **(settings or {})}
+    return settled(stream, bag, values, Request(measurement, angle))
 
 
 def readings(bag: Bag, chosen: Setup) -> list[Readings]:
@@ -64,20 +72,25 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
     topic, period = chosen.topics[0], float(chosen.values['wrap_period'])
     if topic.type == TYPE and not chosen.path:
         by_stamp = joint_series(bag, topic.name)
-        arrived = {name: each.stamps_ns for name, each in joint_series(bag, topic.name, True).items()}
+        arrived = {
+            name: each.stamps_ns for name, each in joint_series(bag, topic.name, True).items()
+        }
     else:
         by_stamp = recordings.measured(bag, chosen)
         published = chosen.having({'stamp_source': PUBLISHER})
-        arrived = {name: each.stamps_ns for name, each in recordings.measured(bag, published).items()}
+        arrived = {
+            name: each.stamps_ns for name, each in recordings.measured(bag, published).items()
+        }
     if not any(np.isfinite(each.position).any() for each in by_stamp.values()):
         raise UserError(f'{bag.path}: {topic.name} has no readable joint: no position is finite')
     if not any((each.stamps_ns > 0).any() for each in by_stamp.values()):
         start = 0
     else:
-        start = min(int(np.min(each.stamps_ns[each.stamps_ns > 0], initial=2**62)) for each in by_stamp.values())
-    return [
-        _readings(name, each, arrived[name], period, start) for name, each in by_stamp.items()
-    ]
+        start = min(
+            int(np.min(each.stamps_ns[each.stamps_ns > 0], initial=2**62))
+            for each in by_stamp.values()
+        )
+    return [_readings(name, each, arrived[name], period, start) for name, each in by_stamp.items()]
 
 
 def _readings(
@@ -87,21 +100,35 @@ def _readings(
     return Readings(name, series.stamps_ns, arrival, position, series.velocity, period, start)
 
 
-def examine(seen: Readings) -> Examined:
-    """Return all findings on one joint; readings without a stamp are taken at their arrival."""
-    found = [stamps.missing_stamps(seen)]
-    if found[0].level == FAIL and not np.any(seen.stamps_ns > 0):
-        seen = Readings(
-            seen.name, seen.arrival_ns, seen.arrival_ns, seen.position, seen.velocity, seen.period,
-            int(seen.arrival_ns[0]),
-        )
+def stamped(seen: Readings) -> Readings:
+    """Return the readings; those without any stamp are taken at their arrival."""
+    if np.any(seen.stamps_ns > 0) or not len(seen.arrival_ns):
+        return seen
+    return replace(seen, stamps_ns=seen.arrival_ns, start_ns=int(seen.arrival_ns[0]))
+
+
+def checked(seen: Readings) -> list[Finding]:
+    """Return the findings on stamps and readings of one joint."""
+    missing, seen = stamps.missing_stamps(seen), stamped(seen)
     if len(seen.rows) < FEWEST:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
-        found.append(Finding('readings', FAIL, text, 'record the joint for some seconds'))
+        return [missing, Finding('readings', FAIL, text, 'record the joint for some seconds')]
+    return [missing] + [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
+
+
+def examine(seen: Readings, motion_hz: float | None = None, fast: bool | None = None) -> Examined:
+    """Return all findings on one joint, and the verdict on its estimates.
+
+    Parameters
+    ----------
+    motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
+    fast : compile the observers or not; None: if it pays.
+    """
+    found, seen = checked(seen), stamped(seen)
+    if len(seen.rows) < FEWEST:
         return Examined(seen, found)
-    found = [
-        found[0] if check is stamps.missing_stamps else check(seen) for check in stamps.CHECKS
-    ]
-    found += [check(seen) for check in angles.CHECKS]
-    smoothed = velocities.reference(seen)
-    return Examined(seen, found + velocities.checks(seen, smoothed), smoothed)
+    rows = np.sort(velocities.stretch(seen))
+    reference = velocities.reference(seen, rows)
+    found += velocities.checks(seen, reference)
+    made = None if reference is None else answer(seen, reference, rows, motion_hz, fast)
+    return Examined(seen, found, made)

@@ -140,7 +140,7 @@ class Readings:
 
     @cached_property
     def scatter(self) -> float:
-        """Deviation of neighbouring readings from a straight line; noise, and bends of the motion."""
+        """Deviation of neighbouring readings from a straight line: noise, and bends."""
         return 1.4826 * float(np.median(np.abs(np.diff(self.moves)))) / np.sqrt(6.0)
 
     @cached_property
@@ -193,7 +193,11 @@ class Readings:
         if len(changed) < 2 * BESIDE:
             return found
         size = size[changed] / np.maximum(1.0, np.rint(self.steps[changed] / self.step))
-        floor = max(JUMP_COUNTS * self.quantum, JUMP_NOISE * self.scatter, JUMP_RANGE * float(np.ptp(np.cumsum(self.moves))))
+        floor = max(
+            JUMP_COUNTS * self.quantum,
+            JUMP_NOISE * self.scatter,
+            JUMP_RANGE * float(np.ptp(np.cumsum(self.moves))),
+        )
         found[changed] = size > np.maximum(JUMP * beside(size, np.arange(len(size))), floor)
         return found & ~self.released
 

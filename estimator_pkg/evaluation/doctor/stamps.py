@@ -73,9 +73,7 @@ def jitter(seen: Readings) -> Finding:
     near = seen.steps[seen.joined & (seen.steps < GAP * seen.step)]
     spread = float(np.sqrt(np.mean((near - seen.step) ** 2)))
     middle = 1.4826 * float(np.median(np.abs(near - seen.step)))
-    text = (
-        f'the spacing of stamps varies by {short(spread)} rms ({spread / seen.step:.2g} samples)'
-    )
+    text = f'the spacing of stamps varies by {short(spread)} rms ({spread / seen.step:.2g} samples)'
     numbers = {'spacing_rms_s': spread, 'spacing_mad_s': middle}
     if middle > IRREGULAR * seen.step:
         return Finding(
@@ -103,7 +101,7 @@ def holes(seen: Readings) -> Finding:
             'holes',
             WARN,
             f'{lost:.1%} of the samples are missing, a few at a time',
-            'look for a lossy link or a queue of depth 1; raise the publisher\'s priority',
+            "look for a lossy link or a queue of depth 1; raise the publisher's priority",
             numbers,
         )
     worst = long[np.argsort(-seen.steps[long], kind='stable')]
@@ -256,4 +254,4 @@ def _dropped(
     )
 
 
-CHECKS = (rate, jitter, holes, repeated_stamps, order, missing_stamps, lying, clock)
+CHECKS = (rate, jitter, holes, repeated_stamps, order, lying, clock)

@@ -23,7 +23,7 @@ from estimator_pkg.evaluation.doctor.readings import (
     Rows,
     short,
 )
-from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed, smooth
+from estimator_pkg.evaluation.reference.motion import Motion, motion
 from estimator_pkg.parameters import declared
 
 LONGEST = 20_000  # readings of the part that is smoothed
@@ -51,38 +51,32 @@ def stretch(seen: Readings) -> Rows:
     return seen.rows[np.setdiff1d(np.arange(best.start, best.stop), alone)]
 
 
-def reference(seen: Readings) -> Smoothed | None:
-    """Return the smoothed motion of the stretch; None if the readings do not show it."""
-    if seen.at_rest or len(seen.rows) < FEWEST:
+def reference(seen: Readings, rows: Rows) -> Motion | None:
+    """Return the motion that these readings show; None if they do not show it."""
+    if seen.at_rest or len(rows) < FEWEST:
         return None
-    rows = np.sort(stretch(seen))
-    if len(rows) < FEWEST:
-        return None
-    smoothed = smooth(seen.stamps_ns[rows], seen.position[rows], seen.period)
-    if not len(smoothed.stamps) or smoothed.seldom:
-        return None
-    return smoothed
+    found = motion(seen.stamps_ns[rows], seen.position[rows], seen.period)
+    return None if found is None or found.seldom else found
 
 
-def checks(seen: Readings, smoothed: Smoothed | None) -> list[Finding]:
+def checks(seen: Readings, found: Motion | None) -> list[Finding]:
     """Return the findings on the raw and the low-passed difference, and a published velocity.
 
     Parameters
     ----------
-    smoothed : as `reference` returns it.
+    found : as `reference` returns it.
     """
-    if smoothed is None:
+    if found is None:
         why = 'no reference: the joint moves too little'
         return [Finding(name, PASS, why) for name in ('finite difference', 'low-passed')]
-    firm = smoothed.firm
-    time = (smoothed.stamps[firm] - smoothed.stamps[0]) * 1e-9
-    truth = smoothed.velocity[firm]
+    firm = found.firm
+    time, truth = found.time[firm], found.velocity[firm]
     speed = float(np.sqrt(np.mean(truth * truth)))
-    numbers = {'rms_speed': speed, 'reference_uncertainty': smoothed.uncertainty}
+    numbers = {'rms_speed': speed, 'reference_stddev': found.stddev}
 
     def error(values: Array) -> tuple[float, float, float]:
         """Return (rms error, noise, delay [s]): noise is the error beyond the delay."""
-        at = at_stamps(smoothed.stamps[firm], seen.stamps_ns, values)
+        at = at_stamps(found.stamps[firm], seen.stamps_ns, values)
         good = np.isfinite(at)
         if np.count_nonzero(good) < FEWEST:
             return (math.nan,) * 3
@@ -95,13 +89,13 @@ def checks(seen: Readings, smoothed: Smoothed | None) -> list[Finding]:
     raw = np.full(len(seen.stamps_ns), np.nan)
     later = seen.rows[1:][seen.joined]
     raw[later] = seen.moves[seen.joined] / seen.steps[seen.joined]
-    found = []
+    result = []
     for name, words, values in (
         ('finite difference', 'raw', raw),
         ('low-passed', f'low-passed at {LOW_PASS:g} Hz', seen.difference.velocity),
     ):
         rms, noise, late = error(values)
-        found.append(
+        result.append(
             Finding(
                 name,
                 PASS,
@@ -115,7 +109,7 @@ def checks(seen: Readings, smoothed: Smoothed | None) -> list[Finding]:
     ):
         rms, noise, late = error(seen.velocity)
         slow = late > max(LATE, LATE_STEPS * seen.step)
-        found.append(
+        result.append(
             Finding(
                 'published velocity',
                 WARN if slow else PASS,
@@ -124,7 +118,7 @@ def checks(seen: Readings, smoothed: Smoothed | None) -> list[Finding]:
                 numbers | {'rms': rms, 'noise': noise, 'delay_s': late},
             )
         )
-    return found
+    return result
 
 
 def _late(late: float) -> str:

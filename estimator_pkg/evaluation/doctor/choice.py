@@ -1,0 +1,209 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which observer and which gains to use for the joints of a measurement, ranked without truth.
+
+Each observer estimates the velocity of each joint, at its defaults and with a few bandwidths. Gains
+are chosen on the first part of the record. They replace the defaults only if they are better on
+the rest, joint by joint, by the pair test of `evaluation.ranking`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.doctor.readings import Readings, short
+from estimator_pkg.evaluation.entries import Entry, angle_observers
+from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.text import number
+from estimator_pkg.observers.contract import VALID
+from estimator_pkg.parameters import declared
+from estimator_pkg.streams.angle import AngleSettings
+
+Array = NDArray[np.float64]
+
+DEFAULT = AngleSettings.observer
+BANDWIDTHS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)  # those that are tried [Hz],
+BELOW = 6.0  # up to this fraction of the sample rate
+PREFER = ('smooth', 'fast')
+TRAINED = 0.7  # part of the record on which gains are chosen
+BASELINE = 'finite_difference'
+
+
+class Answer(NamedTuple):
+    """What one joint's candidates do.
+
+    verdict : of the candidates at their defaults, and of the best gains of each observer.
+    held_out : the same on the part of the record that chose no gains.
+    best : observer -> its best candidate on the first part.
+    delays : candidate -> delay [s]; nan: not determined.
+    """
+
+    verdict: Verdict
+    held_out: Verdict
+    best: Mapping[str, Entry]
+    delays: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The observer for all joints, and the gains of each.
+
+    observer : its name. gains : joint -> values that differ from the defaults, without the quantum.
+    tuned : True if the gains or the observer beat the default on held-out data.
+    """
+
+    observer: str = DEFAULT
+    gains: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    tuned: bool = False
+
+    def label(self, joint: str) -> str:
+        """Return the name of this joint's candidate."""
+        return _label(self.observer, self.gains.get(joint, {}))
+
+
+def _label(observer: str, values: Mapping[str, Any]) -> str:
+    return ' '.join(
+        [observer, *(f'{v:g} Hz' if k == 'bandwidth_hz' else str(v) for k, v in values.items())]
+    )
+
+
+def candidates(rate: float) -> list[Entry]:
+    """Return the candidates at this sample rate [Hz], the defaults first."""
+    found = [Entry(name, name) for name in angle_observers()]
+    for name in angle_observers():
+        gains = declared(type(Entry('', name).joint().observer.gains()))
+        if 'bandwidth_hz' in gains:
+            found += [_entry(name, bandwidth_hz=hz) for hz in BANDWIDTHS if BELOW * hz <= rate]
+        elif 'prefer' in gains:
+            found += [_entry(name, prefer=each) for each in PREFER]
+    return found
+
+
+def _entry(observer: str, **values: Any) -> Entry:
+    return Entry(_label(observer, values), observer, tuple(values.items()), 'this record')
+
+
+def estimates(
+    seen: Readings, reference: Motion, entry: Entry, rows: NDArray, fast: bool | None = None
+) -> Array:
+    """Return the velocities of a candidate at the reference's stamps; nan where it has none.
+
+    Parameters
+    ----------
+    rows : the readings that it takes, in the order of their arrival.
+    """
+    more = {'quantum': seen.quantum} if seen.quantum else {}
+    joint = entry.joint(wrap_period=seen.period, **more)
+    stamps = seen.stamps_ns[rows]
+    out = joint.run(stamps, seen.position[rows], fast=fast)
+    good = (out.verdict < DUPLICATE) & np.isin(out.status, VALID)
+    return at_reference(reference, stamps[good], out.velocity[good])
+
+
+def answer(
+    seen: Readings,
+    reference: Motion,
+    rows: NDArray,
+    motion_hz: float | None = None,
+    fast: bool | None = None,
+) -> Answer:
+    """Return the verdict on all candidates of one joint.
+
+    Parameters
+    ----------
+    reference : its motion. rows : the readings from which that was made.
+    motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
+    """
+    entries = {entry.label: entry for entry in candidates(1.0 / seen.step)}
+    velocity = {
+        label: estimates(seen, reference, entry, rows, fast) for label, entry in entries.items()
+    }
+    first, last = int(reference.stamps[0]), int(reference.stamps[-1])
+    cut = first + round(TRAINED * (last - first))
+
+    def ranked(labels: Sequence[str], begin: int, end: int) -> Verdict:
+        part = reference.between(begin - 1, end)
+        kept = (reference.stamps > begin - 1) & (reference.stamps <= end)
+        return rank({each: velocity[each][kept] for each in labels}, part, DEFAULT, motion_hz)
+
+    trained = ranked(list(entries), first, cut)
+    best = {name: Entry(name, name) for name in angle_observers()}
+    for label in reversed(list(trained.rms)):
+        best[entries[label].observer] = entries[label]
+    labels = list(dict.fromkeys([*angle_observers(), *(each.label for each in best.values())]))
+    chosen = ranked(labels, first, last)
+    held_out = ranked(labels, cut + 1, last)
+    if not trained.tunable or not chosen.best:
+        best = {name: Entry(name, name) for name in angle_observers()}
+    counted = reference.firm
+    delays = {
+        label: delay(reference.time[counted], velocity[label][counted], reference.velocity[counted])
+        for label in {DEFAULT, BASELINE, *(each.label for each in best.values())}
+    }
+    return Answer(chosen, held_out, best, delays)
+
+
+def choose(answers: Mapping[str, Answer]) -> Choice:
+    """Return the choice for the joints of one node, which has one observer.
+
+    An observer is taken instead of the default if it is better on held-out data for one joint at
+    least, and worse for none.
+    """
+    kept = {joint: each for joint, each in answers.items() if each.verdict.best}
+    scores: dict[str, float] = {}
+    gains: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for observer in angle_observers():
+        picked: dict[str, Mapping[str, Any]] = {}
+        score, gained = 0.0, 0
+        for joint, each in kept.items():
+            label, plain = each.best[observer].label, observer
+            if label != plain and each.held_out.better(label, plain) <= 0:
+                label = plain
+            if label not in each.verdict.rms:
+                gained, score = 0, math.inf
+                break
+            sign = each.held_out.better(label, DEFAULT)
+            gained += sign > 0
+            score += math.inf if sign < 0 else math.log(each.verdict.rms[label])
+            if label != plain:
+                picked[joint] = dict(each.best[observer].values)
+        if gained and math.isfinite(score):
+            scores[observer], gains[observer] = score, picked
+    if not scores:
+        return Choice()
+    observer = min(scores, key=scores.__getitem__)
+    return Choice(observer, gains[observer], True)
+
+
+def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
+    """Return the verdict on a joint in words."""
+    label, verdict = choice.label(joint), made.verdict
+    said = []
+    if label in verdict.rms:
+        how = (
+            'as it is' if label == choice.observer else f'with {label[len(choice.observer) + 1 :]}'
+        )
+        said.append(
+            f'Use {choice.observer} {how}: {_quality(label, made)}. Your finite difference, '
+            f'low-passed: {_quality(BASELINE, made)}.'
+        )
+    return said + verdict.sentences()
+
+
+def _quality(label: str, made: Answer) -> str:
+    late = made.delays.get(label, math.nan)
+    error = made.verdict.rms.get(label, math.nan)
+    return f'error {number(error, 2)} rad/s rms' + (
+        f', {short(abs(late))} {"late" if late >= 0.0 else "early"}' if late == late else ''
+    )

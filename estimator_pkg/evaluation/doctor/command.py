@@ -1,0 +1,183 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``velocity_estimator doctor``: what is wrong with a measurement, and what to do with it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from typing import Any
+
+from estimator_pkg import destination
+from estimator_pkg.bags import unpacking
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.selection import MADE, TRUTH
+from estimator_pkg.cli import Command
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation.doctor import report
+from estimator_pkg.evaluation.doctor.choice import candidates, choose
+from estimator_pkg.evaluation.doctor.examine import examine, readings, setup
+from estimator_pkg.evaluation.doctor.velocities import LONGEST
+from estimator_pkg.evaluation.tuning.live import recorded
+from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.parameters import parse_assignments
+from estimator_pkg.printable import show
+from estimator_pkg.progress import progress
+
+APPEAR = 5.0  # longest wait for a topic of joint states [s]
+ALONE = 0.5  # and for another one after the first [s]
+COMPILED_FROM = 2_000_000  # estimates that are worth compiling the observers for
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument('bag', nargs='?', metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument(
+        '--live',
+        type=float,
+        metavar='SECONDS',
+        help='listen to the running topic for SECONDS, instead of a bag',
+    )
+    parser.add_argument(
+        '--measurement',
+        metavar='TOPIC',
+        help='JointState with the measured positions (default: the only one, else /joint_states)',
+    )
+    parser.add_argument(
+        '--angle',
+        metavar='TOPIC:FIELD',
+        help='the measurement is a number in messages of any type, as in replay',
+    )
+    parser.add_argument(
+        '--wrap-period',
+        type=float,
+        default=2.0 * math.pi,
+        metavar='RAD',
+        help='period of the positions; 0 for prismatic joints (default 2 pi)',
+    )
+    parser.add_argument(
+        '--set',
+        metavar='KEY=VALUE',
+        action='append',
+        default=[],
+        help='a parameter of joint_observer, such as counts_per_revolution; repeatable',
+    )
+    parser.add_argument(
+        '--motion-hz',
+        type=float,
+        metavar='HZ',
+        help='highest frequency at which the joints move, if you know it',
+    )
+    parser.add_argument('--out', metavar='YAML', help='write a parameter file for joint_observer')
+    parser.add_argument('--html', metavar='FILE', help='write the report as a page')
+    unpacking.arguments(parser)
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Check, print and write; return findings and verdict by joint."""
+    if (parsed.bag is None) == (parsed.live is None):
+        raise UsageError('name a bag, or listen with --live SECONDS: one of the two')
+    if parsed.motion_hz is not None and not parsed.motion_hz > 0.0:
+        raise UsageError(f'--motion-hz is {parsed.motion_hz:g} Hz: it must be above 0')
+    if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
+        raise UsageError(f'--wrap-period is {parsed.wrap_period:g} rad: it must be 0 or more')
+    for path in (parsed.out, parsed.html):
+        if path is not None:
+            destination.check(path)
+    if parsed.bag is not None:
+        return _examined(parsed, parsed.bag, parsed.bag)
+    if not 0.5 <= parsed.live <= 3600.0:
+        raise UsageError(f'--live is {parsed.live:g} s: it must be between 0.5 and 3600 s')
+    named = parsed.measurement or (parsed.angle or '').partition(':')[0]
+    topics = [named] if named else _joint_states()
+    with recorded(topics[:-1], topics[-1], parsed.live) as path:
+        return _examined(parsed, path, f'{", ".join(topics)}, {parsed.live:g} s live')
+
+
+def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, Any]:
+    settings = parse_assignments(parsed.set)
+    with open_bag(path, parsed.unpack_limit) as bag:
+        chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
+        joints = readings(bag, chosen)
+        topic = chosen.topics[0].name
+    samples = sum(min(len(each.rows), LONGEST) for each in joints)
+    fast = samples * len(candidates(1e3)) >= COMPILED_FROM or None
+    examined = []
+    with progress(f'{origin}: joints', len(joints)) as advance:
+        for each in joints:
+            examined.append(examine(each, parsed.motion_hz, fast))
+            advance(1)
+    choice = choose(
+        {each.readings.name: each.answer for each in examined if each.answer is not None}
+    )
+    show(f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}', '')
+    print(report.text(examined, choice))
+    if not parsed.set and parsed.wrap_period != 2.0 * math.pi:
+        settings = {'wrap_period': parsed.wrap_period}
+    parameters = report.as_yaml(examined, choice, origin, settings)
+    if parsed.out:
+        destination.write_text(parsed.out, parameters)
+        show('', f'parameters: {parsed.out}')
+    else:
+        show('', 'A parameter file of this: add --out params.yaml')
+    if parsed.html:
+        destination.write_text(parsed.html, report.page(examined, choice, origin, parameters))
+        show(f'page: {parsed.html}')
+    return {
+        'origin': origin,
+        'topic': topic,
+        'observer': choice.observer,
+        'tuned': choice.tuned,
+        'parameters': parameters,
+        'joints': {
+            each.readings.name: {
+                'findings': each.as_dict(),
+                'gains': dict(choice.gains.get(each.readings.name, {})),
+                'verdict': None if each.answer is None else each.answer.verdict.as_dict(),
+            }
+            for each in examined
+        },
+        'ok': any(len(each.readings.rows) for each in examined),
+    }
+
+
+def _joint_states() -> list[str]:
+    """Return the running topics of joint states that may be a measurement.
+
+    Raises
+    ------
+    UserError : none appears, or ROS cannot start.
+    """
+    from estimator_pkg.bags.live import live
+
+    with live('doctor') as here:
+        end = time.monotonic() + APPEAR
+        found: list[str] = []
+        while time.monotonic() < end and not here.stopping:
+            here.spin(0.05)
+            names = [
+                name
+                for name, types in here.node.get_topic_names_and_types()
+                if TYPE in types
+                and TRUTH not in f'{name}/'
+                and not name.endswith(MADE)
+                and here.node.count_publishers(name)
+            ]
+            if names and not found:
+                end = time.monotonic() + ALONE
+            found = names
+        if here.stopping:
+            raise KeyboardInterrupt
+    if not found:
+        raise UserError(
+            f'nobody publishes joint states ({TYPE}) within {APPEAR:g} s: start the driver, check '
+            'ROS_DOMAIN_ID, or name a number with --angle TOPIC:FIELD'
+        )
+    return found
+
+
+COMMAND = Command(
+    'what is wrong with a measurement, which observer and gains to use', arguments, run
+)

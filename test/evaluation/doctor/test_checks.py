@@ -1,0 +1,293 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Each planted fault is named, and none is on clean readings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from estimator_pkg.evaluation.doctor.examine import checked
+from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, Readings
+
+TURN = 2.0 * math.pi
+RATE, SECONDS, COUNT = 500.0, 12.0, TURN / 4096
+START = 1_700_000_000_000_000_000
+
+
+def clean(motion='sines', rate=RATE, count=COUNT, wrapped=True, noise=0.0, seed=1):
+    """(stamps [ns], arrival [ns], position) of a joint without any fault."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(SECONDS * rate)) / rate
+    if motion == 'sines':
+        angle = 4.0 * np.sin(TURN * 0.3 * t) + 0.4 * np.sin(TURN * 1.7 * t)
+    elif motion == 'trapezoid':
+        speed = 12.0 * np.clip(1.5 * np.sin(TURN * 0.25 * t), -1.0, 1.0)
+        angle = np.cumsum(speed) / rate
+    elif motion == 'moves and rests':
+        angle = np.interp(t, [0, 2, 3, 5, 5.5, 8, 9, 12], [0, 0, 2, 2, -1, -1, 0.5, 0.5])
+    elif motion == 'creep':
+        angle = 0.02 * t + 0.01 * np.sin(TURN * 0.2 * t)
+    else:  # constant speed
+        angle = 7.3 * t
+    angle = angle + noise * rng.standard_normal(len(t))
+    if count:
+        angle = np.round(angle / count) * count
+    if wrapped:
+        angle = (angle + math.pi) % TURN - math.pi
+    stamps = START + np.round(t * 1e9).astype(np.int64)
+    arrival = stamps + 300_000 + np.round(5e4 * rng.standard_exponential(len(t))).astype(np.int64)
+    return stamps, arrival, angle
+
+
+def look(stamps, arrival, angle, period=TURN):
+    """The findings by check."""
+    seen = Readings('joint', stamps, arrival, angle, np.full(len(angle), np.nan), period, START)
+    return {each.check: each for each in checked(seen)}
+
+
+def named(found):
+    """The checks that do not pass."""
+    return {name for name, each in found.items() if each.level != PASS}
+
+
+CLEAN = {
+    'sines': {},
+    'multi-turn': {'wrapped': False},
+    'trapezoid': {'motion': 'trapezoid'},
+    'moves and rests': {'motion': 'moves and rests'},
+    'creep': {'motion': 'creep'},
+    'constant speed': {'motion': 'constant speed'},
+    'float': {'count': 0.0},
+    'float with noise': {'count': 0.0, 'noise': 3e-4},
+    'noise of two counts': {'noise': 2.0 * COUNT},
+    'fine, 1 kHz': {'rate': 1000.0, 'count': TURN / 2**17},
+    'slow rate': {'rate': 50.0, 'motion': 'moves and rests'},
+}
+
+
+@pytest.mark.parametrize('case', CLEAN)
+def test_clean_readings_pass(case):
+    assert named(look(*clean(**CLEAN[case]))) == set()
+
+
+def rate_change(s, a, y):
+    kept = np.r_[0:3000, 3000 : len(s) : 2]
+    return s[kept], a[kept], y[kept]
+
+
+def lying(s, a, y):
+    """Stamps that err by 1 ms, half of the sample time."""
+    wrong = np.random.default_rng(3).normal(0.0, 1e6, len(s)).astype(np.int64)
+    return s + wrong, a, y
+
+
+def arrival_stamps(s, a, y):
+    """Stamps of a busy receiver: most at once, some late together."""
+    late = np.random.default_rng(3).exponential(6e5, len(s)).astype(np.int64)
+    return np.maximum.accumulate(s + late), a + 5_000_000, y
+
+
+def holes(s, a, y):
+    kept = np.r_[0:2000, 2060:4000, 4030 : len(s)]
+    return s[kept], a[kept], y[kept]
+
+
+def lost(s, a, y):
+    kept = np.random.default_rng(4).random(len(s)) > 0.03
+    return s[kept], a[kept], y[kept]
+
+
+def repeated_stamps(s, a, y):
+    s = s.copy()
+    s[100::50] = s[99::50][: len(s[100::50])]
+    return s, a, y
+
+
+def out_of_order(s, a, y):
+    order = np.arange(len(s))
+    order[200::100], order[201::100] = order[201::100].copy(), order[200::100].copy()
+    return s[order], a, y[order]
+
+
+def looping(s, a, y):
+    s = s.copy()
+    s[3000:] -= 5_000_000_000
+    return s, a, y
+
+
+def stray(s, a, y):
+    s = s.copy()
+    s[2500] += 3600 * 10**9
+    return s, a, y
+
+
+def unstamped(s, a, y):
+    s = s.copy()
+    s[::7] = 0
+    return s, a, y
+
+
+def drifting(s, a, y):
+    return START + ((s - START) * 1.02).astype(np.int64), a, y
+
+
+def ahead(s, a, y):
+    return s + 40_000_000, a, y
+
+
+def late(s, a, y):
+    return s, a + 120_000_000, y
+
+
+def not_finite(s, a, y):
+    y = y.copy()
+    y[700:720] = np.nan
+    return s, a, y
+
+
+def repeated_readings(s, a, y):
+    return s, a, y[np.arange(len(y)) // 3 * 3]
+
+
+def some_repeated(s, a, y):
+    y = y.copy()
+    again = np.flatnonzero(np.random.default_rng(5).random(len(y)) < 0.03)[1:]
+    y[again] = y[again - 1]
+    return s, a, y
+
+
+def sticking(s, a, y):
+    y = y.copy()
+    for at in range(500, len(y) - 50, 1000):
+        y[at : at + 25] = y[at]
+    return s, a, y
+
+
+def flip(s, a, y):
+    y = y.copy()
+    y[2600:2700] += 3.1
+    return s, a, (y + math.pi) % TURN - math.pi
+
+
+def outliers(s, a, y):
+    y = y.copy()
+    y[[800, 1700, 4100]] += 0.5
+    return s, a, y
+
+
+def slipped(s, a, y):
+    y = y.copy()
+    y[3500:] += 0.2
+    return s, a, y
+
+
+def degrees(s, a, y):
+    return s, a, np.degrees(y)
+
+
+def other_wrap(s, a, y):
+    """A sensor behind a gear of 1 to 2, which wraps each half turn."""
+    return s, a, np.mod(y, math.pi)
+
+
+def rest(s, a, y):
+    return s, a, y[0] + COUNT * (np.arange(len(y)) % 97 == 0)
+
+
+def coarse(s, a, y):
+    return s, a, np.round(y / (TURN / 90)) * (TURN / 90)
+
+
+def noisy(s, a, y):
+    return s, a, y + 0.02 * np.random.default_rng(6).standard_normal(len(y))
+
+
+def two_sources(s, a, y):
+    y = y.copy()
+    y[1::2] = 0.3
+    return s, a, y
+
+
+def slow_second_source(s, a, y):
+    y = y.copy()
+    y[3::7] = 2.5
+    return s, a, y
+
+
+FAULTS = {  # the check that names it, and others that may
+    rate_change: ('rate', set()),
+    lying: ('lying stamps', {'jitter', 'order of stamps', 'repeated stamps', 'holes'}),
+    arrival_stamps: ('lying stamps', {'jitter', 'repeated stamps'}),
+    holes: ('holes', set()),
+    lost: ('holes', set()),
+    repeated_stamps: ('repeated stamps', {'holes'}),
+    out_of_order: ('order of stamps', set()),
+    looping: ('order of stamps', {'clock', 'jumps'}),
+    stray: ('order of stamps', set()),
+    unstamped: ('missing stamps', {'holes', 'rate'}),
+    drifting: ('clock', set()),
+    ahead: ('clock', set()),
+    late: ('clock', set()),
+    not_finite: ('finite readings', {'holes'}),
+    repeated_readings: ('repeated readings', set()),
+    some_repeated: ('repeated readings', set()),
+    sticking: ('sticking sensor', set()),
+    flip: ('jumps', set()),
+    outliers: ('jumps', set()),
+    slipped: ('jumps', set()),
+    degrees: ('wrap', {'jumps'}),
+    other_wrap: ('wrap', {'jumps'}),
+    rest: ('motion', set()),
+    coarse: ('resolution', set()),
+    noisy: ('resolution', set()),
+    two_sources: ('jumps', {'wrap', 'resolution', 'repeated readings'}),
+    slow_second_source: ('jumps', {'wrap', 'resolution', 'repeated readings'}),
+}
+
+
+@pytest.mark.parametrize('fault', FAULTS, ids=lambda each: each.__name__)
+def test_a_planted_fault_is_named(fault):
+    check, others = FAULTS[fault]
+    found = look(*fault(*clean()))
+    assert check in named(found)
+    assert named(found) <= {check} | others
+    assert found[check].remedy
+
+
+def test_the_times_of_a_flip_are_named():
+    found = look(*flip(*clean()))['jumps']
+    assert found.level == FAIL
+    assert found.numbers['times_s'] == pytest.approx([5.2, 5.4])
+    assert '5.20 s' in found.value and '5.40 s' in found.value
+
+
+def test_wrong_stamps_are_measured():
+    for error in (2e-4, 1e-3):
+        stamps, arrival, angle = clean(rate=1000.0)
+        wrong = np.random.default_rng(3).normal(0.0, error * 1e9, len(stamps)).astype(np.int64)
+        found = look(stamps + wrong, arrival, angle)['lying stamps']
+        assert found.numbers['stamp_error_s'] == pytest.approx(error, rel=0.1)
+
+
+def test_true_stamps_of_irregular_readings_do_not_lie():
+    rng = np.random.default_rng(7)
+    stamps, arrival, _ = clean()
+    stamps = stamps + rng.uniform(-8e5, 8e5, len(stamps)).astype(np.int64)
+    t = (stamps - START) * 1e-9
+    angle = np.round(4.0 * np.sin(TURN * 0.3 * t) / COUNT) * COUNT
+    assert look(stamps, arrival, angle)['lying stamps'].level == PASS
+
+
+def test_the_wrap_period_is_found():
+    found = look(*other_wrap(*clean()))['wrap']
+    assert found.numbers['wrap_period'] == pytest.approx(math.pi, rel=0.01)
+    assert 'degrees' in look(*degrees(*clean()))['wrap'].remedy
+
+
+def test_few_readings_are_one_finding():
+    stamps, arrival, angle = (each[:5] for each in clean())
+    assert look(stamps, arrival, angle)['readings'].level == FAIL
