@@ -56,10 +56,10 @@ def resolution(seen: Readings) -> Finding:
     count = seen.quantum
     noise = seen.noise
     numbers = {'quantum': count, 'noise': noise}
-    noisy = noise > max(NOISY, NOISY_COUNTS * count)
+    noisy = noise > max(NOISY, NOISY_COUNTS * count) and not seen.stale
     if not count:
         text = 'no counts found (a float sensor, or noise above a count)'
-        if noisy and not seen.stale:
+        if noisy:
             return Finding(
                 'resolution',
                 WARN,
@@ -69,7 +69,7 @@ def resolution(seen: Readings) -> Finding:
             )
         return Finding('resolution', PASS, text, '', numbers)
     text = f'one count is {count:.4g}'
-    per_turn = TURN / count
+    per_turn = (_period(seen) or TURN) / count
     if seen.period:
         text += f' rad, {per_turn:.6g} per turn'
         numbers['counts_per_turn'] = per_turn
@@ -99,7 +99,7 @@ def wrap(seen: Readings) -> Finding:
     raw = np.diff(seen.raw)
     low, high = float(np.min(seen.raw)), float(np.max(seen.raw))
     text = f'readings from {low:.3g} to {high:.3g}'
-    period = _period(seen, raw, low, high)
+    period = _period(seen)
     if period:
         unit = (
             'the angle is in degrees: publish radians'
@@ -141,8 +141,9 @@ def wrap(seen: Readings) -> Finding:
     return Finding('wrap', PASS, f'{text}; {how}', '', numbers)
 
 
-def _period(seen: Readings, raw: Array, low: float, high: float) -> float:
+def _period(seen: Readings) -> float:
     """Return the period by which the readings wrap, if it is not the wrap period; else 0."""
+    raw, low, high = np.diff(seen.raw), float(np.min(seen.raw)), float(np.max(seen.raw))
     size = np.abs(raw)
     far = np.flatnonzero(seen.joined & (size > 0.5 * (high - low)))
     if not 0 < len(far) < 0.2 * len(raw):
@@ -175,14 +176,15 @@ def _middle(moves: Array, at: int) -> float:
 def jumps(seen: Readings) -> Finding:
     """Return the moves that no joint can make."""
     size = np.abs(seen.moves)
-    two = np.abs(seen.moves[1:] + seen.moves[:-1])
-    if np.median(two) < 0.1 * np.median(size) and np.median(size) > 10.0 * seen.quantum:
+    if seen.alternating:
         return _two_sources(float(np.median(size)), 1.0)
     found = np.flatnonzero(seen.leaps)
     if not len(found):
         return Finding('jumps', PASS, f'none; the largest change is {np.max(size):.3g} rad')
     part = len(found) / len(size)
-    back = np.mean(np.sign(seen.moves[found][1:]) != np.sign(seen.moves[found][:-1]))
+    back = len(found) > 1 and np.mean(
+        np.sign(seen.moves[found][1:]) != np.sign(seen.moves[found][:-1])
+    )
     if part > ALTERNATING and len(found) > 20 and back > 0.8:
         return _two_sources(float(np.median(size[found])), part)
     worst = found[np.argmax(size[found])]

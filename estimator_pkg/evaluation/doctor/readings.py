@@ -153,7 +153,16 @@ class Readings:
     @cached_property
     def at_rest(self) -> bool:
         """True if the joint moves by no more than its readings' noise or three quanta."""
-        return self.range <= max(3.0 * self.quantum, 10.0 * self.noise, 1e-9)
+        return not self.alternating and self.range <= max(
+            3.0 * self.quantum, 10.0 * self.noise, 1e-9
+        )
+
+    @cached_property
+    def alternating(self) -> bool:
+        """True if every other reading belongs to another motion."""
+        size, two = np.abs(self.moves), np.abs(self.moves[1:] + self.moves[:-1])
+        usual = float(np.median(size))
+        return bool(np.median(two) < 0.1 * usual and usual > 10.0 * self.quantum)
 
     @cached_property
     def speed(self) -> float:
@@ -168,11 +177,14 @@ class Readings:
 
     @cached_property
     def moving(self) -> Mask:
-        """Shape (m - 1,): the joint passes more than `MOVING` quanta per sample around here."""
+        """Shape (m - 1,): more than `MOVING` quanta per sample pass before and after."""
         size = np.abs(self.moves)
-        if len(size) < WINDOW:
+        if len(size) <= 2 * WINDOW:
             return np.zeros(len(size), bool)
-        mean = np.convolve(size, np.ones(WINDOW) / WINDOW, 'same')
+        mean = sliding_window_view(size, WINDOW).mean(axis=1)
+        both = np.minimum(mean[:-WINDOW], mean[WINDOW:])  # before and after
+        mean = np.zeros(len(size))
+        mean[WINDOW:-WINDOW] = both[: len(size) - 2 * WINDOW]
         floor = MOVING * self.quantum or max(1e-3 * self.range / WINDOW, 2.0 * self.scatter)
         return mean > floor
 

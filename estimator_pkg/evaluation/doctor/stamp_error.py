@@ -21,6 +21,7 @@ MOVING = 0.1  # a joint moves above this fraction of its usual speed,
 GROWS = 0.6  # and there the error grows with at least this power of the speed
 SURE = 5.0  # the spacing disagrees with the motion by this many standard deviations
 OUTLIER = 10.0  # readings further from the line between their neighbours are ignored
+BESIDE = 4  # samples on either side that show the speed
 LONGEST = 100_000  # readings that are enough
 
 
@@ -104,10 +105,15 @@ def spacing_error(
     step = float(np.median(steps))
     if len(steps) < FEWEST or step <= 0.0:
         return 0.0
-    off = 0.5 * (moves[:-1] - moves[1:])[1:-1]
-    early = 0.5 * (steps[:-1] - steps[1:])[1:-1]
-    speed = (moves[:-3] + moves[1:-2] + moves[2:-1] + moves[3:]) / (4.0 * step)
-    near = np.lib.stride_tricks.sliding_window_view(np.abs(steps), 4).max(axis=1) < 5.0 * step
+    around = slice(BESIDE - 1, -(BESIDE - 1))
+    off = 0.5 * (moves[:-1] - moves[1:])[around]
+    early = 0.5 * (steps[:-1] - steps[1:])[around]
+    way, passed, longest = (
+        np.lib.stride_tricks.sliding_window_view(each, 2 * BESIDE)
+        for each in (moves, steps, np.abs(steps))
+    )
+    speed = way.sum(axis=1) / np.maximum(passed.sum(axis=1), BESIDE * step)
+    near = longest.max(axis=1) < 5.0 * step
     near &= np.abs(off) <= OUTLIER * 1.4826 * np.median(np.abs(off)) + np.abs(speed) * step
     near &= np.abs(speed) > MOVING * float(np.percentile(np.abs(speed), 95))
     if np.count_nonzero(near) < FEWEST:

@@ -22,6 +22,7 @@ from estimator_pkg.evaluation.doctor.readings import (
     FAIL,
     PASS,
     WARN,
+    Array,
     Finding,
     Readings,
     short,
@@ -33,6 +34,7 @@ WINDOWS, IN_WINDOW = 20, 100  # windows of the rate; samples of one at least
 OTHER_RATE = 1.3  # ratio of the rates of two windows that is a change
 IRREGULAR = 0.25  # spacing whose spread is this fraction of the sample time is irregular
 HOLE = 10.0  # a longer gap between stamps is a hole [median sample times]
+AROUND = 20  # samples whose median spacing missing ones are counted with
 LOST_OFTEN = 0.005  # a larger fraction of missing samples is reported
 LIE = 0.05  # stamps that err by this fraction of the sample time are reported
 OFTEN = 0.2  # a larger fraction of dropped samples leaves too few
@@ -89,8 +91,9 @@ def jitter(seen: Readings) -> Finding:
 def holes(seen: Readings) -> Finding:
     """Return the gaps between stamps, and how many samples are missing."""
     inside = seen.steps < HOLE * seen.step
-    regular = 1.4826 * float(np.median(np.abs(seen.steps - seen.step))) < 0.1 * seen.step
-    missing = np.rint(seen.steps / seen.step) - 1.0 if regular else np.zeros(len(inside))
+    local = _local(seen.steps)
+    regular = 1.4826 * float(np.median(np.abs(seen.steps / local - 1.0))) < 0.1
+    missing = np.rint(seen.steps / local) - 1.0 if regular else np.zeros(len(inside))
     lost = float(np.sum(missing[seen.joined & inside])) / max(len(seen.rows), 1)
     long = np.flatnonzero(seen.joined & ~inside)
     numbers = {'holes': len(long), 'lost_fraction': lost}
@@ -117,6 +120,12 @@ def holes(seen: Readings) -> Finding:
         + ('; observers start anew after those above gap_max' if gaps else ''),
         numbers | {'longest_s': longest, 'restarts': gaps},
     )
+
+
+def _local(steps: Array) -> Array:
+    """Return the median of the steps around each."""
+    parts = np.array_split(steps, max(1, len(steps) // AROUND))
+    return np.concatenate([np.full(len(part), max(float(np.median(part)), 1e-9)) for part in parts])
 
 
 def repeated_stamps(seen: Readings) -> Finding:
