@@ -56,7 +56,8 @@ def resolution(seen: Readings) -> Finding:
     count = seen.quantum
     noise = seen.noise
     numbers = {'quantum': count, 'noise': noise}
-    noisy = noise > max(NOISY, NOISY_COUNTS * count) and not seen.stale
+    turn = _period(seen) or TURN
+    noisy = noise > max(NOISY * turn / TURN, NOISY_COUNTS * count) and not seen.stale
     if not count:
         text = 'no counts found (a float sensor, or noise above a count)'
         if noisy:
@@ -69,7 +70,7 @@ def resolution(seen: Readings) -> Finding:
             )
         return Finding('resolution', PASS, text, '', numbers)
     text = f'one count is {count:.4g}'
-    per_turn = (_period(seen) or TURN) / count
+    per_turn = turn / count
     if seen.period:
         text += f' rad, {per_turn:.6g} per turn'
         numbers['counts_per_turn'] = per_turn
@@ -109,7 +110,7 @@ def wrap(seen: Readings) -> Finding:
         return Finding(
             'wrap',
             FAIL,
-            f'{text}; they wrap by {period:.4g}, not by {seen.period:.4g}',
+            f'{text}; their period is {period:.4g}, not {seen.period:.4g}',
             unit,
             {'wrap_period': period},
         )
@@ -143,6 +144,9 @@ def wrap(seen: Readings) -> Finding:
 
 def _period(seen: Readings) -> float:
     """Return the period by which the readings wrap, if it is not the wrap period; else 0."""
+    counts = 360.0 / seen.quantum if seen.quantum else 0.0
+    if seen.period and counts > 100.0 and _usual(counts) and not _usual(TURN / seen.quantum):
+        return 360.0  # an encoder in degrees
     raw, low, high = np.diff(seen.raw), float(np.min(seen.raw)), float(np.max(seen.raw))
     size = np.abs(raw)
     far = np.flatnonzero(seen.joined & (size > 0.5 * (high - low)))
@@ -166,6 +170,13 @@ def _period(seen: Readings) -> float:
     if seen.period and abs(found - seen.period) <= OTHER_PERIOD * seen.period + np.max(slack):
         return 0.0
     return found
+
+
+def _usual(counts: float) -> bool:
+    """Return True for counts per turn of encoders: powers of 2, and multiples of 100."""
+    whole = round(counts)
+    near = abs(counts - whole) < 1e-4 * counts
+    return near and whole > 0 and (whole & (whole - 1) == 0 or whole % 100 == 0)
 
 
 def _middle(moves: Array, at: int) -> float:

@@ -32,9 +32,10 @@ DIFFERENCE = Entry('', 'finite_difference')
 NAMED = 5  # largest number of times in a text
 MOVING = 3.0  # a joint moves where it passes this many quanta per sample, over
 WINDOW = 21  # samples
+ZEROS = 0.02  # readings of which this fraction repeats the one before are counted
 BESIDE = 5  # moves on either side that a jump is compared with
-JUMP = 8.0  # a jump is this many times their median,
-JUMP_COUNTS, JUMP_NOISE = 6.0, 10.0  # and this many quanta, and deviations of the noise,
+JUMP = 7.5  # a jump differs from their median by this many times their size,
+JUMP_COUNTS, JUMP_NOISE = 8.0, 10.0  # and this many quanta, and deviations of the noise,
 JUMP_RANGE = 1e-3  # and this fraction of the range
 HELD = 4  # a sensor sticks for at least this many readings
 CATCH_UP = 0.4  # and then catches up this fraction of the way that it missed
@@ -139,6 +140,16 @@ class Readings:
         return float(np.ptp(self.path))
 
     @cached_property
+    def grain(self) -> float:
+        """The quantum; of readings on two lattices, as after a flip, a small change of theirs."""
+        if self.quantum:
+            return self.quantum
+        size = np.abs(self.moves[self.joined])
+        changed = size[size > 1e-9]
+        counted = len(changed) > WINDOW and len(changed) < (1.0 - ZEROS) * len(size)
+        return float(np.percentile(changed, 10)) if counted else 0.0
+
+    @cached_property
     def scatter(self) -> float:
         """Deviation of neighbouring readings from a straight line: noise, and bends."""
         return 1.4826 * float(np.median(np.abs(np.diff(self.moves)))) / np.sqrt(6.0)
@@ -153,16 +164,14 @@ class Readings:
     @cached_property
     def at_rest(self) -> bool:
         """True if the joint moves by no more than its readings' noise or three quanta."""
-        return not self.alternating and self.range <= max(
-            3.0 * self.quantum, 10.0 * self.noise, 1e-9
-        )
+        return not self.alternating and self.range <= max(3.0 * self.grain, 10.0 * self.noise, 1e-9)
 
     @cached_property
     def alternating(self) -> bool:
         """True if every other reading belongs to another motion."""
         size, two = np.abs(self.moves), np.abs(self.moves[1:] + self.moves[:-1])
         usual = float(np.median(size))
-        return bool(np.median(two) < 0.1 * usual and usual > 10.0 * self.quantum)
+        return bool(np.median(two) < 0.1 * usual and usual > 10.0 * self.grain)
 
     @cached_property
     def speed(self) -> float:
@@ -185,7 +194,7 @@ class Readings:
         both = np.minimum(mean[:-WINDOW], mean[WINDOW:])  # before and after
         mean = np.zeros(len(size))
         mean[WINDOW:-WINDOW] = both[: len(size) - 2 * WINDOW]
-        floor = MOVING * self.quantum or max(1e-3 * self.range / WINDOW, 2.0 * self.scatter)
+        floor = MOVING * self.grain or max(1e-3 * self.range / WINDOW, 2.0 * self.scatter)
         return mean > floor
 
     @cached_property
@@ -194,35 +203,39 @@ class Readings:
         moving = self.moving & self.joined
         if np.count_nonzero(moving) < 2 * WINDOW:
             return np.nan
-        return float(np.mean(np.abs(self.moves[moving]) <= 0.01 * self.quantum))
+        return float(np.mean(np.abs(self.moves[moving]) <= 0.01 * self.grain))
 
     @cached_property
     def leaps(self) -> Mask:
         """Where a move is far larger than those on both sides (shape (m - 1,))."""
         size = np.abs(self.moves)
-        changed = np.flatnonzero(self.joined & (size > 0.01 * self.quantum))
+        changed = np.flatnonzero(self.joined & (size > 0.01 * self.grain))
         found = np.zeros(len(size), bool)
         if len(changed) < 2 * BESIDE:
             return found
-        size = size[changed] / np.maximum(1.0, np.rint(self.steps[changed] / self.step))
+        moves = self.moves[changed] / np.maximum(1.0, np.rint(self.steps[changed] / self.step))
         floor = max(
-            JUMP_COUNTS * self.quantum,
+            JUMP_COUNTS * self.grain,
             JUMP_NOISE * self.scatter,
             JUMP_RANGE * float(np.ptp(np.cumsum(self.moves))),
         )
-        found[changed] = size > np.maximum(JUMP * beside(size, np.arange(len(size))), floor)
+        around = np.arange(len(moves))
+        usual = np.median(sliding_window_view(np.pad(moves, BESIDE, 'reflect'), 2 * BESIDE + 1), 1)
+        found[changed] = np.abs(moves - usual) > np.maximum(
+            JUMP * beside(np.abs(moves), around), floor
+        )
         return found & ~self.released
 
     @cached_property
     def released(self) -> Mask:
         """Where a reading that was held catches up (shape (m - 1,)).
 
-        The joint moves before and after, the reading is equal for `HELD` samples or more, and then
-        changes by most of the way that the joint has gone meanwhile.
+        The joint moves before and after, and the reading is equal for `HELD` samples or more. A
+        slow joint may rest, so there it must then go most of the way that it would have gone.
         """
         size = np.abs(self.moves)
         found = np.zeros(len(size), bool)
-        still = self.joined & (size <= 0.01 * self.quantum)
+        still = self.joined & (size <= 0.01 * self.grain)
         edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
         first, last = edges[::2], edges[1::2]  # moves first .. last - 1 are zero
         long = (last - first >= HELD) & (first >= BESIDE) & (last + BESIDE < len(size))
@@ -230,11 +243,10 @@ class Readings:
             before = float(np.median(self.moves[a - BESIDE : a]))
             after = float(np.median(self.moves[b + 1 : b + 1 + BESIDE]))
             missed = 0.5 * (before + after) * (b - a + 1)
-            if (
-                before * after > 0.0
-                and abs(missed) > max(8.0 * self.quantum, 4.0 * max(abs(before), abs(after)))
-                and CATCH_UP < self.moves[b] / missed < 1.0 / CATCH_UP
-            ):
+            far = abs(missed) > max(8.0 * self.grain, 4.0 * max(abs(before), abs(after)))
+            caught = far and CATCH_UP < self.moves[b] / missed < 1.0 / CATCH_UP
+            moved = min(abs(before), abs(after)) > max(MOVING * self.grain, self.scatter)
+            if (caught and before * after > 0.0) or moved:
                 found[b] = True
         return found
 
@@ -253,8 +265,8 @@ class Readings:
         """Where a single reading repeats the one before, and the next catches up (of moves)."""
         size = np.abs(self.moves)
         around = beside(size, np.arange(len(size)))
-        at = np.flatnonzero(self.moving[:-1] & (size[:-1] <= 0.01 * self.quantum))
-        at = at[(around[at] > MOVING * self.quantum) & (size[at + 1] > REPEATED * around[at])]
+        at = np.flatnonzero(self.moving[:-1] & (size[:-1] <= 0.01 * self.grain))
+        at = at[(around[at] > MOVING * self.grain) & (size[at + 1] > REPEATED * around[at])]
         return at[self.joined[at] & self.joined[at + 1]]
 
     def count(self, *verdicts: int) -> int:

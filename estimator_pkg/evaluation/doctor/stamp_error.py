@@ -21,6 +21,7 @@ MOVING = 0.1  # a joint moves above this fraction of its usual speed,
 GROWS = 0.6  # and there the error grows with at least this power of the speed
 SURE = 5.0  # the spacing disagrees with the motion by this many standard deviations
 OUTLIER = 10.0  # readings further from the line between their neighbours are ignored
+VISIBLE = 0.5  # the effect of the spacing is at least this fraction of a quantum, in rms
 BESIDE = 4  # samples on either side that show the speed
 LONGEST = 100_000  # readings that are enough
 
@@ -84,7 +85,7 @@ def stamp_error(series: Series, run: NDArray[np.int64], period: float, count: fl
 
 
 def spacing_error(
-    stamps_ns: NDArray[np.int64], position: NDArray[np.float64], period: float
+    stamps_ns: NDArray[np.int64], position: NDArray[np.float64], period: float, count: float
 ) -> float:
     """Return the standard deviation of the stamps' error [s] if their spacing lies; else 0.
 
@@ -95,7 +96,8 @@ def spacing_error(
 
     Parameters
     ----------
-    stamps_ns, position : shape (n,), in the order of arrival; period : wrap period [rad]; 0: none.
+    stamps_ns, position : shape (n,), in the order of arrival. period : wrap period [rad]; 0:
+        none. count : quantum [rad]; 0: none.
     """
     time = (stamps_ns[:LONGEST] - stamps_ns[0]) * 1e-9
     moves = np.diff(position[:LONGEST])
@@ -120,8 +122,8 @@ def spacing_error(
         return 0.0
     off, shift, early = off[near], (speed * early)[near], early[near]
     power = float(np.sum(shift * shift))
-    if power <= 0.0:
-        return 0.0
+    if power <= len(shift) * max(VISIBLE * count, 1e-12) ** 2:
+        return 0.0  # the readings are too coarse to show it
     slope = float(np.sum(off * shift)) / power
     unsure = math.sqrt(float(np.sum((off - slope * shift) ** 2 * shift**2))) / power
     if 1.0 - slope < SURE * unsure:

@@ -187,7 +187,7 @@ def lying(seen: Readings) -> Finding:
     good = np.sort(seen.rows)
     wrong = max(
         stamp_error(seen.series, seen.parts[0], seen.period, seen.quantum),
-        spacing_error(seen.stamps_ns[good], seen.position[good], seen.period),
+        spacing_error(seen.stamps_ns[good], seen.position[good], seen.period, seen.grain),
     )
     numbers = {'stamp_error_s': wrong}
     if wrong <= LIE * seen.step:
