@@ -140,6 +140,7 @@ setup(
             'doctor = estimator_pkg.evaluation.doctor.command:COMMAND',
             'list = estimator_pkg.listing:COMMAND',
             'simulate = sim_pkg.simulate:COMMAND',
+            'watch = estimator_pkg.watch:COMMAND',
             'record = estimator_pkg.bags.record:COMMAND',
             'play = estimator_pkg.bags.play:COMMAND',
             'replay = estimator_pkg.bags.replay:COMMAND',

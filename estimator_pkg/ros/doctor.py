@@ -15,17 +15,16 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros2cli.node.direct import DirectNode
 from ros2doctor.api import DoctorCheck, DoctorReport, Report, Result
 from ros2doctor.api.format import doctor_error
 
+from estimator_pkg.ros.observers import LATCHED, STATUS, observers
+
 CATEGORY = 'velocity_estimator'
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ESTIMATING = {'tracking', 'coasting'}
 PATIENCE = 3.0  # [s] for ~/status, which is latched, and /diagnostics, which comes once a second
 DISCOVERY = 1.0  # [s] for the first node, beyond the 0.5 s of ros2cli
-STATUS, RESET = '/status', '/reset'
 
 
 class EstimateCheck(DoctorCheck):  # type: ignore[misc]  # without ros2cli it is Any
@@ -67,11 +66,11 @@ class EstimateReport(DoctorReport):  # type: ignore[misc]  # without ros2cli it 
 def found() -> dict[str, str]:
     """Return the observer nodes of the graph: name -> '' or why it estimates nothing."""
     with DirectNode(None) as node:
-        names = _observers(node)
+        names = observers(node)
         end = monotonic() + DISCOVERY
         while not names and monotonic() < end:
             rclpy.spin_once(node.node, timeout_sec=0.1)
-            names = _observers(node)
+            names = observers(node)
         statuses: dict[str, list[Any]] = {}
         diagnoses: dict[str, str] = {}
 
@@ -89,23 +88,6 @@ def found() -> dict[str, str]:
         while not (names <= statuses.keys() & diagnoses.keys()) and monotonic() < end:
             rclpy.spin_once(node.node, timeout_sec=0.1)
     return {name: _why(statuses.get(name), diagnoses.get(name, '')) for name in sorted(names)}
-
-
-def _observers(node: Any) -> set[str]:
-    """Return the nodes that publish ~/status and serve ~/reset, by their full names."""
-    publishing = {
-        f'{each.node_namespace.rstrip("/")}/{each.node_name}' + STATUS
-        for topic, types in node.get_topic_names_and_types()
-        if topic.endswith(STATUS) and 'diagnostic_msgs/msg/DiagnosticArray' in types
-        for each in node.get_publishers_info_by_topic(topic)
-    }
-    services = {
-        name
-        for name, types in node.get_service_names_and_types()
-        if 'std_srvs/srv/Trigger' in types
-    }
-    names = {topic.removesuffix(STATUS) for topic in publishing}
-    return {name for name in names if name + RESET in services}
 
 
 def _why(entries: list[Any] | None, diagnosis: str) -> str:

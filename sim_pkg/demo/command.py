@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from estimator_pkg.cli import Command
@@ -20,12 +22,15 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
 from estimator_pkg.ros.runtime import settle_environment
+from estimator_pkg.watch import wrapped
 
 COUNTS = 4096
 RATE = 500  # samples per second
 PATIENCE = 20.0  # longest wait for the first estimate [s]
 MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
-ESTIMATE, STDDEV = '/joint_observer/estimate', '/joint_observer/estimate_stddev'
+OBSERVER = '/joint_observer'
+ESTIMATE, STDDEV = f'{OBSERVER}/estimate', f'{OBSERVER}/estimate_stddev'
+DIFFERENCE = 'finite_difference'
 # Standstill, slow motion across the counts, and fast motion through the wraps, both ways.
 MOTION = {
     'profile': 'trapezoid',
@@ -88,22 +93,50 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     with ended_on_any_signal() as check:
         count = _watch(parsed, bag, environment, check)
         print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
-        code = velocity_estimator(
-            [
-                'evaluate',
-                str(bag),
-                '--estimate',
-                ESTIMATE,
-                '--observer',
-                'finite_difference',
-                '--skip',
-                '1',
-                '--plot',
-                str(plot),
-            ]
-        )
+        with TemporaryDirectory(prefix='velocity_estimator_') as scratch:
+            found = Path(scratch) / 'result.json'
+            code = velocity_estimator(
+                [
+                    'evaluate',
+                    str(bag),
+                    *('--estimate', ESTIMATE),
+                    *('--observer', DIFFERENCE),
+                    *('--skip', '1'),
+                    *('--plot', str(plot)),
+                    *('--json', str(found)),
+                ]
+            )
+            said = verdict(json.loads(found.read_text()), parsed.observer) if code == 0 else ''
     show('', f'bag   {bag}', f'plot  {plot}')
+    if said:
+        print('\n' + '\n'.join(wrapped(said)))
     return {'ok': code == 0 and count > 0, 'bag': str(bag), 'plot': str(plot), 'estimates': count}
+
+
+def verdict(result: Mapping[str, Any], observer: str) -> str:
+    """Return what the run has shown, in words.
+
+    Parameters
+    ----------
+    result : of ``evaluate``, with the recorded estimate and the finite difference.
+    """
+    (bag,) = result['bags'].values()
+    rows = {
+        source: next(iter(found['joints'].values()))['velocity']
+        for source, found in bag['estimates'].items()
+    }
+    ours, theirs = rows[ESTIMATE], rows[DIFFERENCE]
+    late = [
+        f'{1e3 * row["delay_s"]:.1f} ms' if row['delay_s'] is not None else 'an unknown time'
+        for row in (ours, theirs)
+    ]
+    ratio = theirs['rms'] / ours['rms'] if ours['rms'] else math.inf
+    compared = f'{ratio:.1f} times smaller than' if ratio > 1.05 else 'not smaller than'
+    return (
+        f'Verdict: {observer} has an error of {ours["rms"]:.2g} rad/s rms and is {late[0]} late. '
+        f'This error is {compared} that of the low-passed finite difference, '
+        f'{theirs["rms"]:.2g} rad/s rms and {late[1]} late.'
+    )
 
 
 def _watch(
@@ -148,13 +181,17 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
+    from estimator_pkg.nodes.watching import Watching
     from sim_pkg.demo.listener import Topics, listen
     from sim_pkg.demo.table import FRAME, Display
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C stays KeyboardInterrupt
     try:
         topics = Topics()
-        spin = listen(topics, measured=MEASURED, truth=TRUTH, estimate=ESTIMATE, stddev=STDDEV)
+        node, spin = listen(
+            topics, measured=MEASURED, truth=TRUTH, estimate=ESTIMATE, stddev=STDDEV
+        )
+        watching = Watching(node, OBSERVER)
         title = f'encoder_sim: {COUNTS} counts at {RATE} Hz  ->  joint_observer: {parsed.observer}'
         with Display(title) as display:
             begun, started, frame = time.monotonic(), math.inf, 0.0
@@ -167,10 +204,11 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
                 frame = now + FRAME
                 for child in children:
                     child.check()
+                watching.look()
                 moment = topics.snapshot()
                 if moment is not None:
                     started = min(started, now)
-                    display.show(moment)
+                    display.show(moment, watching.joints)
                 elif now > begun + PATIENCE:
                     raise UserError(
                         f'no estimate within {PATIENCE:g} s; last line of the observer: '

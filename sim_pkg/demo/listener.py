@@ -9,10 +9,13 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from estimator_pkg.messages.joint_state import Decoder, JointState
 from estimator_pkg.observers.circle import wrap
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
 
 KEPT = 200  # messages kept per topic, to match estimates with truth by stamp
 
@@ -116,8 +119,8 @@ class Topics:
 
 def listen(
     topics: Topics, *, measured: str, truth: str, estimate: str, stddev: str
-) -> Callable[[float], None]:
-    """Subscribe to the four topics; return a function that spins for n seconds.
+) -> tuple[Node, Callable[[float], None]]:
+    """Subscribe to the four topics; return the node, and a function that spins for n seconds.
 
     The subscriptions are raw: of some thousand messages a second only the few that are shown need
     decoding.
@@ -144,4 +147,4 @@ def listen(
         while (left := end - time.monotonic()) > 0.0:
             executor.spin_once(timeout_sec=left)
 
-    return spin
+    return node, spin

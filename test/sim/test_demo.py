@@ -58,7 +58,10 @@ def test_shows_records_and_judges(tmp_path):
     for line in shown:
         for word in ('angle', 'true', 'finite difference', 'estimate', '+-', 'error'):
             assert word in line
-    assert text.splitlines()[-1].split() == ['plot', result['plot']]
+    end = text[text.rindex('\nbag ') :]
+    assert ['plot', result['plot']] in [each.split() for each in end.splitlines()]
+    assert 'Verdict: hybrid_angle has an error of' in end and 'times smaller than' in end
+    assert max(map(len, end.split('Verdict')[1].splitlines())) <= 80
     assert (tmp_path / result['plot']).read_bytes()[:4] == b'\x89PNG'
     with open_bag(tmp_path / result['bag']) as bag:
         counts = {name: topic.count for name, topic in bag.topics.items()}

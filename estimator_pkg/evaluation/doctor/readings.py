@@ -36,6 +36,7 @@ ZEROS = 0.02  # readings of which this fraction repeats the one before are count
 BESIDE = 5  # moves on either side that a jump is compared with
 JUMP = 7.5  # a jump differs from their median by this many times their size,
 JUMP_COUNTS, JUMP_NOISE = 8.0, 10.0  # and this many quanta, and deviations of the noise,
+ALONE = 0.3  # and its neighbours are this fraction of it at most, or lead back
 JUMP_RANGE = 1e-3  # and this fraction of the range
 HELD = 4  # a sensor sticks for at least this many readings
 CATCH_UP = 0.4  # and then catches up this fraction of the way that it missed
@@ -221,9 +222,12 @@ class Readings:
         )
         around = np.arange(len(moves))
         usual = np.median(sliding_window_view(np.pad(moves, BESIDE, 'reflect'), 2 * BESIDE + 1), 1)
-        found[changed] = np.abs(moves - usual) > np.maximum(
-            JUMP * beside(np.abs(moves), around), floor
-        )
+        size, padded = np.abs(moves), np.pad(moves, 1)
+        near = np.maximum(np.abs(padded[:-2]), np.abs(padded[2:]))
+        back = np.minimum(np.abs(moves + padded[:-2]), np.abs(moves + padded[2:]))
+        found[changed] = (
+            np.abs(moves - usual) > np.maximum(JUMP * beside(size, around), floor)
+        ) & (np.minimum(near, back) < ALONE * size)
         return found & ~self.released
 
     @cached_property

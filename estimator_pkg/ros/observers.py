@@ -1,0 +1,53 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The observer nodes of the graph, and what they publish."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STATUS, RESET = '/status', '/reset'
+STDDEV = '_stddev'
+DIAGNOSTICS, STATES = 'diagnostic_msgs/msg/DiagnosticArray', 'sensor_msgs/msg/JointState'
+
+
+def observers(node: Any) -> set[str]:
+    """Return the nodes that publish ~/status and serve ~/reset, by their full names."""
+    publishing = {
+        f'{each.node_namespace.rstrip("/")}/{each.node_name}' + STATUS
+        for topic, types in node.get_topic_names_and_types()
+        if topic.endswith(STATUS) and DIAGNOSTICS in types
+        for each in node.get_publishers_info_by_topic(topic)
+    }
+    services = {
+        name
+        for name, types in node.get_service_names_and_types()
+        if 'std_srvs/srv/Trigger' in types
+    }
+    names = {topic.removesuffix(STATUS) for topic in publishing}
+    return {name for name in names if name + RESET in services}
+
+
+def estimate_topics(node: Any, name: str) -> tuple[str, str]:
+    """Return the topics of an observer's estimates and standard deviations; '' for none yet.
+
+    Parameters
+    ----------
+    name : full name of the observer's node. Its topics may be remapped.
+    """
+    space, _, own = name.rpartition('/')
+    try:
+        published = node.get_publisher_names_and_types_by_node(own, space or '/')
+    except Exception:  # of rcl: the node has just gone
+        return '', ''
+    states = sorted(topic for topic, types in published if STATES in types)
+    estimates = [topic for topic in states if not topic.endswith(STDDEV)]
+    ours = [topic for topic in estimates if topic.endswith('/estimate')] or estimates
+    return (
+        next(iter(ours), ''),
+        next((topic for topic in states if topic.endswith(STDDEV)), ''),
+    )

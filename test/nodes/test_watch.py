@@ -1,0 +1,116 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""`watch`: the table of a running observer, and clean ends."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import dds
+import pytest
+
+from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.nodes.watching import Joint
+from estimator_pkg.watch import table
+
+
+def test_every_table_fits_80_columns():
+    joints = {
+        'a_joint_with_quite_a_long_name': Joint(
+            -12345.678, 9.9e11, 1234.5678, 'not_observable', 'the signals ' * 12, 12345.678, 10**9
+        ),
+        'elbow': Joint(),
+        '\x1b[2Jevil': Joint(0.1, -0.2, 0.3, 'tracking', '', 500.0, 10, 1),
+    }
+    lines = table(joints).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[0].startswith('joint ') and lines[0].endswith('rate Hz  dropped')
+    assert lines[2].split() == ['elbow', '-', '-', '-', '-', '-', '0']
+    assert lines[3].split()[1:] == ['+0.1000', '-0.2000', '0.3', 'tracking', '500', '1']
+    assert '\x1b' not in lines[3]
+    assert any('not_observable: the signals' in line for line in lines[4:])
+    assert 'and 2 more joints' in table(joints, 1)
+
+
+def watch(*words, **options):
+    return subprocess.Popen(
+        [sys.executable, '-m', 'estimator_pkg.cli', 'watch', *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        **options,
+    )
+
+
+@pytest.fixture(scope='module')
+def probe():
+    found = dds.Probe()
+    yield found
+    found.close()
+
+
+@pytest.mark.dds
+@pytest.mark.long
+def test_a_running_observer_from_start_to_end(probe, tmp_path):
+    """Values, states and counters as published; Ctrl-C ends it; so does the end of the node."""
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import JointState
+
+    publisher = probe.node.create_publisher(JointState, '/joint_states', qos_profile_sensor_data)
+    encode = Encoder().encode
+
+    def feed(until):
+        """Publish a joint that turns at 2 rad/s, each tenth stamp twice, and one at rest."""
+        begun, number = time.monotonic(), 0
+        while not until():
+            assert time.monotonic() < begun + dds.PATIENCE
+            now = time.time_ns()
+            angle = math.remainder(2.0 * now * 1e-9, 2.0 * math.pi)
+            for _ in range(2 if number % 10 == 0 else 1):
+                publisher.publish(encode(now, '', ['elbow', 'wrist'], [angle, 0.5]))
+            number += 1
+            probe.executor.spin_once(timeout_sec=0.01)
+
+    with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer') as node:
+        first = watch('--duration', '2.5', '--json', str(tmp_path / 'seen.json'))
+        feed(lambda: first.poll() is not None)
+        text, errors = first.communicate()
+        assert first.returncode == 0, errors
+        assert max(map(len, text.splitlines())) <= 80
+        seen = json.loads((tmp_path / 'seen.json').read_text())
+        elbow = seen['joints']['elbow']
+        assert elbow['velocity'] == pytest.approx(2.0, abs=0.5)
+        assert elbow['state'] == 'tracking' and 0.0 < elbow['interval'] < 2.0
+        assert 0 < elbow['dropped'] < elbow['received'] and 20.0 < elbow['rate'] < 120.0
+        assert 'wrist' in seen['joints'] and seen['estimates'] > 20
+
+        second = watch('/nonsense')
+        third = watch()
+        heard = []
+        feed(lambda: second.poll() is not None)
+        assert second.returncode == 1
+        assert second.communicate()[1].count('\n') == 1
+        heard.append(third.stdout.readline())
+        assert heard[0].startswith('/joint_observer  ')
+        node.signal(signal.SIGINT)
+        text, errors = third.communicate(timeout=30)
+        assert third.returncode == 1 and '/joint_observer has gone' in errors
+        assert 'Traceback' not in text + errors
+
+
+@pytest.mark.dds
+@pytest.mark.long
+def test_ctrl_c_is_a_clean_end(probe):
+    with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer'):
+        process = watch()
+        assert process.stdout.readline().startswith('/joint_observer')
+        process.send_signal(signal.SIGINT)
+        text, errors = process.communicate(timeout=30)
+    assert process.returncode == 0 and not errors
+    assert text.endswith('0 estimates received\n')
