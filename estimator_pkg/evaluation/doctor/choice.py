@@ -94,9 +94,7 @@ def _entry(observer: str, **values: Any) -> Entry:
     return Entry(_label(observer, values), observer, tuple(values.items()), 'this record')
 
 
-def estimates(
-    seen: Readings, reference: Motion, entry: Entry, rows: NDArray, fast: bool | None = None
-) -> Array:
+def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) -> Array:
     """Return the velocities of a candidate at the reference's stamps; nan where it has none.
 
     Parameters
@@ -106,7 +104,7 @@ def estimates(
     more = {'quantum': seen.quantum} if seen.quantum else {}
     joint = entry.joint(wrap_period=seen.period, **more)
     stamps = seen.stamps_ns[rows]
-    out = joint.run(stamps, seen.position[rows], fast=fast)
+    out = joint.run(stamps, seen.position[rows], fast=seen.fast)
     good = (out.verdict < DUPLICATE) & np.isin(out.status, VALID)
     return at_reference(reference, stamps[good], out.velocity[good])
 
@@ -116,7 +114,6 @@ def answer(
     reference: Motion,
     rows: NDArray,
     motion_hz: float | None = None,
-    fast: bool | None = None,
 ) -> Answer:
     """Return the verdict on all candidates of one joint.
 
@@ -126,9 +123,7 @@ def answer(
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
     """
     entries = {entry.label: entry for entry in candidates(1.0 / seen.step)}
-    velocity = {
-        label: estimates(seen, reference, entry, rows, fast) for label, entry in entries.items()
-    }
+    velocity = {label: estimates(seen, reference, entry, rows) for label, entry in entries.items()}
     first, last = int(reference.stamps[0]), int(reference.stamps[-1])
     cut = first + round(TRAINED * (last - first))
 
@@ -182,7 +177,21 @@ def choose(answers: Mapping[str, Answer]) -> Choice:
             scores[observer], gains[observer] = score, picked
     if not scores:
         return Choice()
-    observer = min(scores, key=scores.__getitem__)
+    best = min(scores, key=scores.__getitem__)
+
+    def as_good(observer: str) -> bool:
+        """Return True if no joint's estimate is declared worse than that of the best observer."""
+        return all(
+            each.verdict.better(
+                _label(best, gains[best].get(joint, {})),
+                _label(observer, gains[observer].get(joint, {})),
+            )
+            <= 0
+            for joint, each in kept.items()
+        )
+
+    # the least tuned of those that cannot be told from the best
+    observer = min(filter(as_good, scores), key=lambda name: (len(gains[name]), scores[name]))
     return Choice(observer, gains[observer], True)
 
 
@@ -191,9 +200,8 @@ def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
     label, verdict = choice.label(joint), made.verdict
     said = []
     if label in verdict.rms:
-        how = (
-            'as it is' if label == choice.observer else f'with {label[len(choice.observer) + 1 :]}'
-        )
+        values = choice.gains.get(joint, {})
+        how = 'with ' + ', '.join(f'{k}: {v}' for k, v in values.items()) if values else 'as it is'
         said.append(
             f'Use {choice.observer} {how}: {_quality(label, made)}. Your finite difference, '
             f'low-passed: {_quality(BASELINE, made)}.'

@@ -6,8 +6,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import math
 import time
+from dataclasses import replace
 from typing import Any
 
 from estimator_pkg import destination
@@ -21,6 +24,7 @@ from estimator_pkg.evaluation.doctor.choice import candidates, choose
 from estimator_pkg.evaluation.doctor.examine import examine, readings, setup
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.tuning.live import recorded
+from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
@@ -92,7 +96,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f'--live is {parsed.live:g} s: it must be between 0.5 and 3600 s')
     named = parsed.measurement or (parsed.angle or '').partition(':')[0]
     topics = [named] if named else _joint_states()
-    with recorded(topics[:-1], topics[-1], parsed.live) as path:
+    with contextlib.ExitStack() as stack:
+        with contextlib.redirect_stdout(io.StringIO()):  # where the bag is does not matter
+            path = stack.enter_context(recorded(topics[:-1], topics[-1], parsed.live))
         return _examined(parsed, path, f'{", ".join(topics)}, {parsed.live:g} s live')
 
 
@@ -104,10 +110,14 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
         topic = chosen.topics[0].name
     samples = sum(min(len(each.rows), LONGEST) for each in joints)
     fast = samples * len(candidates(1e3)) >= COMPILED_FROM or None
-    examined = []
-    with progress(f'{origin}: joints', len(joints)) as advance:
-        for each in joints:
-            examined.append(examine(each, parsed.motion_hz, fast))
+    jobs = [(replace(each, fast=fast), parsed.motion_hz) for each in joints]
+    with (
+        workers(min(2, len(jobs)) if fast else 1) as run_many,
+        progress(f'{origin}: joints', len(joints)) as advance,
+    ):
+        examined = []
+        for each in run_many(examine, jobs):
+            examined.append(each)
             advance(1)
     choice = choose(
         {each.readings.name: each.answer for each in examined if each.answer is not None}

@@ -113,16 +113,17 @@ def checked(seen: Readings) -> list[Finding]:
     if len(seen.rows) < FEWEST:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
         return [missing, Finding('readings', FAIL, text, 'record the joint for some seconds')]
-    return [missing] + [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
+    found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
+    found.insert(len(stamps.CHECKS), missing)
+    return found
 
 
-def examine(seen: Readings, motion_hz: float | None = None, fast: bool | None = None) -> Examined:
+def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
     """Return all findings on one joint, and the verdict on its estimates.
 
     Parameters
     ----------
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
-    fast : compile the observers or not; None: if it pays.
     """
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST:
@@ -130,5 +131,5 @@ def examine(seen: Readings, motion_hz: float | None = None, fast: bool | None = 
     rows = np.sort(velocities.stretch(seen))
     reference = velocities.reference(seen, rows)
     found += velocities.checks(seen, reference)
-    made = None if reference is None else answer(seen, reference, rows, motion_hz, fast)
+    made = None if reference is None else answer(seen, reference, rows, motion_hz)
     return Examined(seen, found, made)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -69,7 +69,7 @@ class Readings:
     position : shape (n,) [rad or m], nan for a missing or unusable one.
     velocity : shape (n,), the velocity in the same messages [rad/s or m/s], nan without one.
     period : wrap period [rad]; 0: none.
-    start_ns : the time zero of texts.
+    start_ns : the time zero of texts. fast : compile observers or not; None: if it pays.
     """
 
     name: str
@@ -78,13 +78,14 @@ class Readings:
     position: Array
     velocity: Array
     period: float
-    start_ns: int = field(default=0)
+    start_ns: int = 0
+    fast: bool | None = None
 
     @cached_property
     def difference(self) -> Estimates:
         """The low-passed finite difference, with the verdicts of the guard that every node has."""
         joint = DIFFERENCE.joint(wrap_period=self.period)
-        return joint.run(self.stamps_ns, self.position)
+        return joint.run(self.stamps_ns, self.position, fast=self.fast)
 
     @property
     def series(self) -> Series:

@@ -67,7 +67,10 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
             found[name] = [f'No ranking: {why}. {keep}']
         else:
             found[name] = sentences(name, each.answer, choice)
-    return found
+    same = set.intersection(*map(set, found.values())) if len(found) > 1 else set()
+    common = [sentence for sentence in next(iter(found.values()), []) if sentence in same]
+    found = {name: [each for each in said if each not in same] for name, said in found.items()}
+    return found | ({ALL: common} if common else {})
 
 
 def text(examined: Sequence[Examined], choice: Choice, width: int = WIDTH) -> str:
