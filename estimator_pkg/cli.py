@@ -16,6 +16,7 @@ import math
 import os
 import signal
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +27,7 @@ from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import PrintableStream, printable, show
 
+WIDTH = 80
 INTERRUPTED = 128  # plus the number of the signal: exit code after a signal
 
 
@@ -40,11 +42,13 @@ class Command:
     run : (arguments) -> result, a dictionary for ``--json`` (or None). It prints the readable
         output. 'ok': False makes the exit code 1; 'interrupted': True makes it 128 plus the number
         of the signal, as for a command without a result.
+    examples : (arguments, what they do), shown by ``--help``.
     """
 
     summary: str
     arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], dict[str, Any] | None]
+    examples: tuple[tuple[str, str], ...] = ()
 
 
 class _Parser(argparse.ArgumentParser):
@@ -133,13 +137,39 @@ def _find_and_run(words: list[str], prog: str) -> int:
     return run(registry.find(registry.COMMANDS, name), words[1:], prog)
 
 
-def run(command: Command, words: Sequence[str], prog: str) -> int:
-    """Parse the arguments of a command and run it; returns the exit code."""
-    parser = _Parser(prog=prog, description=command.summary)
+def parser_of(command: Command, prog: str) -> argparse.ArgumentParser:
+    """Return the parser of a command, whose help ends with its examples."""
+    lines = ['examples:'] * bool(command.examples)
+    for words, meaning in command.examples:
+        lines += [f'  # {meaning}', *_broken(f'{prog} {words}')]
+    parser = _Parser(
+        prog=prog,
+        description=command.summary,
+        epilog='\n'.join(lines),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     command.arguments(parser)
     parser.add_argument(
         '--json', metavar='FILE', help="the result as JSON ('-': to stdout, and the text to stderr)"
     )
+    return parser
+
+
+def _broken(line: str) -> list[str]:
+    """Return a command line for a shell in lines of 80 columns."""
+    found = textwrap.wrap(
+        line,
+        WIDTH - 4,
+        subsequent_indent='    ',
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [f'  {each} \\' for each in found[:-1]] + [f'  {each}' for each in found[-1:]]
+
+
+def run(command: Command, words: Sequence[str], prog: str) -> int:
+    """Parse the arguments of a command and run it; returns the exit code."""
+    parser = parser_of(command, prog)
     parsed = parser.parse_args(words)
     to_stdout = parsed.json == STDOUT
     destination.check_apart(parsed)
@@ -188,6 +218,12 @@ def _strict(value: Any) -> Any:
     return value
 
 
+_START = (
+    'Start with a bag of angles:  velocity_estimator doctor BAG',
+    'or without any data:         velocity_estimator demo',
+)
+
+
 def _overview() -> str:
     lines = ['usage: velocity_estimator COMMAND ...', '', 'commands:']
     for name in registry.names(registry.COMMANDS):
@@ -196,7 +232,8 @@ def _overview() -> str:
         except UserError as error:
             summary = printable(f'({error})')
         lines.append(f'  {name:<12} {summary}')
-    return '\n'.join([*lines, '', "'velocity_estimator COMMAND --help' describes a command."])
+    lines += ['', "'velocity_estimator COMMAND --help' describes a command, with examples."]
+    return '\n'.join([*lines, *_START])
 
 
 if __name__ == '__main__':

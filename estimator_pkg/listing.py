@@ -24,6 +24,9 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
 from estimator_pkg.parameters import Parameter, build, declared, parse_assignments
+from estimator_pkg.printable import printable
+
+WIDTH = 80  # columns
 
 
 def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dict[str, str]]:
@@ -73,7 +76,13 @@ def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
     lines = [f'  effect of the gains at {rate:g} Hz (--rate, --set NAME=VALUE for others):']
     for model, words in found.items():
         lines.append(f'    {model}')
-        lines += [f'      {MEANINGS.get(name, name)}: {text}' for name, text in words.items()]
+        for name, text in words.items():
+            lines += textwrap.wrap(
+                f'{MEANINGS.get(name, name)}: {text}',
+                WIDTH,
+                initial_indent='      ',
+                subsequent_indent='        ',
+            )
     return '\n'.join(lines)
 
 
@@ -231,37 +240,44 @@ def meaning(parameter: Parameter, live: bool) -> str:
 
 def describe(item: Item, width: int) -> str:
     """Return the item as text of `width` columns."""
-    lines = [f'{item.name}: {item.summary}']
+    lines = textwrap.wrap(f'{item.name}: {item.summary}', width, subsequent_indent='  ')
     if item.reference:
-        lines.append(f'  from: {item.reference}')
+        lines += textwrap.wrap(
+            f'from: {item.reference}', width, initial_indent='  ', subsequent_indent='    '
+        )
     for p in item.parameters:
-        lines.append(f'  {p.name} = {_with_unit(p)}, {p.range_text()}')
+        lines += textwrap.wrap(
+            f'{p.name} = {_with_unit(p)}, {p.range_text()}',
+            width,
+            initial_indent='  ',
+            subsequent_indent='    ',
+        )
         lines += textwrap.wrap(
             meaning(p, item.live), width, initial_indent='      ', subsequent_indent='      '
         )
     return '\n'.join(lines)
 
 
-def overview(item: Item, width: int) -> str:
-    """Return the item in brief: its parameters with their defaults, without descriptions."""
-    lines = [f'{item.name}: {item.summary}']
-    # no line break between a name, its value and its unit
-    assignments = [
-        f'{p.name} = {default_text(p) if p.default is None else _with_unit(p)}'.replace(' ', '\0')
-        for p in item.parameters
-    ]
-    lines += [
-        line.replace('\0', ' ')
-        for line in textwrap.wrap(
-            ', '.join(assignments),
+def line(item: Item, width: int) -> str:
+    """Return the item in one line: its name, and what it is as far as the line reaches."""
+    text = f'  {item.name:<18}{" " if len(item.name) > 17 else ""}{printable(item.summary)}'
+    return text if len(text) <= width else text[: width - 3].rpartition(' ')[0] + ' ...'
+
+
+def brief(item: Item, width: int) -> str:
+    """Return the item in lines of `width` columns: its name, what it is, how many parameters."""
+    count = len(item.parameters)
+    more = f' ({count} parameter{"s" * (count > 1)})' if count else ''
+    lead = f'  {item.name:<18}'
+    return '\n'.join(
+        textwrap.wrap(
+            printable(item.summary) + more,
             width,
-            initial_indent='    ',
-            subsequent_indent='    ',
-            break_long_words=False,
+            initial_indent=lead if len(lead) <= 20 else f'{lead} ',
+            subsequent_indent=' ' * 20,
             break_on_hyphens=False,
         )
-    ]
-    return '\n'.join(lines)
+    )
 
 
 def markdown_tables(kinds: dict[str, list[Item]]) -> str:
@@ -336,7 +352,11 @@ def _usual_first(kinds: dict[str, list[Item]]) -> dict[str, list[Item]]:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument('name', nargs='?', help='describe only this one, with all parameters')
+    parser.add_argument(
+        'name',
+        nargs='?',
+        help='a kind, such as observers or simulators, or one item, described with its parameters',
+    )
     parser.add_argument(
         '--markdown', action='store_true', help='the parameter tables as in docs/parameters.md'
     )
@@ -365,37 +385,50 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         kind: {item.name: item.as_dict() for item in items} for kind, items in kinds.items()
     }
     values = parse_assignments(parsed.set)
-    if values and parsed.name is None:
+    if values and (parsed.name is None or parsed.name in kinds):
         raise UsageError('--set needs an observer: name it')
-    gains = meanings(parsed.name, values, parsed.rate) if parsed.name is not None else {}
+    named = parsed.name is not None and parsed.name not in kinds
+    gains = meanings(parsed.name, values, parsed.rate) if named else {}
     if parsed.markdown:
         print(markdown_tables(kinds))
     else:
-        _print(kinds, overview if parsed.name is None else describe)
-        if parsed.name is None:
-            print("'velocity_estimator list NAME' describes each parameter")
+        whole = parsed.name is None or parsed.name in kinds
+        _print(kinds, line if parsed.name is None else brief if whole else describe)
+        if whole:
+            print("'list NAME' describes one with each parameter, 'list observers' a kind")
         if gains:
             print(as_text(gains, parsed.rate))
     return {**result, 'gains': gains} if gains else result
 
 
 def _only(kinds: dict[str, list[Item]], name: str) -> dict[str, list[Item]]:
+    if name in kinds:
+        return {name: kinds[name]}
     chosen = {kind: [item for item in items if item.name == name] for kind, items in kinds.items()}
     chosen = {kind: items for kind, items in chosen.items() if items}
     if not chosen:
-        known = {item.name for items in kinds.values() for item in items}
+        known = {item.name for items in kinds.values() for item in items} | set(kinds)
         raise UsageError(f"unknown name '{name}': {suggestion(name, known)}")
     return chosen
 
 
 def _print(kinds: dict[str, list[Item]], show: Callable[[Item, int], str]) -> None:
-    width = max(40, min(100, shutil.get_terminal_size((100, 24)).columns))
+    width = max(40, min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns))
+    separator = '\n\n' if show is describe else '\n'
     for kind, items in kinds.items():
-        separator = '\n\n' if any(item.parameters for item in items) else '\n'
         print(kind.upper())
-        print((separator.join(show(item, width) for item in items) or 'none') + '\n')
+        print(separator.join(show(item, width) for item in items) or '  none')
+        if show is not line:
+            print()
 
 
 COMMAND = Command(
-    'observers, models and simulators with their parameters; commands', arguments, run
+    'observers, models and simulators with their parameters; commands',
+    arguments,
+    run,
+    examples=(
+        ('observers', 'the observers alone'),
+        ('kalman', 'one of them, with each parameter'),
+        ('smo --set mu=[29,10] --rate 500', 'the effect of these gains at 500 Hz'),
+    ),
 )

@@ -267,4 +267,12 @@ def _observer(here: Live, asked: str | None) -> str:
     )
 
 
-COMMAND = Command('what a running observer estimates, as a live table', arguments, run)
+COMMAND = Command(
+    'what a running observer estimates, as a live table',
+    arguments,
+    run,
+    examples=(
+        ('', 'the only observer that runs'),
+        ('/arm/joint_observer --duration 10', 'this one, for ten seconds'),
+    ),
+)

@@ -148,4 +148,15 @@ def _from_file(path: str | None, simulator: Simulator) -> dict[str, Any]:
     }
 
 
-COMMAND = Command('a bag with measurement and truth from a simulated plant', arguments, run)
+COMMAND = Command(
+    'a bag with measurement and truth from a simulated plant',
+    arguments,
+    run,
+    examples=(
+        (
+            'encoder --out sine --duration 5 --set profile=sine --set rate=1000',
+            'an encoder of 4096 counts at 1 kHz',
+        ),
+        ('pendulum --out swing --seed 3', 'a pendulum with another random seed'),
+    ),
+)

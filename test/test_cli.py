@@ -5,12 +5,14 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from estimator_pkg import destination
+from estimator_pkg import cli, destination, registry
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 
@@ -69,3 +71,26 @@ def test_a_destination_that_may_not_be_written(tmp_path, monkeypatch):
     monkeypatch.setattr(os, 'access', lambda path, mode: path != tmp_path)  # root may all
     with pytest.raises(UserError, match='is not writable'):
         destination.check(tmp_path / 'new')
+
+
+@pytest.mark.parametrize('name', registry.names(registry.COMMANDS))
+def test_every_help_has_examples_that_parse(name, capsys):
+    command = registry.find(registry.COMMANDS, name)
+    assert len(command.examples) >= 2
+    parser = cli.parser_of(command, f'velocity_estimator {name}')
+    shown = parser.format_help()
+    assert max(map(len, shown.splitlines())) <= 80
+    for words, meaning in command.examples:
+        parser.parse_args(shlex.split(words))
+        assert meaning in shown
+    lines = shown[shown.index('examples:') :].replace('\\\n', '').splitlines()
+    assert [
+        shlex.split(line)[2:] for line in lines if line.startswith('  velocity_estimator ')
+    ] == [shlex.split(words) for words, _ in command.examples]
+
+
+def test_bags_of_the_examples_exist():
+    root = Path(__file__).resolve().parent.parent
+    for name in registry.names(registry.COMMANDS):
+        for words, _ in registry.find(registry.COMMANDS, name).examples:
+            assert all((root / word).exists() for word in words.split() if word.startswith('bags/'))

@@ -345,4 +345,18 @@ class Player:
         self._next_clock += self._clock_step * (1 + max(0, behind) // self._clock_step)
 
 
-COMMAND = Command('publish a bag on the live graph', arguments, run)
+COMMAND = Command(
+    'publish a bag on the live graph',
+    arguments,
+    run,
+    examples=(
+        (
+            'bags/dfki_double_pendulum/sys_id_500hz --clock',
+            'with /clock, for nodes with use_sim_time',
+        ),
+        (
+            'BAG --topics /joint_states --rate 0.5 --loop',
+            'one topic at half speed, again and again',
+        ),
+    ),
+)

@@ -269,4 +269,13 @@ class Recorder:
         return Track(holder[0], receive, qos, loss, profiles=list(profiles))
 
 
-COMMAND = Command('write topics of the live graph into a bag', arguments, run)
+COMMAND = Command(
+    'write topics of the live graph into a bag',
+    arguments,
+    run,
+    examples=(
+        ('/joint_states --out arm --duration 60', 'a minute of joint states'),
+        ('--out everything', 'all topics, until Ctrl-C'),
+        ('--recover crashed_folder --out saved', 'a bag of what a killed recorder left'),
+    ),
+)

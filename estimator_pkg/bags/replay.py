@@ -287,4 +287,23 @@ def _kinds(counts: dict[str, int], what: str = 'dropped') -> str:
     return f', {what}: ' + ', '.join(f'{kind} {count}' for kind, count in counts.items())
 
 
-COMMAND = Command('the estimates of a live node, from a bag', arguments, run)
+COMMAND = Command(
+    'the estimates of a live node, from a bag',
+    arguments,
+    run,
+    examples=(
+        (
+            'bags/dfki_simple_pendulum/sac_200hz_multiturn --out estimates',
+            'the estimates of joint_observer, as a bag',
+        ),
+        (
+            'BAG --observer kalman --params params.yaml --out estimates',
+            'another observer, with the parameters of a node',
+        ),
+        (
+            'bags/simulated/trapezoid_raw_counts --angle /angle:data '
+            '--set counts_per_revolution=4096 --out estimates',
+            'raw counts in messages of another type',
+        ),
+    ),
+)

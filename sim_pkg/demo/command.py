@@ -223,4 +223,8 @@ COMMAND = Command(
     summary='simulator and observer over real DDS: a live table, a bag, a plot',
     arguments=arguments,
     run=run,
+    examples=(
+        ('', 'ten seconds of simulator and observer, then the error'),
+        ('--observer edge_adaptive --duration 20 --out try', 'another observer, for longer'),
+    ),
 )

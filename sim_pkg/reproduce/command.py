@@ -1,11 +1,12 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``velocity_estimator reproduce``: a paper's figures and tables, our values and references."""
+"""``velocity_estimator reproduce``: what a paper prints and claims, and whether ours agrees."""
 
 from __future__ import annotations
 
 import argparse
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ PAPERS = {
     for name in ('adaptive', 'hybrid_angle', 'hybrid_discrete', 'mechanical', 'pmsm')
 }
 table = Lazy('sim_pkg.reproduce.table')
+claims = Lazy('sim_pkg.reproduce.claims')
+WIDTH = 80
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +32,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plot', metavar='DIR', type=Path, help='draw the figures into DIR')
     parser.add_argument(
         '--only', metavar='ID', default='', help="only rows whose id starts with ID, such as 'F4'"
+    )
+
+    parser.add_argument(
+        '--all',
+        action='store_true',
+        help='also check every value against our own independent numbers',
+    )
+    parser.add_argument(
+        '--wide', action='store_true', help='the checks in 160 columns, with what the paper prints'
     )
 
 
@@ -41,20 +53,49 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.plot is not None:
         _require_matplotlib()
         parsed.plot.mkdir(parents=True, exist_ok=True)
-    with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
-        rows = list(reproduction.rows(advance, parsed.only))
-    print(reproduction.summary)
-    show_rows(rows)
-    for line in (*reproduction.tables(rows), *reproduction.notes):
+    all_rows = (
+        parsed.all
+        or parsed.wide
+        or not any(
+            reference.paper is not None for reference in reproduction.references(parsed.only)
+        )
+    )
+    count = len(reproduction.references(parsed.only, not all_rows))
+    with progress(reproduction.name, count) as advance:
+        rows = list(reproduction.rows(advance, parsed.only, not all_rows))
+    found = claims.claims(rows, reproduction.reasons)
+    print('\n'.join(_wrapped(reproduction.summary)))
+    for line in (*reproduction.tables(rows), '', *claims.text(found)):
         print(line)
+    if all_rows:
+        print()
+        show_rows(rows, wide=parsed.wide)
+    elif any(not row.ok for row in rows):
+        show_rows([row for row in rows if not row.ok], wide=parsed.wide)
+    for note in reproduction.notes:
+        print('\n'.join(_wrapped(note)))
+    if not all_rows:
+        print('Checks of every value against our own independent numbers: add --all')
+    agreed = {claim.row.reference.id: claim for claim in found}
     if parsed.plot is not None:
         for path in reproduction.draw(parsed.plot):
             show(path)
     return {
         'paper': reproduction.name,
         'ok': all(row.ok for row in rows),
-        'rows': [row.as_dict() for row in rows],
+        'rows': [
+            {
+                **row.as_dict(),
+                'agrees': agreed[row.reference.id].agrees if row.reference.id in agreed else None,
+                'why': agreed[row.reference.id].why if row.reference.id in agreed else '',
+            }
+            for row in rows
+        ],
     }
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, WIDTH, break_on_hyphens=False)
 
 
 def _require_matplotlib() -> None:
@@ -64,4 +105,16 @@ def _require_matplotlib() -> None:
         raise UserError(f'{needs("matplotlib")} (without --plot it is not needed)') from error
 
 
-COMMAND = Command("reproduce a paper's figures and tables", arguments, run)
+COMMAND = Command(
+    "reproduce a paper's figures and tables",
+    arguments,
+    run,
+    examples=(
+        ('mechanical', 'the printed tables and claims, and whether ours agrees'),
+        (
+            'hybrid_angle --all --plot figures',
+            'all checks against our own numbers, and the figures',
+        ),
+        ('pmsm --only T3 --wide', 'some rows, in 160 columns'),
+    ),
+)

@@ -136,6 +136,11 @@ class Part:
         if missing:
             raise KeyError(f'{self.name}: no value for {", ".join(missing)}')
 
+    @property
+    def printed(self) -> bool:
+        """True if the paper prints something of this part."""
+        return any(reference.paper is not None for reference in self.references)
+
     def concerns(self, prefix: str) -> bool:
         """Return True if an id of this part starts with `prefix`."""
         return any(reference.id.startswith(prefix) for reference in self.references)
@@ -155,6 +160,7 @@ class Reproduction:
     notes : lines printed below the table.
     tables : (rows) -> the paper's own tables as lines, our results next to the printed numbers;
         only those whose rows are all in `rows`.
+    reasons : (regular expression of ids, why ours are not what the paper prints).
     """
 
     name: str
@@ -163,6 +169,7 @@ class Reproduction:
     figures: str
     notes: tuple[str, ...] = field(default=())
     tables: Callable[[Sequence[Row]], list[str]] = field(default=lambda rows: [])
+    reasons: tuple[tuple[str, str], ...] = field(default=())
 
     def draw(self, folder: Path) -> list[Path]:
         """Draw the figures as PNG files into `folder`; return their paths. Needs matplotlib."""
@@ -172,23 +179,33 @@ class Reproduction:
             make().savefig(paths[-1], dpi=DPI, pil_kwargs={'optimize': True})
         return paths
 
-    def references(self, prefix: str = '') -> list[Reference]:
-        """Return the references whose id starts with `prefix`, in the order of the table."""
+    def references(self, prefix: str = '', printed: bool = False) -> list[Reference]:
+        """Return the references whose id starts with `prefix`, in the order of the table.
+
+        Parameters
+        ----------
+        printed : only of parts with something that the paper prints.
+        """
         return [
             reference
             for part in self.parts
+            if not printed or part.printed
             for reference in part.references
             if reference.id.startswith(prefix)
         ]
 
     def rows(
-        self, advance: Callable[[int], None] = lambda count: None, prefix: str = ''
+        self,
+        advance: Callable[[int], None] = lambda count: None,
+        prefix: str = '',
+        printed: bool = False,
     ) -> Iterator[Row]:
         """Yield the rows whose id starts with `prefix`; parts without such rows are not run.
 
         Parameters
         ----------
         advance : called with 1 after each row that is yielded.
+        printed : run only parts with something that the paper prints.
 
         Raises
         ------
@@ -200,7 +217,7 @@ class Reproduction:
                 f"no row of {self.name} starts with '{prefix}': {suggestion(prefix, names)}"
             )
         for part in self.parts:
-            if not part.concerns(prefix):
+            if not part.concerns(prefix) or (printed and not part.printed):
                 continue
             order = {reference.id: place for place, reference in enumerate(part.references)}
             found = []

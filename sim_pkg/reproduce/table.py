@@ -16,7 +16,7 @@ from rich.text import Text
 from estimator_pkg.printable import terminal
 from sim_pkg.reproduce.contract import Row
 
-PLAIN_WIDTH = 160  # columns if the output is not a terminal
+NARROW, WIDE = 80, 160  # columns
 
 
 def number(value: float) -> str:
@@ -28,32 +28,43 @@ def number(value: float) -> str:
     return f'{value:.5g}' if abs(value) >= 1e-4 else f'{value:.2e}'
 
 
-def show(rows: Sequence[Row], console: Console | None = None) -> None:
-    """Print the table and a line with the number of rows within their tolerance."""
+def show(rows: Sequence[Row], console: Console | None = None, wide: bool = False) -> None:
+    """Print the checks against our own numbers, and how many are within their tolerance.
+
+    Parameters
+    ----------
+    wide : 160 columns, with what the paper prints.
+    """
     console = console or Console(file=terminal(sys.stdout))
-    if not console.is_terminal:
-        console = Console(file=console.file, width=PLAIN_WIDTH)
+    console = Console(
+        file=console.file,
+        width=WIDE if wide else NARROW,
+        force_terminal=console.is_terminal,
+    )
     table = Table(box=None, pad_edge=False, header_style='bold')
-    table.add_column('row', no_wrap=True)
-    for heading in ('ours', 'reference', 'tolerance'):
+    table.add_column('check', no_wrap=wide, overflow='fold')
+    for heading in ('ours', 'independent', 'tolerance'):
         table.add_column(heading, justify='right', no_wrap=True)
-    table.add_column('paper', overflow='fold', min_width=7)
+    if wide:
+        table.add_column('paper', overflow='fold', min_width=7)
     table.add_column('ok', no_wrap=True)
     for row in rows:
-        reference = row.reference
-        paper = reference.paper
+        reference, paper = row.reference, row.reference.paper
+        printed = '' if paper is None else paper if isinstance(paper, str) else number(paper)
         table.add_row(
             Text(reference.id),
             number(row.value),
             number(reference.value),
             reference.tolerance_text,
-            '' if paper is None else paper if isinstance(paper, str) else number(paper),
+            *([printed] if wide else []),
             Text('yes', 'green') if row.ok else Text('NO', 'bold red'),
         )
     console.print(table)
     failed = [row for row in rows if not row.ok]
     console.print(
-        f'{len(rows) - len(failed)} of {len(rows)} rows within their tolerance', highlight=False
+        f'{len(rows) - len(failed)} of {len(rows)} checks against our own independent numbers '
+        'are within tolerance',
+        highlight=False,
     )
     for row in failed:
         console.print(

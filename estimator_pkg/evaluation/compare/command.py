@@ -213,5 +213,18 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 
 COMMAND = Command(
-    'estimates against truth: errors, delay, noise, samples used and dropped', arguments, run
+    'estimates against truth: errors, delay, noise, samples used and dropped',
+    arguments,
+    run,
+    examples=(
+        (
+            'bags/dfki_simple_pendulum/sac_200hz_multiturn --observer all',
+            'every observer of single angles at its defaults',
+        ),
+        (
+            'BAG --observer kalman --set bandwidth_hz=30 --html report.html',
+            'one observer and its gains, as a page',
+        ),
+        ('RECORDED --skip 2', 'estimates that were recorded, without the first two seconds'),
+    ),
 )

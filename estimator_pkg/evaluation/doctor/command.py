@@ -189,5 +189,22 @@ def _joint_states() -> list[str]:
 
 
 COMMAND = Command(
-    'what is wrong with a measurement, which observer and gains to use', arguments, run
+    'what is wrong with a measurement, which observer and gains to use',
+    arguments,
+    run,
+    examples=(
+        (
+            'bags/dfki_double_pendulum/sys_id_500hz --out params.yaml',
+            'what is wrong with a recording, and parameters for the node',
+        ),
+        ('--live 10', 'listen to the running joint states for ten seconds'),
+        (
+            'bags/vicon/yawbag --angle /vicon/Group466CF/Group466CF/pose:pose.orientation.yaw',
+            'a number in messages of any type',
+        ),
+        (
+            'BAG --motion-hz 5 --html report.html',
+            'the joints move at up to 5 Hz; the report as a page',
+        ),
+    ),
 )

@@ -178,4 +178,18 @@ def _write(
     destination.write_text(path, '\n'.join(lines) + '\n')
 
 
-COMMAND = Command("a model's numbers from a recording, judged on its other part", arguments, run)
+COMMAND = Command(
+    "a model's numbers from a recording, judged on its other part",
+    arguments,
+    run,
+    examples=(
+        (
+            'bags/dfki_simple_pendulum/sac_200hz_multiturn --out joint.yaml',
+            'inertia, friction and gravity of a joint, from positions and efforts',
+        ),
+        (
+            'BAG --joint elbow --set inertia=0.02',
+            'one joint of several, with a number that is known',
+        ),
+    ),
+)

@@ -417,4 +417,23 @@ def _held(parsed: argparse.Namespace, tuning: TuneSettings, path: str) -> dict[s
     return held
 
 
-COMMAND = Command('find gains from recorded bags, for a YAML that the node loads', arguments, run)
+COMMAND = Command(
+    'find gains from recorded bags, for a YAML that the node loads',
+    arguments,
+    run,
+    examples=(
+        (
+            'bags/dfki_simple_pendulum/sac_200hz_multiturn --observer kalman --out params.yaml',
+            'gains for the node, validated on the last 30 % of the bag',
+        ),
+        (
+            'BAG --observer hybrid_angle --search bandwidth_hz=10:100 --prefer fast '
+            '--out params.yaml',
+            'less delay, within a range',
+        ),
+        (
+            '--live 20 --observer kalman --out params.yaml --apply /joint_observer',
+            'record the running robot, then set the gains of its node',
+        ),
+    ),
+)

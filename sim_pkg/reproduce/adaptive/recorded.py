@@ -121,24 +121,23 @@ def table(rows: Sequence[Row]) -> list[str]:
     ):
         return []
     lines = [
-        'The recorded pendulum (torque in, gravity known as a regressor), value and its '
-        'standard deviation:',
-        f'  {"recording":22}'
-        + ''.join(f'{f"{name} [{UNITS[name]}]":>22}' for name in NAMES)
-        + '  predicted',
+        'The recorded pendulum (torque in, gravity a known regressor): value, standard',
+        'deviation, and how much of the motion the model explains:',
+        f'  {"recording":14}'
+        + ''.join(f'{f"{name} [{UNITS[name]}]":>19}' for name in NAMES)
+        + '  model',
     ]
     for recording in TRUSTED:
         numbers = ''.join(
-            f'{value[f"recorded {recording} {name}"]:14.4g} +- '
-            f'{value[f"recorded {recording} {name} stddev"]:<4.2g}'
+            f'{value[f"recorded {recording} {name}"]:10.4g} +- '
+            f'{value[f"recorded {recording} {name} stddev"]:<5.2g}'
             for name in NAMES
         )
-        lines.append(
-            f'  {recording:22}{numbers}{100.0 * value[f"recorded {recording} explained"]:9.1f} %'
-        )
+        explained = 100.0 * value[f'recorded {recording} explained']
+        lines.append(f'  {recording[:14]:14}{numbers}{explained:5.1f} %')
     lines.append(
-        f'  {"gravity_compensation":22}{"nothing that is trusted":>66}'
-        f'{100.0 * value["recorded gravity_compensation explained"]:9.1f} %'
+        f'  {"gravity_comp.":14}{"nothing that is trusted":>57}'
+        f'{100.0 * value["recorded gravity_compensation explained"]:5.1f} %'
     )
     worst = {name: value[f'recorded disagreement {name}'] for name in NAMES}
     lines.append(

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from sim_pkg.reproduce.claims import agrees
 from sim_pkg.reproduce.contract import Row
 from sim_pkg.reproduce.mechanical.cart import cart_of
 from sim_pkg.reproduce.mechanical.runs import METRICS, make
@@ -21,6 +22,8 @@ OURS_7: dict[str, tuple[str, dict[str, Any]]] = {
     'EHGO-BL': ('ehgo', {'h': [5.0, 5.0, 4.0], 'epsilon': 0.0126}),
 }
 STEPS, REPEATS = 400, 5
+WIDTH = 80
+LEGEND = 'ours, and in brackets what the paper prints; * does not agree with it'
 
 
 def lines(rows: Sequence[Row]) -> list[str]:
@@ -78,19 +81,26 @@ def lines(rows: Sequence[Row]) -> list[str]:
             ]
     if out:
         out += ['', *table_7()]
-    return out + [''] if out else out
+    return ['', LEGEND, *out, ''] if out else out
 
 
 def _entry(row: Row) -> str:
     paper = row.reference.paper
     printed = paper if isinstance(paper, str) else number(paper) if paper is not None else '-'
-    return f'{row.value:.4g} ({printed})'
+    return f'{row.value:.4g} ({printed})' + ('' if agrees(row, []) else ' *')
 
 
 def _table(title: str, columns: list[str], body: dict[str, list[str]]) -> list[str]:
+    """Return a table as lines; one of more than 80 columns in two halves."""
     cells = [['', *columns], *([name, *entries] for name, entries in body.items())]
     widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
-    return [f'{title}; ours (printed)'] + [
+    if sum(widths) + 2 * len(widths) > WIDTH:
+        half = (len(columns) + 1) // 2
+        return [
+            *_table(title, columns[:half], {name: each[:half] for name, each in body.items()}),
+            *_table('', columns[half:], {name: each[half:] for name, each in body.items()}),
+        ]
+    return [title] * bool(title) + [
         '  ' + '  '.join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
         for row in cells
     ]

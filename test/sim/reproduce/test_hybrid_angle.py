@@ -18,7 +18,7 @@ from estimator_pkg.observers.angle.hybrid import injections, observer
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
-from sim_pkg.reproduce import contract, splitmix
+from sim_pkg.reproduce import claims, contract, splitmix
 from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, EXACT, PERCENT, Part, Reference, Row
 from sim_pkg.reproduce.hybrid_angle import continuous as hybrid_continuous
 from sim_pkg.reproduce.hybrid_angle import observer as continuous
@@ -158,13 +158,54 @@ def test_command_prints_a_table_and_writes_the_rows(tmp_path, capsys):
     assert cli.main(['reproduce', 'hybrid_angle', '--only', 'tan', '--json', str(path)]) == 0
     out = capsys.readouterr().out
     assert 'tan one update at 150 deg' in out
-    assert '6 of 6 rows within their tolerance' in out
+    assert '6 of 6 checks against our own independent numbers are within tolerance' in out
+    assert max(map(len, out.splitlines())) <= 80
     rows = json.loads(path.read_text())['rows']
     assert len(rows) == 6
     for row in rows:
         assert {'id', 'value', 'reference', 'tolerance', 'paper', 'ok'} <= set(row)
         if row['kind'] in ('absolute', 'percent', 'exact'):
             assert row['ok'] == (abs(row['value'] - row['reference']) <= row['tolerance'])
+
+
+def words(**values):
+    """Rows of one group: id's last word -> (what the paper says, value)."""
+    return [
+        Row(Reference(f'g {name}', '', value, 0.1, 'percent', said), value)
+        for name, (said, value) in values.items()
+    ]
+
+
+@pytest.mark.parametrize(
+    'rows, agreeing',
+    [
+        (words(a=('worst', 3.0), b=('best', 1.0), c=(None, 2.0)), 'ab'),
+        (words(a=('worst', 1.5), b=('best', 2.0), c=(None, 2.5)), ''),
+        (words(a=('similar', 1.0), b=('similar', 1.05)), 'ab'),
+        (words(a=('similar', 1.0), b=('similar', 1.5)), ''),
+        (words(a=('slower', 2.0), b=('faster', 1.0)), 'ab'),
+        (words(a=('slower', 1.0), b=('faster', 2.0)), ''),
+        (words(a=(15.7, 77.0), b=(2.0, 2.15), c=(0.3, 0.34)), 'bc'),
+        (words(a=('327.8 (for 3278)', 3300.0), b=('327.8 (for 3278)', 327.8)), 'a'),
+    ],
+)
+def test_a_claim_is_compared_with_our_value(rows, agreeing):
+    found = claims.claims(rows, (('g a', 'because'),))
+    assert {each.row.reference.id[-1] for each in found if each.agrees} == set(agreeing)
+    assert all(bool(each.why) != each.agrees for each in found)
+
+
+def test_the_command_begins_with_the_claims(capsys, tmp_path):
+    path = tmp_path / 'rows.json'
+    assert cli.main(['reproduce', 'hybrid_angle', '--only', 'F4', '--json', str(path)]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    assert 'claims in words' in out and 'best, slightly' in out
+    assert '15 claims in words: 14 agree with the paper, 1 does not, because:' in out
+    assert 'independent numbers: add --all' in out and 'tolerance' not in out
+    rows = {row['id']: row for row in json.loads(path.read_text())['rows']}
+    assert rows['F4 RMS e2 [2,8) sin']['agrees'] is True
+    assert rows['F4 settling sin']['agrees'] is None
 
 
 def test_command_fails_when_a_row_fails(monkeypatch, capsys):

@@ -10,6 +10,7 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 
 from estimator_pkg.driver.compiled import available
+from sim_pkg.reproduce import claims
 from sim_pkg.reproduce.contract import Row
 from sim_pkg.reproduce.mechanical import benefit as mechanical_benefit
 from sim_pkg.reproduce.mechanical import smoother as mechanical_smoother
@@ -66,8 +67,25 @@ def test_tables_are_laid_out_as_in_the_paper():
     text = '\n'.join(mechanical_tables.lines(rows))
     for number in (1, 2, 5, 6, 7):
         assert f'Table {number}:' in text
-    assert 'GESO  0.4941 (0.5)  0.3802 (0.3)  0.4087 (0.4)  0.2625 (0.2)' in text
+    assert 'GESO  0.4941 (0.5)  0.3802 (0.3) *  0.4087 (0.4)  0.2625 (0.2) *' in text
+    assert max(map(len, text.splitlines())) <= 80
     assert mechanical_tables.lines(rows[:5]) == []
+
+
+def test_each_printed_number_agrees_or_has_a_reason():
+    rows = [Row(reference, reference.value) for reference in REPRODUCTION.references()]
+    found = claims.claims(rows, REPRODUCTION.reasons)
+    numbers = [claim for claim in found if claim.is_number]
+    assert len(numbers) == 139
+    assert all(claim.why not in ('', claims.UNEXPLAINED) for claim in found if not claim.agrees)
+    by_id = {claim.row.reference.id: claim for claim in found}
+    assert not by_id['D3.nominal.LPM.GESO.MSE1e4'].agrees  # 8859 for 403
+    assert 'unstable' in by_id['D3.nominal.LPM.GESO.MSE1e4'].why
+    assert by_id['B4.GESO.ME1e2'].agrees
+    agree = sum(claim.agrees for claim in numbers)
+    text = ' '.join(claims.text(found))
+    assert f'139 printed numbers: {agree} agree with the paper, {139 - agree} do not' in text
+    assert 30 < agree < 70
 
 
 @pytest.mark.slow
