@@ -10,6 +10,9 @@ from collections.abc import Sequence
 
 from estimator_pkg.printable import printable
 
+WIDTH = 80  # columns of a terminal
+SHORTEST = 9  # names are cut to this length at most
+
 
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number in few characters; '-' for None or nan."""
@@ -37,17 +40,37 @@ def error(value: float | None, decimals: int) -> str:
     return fixed(value, decimals)
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Return columns side by side, the first `left` of them left-aligned, the others right."""
+def table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int | None = None
+) -> str:
+    """Return columns side by side, the first `left` of them left-aligned, the others right.
+
+    Parameters
+    ----------
+    width : largest number of columns of the terminal; names are cut to it, numbers never.
+    """
     lines = [list(header), *[[printable(cell) for cell in row] for row in rows]]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    while width and sum(widths) + 2 * len(widths) - 2 > width:
+        widest = max(range(left), key=widths.__getitem__)
+        if widths[widest] <= SHORTEST:
+            break
+        widths[widest] -= 1
     return '\n'.join(
         '  '.join(
-            cell.ljust(width) if i < left else cell.rjust(width)
+            _cut(cell, width).ljust(width) if i < left else cell.rjust(width)
             for i, (cell, width) in enumerate(zip(line, widths))
         ).rstrip()
         for line in lines
     )
+
+
+def _cut(name: str, width: int) -> str:
+    """Return a name with its middle left out, if it is longer than `width`."""
+    if len(name) <= width:
+        return name
+    end = (width - 3) // 2
+    return f'{name[: width - 3 - end]}...{name[len(name) - end :]}'
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

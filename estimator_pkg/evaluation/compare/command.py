@@ -121,6 +121,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--data', metavar='FILE', help='write every compared sample (.npz, for numpy.load)'
     )
+    parser.add_argument(
+        '--wide', action='store_true', help='every column of the table, also beyond 80'
+    )
     unpacking.arguments(parser)
     parser.add_argument(
         '--jobs', type=int, default=1, metavar='N', help='local processes, for many bags'
@@ -174,7 +177,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         try:
             for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
                 with interrupts.gently():  # a bag is evaluated completely or not at all
-                    text = describe(comparison)
+                    text = describe(comparison, parsed.wide)
                     print(text + '\n')
                     result[comparison.bag] = comparison.as_dict()
                     if data is not None:

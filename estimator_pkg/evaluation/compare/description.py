@@ -11,7 +11,7 @@ from estimator_pkg.evaluation.compare.comparison import ROUNDING, Comparison
 from estimator_pkg.evaluation.compare.truth import SMOOTHED
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
-from estimator_pkg.evaluation.text import error, fixed, number, table
+from estimator_pkg.evaluation.text import WIDTH, error, fixed, number, table
 from estimator_pkg.printable import printable
 
 HEADER = (
@@ -30,8 +30,16 @@ HEADER = (
 )
 
 
-def describe(comparison: Comparison) -> str:
-    """Return the comparison as text."""
+NARROW = ('estimate', 'joint', 'rms', 'max', 'bias', 'delay ms', 'noise', 'dropped')
+
+
+def describe(comparison: Comparison, wide: bool = False) -> str:
+    """Return the comparison as text.
+
+    Parameters
+    ----------
+    wide : all columns; else those that fit 80.
+    """
     lines = [f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, at zero shift']
     rows, remarks = [], []
     for row in comparison.rows:
@@ -65,7 +73,14 @@ def describe(comparison: Comparison) -> str:
                 f'{counts["interpolated"]} have an interpolated truth, '
                 f'{counts["unmatched"]} none'
             )
-    lines += table(HEADER, rows, left=2).split('\n')
+    columns = HEADER if wide else NARROW
+    cells = [tuple(dict(zip(HEADER, row))[name] for name in columns) for row in rows]
+    if not wide:  # the kinds of dropped samples have no limit
+        cells = [
+            (*row[:-1], str(sum(each.samples['dropped'].values())))
+            for row, each in zip(cells, comparison.rows)
+        ]
+    lines += table(columns, cells, left=2, width=None if wide else WIDTH).split('\n')
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the error is below the reference's own error")
     for joint, verdict in comparison.verdicts.items():

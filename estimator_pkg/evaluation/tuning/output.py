@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import params_file, streams, yaml_text
-from estimator_pkg.evaluation.text import number, table
+from estimator_pkg.evaluation.text import WIDTH, number, table
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
@@ -196,7 +196,7 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
         judged = 'the data of the search: nothing was held out'
     lines = [
         f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials',
-        *table(HEADER, rows, left=3).split('\n'),
+        *table(HEADER, rows, left=3, width=WIDTH).split('\n'),
     ]
     for each in tuned:
         of = each['joint'] or 'all joints'

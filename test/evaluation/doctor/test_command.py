@@ -1,0 +1,210 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""`doctor` on bags and on a running topic: report, parameter file, page, exit codes."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from estimator_pkg import observers, params_file
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.cli import main
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.evaluation.doctor.choice import Answer, choose
+from estimator_pkg.evaluation.entries import Entry, angle_observers
+from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
+from estimator_pkg.messages.joint_state import TYPE, Encoder
+
+START = 1_700_000_000_000_000_000
+
+
+def bag(path, joints, rate=250.0, seconds=12.0, stamped=True):
+    """A bag of joint states: name -> position over time."""
+    encode = Encoder().encode
+    with BagWriter(path) as writer:
+        writer.add_topic('/joint_states', TYPE)
+        for k in range(int(rate * seconds)):
+            now = START + round(k / rate * 1e9)
+            angles = [float(of(k / rate)) for of in joints.values()]
+            raw = encode(now if stamped else 0, '', list(joints), angles)
+            writer.write('/joint_states', now + 200_000, raw)
+    return str(path)
+
+
+def swing(t, count=2.0 * math.pi / 4096):
+    angle = 2.0 * math.sin(2.0 * t) + 0.5 * math.sin(11.0 * t)
+    return round(angle / count) * count
+
+
+@pytest.fixture(scope='module')
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('doctor')
+    path = bag(folder / 'arm', {'elbow': swing, 'wrist': lambda t: 0.25})
+    out = folder / 'out.txt'
+    words = ['--out', str(folder / 'params.yaml'), '--html', str(folder / 'page.html')]
+    with out.open('w') as stream:
+        code = subprocess.run(
+            [sys.executable, '-m', 'estimator_pkg.cli', 'doctor', path, *words]
+            + ['--json', str(folder / 'result.json')],
+            stdout=stream,
+            check=False,
+        ).returncode
+    assert code == 0
+    return folder, out.read_text(), json.loads((folder / 'result.json').read_text())
+
+
+@pytest.mark.long
+def test_the_report_fits_80_columns_and_ends_in_a_verdict(report):
+    _, text, result = report
+    assert max(len(line) for line in text.splitlines() if str(report[0]) not in line) <= 80
+    assert 'all joints\n  PASS  rate               250 Hz' in text
+    assert '1 WARN, 0 FAIL; WARN: motion' in text
+    assert 'one count is 0.001534 rad, 4096 per turn' in text.replace('\n' + ' ' * 27, ' ')
+    verdict = text[text.index('VERDICT') :]
+    assert f'elbow:\n  Use {result["observer"]} ' in verdict
+    assert 'wrist:\n  No ranking: the joint does not move enough' in verdict
+    checks = {each['check']: each for each in result['joints']['elbow']['findings']}
+    assert checks['low-passed']['delay_s'] == pytest.approx(1.0 / (2.0 * math.pi * 50.0), abs=1e-3)
+    assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0)
+
+
+@pytest.mark.long
+def test_the_file_is_one_that_the_node_takes(report):
+    folder, _, result = report
+    text = (folder / 'params.yaml').read_text()
+    assert max(map(len, text.splitlines())) <= 80
+    values = params_file.load(folder / 'params.yaml')
+    common, overrides = params_file.split(values)
+    assert common.pop('observer') == result['observer']
+    Configuration(observers.find(result['observer']), common, overrides)
+    assert overrides['elbow']['quantum'] == pytest.approx(2.0 * math.pi / 4096, rel=1e-4)
+
+
+@pytest.mark.long
+def test_the_page_has_verdict_file_and_checks(report):
+    folder, _, _ = report
+    page = (folder / 'page.html').read_text()
+    assert page.index('Verdict') < page.index('Parameter file') < page.index('Checks')
+    assert 'ros__parameters' in page and 'class="WARN"' in page and '<script' not in page
+
+
+def verdict(rms, better):
+    """A verdict in which the pairs of `better` are declared."""
+    names = sorted(rms, key=rms.__getitem__)
+    pairs = tuple(
+        Pair(a, b, int((a, b) in better), 10.0, 5.0)
+        for i, a in enumerate(names)
+        for b in names[i + 1 :]
+    )
+    return Verdict(names[0], 'hybrid_angle', (), rms, pairs)
+
+
+def answered(tuned, better):
+    """An answer where `kalman 16 Hz` was tuned, with these errors and declared pairs."""
+    rms = dict.fromkeys(angle_observers(), 1.0) | {'kalman 16 Hz': 0.4} | tuned
+    best = {name: Entry(name, name) for name in angle_observers()}
+    best['kalman'] = Entry('kalman 16 Hz', 'kalman', (('bandwidth_hz', 16.0),))
+    found = verdict(rms, better)
+    return Answer(found, found, best, {})
+
+
+def test_gains_are_taken_where_they_beat_the_defaults():
+    both = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', 'hybrid_angle')}
+    choice = choose({'elbow': answered({}, both)})
+    assert (choice.observer, choice.tuned) == ('kalman', True)
+    assert choice.gains == {'elbow': {'bandwidth_hz': 16.0}}
+
+
+def test_the_default_stays_where_nothing_is_declared_better():
+    choice = choose({'elbow': answered({}, set())})
+    assert (choice.observer, choice.tuned, choice.gains) == ('hybrid_angle', False, {})
+
+
+def test_an_observer_as_it_is_goes_before_gains_that_are_not_better():
+    pairs = {
+        ('kalman 16 Hz', 'kalman'),
+        ('kalman 16 Hz', 'hybrid_angle'),
+        ('edge_adaptive', 'hybrid_angle'),
+    }
+    choice = choose({'elbow': answered({'edge_adaptive': 0.5}, pairs)})
+    assert (choice.observer, choice.gains) == ('edge_adaptive', {})
+
+
+def test_an_observer_that_is_worse_for_one_joint_is_not_taken():
+    good = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', 'hybrid_angle')})
+    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {('hybrid_angle', 'kalman')})
+    assert choose({'elbow': good, 'wrist': bad}).observer == 'hybrid_angle'
+
+
+def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
+    path = bag(tmp_path / 'bare', {'elbow': lambda t: 0.5}, seconds=1.0, stamped=False)
+    assert main(['doctor', path]) == 0
+    out = capsys.readouterr().out
+    assert 'FAIL  missing stamps' in out and '250 of 250 samples have no time stamp' in out
+    assert 'PASS  rate               250 Hz' in out
+
+
+@pytest.mark.parametrize(
+    'words, code, message',
+    [
+        (['nowhere'], 1, 'does not exist'),
+        ([], 2, 'one of the two'),
+        (['bag', '--live', '3'], 2, 'one of the two'),
+        (['--live', '0'], 2, 'between 0.5 and 3600 s'),
+        (['bag', '--motion-hz', '-1'], 2, 'above 0'),
+        (['bag', '--wrap-period', 'nan'], 2, '0 or more'),
+    ],
+)
+def test_a_usage_error_is_one_line(words, code, message, capsys):
+    assert main(['doctor', *words]) == code
+    error = capsys.readouterr().err
+    assert message in error and error.count('\n') == 1
+
+
+def test_no_readable_joint_is_exit_code_1(tmp_path, capsys):
+    path = bag(tmp_path / 'nan', {'elbow': lambda t: np.nan}, seconds=0.2)
+    assert main(['doctor', path]) == 1
+    assert 'no position is finite' in capsys.readouterr().err
+
+
+@pytest.mark.dds
+@pytest.mark.long
+def test_a_running_topic_is_examined(tmp_path):
+    import dds
+
+    probe = dds.Probe()
+    try:
+        from rclpy.qos import qos_profile_sensor_data
+        from sensor_msgs.msg import JointState
+
+        publisher = probe.node.create_publisher(JointState, '/arm/states', qos_profile_sensor_data)
+        encode = Encoder().encode
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'estimator_pkg.cli', 'doctor', '--live', '2']
+            + ['--json', str(tmp_path / 'result.json')],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ},
+        )
+        begun = time.monotonic()
+        while process.poll() is None and time.monotonic() < begun + dds.PATIENCE:
+            now = time.time_ns()
+            publisher.publish(encode(now, '', ['elbow'], [swing(now * 1e-9 % 1e4)]))
+            probe.executor.spin_once(timeout_sec=0.005)
+        text, errors = process.communicate(timeout=30)
+    finally:
+        probe.close()
+    assert process.returncode == 0, errors
+    assert text.startswith('/arm/states, 2 s live: /arm/states, 1 joint')
+    result = json.loads((tmp_path / 'result.json').read_text())
+    checks = {each['check']: each for each in result['joints']['elbow']['findings']}
+    assert checks['clock']['level'] == 'PASS' and 50.0 < checks['rate']['hz'] < 500.0
+    assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0, rel=1e-3)
