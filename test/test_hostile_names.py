@@ -70,7 +70,11 @@ def trial(joint, bags):
         'best': found,
         'default': found,
         'gains': {'bandwidth_hz': 20.0},
+        'tried': {'bandwidth_hz': 20.0},
         'default_gains': {},
+        'why': '',
+        'pair': {'difference': 10.0, 'motion_hz': 3.0},
+        'cautions': [f'the record of {joint} is short'],
         'idle': [joint],
     }
 

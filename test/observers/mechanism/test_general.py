@@ -89,7 +89,7 @@ def test_wrong_gains_are_refused_in_one_line(L, gamma, words):
 
 def test_the_example_of_the_guide_finds_the_speed(capsys):
     guide = Path(__file__).resolve().parents[3] / 'docs/own_model.md'
-    code = guide.read_text().split('## What is no mechanism')[1].split('```python\n')[1]
+    code = guide.read_text().split('## Other systems')[1].split('```python\n')[1]
     names: dict = {}
     exec(code.split('```')[0], names)
     found = [float(word.strip('[]')) for word in capsys.readouterr().out.split()]
