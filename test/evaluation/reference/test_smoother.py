@@ -5,14 +5,20 @@
 
 import math
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.series import positions
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother.pieces import cut
+from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import Noise, smooth
 from estimator_pkg.evaluation.reference.smoother.steps import backward, forward
 
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
 TURN = 2.0 * math.pi
 HPM, LPM = (7.85e-4, 1.8e-5), (1.23e-2, 1e-3)
 
@@ -304,3 +310,40 @@ def test_dense_readings_have_no_count():
     random = np.random.default_rng(1)
     assert quantum(random.uniform(-3.0, 3.0, 1_000_000)) == 0.0
     assert quantum(np.cumsum(random.normal(0.0, 1e-6, 200_000))) == 0.0
+
+
+# An exhaustive search (60 points of a grid, 36 of golden sections) found these: the reference's
+# uncertainty, the deviation of a reading, the jerk and the blur.
+EXHAUSTIVE = {
+    'dfki_double_pendulum/sys_id_500hz': (0.03537, 0.00018156, 34558, 0.00014434),
+    'dfki_simple_pendulum/energy_shaping_200hz': (0.42728, 0.0029098, 856.42, 0.0027856),
+    'dfki_simple_pendulum/gravity_compensation_1000hz': (0.086958, 0.0011802, 15.908, 0.00082772),
+    'dfki_simple_pendulum/sac_200hz_multiturn': (0.10364, 0.0014315, 645.24, 0.0011582),
+    'simulated/sine_12bit': (0.0019756, 0.00044312, 20.086, 1.6157e-05),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('bag', EXHAUSTIVE)
+def test_the_quick_search_finds_what_an_exhaustive_one_finds(bag):
+    with open_bag(BAGS / bag) as opened:
+        series = next(iter(positions(opened, '/joint_states').values()))
+    found = smooth(series.stamps_ns, series.position, TURN)
+    uncertainty, reading, jerk, blur = EXHAUSTIVE[bag]
+    quantum_ = found.noise.quantum
+    before = smooth(
+        series.stamps_ns,
+        series.position,
+        TURN,
+        noise=Noise(reading, jerk, quantum_, False, blur),
+    )
+    assert before.uncertainty == pytest.approx(uncertainty, rel=1e-3)
+    assert found.uncertainty == pytest.approx(uncertainty, rel=0.1)
+    # the velocity is the same within a fraction of its own deviation
+    assert rms(found.velocity - before.velocity) < 0.35 * rms(before.velocity_stddev)
+
+    def logarithm(jerk, blur):
+        parts = cut(series.stamps_ns, np.unwrap(series.position))
+        return sum(find_sites(each, quantum_, blur, jerk)[1] for each in parts)
+
+    assert logarithm(found.noise.jerk, found.noise.blur) > logarithm(jerk, blur) - 10.0

@@ -33,8 +33,10 @@ ROOT_2_PI = math.sqrt(2.0 * math.pi)
 SURE = 1e-12  # smallest fraction of a variance that remains
 
 
-def site(mean: float, variance: float, half: float, noise: float) -> tuple[float, float, float]:
-    """Return (precision, pull, log of the probability) of a cell for a Gaussian.
+def site(
+    mean: float, variance: float, half: float, noise: float, counted: bool = True
+) -> tuple[float, float, float]:
+    """Return (precision, pull, log of the probability, if `counted`) of a cell for a Gaussian.
 
     Parameters
     ----------
@@ -42,24 +44,28 @@ def site(mean: float, variance: float, half: float, noise: float) -> tuple[float
     half : half of the width of the cell; noise : standard deviation of its blur.
     """
     sign = 1.0 if mean >= 0.0 else -1.0
-    spread = math.sqrt(variance + noise * noise)
-    low, high = (-half - sign * mean) / spread, (half - sign * mean) / spread
+    known = 1.0 / (variance + noise * noise)
+    per = math.sqrt(known)  # one over the deviation of what the cell contains
+    low, high = (-half - sign * mean) * per, (half - sign * mean) * per
+    log_z = 0.0
     if high < FAR:  # one-sided: the far end is out of reach
         h = -high
         ratio = h + 1.0 / h - 2.0 / (h * h * h)
         d, f = -ratio, ratio * (ratio + high)
-        log_z = -0.5 * h * h - math.log(ROOT_2_PI * h)
+        if counted:
+            log_z = -0.5 * h * h - math.log(ROOT_2_PI * h)
     else:
         z = max(0.5 * (math.erfc(-high / ROOT_2) - math.erfc(-low / ROOT_2)), 1e-300)
-        at_low = math.exp(-0.5 * low * low) / (ROOT_2_PI * z)
-        at_high = math.exp(-0.5 * high * high) / (ROOT_2_PI * z)
+        density = 1.0 / (ROOT_2_PI * z)
+        at_low = math.exp(-0.5 * low * low) * density
+        at_high = math.exp(-0.5 * high * high) * density
         d = at_low - at_high
         f = d * d - (low * at_low - high * at_high)
-        log_z = math.log(z)
+        if counted:
+            log_z = math.log(z)
     f = min(max(f, 0.0), 1.0)
-    part = variance / (spread * spread)
-    precision = f / (spread * spread * max(1.0 - part * f, SURE))
-    shift = sign * d / spread
+    precision = f * known / max(1.0 - variance * known * f, SURE)
+    shift = sign * d * per
     return precision, precision * (mean + variance * shift) + shift, log_z
 
 
@@ -89,17 +95,16 @@ def _together(x: tuple, y: tuple) -> tuple[float, float]:
     """
     s00, s01, s02 = x[3] + y[3], x[4] - y[4], x[5] + y[5]
     s11, s12, s22 = x[6] + y[6], x[7] - y[7], x[8] + y[8]
-    l00 = math.sqrt(s00)  # Cholesky: s = l l'
-    l10, l20 = s01 / l00, s02 / l00
-    l11 = math.sqrt(max(s11 - l10 * l10, SURE * s11))
-    l21 = (s12 - l20 * l10) / l11
-    l22 = math.sqrt(max(s22 - l20 * l20 - l21 * l21, SURE * s22))
-    b0 = x[3] / l00
-    b1 = (x[4] - l10 * b0) / l11
-    b2 = (x[5] - l20 * b0 - l21 * b1) / l22
-    w2 = b2 / l22
-    w1 = (b1 - l21 * w2) / l11
-    w0 = (b0 - l10 * w1 - l20 * w2) / l00
+    r0 = 1.0 / s00  # s = l d l', with r = 1 / d
+    l10, l20 = s01 * r0, s02 * r0
+    r1 = 1.0 / max(s11 - l10 * s01, SURE * s11)
+    d21 = s12 - l20 * s01
+    l21 = d21 * r1
+    r2 = 1.0 / max(s22 - l20 * s02 - l21 * d21, SURE * s22)
+    b1 = x[4] - l10 * x[3]
+    w2 = (x[5] - l20 * x[3] - l21 * b1) * r2
+    w1 = b1 * r1 - l21 * w2
+    w0 = x[3] * r0 - l10 * w1 - l20 * w2
     variance = w0 * y[3] - w1 * y[4] + w2 * y[5]
     mean = x[0] + w0 * (y[0] - x[0]) + w1 * (-y[1] - x[1]) + w2 * (y[2] - x[2])
     return mean, max(variance, SURE * min(x[3], y[3]))
@@ -114,67 +119,109 @@ def _scale(mean: float, variance: float, precision: float, pull: float) -> float
     )
 
 
-def towards(
-    x: tuple, steps: Array, centres: Array, jerk: float, sites: Array, messages: Array
-) -> None:
-    """Compute the messages of one direction along a stretch, with fixed sites."""
-    for i in range(len(centres)):
-        if i > 0:
-            x = predict(x, steps[i], jerk)
-        for j in range(9):
-            messages[i, j] = x[j]
-        if centres[i] == centres[i]:
-            x = _absorb(x, centres[i], sites[i, 0], sites[i, 1])
-
-
 def sweep(
     x: tuple,
-    steps: Array,
+    way: int,
+    gaps: Array,
     centres: Array,
     half: float,
     noise: float,
     jerk: float,
-    messages: Array,
     sites: Array,
+    messages: Array,
+    update: bool,
+    counted: bool,
 ) -> float:
-    """Update every site along one direction of a stretch, with the other direction's messages.
+    """Compute the messages of one direction along a stretch, and update the sites on the way.
 
-    Return the log of the probability of all readings, which is correct once the sites converged.
+    Return the log of the probability of all readings if it is `counted`, else 0. Its error is of
+    the second order in that of the sites: they maximise it.
 
     Parameters
     ----------
-    x : the state before the first reading.
-    steps : shape (n,), time since the reading before [s]; the first is not used.
-    centres : shape (n,), middles of the cells; nan: no reading.
-    messages : shape (n, 9), of the other way; filled with those of this way.
-    sites : shape (n, 2), (precision, pull); used and replaced.
+    x : the state at the end of the stretch from which the direction comes.
+    way : 1 (forward) or -1 (backward).
+    gaps : shape (n + 1,), time from the start of the stretch to the first cell, between cells, and
+        from the last cell to the end [s].
+    centres : shape (n,), middles of the cells.
+    sites : shape (n, 2), (precision, pull); used, and replaced if `update`.
+    messages : shape (n, 9), of the other direction, used if `update`; filled with those of this
+        direction.
+    """
+    log_z = 0.0
+    count = len(centres)
+    for k in range(count):
+        i = k if way > 0 else count - 1 - k
+        x = predict(x, gaps[i] if way > 0 else gaps[i + 1], jerk)
+        centre = centres[i]
+        if update:
+            y = messages[i]
+            mean, variance = _together(x, (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8]))
+            mean -= centre
+            precision, pull, found = site(mean, variance, half, noise, counted)
+            sites[i, 0] = precision
+            sites[i, 1] = pull
+            if counted:
+                log_z += found - _scale(mean, variance, precision, pull)
+                log_z += _scale(x[0] - centre, x[3], precision, pull)
+        for j in range(9):
+            messages[i, j] = x[j]
+        x = _absorb(x, centre, sites[i, 0], sites[i, 1])
+    return log_z
+
+
+def filtered(
+    x: tuple, gaps: Array, centres: Array, half: float, noise: float, jerk: float, sites: Array
+) -> float:
+    """Fill the sites from the readings before each, in one pass; return the same logarithm.
+
+    It is the product of the probabilities of each cell after those before it: a rough guess.
     """
     log_z = 0.0
     for i in range(len(centres)):
-        if i > 0:
-            x = predict(x, steps[i], jerk)
-        centre = centres[i]
-        if centre == centre:
-            other = (
-                messages[i, 0],
-                messages[i, 1],
-                messages[i, 2],
-                messages[i, 3],
-                messages[i, 4],
-                messages[i, 5],
-                messages[i, 6],
-                messages[i, 7],
-                messages[i, 8],
-            )
-            mean, variance = _together(x, other)
-            mean -= centre
-            precision, pull, found = site(mean, variance, half, noise)
-            sites[i, 0] = precision
-            sites[i, 1] = pull
-            log_z += found - _scale(mean, variance, precision, pull)
-            log_z += _scale(x[0] - centre, x[3], precision, pull)
-        for j in range(9):
-            messages[i, j] = x[j]
-        if centre == centre:
-            x = _absorb(x, centre, sites[i, 0], sites[i, 1])
+        x = predict(x, gaps[i], jerk)
+        precision, pull, found = site(x[0] - centres[i], x[3], half, noise, True)
+        sites[i, 0] = precision
+        sites[i, 1] = pull
+        log_z += found
+        x = _absorb(x, centres[i], precision, pull)
     return log_z
+
+
+def used(
+    readings: Array,
+    steps: Array,
+    quantum: float,
+    drift: float,
+    of_a_run: float,
+    rows: NDArray[np.int64],
+    gaps: Array,
+) -> int:
+    """Choose the cells of a stretch that are used; return their number n.
+
+    In a run of equal readings these are the first, the last, and as many between as are
+    informative: about `of_a_run`, and at least one in `drift` readings.
+
+    Parameters
+    ----------
+    rows : filled with the n indices of the cells; nan is not a cell.
+    gaps : filled with the n + 1 times of `sweep`.
+    """
+    count, found = len(readings), 0
+    first, since = 0, 0.0
+    while first < count:
+        end = first + 1
+        while end < count and abs(readings[end] - readings[end - 1]) < 0.5 * quantum:
+            end += 1
+        every = max(1, int(min((end - first) / of_a_run, drift)))
+        for i in range(first, end):
+            if i > 0:
+                since += steps[i]
+            if readings[i] == readings[i] and ((i - first) % every == 0 or i == end - 1):
+                rows[found] = i
+                gaps[found] = since
+                since = 0.0
+                found += 1
+        first = end
+    gaps[found] = since
+    return found

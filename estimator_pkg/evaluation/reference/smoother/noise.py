@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start, stretches
-from estimator_pkg.evaluation.reference.smoother.sites import SWEEPS, find_sites
+from estimator_pkg.evaluation.reference.smoother.sites import Stretch
 from estimator_pkg.evaluation.reference.smoother.steps import likelihood
 
 Array = NDArray[np.float64]
@@ -29,10 +30,13 @@ CELL_READINGS = 24_000  # the probability of cells is evaluated on about this ma
 PLAIN_READINGS = 3_000  # (without compilation), in stretches of
 CELL_STRETCH = 1500  # this many readings or, if that is longer, with this many
 CHANGES = 20  # changes of the reading
-SOME = 3  # the first coarse search uses every third stretch
+SOME = 3  # the first coarse search uses every third stretch, not only the first
 COARSE = 4.0  # noise of more quanta than this hides the cells
 SHARP = 0.01  # smallest blur of the cells' edges, in quanta
 BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, COARSE)
+CLOSE = 0.15  # width of the golden section that a parabola ends [decades]
+FIRST, LAST = 0.3, 0.1  # differences of the search for both [decades]
+MOST, GAIN = 8, 0.5  # steps of it, and the smallest that is worth another one
 STEEP = 9  # the search for the jerk covers this many decades below that of white noise
 
 
@@ -91,23 +95,27 @@ def white(
             logs, squares, number = logs + found[0], squares + found[1], number + found[2]
         return logs, squares, number
 
+    @lru_cache
+    def at_floor(ratio: float) -> tuple[float, float, int]:
+        return sums(floor, floor * 10.0**ratio / step**5)
+
     def free(ratio: float) -> float:
-        logs, squares, number = sums(floor, floor * 10.0**ratio / step**5)
+        logs, squares, number = at_floor(ratio)
         # scaling every variance by `squares / number` makes this the likelihood's maximum
         return logs + number * math.log(max(squares, 1e-300) / max(number, 1))
 
     if reading is None:
-        best = _lowest(free, *RATIOS, 0.02)
-        _, squares, number = sums(floor, floor * 10.0**best / step**5)
+        best = _lowest(free, *RATIOS, CLOSE)
+        _, squares, number = at_floor(best)
         r = floor * squares / max(number, 1)
         if r > floor:
             return Noise(math.sqrt(r), r * 10.0**best / step**5, count, False)
 
     def held(ratio: float) -> float:
-        logs, squares, _ = sums(floor, floor * 10.0**ratio / step**5)
+        logs, squares, _ = at_floor(ratio)
         return logs + squares
 
-    best = _lowest(held, *RATIOS, 0.02)
+    best = _lowest(held, *RATIOS, CLOSE)
     return Noise(math.sqrt(floor), floor * 10.0**best / step**5, count, True)
 
 
@@ -120,37 +128,35 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
     rough : the result of `white`.
     """
     count = rough.quantum
-    chosen = _telling(parts, count)
-    some = chosen[::SOME]
+    chosen = [Stretch(part, count) for part in _telling(parts, count)]
+    some = chosen[(len(chosen) - 1) // 2 % SOME :: SOME]
 
-    def unlikely(among: list[Piece], blur: float, jerk: float, sweeps: int = SWEEPS) -> float:
-        return -sum(find_sites(part, count, blur, jerk, sweeps)[1] for part in among)
+    def guessed(part: float, power: float) -> float:
+        return -sum(each.guess(part * count, 10.0**power) for each in some)
+
+    def seldom(part: float, power: float) -> float:
+        return -sum(each.probability(part * count, 10.0**power, 1) for each in some)
+
+    def rarity(blur: float, jerk: float) -> float:
+        return -sum(each.probability(blur, jerk) for each in chosen)
 
     middle = math.log10(rough.jerk)
-    grid = []
-    for part in BLURS:
-        seen = [
-            (unlikely(some, part * count, 10.0 ** (middle + up), 1), part, middle + up)
-            for up in range(STEEP + 1)
-        ]
-        while seen[0] <= min(seen[:2]):  # the lowest value is the last one: go on downwards
-            power = seen[0][2] - 1.0
-            if power < middle - STEEP:
-                break
-            seen.insert(0, (unlikely(some, part * count, 10.0**power, 1), part, power))
-        grid += seen
-    _, part, power = min(grid)
-    power = _lowest(
-        lambda at: unlikely(chosen, part * count, 10.0**at), power - 1.0, power + 1.0, 0.1
-    )
-    size = _lowest(
-        lambda at: unlikely(chosen, count * 10.0**at, 10.0**power),
-        max(math.log10(SHARP), math.log10(part) - 0.5),
-        math.log10(part) + 0.5,
-        0.05,
+
+    def start_of(part: float) -> tuple[float, float, float]:
+        """Return (rarity in the rough search, blur in quanta, log10 of the jerk)."""
+        up = _downhill(lambda up: guessed(part, middle + up), range(0, STEEP + 1, 2))
+        near: dict[float, float] = {}
+        _downhill(lambda up: near.setdefault(middle + up, seldom(part, middle + up)), [up])
+        return min(near.values()), part, vertex(near)
+
+    _, part, power = min(start_of(part) for part in BLURS)
+    power, size = _newton(
+        lambda power, size: rarity(count * 10.0**size, 10.0**power),
+        power,
+        math.log10(part),
+        math.log10(SHARP),
     )
     blur = count * 10.0**size
-    power = _lowest(lambda at: unlikely(chosen, blur, 10.0**at), power - 1.0, power + 1.0, 0.05)
     return Noise(
         math.sqrt(count * count / 12.0 + blur * blur), 10.0**power, count, blur < 0.1 * count, blur
     )
@@ -167,22 +173,87 @@ def _telling(parts: list[Piece], count: float) -> list[Piece]:
     return stretches(parts, min(length, readings // 2), max(2, readings // length))
 
 
+def _downhill(function: Callable[[int], float], first: Iterable[int]) -> int:
+    """Return the integer from `-STEEP` on at which `function` has a minimum.
+
+    From the best of the `first` ones it steps to the lower neighbour.
+    """
+    value = lru_cache(function)
+    last, best = max(first), min(first, key=value)
+    while True:
+        near = [at for at in (best, best - 1, best + 1) if -STEEP <= at <= max(last, STEEP)]
+        lower = min(near, key=value)
+        if lower == best:
+            return best
+        best = lower
+
+
 def _lowest(function: Callable[[float], float], low: float, high: float, fine: float) -> float:
-    """Return the argument of the minimum of `function`: a grid, then golden section."""
-    grid = np.arange(low, high + 0.5, 1.0)
-    values = [function(float(at)) for at in grid]
-    best = float(grid[int(np.argmin(values))])
+    """Return the argument of the minimum of `function`: a grid, golden section, and a parabola."""
+    seen = {float(at): function(float(at)) for at in np.arange(low, high + 0.5, 2.0)}
+    for near in (-1.0, 1.0):
+        at = min(seen, key=lambda at: seen[at]) + near
+        if low <= at <= high and at not in seen:
+            seen[at] = function(at)
+    best = min(seen, key=lambda at: seen[at])
     low, high = max(low, best - 1.0), min(high, best + 1.0)
     part = (math.sqrt(5.0) - 1.0) / 2.0
     left, right = high - part * (high - low), low + part * (high - low)
-    at_left, at_right = function(left), function(right)
+    seen[left], seen[right] = function(left), function(right)
     while high - low > fine:
-        if at_left < at_right:
-            high, right, at_right = right, left, at_left
+        if seen[left] < seen[right]:
+            high, right = right, left
             left = high - part * (high - low)
-            at_left = function(left)
+            seen[left] = function(left)
         else:
-            low, left, at_left = left, right, at_right
+            low, left = left, right
             right = low + part * (high - low)
-            at_right = function(right)
-    return 0.5 * (low + high)
+            seen[right] = function(right)
+    return vertex(seen)
+
+
+def _newton(
+    function: Callable[[float, float], float], x: float, y: float, least: float
+) -> tuple[float, float]:
+    """Return the minimum (x, y), y >= `least`, near a start: Newton steps with differences."""
+    step, before = FIRST, math.inf
+    for _ in range(MOST):
+        y = least if y < least + 0.5 * step else max(y, least + step)
+        here, east, west = (function(x + at, y) for at in (0.0, step, -step))
+        north = function(x, y + step)
+        gx, hxx = 0.5 * (east - west), max(east + west - 2.0 * here, 0.0)
+        if y == least:
+            dx, dy = _bounded(-gx, hxx), step if north < here else 0.0
+        else:
+            south, both = function(x, y - step), function(x + step, y + step)
+            gy, hyy = 0.5 * (north - south), max(north + south - 2.0 * here, 0.0)
+            hxy = both - east - north + here
+            det = hxx * hyy - hxy * hxy
+            if det > 0.01 * hxx * hyy:
+                dx, dy = _bounded(hxy * gy - hyy * gx, det), _bounded(hxy * gx - hxx * gy, det)
+            else:
+                dx, dy = _bounded(-gx, hxx), _bounded(-gy, hyy)
+        near = max(abs(dx), abs(dy)) < 1.0
+        if near or here < before - GAIN:
+            x, y = x + step * dx, y + step * dy
+        if (near and step == LAST) or here >= before - GAIN:
+            break
+        step, before = LAST if near else step, here
+    return x, max(y, least)
+
+
+def _bounded(over: float, under: float) -> float:
+    """Return the ratio within -2 and 2, if need be by sign."""
+    return min(max(over / under, -2.0), 2.0) if under > 0.0 else math.copysign(2.0, over)
+
+
+def vertex(seen: Mapping[float, float]) -> float:
+    """Return the lowest point of the parabola through the lowest of these values and neighbours."""
+    at = sorted(seen)
+    i = min(range(len(at)), key=lambda i: seen[at[i]])
+    if i in (0, len(at) - 1):
+        return at[i]
+    left, right = at[i] - at[i - 1], at[i + 1] - at[i]
+    down, up = seen[at[i - 1]] - seen[at[i]], seen[at[i + 1]] - seen[at[i]]
+    bend = left * up + right * down
+    return at[i] + 0.5 * (left * left * up - right * right * down) / bend if bend else at[i]

@@ -9,14 +9,118 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.evaluation.reference.smoother.cells import sweep, towards
+from estimator_pkg.evaluation.reference.smoother.cells import filtered, sweep, used
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start
 
 Array = NDArray[np.float64]
 
 SWEEPS = 3  # forward and backward: the sites converge after two
-OF_A_RUN = 15  # number of used cells in a run of equal readings, and its last,
+OF_A_RUN = 15.0  # number of used cells in a run of equal readings, and its last,
 DRIFT = 0.25  # or more, if the motion can drift by this many quanta between them
+
+
+class Stretch:
+    """A stretch of cells, and the sites that were found last.
+
+    In a run of equal readings only some cells are used (`cells.used`). More would count as
+    independent although they are not.
+
+    Parameters
+    ----------
+    part : its readings are the unwrapped middles of the cells; nan: none.
+    quantum : width of a cell [rad].
+    """
+
+    def __init__(self, part: Piece, quantum: float) -> None:
+        self._part, self._quantum = part, quantum
+        count = len(part.readings)
+        self._step = float(np.median(part.steps[1:])) if count > 1 else 1.0
+        self._rows, self._gaps = np.empty(count, np.int64), np.empty(count + 1)
+        self._messages = np.empty((count, 9))
+        self._sites = np.empty((count, 2))
+        self._of = np.zeros(0, np.int64)  # rows to which the sites belong
+        self._drift, self._count = np.nan, 0
+        runs = np.flatnonzero(np.abs(np.diff(part.readings)) >= 0.5 * quantum)
+        self._longest = float(np.max(np.diff(runs, prepend=-1, append=count))) / OF_A_RUN
+
+    def _choose(self, jerk: float) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return (rows, gaps, centres) of the cells that are used."""
+        # white jerk drifts by sqrt(jerk t^5 / 20) in a time t
+        drift = (20.0 * (DRIFT * self._quantum) ** 2 / jerk) ** 0.2 / self._step
+        drift = min(drift, self._longest)  # above it, it does not matter
+        if drift != self._drift:
+            self._drift = drift
+            self._count = compiled(used)(
+                self._part.readings,
+                self._part.steps,
+                self._quantum,
+                drift,
+                OF_A_RUN,
+                self._rows,
+                self._gaps,
+            )
+        rows = self._rows[: self._count]
+        return rows, self._gaps[: self._count + 1], self._part.readings[rows]
+
+    def guess(self, blur: float, jerk: float) -> float:
+        """Return the log of the probability of the readings, roughly, in one pass.
+
+        Parameters
+        ----------
+        blur, jerk : standard deviation of the cells' blur [rad], intensity of the white jerk
+            [rad^2/s^5].
+        """
+        rows, gaps, centres = self._choose(jerk)
+        if not len(rows):
+            return 0.0
+        half = 0.5 * self._quantum
+        x = start(centres[0], half * half / 3.0 + blur * blur)
+        sites = self._sites[: len(rows)]
+        return compiled(filtered)(x, gaps, centres, half, blur, jerk, sites)
+
+    def probability(self, blur: float, jerk: float, sweeps: int | None = None) -> float:
+        """Return the same with the sites that `sweeps` forward and backward find.
+
+        None: those of the last call are the start if they are of the same cells. One direction is
+        enough then.
+        """
+        rows, gaps, centres = self._choose(jerk)
+        count = len(rows)
+        if not count:
+            return 0.0
+        half = 0.5 * self._quantum
+        variance = half * half / 3.0 + blur * blur
+        sites, messages = self._sites[:count], self._messages[:count]
+        if sweeps is None and np.array_equal(rows, self._of):
+            passes = 1
+        else:
+            passes = 2 * (sweeps or SWEEPS)
+            self._of = rows.copy()
+            sites[:, 0], sites[:, 1] = 1.0 / variance, 0.0
+        ends = {1: start(centres[0], variance), -1: start(centres[-1], variance)}
+        along, log_z, way = compiled(sweep), 0.0, -1
+        for turn in range(passes + 1):  # each direction replaces the messages of the other
+            log_z = along(
+                ends[way],
+                way,
+                gaps,
+                centres,
+                half,
+                blur,
+                jerk,
+                sites,
+                messages,
+                turn > 0,
+                turn == passes,
+            )
+            way = -way
+        return log_z
+
+    def sites(self) -> Array:
+        """Return the sites that were found last; shape (n, 2), 0 for cells that are not used."""
+        result = np.zeros((len(self._part.readings), 2))
+        result[self._of] = self._sites[: len(self._of)]
+        return result
 
 
 def find_sites(
@@ -24,49 +128,12 @@ def find_sites(
 ) -> tuple[Array, float]:
     """Return (sites, log of the probability) of a stretch of cells; see `smoother.cells.sweep`.
 
-    In a run of equal readings only some cells are used: the first, the last, and as many between
-    as are informative. More would count as independent although they are not.
-
     Parameters
     ----------
     part : its readings are the unwrapped middles of the cells; nan: none.
     quantum, blur : width of a cell, and standard deviation of its blur [rad].
     jerk : intensity of the white jerk [rad^2/s^5].
     """
-    centres = np.where(used(part, quantum, jerk), part.readings, np.nan)
-    known = np.flatnonzero(np.isfinite(centres))
-    sites: Array = np.zeros((len(centres), 2))
-    if not len(known):
-        return sites, 0.0
-    variance = quantum**2 / 12.0 + blur**2
-    ways = (centres, centres[::-1].copy())
-    steps = (part.steps, np.concatenate([[0.0], part.steps[:0:-1]]))
-    starts = [start(centres[i], variance) for i in (known[0], known[-1])]
-    sites[known, 0] = 1.0 / variance
-    messages: Array = np.empty((len(sites), 9))
-    sites = sites[::-1].copy()
-    compiled(towards)(starts[1], steps[1], ways[1], jerk, sites, messages)
-    along, log_z = compiled(sweep), 0.0
-    for turn in range(2 * sweeps):  # each direction replaces the messages of the other
-        way = turn % 2
-        messages, sites = messages[::-1].copy(), sites[::-1].copy()
-        log_z = along(
-            starts[way], steps[way], ways[way], 0.5 * quantum, blur, jerk, messages, sites
-        )
-    return sites[::-1].copy(), log_z
-
-
-def used(part: Piece, quantum: float, jerk: float) -> NDArray[np.bool_]:
-    """Return which cells are used, shape (n,)."""
-    count = len(part.readings)
-    changed = ~(np.abs(np.diff(part.readings)) < 0.5 * quantum)
-    firsts = np.concatenate([[0], np.flatnonzero(changed) + 1])
-    lengths = np.diff(firsts, append=count)
-    step = float(np.median(part.steps[1:])) if count > 1 else 1.0
-    # white jerk drifts by sqrt(jerk t^5 / 20) in a time t
-    drift = (20.0 * (DRIFT * quantum) ** 2 / jerk) ** 0.2 / step
-    every = np.maximum(1.0, np.minimum(lengths / OF_A_RUN, drift)).astype(np.int64)
-    within = np.arange(count) - np.repeat(firsts, lengths)
-    chosen = within % np.repeat(every, lengths) == 0
-    chosen[firsts + lengths - 1] = True
-    return chosen
+    stretch = Stretch(part, quantum)
+    log_z = stretch.probability(blur, jerk, sweeps)
+    return stretch.sites(), log_z
