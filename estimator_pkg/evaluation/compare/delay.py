@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.interpolation import cubic
+from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,7 @@ NEAR = 0.05  # minima within this fraction of the error's range above the best c
 RISE = 0.1  # the two sides are compared where the error has risen by this fraction
 CLEAR = 0.2  # the error must depend on the shift by this fraction, else there is no result
 SURE = 6.0  # and by this over the root of the number of samples: noise alone gives less
+EXACT = 1e-9  # of the delay [s]
 MOTION = 2.0  # the truth's variance must exceed its noise power by this factor
 
 
@@ -132,24 +133,30 @@ def _middle(
         return np.nan
     at, wanted = time[inside], truth[inside]
 
-    def difference(signal: Array, where: float) -> float:
-        right = cubic(time, signal, at + where + side) - wanted
-        left = cubic(time, signal, at + where - side) - wanted
+    def difference(signal: Array, slope: Array, where: float) -> float:
+        right = cubic(time, signal, at + where + side, slope) - wanted
+        left = cubic(time, signal, at + where - side, slope) - wanted
         return float(np.mean(right * right) - np.mean(left * left))
 
-    own = difference(truth, 0.0)
+    own = difference(truth, slopes(time, truth), 0.0)
+    of_estimate = slopes(time, estimate)
 
-    def slope(where: float) -> float:
-        return difference(estimate, where) - own
+    def rise(where: float) -> float:
+        return difference(estimate, of_estimate, where) - own
 
-    if slope(low) > 0.0 or slope(high) < 0.0:
+    below, above = rise(low), rise(high)
+    if below > 0.0 or above < 0.0:
         return shift
+    # Between them it is nearly a straight line: regula falsi, in the Illinois variant, which halves
+    # the value of an end that stays (Dahlquist and Bjorck, Numerical Methods, section 6.2.2)
+    kept, where = 0, 0.5 * (low + high)
     for _ in range(40):
-        middle = 0.5 * (low + high)
-        if slope(middle) < 0.0:
-            low = middle
+        before, where = where, (low * above - high * below) / (above - below or 1.0)
+        value = rise(where)
+        if value < 0.0:
+            low, below, above, kept = where, value, above * (0.5 if kept < 0 else 1.0), -1
         else:
-            high = middle
-        if high - low < 1e-9:
+            high, above, below, kept = where, value, below * (0.5 if kept > 0 else 1.0), 1
+        if abs(where - before) < EXACT or high - low < EXACT:
             break
-    return 0.5 * (low + high)
+    return where

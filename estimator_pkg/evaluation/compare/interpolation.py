@@ -24,7 +24,7 @@ def slopes(time: Array, values: Array) -> Array:
     return np.gradient(values, time, edge_order=2)
 
 
-def cubic(time: Array, values: Array, at: Array) -> Array:
+def cubic(time: Array, values: Array, at: Array, slope: Array | None = None) -> Array:
     """Return `values` at the times `at`, by cubic Hermite interpolation (exact at the samples).
 
     Parameters
@@ -32,10 +32,12 @@ def cubic(time: Array, values: Array, at: Array) -> Array:
     time : shape (n,), strictly increasing [s].
     values : shape (n,).
     at : shape (m,) [s]; outside the samples the result is the value at the nearer end.
+    slope : shape (n,), `slopes` of the values, if they are already known.
     """
     if len(time) < 2:
         return np.full(len(at), values[0] if len(values) else np.nan)
-    slope = slopes(time, values)
+    if slope is None:
+        slope = slopes(time, values)
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     left = right - 1
     width = time[right] - time[left]
