@@ -54,7 +54,7 @@ setup(
     version='0.1.0',
     packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
     package_data={
-        'estimator_pkg': ['py.typed'],
+        'estimator_pkg': ['py.typed', 'evaluation/report/page.*s'],
         'sim_pkg': ['py.typed', 'reproduce/*/references.csv'],
     },
     data_files=[

@@ -169,7 +169,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         page = (
-            stack.enter_context(Report(parsed.html, len(bags), chosen.wrap_period, parsed.data))
+            stack.enter_context(
+                Report(parsed.html, len(bags), chosen.wrap_period, parsed.data, chosen.observers)
+            )
             if parsed.html
             else None
         )

@@ -149,14 +149,14 @@ def _middle(
         return shift
     # Between them it is nearly a straight line: regula falsi, in the Illinois variant, which halves
     # the value of an end that stays (Dahlquist and Bjorck, Numerical Methods, section 6.2.2)
-    kept, where = 0, 0.5 * (low + high)
+    kept, at_zero = 0, 0.5 * (low + high)
     for _ in range(40):
-        before, where = where, (low * above - high * below) / (above - below or 1.0)
-        value = rise(where)
+        previous, at_zero = at_zero, (low * above - high * below) / (above - below or 1.0)
+        value = rise(at_zero)
         if value < 0.0:
-            low, below, above, kept = where, value, above * (0.5 if kept < 0 else 1.0), -1
+            low, below, above, kept = at_zero, value, above * (0.5 if kept < 0 else 1.0), -1
         else:
-            high, above, below, kept = where, value, below * (0.5 if kept > 0 else 1.0), 1
-        if abs(where - before) < EXACT or high - low < EXACT:
+            high, above, below, kept = at_zero, value, below * (0.5 if kept > 0 else 1.0), 1
+        if abs(at_zero - previous) < EXACT or high - low < EXACT:
             break
-    return where
+    return at_zero

@@ -1,51 +1,49 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``evaluate --html``: one self-contained page for any number of bags and observers."""
+"""A self-contained page: the verdict, a parameter file, a picture, a table, findings and plots."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import math
+from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from estimator_pkg import __version__, destination
-from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.report import figures, opening, panels, tradeoff
+from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
 from estimator_pkg.evaluation.report.findings import Measurement, look, sentences
+from estimator_pkg.evaluation.report.svg import Style, styles
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
-from estimator_pkg.optional import needs
-from estimator_pkg.printable import escaped
+from estimator_pkg.printable import escaped, printable
+from estimator_pkg.progress import progress
 
-POINTS_OF_A_PAGE = 240_000  # of all lines over time: a few megabytes,
-POINTS = (600, 40000)  # smallest and largest number of one line
-LINES = 3  # per estimate: velocity, error, band
-
-STYLE = """
-:root { color-scheme: light dark; }
-body { font: 14px/1.45 system-ui, sans-serif; color: #222; background: #fff; max-width: 1120px;
-       margin: 1.5em auto; padding: 0 1em; overflow-wrap: anywhere; }
-h1 { font-size: 1.5em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #ccc; }
-h3 { font-size: 1.05em; margin-top: 1.4em; }
-table { border-collapse: collapse; font-size: 13px; } th, td { padding: .2em .5em;
-       text-align: right; border-bottom: 1px solid #e4e4e4; white-space: nowrap; }
-th { background: #f4f4f4; vertical-align: top; }
-td:first-child, td:nth-child(2), th:first-child, th:nth-child(2) { text-align: left; }
-tr.best td { font-weight: 600; } .note { color: #666; font-size: 13px; }
-.scroll { overflow-x: auto; } .closer { display: flex; flex-wrap: wrap; }
-.plot { overflow-x: auto; } .closer .plot { flex: 1 1 420px; min-width: 0; }
-@media (prefers-color-scheme: dark) {
-  body { color: #ddd; background: #1b1b1b; } h2 { border-color: #555; }
-  th { background: #2a2a2a; } th, td { border-color: #3a3a3a; } .note { color: #aaa; }
-  .plot { filter: invert(.894) hue-rotate(180deg); }
-}
-"""
+POINTS = (1000, 20_000)  # fewest and most numbers of a curve
+ALL_POINTS = 6_000_000  # of all curves of a page: 32 MB
+CURVES = 2  # of an estimate: velocity and error
+USE = (
+    'Drag over a plot to zoom; double-click shows all. Ctrl and the wheel zoom, too. On a touch '
+    'screen swipe sideways to move, up and down to scroll. The names above the plots bring an '
+    'estimate forward or back, in all plots. The vertical axis follows the estimates in front.'
+)
 
 
 class Report:
     """Collects bags and writes the page; a context manager.
+
+    To make a page of series that are in memory (a live record, say), make a `Comparison` with
+    `compare.comparison.compared` and add it:
+
+        with Report(path, 1, period) as page:
+            page.add(comparison, verdicts=..., parameters=text, checks=[('PASS', 'rate: ...')])
 
     Parameters
     ----------
@@ -53,25 +51,33 @@ class Report:
     bags : number of bags, which share the points.
     period : wrap period of the positions [rad].
     data : file with every sample, to which the page refers; None: none.
+    entries : the observers that were run, with their parameters.
 
     Raises
     ------
-    UserError : Bokeh is missing, or the file cannot be written.
+    UserError : the file cannot be written.
     """
 
-    def __init__(self, path: str, bags: int, period: float, data: str | None = None) -> None:
-        try:
-            import bokeh  # noqa: F401  (checks that it is installed)
-        except ImportError as error:
-            raise UserError(f'pages: {needs("bokeh")}') from error
+    def __init__(
+        self,
+        path: str,
+        bags: int,
+        period: float,
+        data: str | None = None,
+        entries: Sequence[Entry] = (),
+    ) -> None:
         self.path = Path(path)
         destination.check(path)
         self._data = data
         self._period = period
         self._bags = max(1, bags)
+        self._entries = {entry.label: entry for entry in entries}
         self._overview = Overview()
         self._sections: list[str] = []
-        self._figures: dict[str, Any] = {}
+        self._groups: list[dict[str, Any]] = []
+        self._sources: dict[str, None] = {}  # in the order of the first verdict
+        self._chosen: dict[str, None] = {}
+        self._left_out = ''
 
     def __enter__(self) -> Report:
         return self
@@ -84,111 +90,255 @@ class Report:
     ) -> None:
         """Write the page, unless an error occurred."""
         if kind is None:
-            self._write()
+            with progress(f'{self.path}: page', None):
+                self._write()
 
-    def add(self, comparison: Comparison) -> list[str]:
-        """Add a bag; return its findings as sentences."""
+    def add(
+        self,
+        comparison: Comparison,
+        verdicts: Mapping[str, Verdict] | None = None,
+        parameters: str | None = None,
+        checks: Sequence[tuple[str, str]] = (),
+    ) -> list[str]:
+        """Add a bag; return its findings as sentences.
+
+        Parameters
+        ----------
+        comparison : rows of estimates, their references and the measured positions.
+        verdicts : the ranking of each joint without truth; None: those of the comparison. A joint
+            without one is ranked by its errors against the truth.
+        parameters : text of the parameter file to show; None: the chosen observer's.
+        checks : (state, sentence), such as ('WARN', 'the stamps jitter by 2 ms: ...').
+        """
+        if verdicts is None:
+            verdicts = getattr(comparison, 'verdicts', {})
+        verdicts = {joint: each for joint, each in verdicts.items() if each is not None}
+        joints = list(dict.fromkeys(row.joint for row in comparison.rows))
         seen: dict[str, Measurement] = {}
-        for joint in dict.fromkeys(row.joint for row in comparison.rows):
-            if joint in comparison.measurement:
-                found = look(comparison.measurement[joint], comparison.starts[joint], self._period)
-                if found is not None:
-                    seen[joint] = found
-        findings = sentences(comparison, seen)
-        bag = Path(comparison.bag)
-        parts = [
-            f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>',
-            f'<p class="note">{escaped(str(bag))}</p>',
-            f'<p>Velocity errors against {escaped(comparison.truth)}, at zero shift, and '
-            'the delay.</p>',
-            table(comparison),
-            worth(comparison),
-            '<h3>Findings and recommendations</h3>',
-            '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in findings) + '</ul>',
-        ]
-        points = self._points(comparison)
-        for joint in dict.fromkeys(row.joint for row in comparison.rows):
-            rows = [row for row in comparison.rows if row.joint == joint]
-            parts.append(f'<h3>{escaped(joint)}</h3>')
-            parts += self._draw(comparison, joint, rows, seen.get(joint), points)
+        rows: dict[str, list[Row]] = {}
+        raw: dict[str, Row] = {}
+        with progress(f'{comparison.bag}: page', 3 * len(joints)) as advance:
+            for joint in joints:
+                if joint in comparison.measurement:
+                    found = look(
+                        comparison.measurement[joint], comparison.starts[joint], self._period
+                    )
+                    if found is not None:
+                        seen[joint] = found
+                of_joint = [row for row in comparison.rows if row.joint == joint]
+                raw_row = next((row for row in of_joint if row.source == tradeoff.RAW), None)
+                if raw_row is None:
+                    raw_row = tradeoff.raw_difference(comparison, joint, of_joint[0], self._period)
+                    of_joint += [raw_row] if raw_row is not None else []
+                if raw_row is not None:
+                    raw[joint] = raw_row
+                rows[joint] = opening.ordered(of_joint, verdicts.get(joint))
+                advance(1)
+            chosen = {
+                joint: opening.choice(
+                    [row for row in each if any(row is one for one in comparison.rows)],
+                    verdicts.get(joint),
+                )
+                for joint, each in rows.items()
+            }
+            self._know(rows, chosen)
+            findings = grouped(
+                [*contradictions(comparison, rows, verdicts), *sentences(comparison, seen)], joints
+            )
+            parts = [
+                *self._opening(
+                    comparison, rows, chosen, raw, seen, verdicts, parameters, len(joints)
+                )
+            ]
+            ordered = [row for joint in joints for row in rows[joint]]
+            parts += [
+                f'<p class="note">Velocity errors against {escaped(comparison.truth)}, at zero '
+                'shift, and the delay.</p>',
+                table(comparison, ordered, chosen, self._entries),
+                worth(comparison),
+            ]
+            if checks:
+                parts.append(
+                    '<h3>Checks</h3><table>'
+                    + ''.join(
+                        f'<tr><td class="text">{escaped(state)}</td>'
+                        f'<td class="text" style="white-space:normal">{escaped(text)}</td></tr>'
+                        for state, text in checks
+                    )
+                    + '</table>'
+                )
+            parts += [
+                '<h3>Findings and recommendations</h3>',
+                '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in findings) + '</ul>',
+            ]
+            if not self._groups:
+                parts.append('<!--legend-->')
+            points = self._points(comparison)
+            for joint in joints:
+                advance(1)
+                parts += self._plots(comparison, joint, rows[joint], chosen[joint], seen, points)
+                advance(1)
         self._sections.append('\n'.join(parts))
         return findings
 
     def leave_out(self, bags: Sequence[LeftOut]) -> None:
         """Add the list of bags that could not be evaluated."""
         if bags:
-            self._sections.append(
+            self._left_out = (
                 '<h2>Skipped</h2><ul>'
                 + ''.join(f'<li>{escaped(str(bag))}</li>' for bag in bags)
                 + '</ul>'
             )
 
+    def _know(self, rows: Mapping[str, Sequence[Row]], chosen: Mapping[str, Row]) -> None:
+        """Note the estimates, in the order of the legend, and those that are in front."""
+        first = [row.source for row in chosen.values()]
+        there = {row.source for each in rows.values() for row in each}
+        front = [*first, *({tradeoff.RAW} & there)]
+        self._sources.update(dict.fromkeys(front))
+        for each in rows.values():
+            self._sources.update(dict.fromkeys(row.source for row in each))
+        self._chosen.update(dict.fromkeys(front))
+
+    def _styles(self) -> dict[str, Style]:
+        return styles(self._sources)
+
+    def _opening(
+        self,
+        comparison: Comparison,
+        rows: Mapping[str, Sequence[Row]],
+        chosen: Mapping[str, Row],
+        raw: Mapping[str, Row],
+        seen: Mapping[str, Measurement],
+        verdicts: Mapping[str, Verdict],
+        parameters: str | None,
+        joints: int,
+    ) -> list[str]:
+        """Return heading, verdict, parameter file and picture."""
+        bag = Path(comparison.bag)
+        anchor = self._overview.add(comparison)
+        said = opening.words(chosen, raw, self._entries, verdicts)
+        spoken = sum(text.startswith('Use ') for text in said)
+        if parameters is None:
+            parameters = opening.parameter_file(
+                comparison, chosen, self._entries, seen, self._period
+            )
+        moving = max(rows, key=lambda joint: _speed(rows[joint][0]))
+        drawn = tradeoff.picture(
+            tradeoff.sweeps(comparison, moving, rows[moving], self._entries, self._period),
+            self._styles(),
+            moving,
+        )
+        picture = (
+            f'{drawn}<p class="note">Down and to the left is better. A point is an estimate, its '
+            'line the same observer with other gains. The grey band is the Pareto front: nothing '
+            'has both less delay and less noise. A ring marks the points on it. Noise: rms error '
+            'after the delay is taken out'
+            + (f', of {escaped(moving)}, which moves fastest' if joints > 1 else '')
+            + '.</p>'
+            if drawn
+            else '<p class="note">No picture of noise against delay: the motion determines no '
+            'delay.</p>'
+        )
+        file = (
+            '<div><p>The parameter file:</p><pre>' + _shown(parameters) + '</pre>'
+            '<button class="copy">copy</button></div>'
+            if parameters
+            else '<p>The best estimate is a recorded topic: there are no parameters to set.</p>'
+        )
+        return [
+            f'<h2 id="{anchor}">{escaped(bag.name)}</h2>',
+            f'<p class="note">{escaped(str(bag))}</p>',
+            '<div class="verdict">'
+            + ''.join(f'<p>{escaped(each)}</p>' for each in said[:spoken])
+            + '</div>',
+            ''.join(f'<p>{escaped(each)}</p>' for each in said[spoken:]),
+            f'<div class="first">{file}<div>{picture}</div></div>',
+        ]
+
     def _points(self, comparison: Comparison) -> int:
-        """Return the number of points of a line."""
-        share = POINTS_OF_A_PAGE // (self._bags * LINES * max(1, len(comparison.rows)))
+        """Return the largest number of points of a curve."""
+        share = ALL_POINTS // (self._bags * CURVES * max(1, len(comparison.rows)))
         return min(max(share, POINTS[0]), POINTS[1])
 
-    def _draw(
+    def _plots(
         self,
         comparison: Comparison,
         joint: str,
         rows: Sequence[Row],
-        seen: Measurement | None,
+        best: Row,
+        seen: Mapping[str, Measurement],
         points: int,
     ) -> list[str]:
-        from estimator_pkg.evaluation.report import figures
-
-        wide = figures.over_time(comparison, joint, rows, points)
-        small = figures.closer(comparison, rows)
-        wide.append(figures.around_the_worst(rows))
-        figures.link(wide + small)
-        if seen is not None:
-            small.append(figures.sample_times(seen))
+        known = self._styles()
+        number = len(self._groups)
+        self._groups.append(panels.group(comparison, joint, rows, points))
+        small = [
+            figures.around_the_worst(best, rows, known),
+            figures.error_by_speed(rows, known),
+            figures.error_spectrum(rows, known),
+            figures.distribution(rows, known),
+        ]
+        if joint in seen:
+            small.append(figures.sample_times(seen[joint]))
         return [
-            self._place('over_time', wide),
-            self._place('closer', small),
-            '<p class="note">Drag a box over a plot to zoom; the time axes are linked. The tools '
-            'above a plot pan, zoom with the wheel, reset and save. A click on a name hides it in '
-            'all plots of the joint. A triangle at the edge marks a value outside the plot.</p>',
+            f'<h3>{escaped(joint)}</h3>',
+            f'<div class="group" id="group_{number}"></div>',
+            f'<div class="small">{"".join(f"<div>{each}</div>" for each in small)}</div>',
         ]
 
-    def _place(self, kind: str, drawn: Sequence[Any]) -> str:
-        names = []
-        for figure in drawn:
-            name = f'figure_{len(self._figures)}'
-            self._figures[name] = figure
-            names.append(name)
-        slots = ''.join(
-            f'<div class="plot"><div data-figure="{name}"></div></div>' for name in names
+    def _legend(self) -> str:
+        buttons = []
+        for source, style in self._styles().items():
+            pressed = 'true' if source in self._chosen else 'false'
+            buttons.append(
+                f'<button data-s="{escaped(source)}" aria-pressed="{pressed}">'
+                f'<svg viewBox="0 0 30 10"><path d="M0 5H30" stroke-width="3" {style.svg()}/></svg>'
+                f'{escaped(source)}</button>'
+            )
+        return (
+            f'<h2>Plots</h2><p class="note">{USE}</p><div class="legend">{"".join(buttons)}</div>'
         )
-        return f'<div class="{kind}">{slots}</div>'
 
     def _write(self) -> None:
-        from bokeh.document import Document
-        from bokeh.embed import components
-        from bokeh.resources import Resources
-
-        document = Document()
-        with document.models.freeze():  # else Bokeh visits all figures for each new one
-            for figure in self._figures.values():
-                document.add_root(figure)
-        script, slots = components(self._figures)
-        body = '\n'.join([self._overview.html(), *self._sections])
-        for name, slot in slots.items():
-            body = body.replace(f'<div data-figure="{name}"></div>', slot)
-        library = Resources(mode='inline', components=['bokeh'], minified=True).render_js()
+        data = {
+            'groups': self._groups,
+            'chosen': [printable(each) for each in self._chosen],
+            'styles': {
+                printable(name): {'colour': style.colour, 'dash': style.dash}
+                for name, style in self._styles().items()
+            },
+        }
+        body = '\n'.join([self._overview.html(), *self._sections, self._left_out])
+        body = body.replace('<!--legend-->', self._legend(), 1)
+        text = json.dumps(data, separators=(',', ':')).replace('<', '\\u003c')
         page = (
             f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f'<title>Velocity estimates</title><style>{STYLE}</style>\n{library}\n</head><body>'
+            f'<title>Velocity estimates</title><style>{_asset("page.css")}</style></head><body>'
             f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
-            f'{__version__}. {self._where()}The plots show the extremes of each stretch, and '
-            f'more detail when zoomed.</p>\n{script}\n'
-            '</body></html>\n'
+            f'{__version__}. {self._where()}</p>\n'
+            f'<script type="application/json" id="data">{text}</script>\n'
+            f'<script>{_asset("page.js")}</script>\n</body></html>\n'
         )
         destination.write_text(self.path, page)
 
     def _where(self) -> str:
         if self._data is None:
-            return ''
-        return f'Every compared sample is in {escaped(Path(self._data).name)} (numpy.load). '
+            return 'Every compared sample: evaluate --data FILE.'
+        return f'Every compared sample is in {escaped(Path(self._data).name)} (numpy.load).'
+
+
+def _speed(row: Row) -> float:
+    """Return the rms speed of the reference, 0 if it is unknown."""
+    power = float((row.truth**2).mean()) if len(row.truth) else 0.0
+    return math.sqrt(power) if math.isfinite(power) else 0.0
+
+
+def _shown(text: str) -> str:
+    """Return lines for HTML, each without unprintable characters."""
+    return '\n'.join(map(escaped, text.splitlines()))
+
+
+def _asset(name: str) -> str:
+    return resources.files(__package__).joinpath(name).read_text()

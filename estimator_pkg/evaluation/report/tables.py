@@ -6,18 +6,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from estimator_pkg import registry
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.description import describe_smoother, describe_truth
+from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.text import error, fixed, number
+from estimator_pkg.parameters import declared
 from estimator_pkg.printable import escaped
 
 HEADER = (
     'estimate',
     'joint',
+    'gains',
     'rms',
     'mean',
     'worst',
@@ -25,12 +31,12 @@ HEADER = (
     'bias',
     'delay',
     'noise',
-    'in 95 % band',
+    'in 95 % interval',
     'valid',
     'samples',
     'dropped',
 )
-UNITS = ('', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
+UNITS = ('', '', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
 
 
 class Overview:
@@ -86,17 +92,57 @@ def worth(comparison: Comparison) -> str:
     return ''.join(f'<p class="note">{escaped(each)}.</p>' for each in descriptions)
 
 
-def table(comparison: Comparison) -> str:
-    """Return every estimate of one bag as HTML, the best of each joint in bold."""
+def table(
+    comparison: Comparison,
+    rows: Sequence[Row],
+    chosen: Mapping[str, Row],
+    entries: Mapping[str, Entry],
+) -> str:
+    """Return the estimates of one bag as HTML, those of the verdict in bold.
+
+    Parameters
+    ----------
+    rows : in the order of the table. chosen : by joint. entries : by source, with their gains.
+    """
     head = ''.join(
-        f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
-        for name, unit in zip(HEADER, UNITS)
+        f'<th{_left(i)}>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
+        for i, (name, unit) in enumerate(zip(HEADER, UNITS))
     )
-    best = _best(comparison)
-    lines = ''.join(_line(row, best.get(row.joint) is row) for row in comparison.rows)
-    marked = any(row.reference_cannot_tell for row in comparison.rows)
-    star = '<p class="note">* The error is below the reference\'s own error.</p>' if marked else ''
-    return f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>{star}'
+    lines = ''.join(
+        _line(row, chosen.get(row.joint) is row, gains(row.source, entries)) for row in rows
+    )
+    notes = ['Bold: the estimate that the verdict names. Best first.']
+    if any(row.reference_cannot_tell for row in comparison.rows):
+        notes.append("* The error is below the reference's own error.")
+    return (
+        f'<div class="scroll"><table><tr>{head}</tr>{lines}</table></div>'
+        f'<p class="note">{" ".join(notes)}</p>'
+    )
+
+
+def gains(source: str, entries: Mapping[str, Entry]) -> str:
+    """Return the gains of an estimate: those that were set, else the main one; '' if unknown."""
+    entry = entries.get(source)
+    name = source if entry is None else entry.observer
+    if name not in registry.names(registry.OBSERVERS):
+        return ''
+    known = declared(registry.find(registry.OBSERVERS, name).gains)
+    values = {} if entry is None else dict(entry.values)
+    main = next((each for each in ('bandwidth_hz', 'prefer') if each in known), '')
+    shown = {name: _gain(value) for name, value in values.items()}
+    if main and main not in shown:
+        default = known[main].default
+        shown[main] = 'automatic' if default is None else _gain(default)
+    text = ', '.join(f'{name} {value}' for name, value in shown.items())
+    return text if values else f'{text} (default)'.strip()
+
+
+def _gain(value: Any) -> str:
+    return f'{value:.4g}' if isinstance(value, float) else str(value)
+
+
+def _left(column: int) -> str:
+    return ' class="text"' if column < 3 else ''
 
 
 def _best(comparison: Comparison) -> dict[str, Row]:
@@ -113,7 +159,7 @@ def _best(comparison: Comparison) -> dict[str, Row]:
     return found
 
 
-def _line(row: Row, best: bool) -> str:
+def _line(row: Row, best: bool, gained: str) -> str:
     v = row.velocity
     difference = np.abs(row.estimate - row.truth)
     worst = (
@@ -132,6 +178,7 @@ def _line(row: Row, best: bool) -> str:
     cells = (
         row.source,
         row.joint,
+        gained,
         error(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
         error(v['mean_abs'], 4),
         error(v['max_abs'], 3),
@@ -144,5 +191,5 @@ def _line(row: Row, best: bool) -> str:
         f'{row.samples["used"]} of {row.samples["received"]}',
         dropped or '0',
     )
-    made = ''.join(f'<td>{escaped(cell)}</td>' for cell in cells)
+    made = ''.join(f'<td{_left(i)}>{escaped(cell)}</td>' for i, cell in enumerate(cells))
     return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'

@@ -1,0 +1,209 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The first screen of a report page: what to use, in words and as a parameter file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from estimator_pkg import observers, registry, yaml_text
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.report.findings import Measurement
+from estimator_pkg.evaluation.report.tradeoff import RAW, late_and_noisy
+from estimator_pkg.evaluation.text import number
+from estimator_pkg.parameters import declared
+from estimator_pkg.params_file import OVERRIDES
+from estimator_pkg.streams.angle import AngleSettings
+
+KEEP = 1.05  # the default is kept where the best error is not smaller than by this
+NO_DELAY = 1e-4  # shorter delays are not worth a number [s]
+NODE = 'joint_observer'
+
+
+def ordered(rows: Sequence[Row], verdict: Verdict | None) -> list[Row]:
+    """Return the rows of a joint in the order of the verdict, else of their errors."""
+    place = {name: i for i, name in enumerate(verdict.rms)} if verdict else {}
+    return sorted(
+        rows,
+        key=lambda row: (
+            place.get(row.source, len(place)),
+            row.velocity['rms'] if math.isfinite(row.velocity['rms']) else math.inf,
+        ),
+    )
+
+
+def choice(rows: Sequence[Row], verdict: Verdict | None) -> Row:
+    """Return the row to use: the default, unless another one is better."""
+    order = ordered(rows, verdict)
+    default = next((row for row in order if row.source == AngleSettings.observer), None)
+    if verdict is not None:
+        return next((row for row in order if row.source == verdict.choice), order[0])
+    if default is None or default.velocity['rms'] > KEEP * order[0].velocity['rms']:
+        return order[0]
+    return default
+
+
+def words(
+    chosen: Mapping[str, Row],
+    raw: Mapping[str, Row],
+    entries: Mapping[str, Entry],
+    verdicts: Mapping[str, Verdict],
+) -> list[str]:
+    """Return the verdict in sentences.
+
+    Parameters
+    ----------
+    chosen, raw : by joint, the row to use and that of the finite difference.
+    entries : by source, the observers that were run.
+    """
+    by_source: dict[str, list[str]] = {}
+    for joint, row in chosen.items():
+        by_source.setdefault(row.source, []).append(joint)
+    found = []
+    for source, joints in by_source.items():
+        rows = [chosen[joint] for joint in joints]
+        values = dict(entries[source].values) if source in entries else {}
+        how = (
+            ' with ' + ', '.join(f'{name} {_value(value)}' for name, value in values.items())
+            if values
+            else (' as it is' if source in entries or _known(source) else '')
+        )
+        on = '' if len(by_source) == 1 else f' on {_listed(joints)}'
+        if len(by_source) == 1 and len(joints) > 1:
+            on = f' on all {len(joints)} joints'
+        beside = [raw[joint] for joint in joints if joint in raw and source != RAW]
+        found.append(
+            ' '.join([f'Use {source}{how}{on}.', *_quality(rows), *_against(rows, beside, entries)])
+        )
+    several = len(chosen) > 1
+    for joint, verdict in verdicts.items():
+        if joint in chosen:
+            prefix = f'{joint}: ' if several else ''
+            found += [prefix + text for text in verdict.sentences()]
+    return found
+
+
+def _quality(rows: Sequence[Row]) -> list[str]:
+    """Return delay, noise and coverage of the worst joint."""
+    parts = []
+    late = max(
+        (abs(row.velocity['delay_s']) for row in rows if _finite(row, 'delay_s')), default=-1.0
+    )
+    if late > NO_DELAY:
+        parts.append(f'It follows within {number(late * 1e3, 2)} ms')
+    elif late >= 0.0:
+        parts.append('It follows within 0.1 ms')
+    noise = max((row.velocity['noise'] for row in rows if _finite(row, 'noise')), default=-1.0)
+    if noise >= 0.0:
+        parts.append(f'noise {number(noise, 2)} rad/s at constant speed')
+    else:
+        worst = max(row.velocity['rms'] for row in rows)
+        parts.append(f'its error is {number(worst, 2)} rad/s rms')
+    covered = [row.coverage for row in rows if math.isfinite(row.coverage)]
+    if covered:
+        parts.append(f'its 95 % interval contained {min(covered):.0%} of the errors')
+    text = '; '.join(parts)
+    return [text[0].upper() + text[1:] + '.']
+
+
+def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entry]) -> list[str]:
+    """Return the sentence on the finite difference."""
+    late, ratios = [], []
+    for row, other in zip(rows, raw):
+        late.append(other.velocity['delay_s'])
+        if _finite(row, 'noise') and _finite(other, 'noise') and row.velocity['noise'] > 0.0:
+            ratios.append(other.velocity['noise'] / row.velocity['noise'])
+            continue
+        own = late_and_noisy(row.time, row.estimate, row.truth)[1]
+        theirs = late_and_noisy(other.time, other.estimate, other.truth)[1]
+        if own > 0.0 and math.isfinite(theirs):
+            ratios.append(theirs / own)
+    if not raw:
+        return []
+    parts = []
+    known = [each for each in late if math.isfinite(each)]
+    if known:
+        parts.append(f'is {number(float(np.median(known)) * 1e3, 2)} ms late')
+    if ratios:
+        ratio = float(np.median(ratios))
+        parts.append(
+            'has the same noise'
+            if 0.95 < ratio < 1.05
+            else f'{"" if parts else "is "}{number(ratio, 2)} times noisier'
+            if ratio >= 2.0
+            else f'has {number(ratio, 2)} times the noise'
+        )
+    if not parts:
+        return []
+    known_gains = declared(observers.find(RAW).gains)
+    values = dict(entries[RAW].values) if RAW in entries else {}
+    hz = values.get('bandwidth_hz', known_gains['bandwidth_hz'].default)
+    return [f'Your finite difference, low-passed at {hz:g} Hz, {" and ".join(parts)}.']
+
+
+def _finite(row: Row, name: str) -> bool:
+    return bool(math.isfinite(row.velocity[name]))
+
+
+def _known(source: str) -> bool:
+    return source in registry.names(registry.OBSERVERS)
+
+
+def _value(value: object) -> str:
+    return f'{value:.4g}' if isinstance(value, float) else str(value)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else ', '.join(names[:-1]) + ' and ' + names[-1]
+
+
+def parameter_file(
+    comparison: Comparison,
+    chosen: Mapping[str, Row],
+    entries: Mapping[str, Entry],
+    seen: Mapping[str, Measurement],
+    period: float,
+) -> str:
+    """Return the parameter file of the node for the chosen observer; '' if it is no observer.
+
+    A node has one observer: the one that most joints need.
+    """
+    sources = [row.source for row in chosen.values()]
+    source = max(dict.fromkeys(sources), key=sources.count)
+    entry = entries.get(source)
+    if entry is None and not _known(source):
+        return ''
+    observer = source if entry is None else entry.observer
+    values = {} if entry is None else dict(entry.values)
+    lines = [
+        yaml_text.comment(f'{observer}, from {Path(comparison.bag).name}'),
+        f'# ros2 run velocity_estimator {NODE} \\',
+        '#   --ros-args --params-file THIS_FILE',
+        '/**:',
+        '  ros__parameters:',
+        f'    observer: {yaml_text.scalar(observer)}',
+    ]
+    if abs(period - 2.0 * math.pi) > 1e-9:
+        lines.append(f'    wrap_period: {period!r}')
+    lines += [f'    {name}: {yaml_text.scalar(value)}' for name, value in values.items()]
+    quanta = {joint: found.quantum for joint, found in seen.items() if found.quantum}
+    if quanta and 'quantum' not in values:
+        if len({f'{each:.3g}' for each in quanta.values()}) == 1 and len(quanta) == len(seen):
+            quantum = float(np.median(list(quanta.values())))
+            lines += [f'    # {_counts(quantum)}', f'    quantum: {quantum:.6g}']
+        else:
+            for joint, quantum in quanta.items():
+                lines.append(f'    {yaml_text.key(f"{OVERRIDES}.{joint}")}:')
+                lines += [f'      # {_counts(quantum)}', f'      quantum: {quantum:.6g}']
+    return '\n'.join(lines) + '\n'
+
+
+def _counts(quantum: float) -> str:
+    return f'from the readings: {2.0 * math.pi / quantum:.0f} counts a turn'
