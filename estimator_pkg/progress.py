@@ -29,9 +29,11 @@ def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
     from rich.console import Console
 
     with rich.Progress(
+        rich.SpinnerColumn(),
         rich.TextColumn('{task.description}', markup=False),
         rich.BarColumn(),
         rich.MofNCompleteColumn(),
+        rich.TimeElapsedColumn(),
         rich.TimeRemainingColumn(),
         console=Console(file=terminal(sys.stderr)),
         transient=True,

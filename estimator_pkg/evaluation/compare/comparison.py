@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO
@@ -21,13 +21,14 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import Estimate, measured, sources
-from estimator_pkg.evaluation.compare.truth import check_common, truth
+from estimator_pkg.evaluation.compare.truth import Truth, check_common, truth
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
+from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import WHY_DROPPED
 
@@ -200,17 +201,54 @@ def compare(path: str, options: Options) -> Comparison:
         line and names the alternatives.
     """
     with open_bag(path, options.unpack_limit) as bag:
-        measurement = measured(bag, options)
+        with progress(f'{path}: reading', None):
+            measurement = measured(bag, options)
         true = truth(bag, path, measurement, options)
-        if any(len(series.stamps_ns) >= MANY for series in true.series.values()):
-            give_back_freed()
-        rows: list[Row] = []
-        notes: list[str] = []
-        starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
-        candidates = {joint: _Candidates() for joint in true.motions}
-        for source, estimates in sources(bag, path, measurement, options):
+        count = len(options.observers) + len(options.estimates)
+        return compared(
+            path,
+            measurement,
+            true,
+            sources(bag, path, measurement, options),
+            options,
+            count * (1 + len(measurement)) or None,
+        )
+
+
+def compared(
+    path: str,
+    measurement: dict[str, Series],
+    true: Truth,
+    found: Iterable[tuple[str, dict[str, Estimate]]],
+    options: Options,
+    steps: int | None = None,
+) -> Comparison:
+    """Compare estimates that are in memory, for a page or a ranking.
+
+    Parameters
+    ----------
+    path : name of the record.
+    measurement : measured positions by joint.
+    true : the truth, or the off-line reference (`truth.from_smoother`).
+    found : (name of the source, estimates by joint); the latter are emptied.
+    steps : number of sources, each with one more than their joints, for the progress bar.
+
+    Raises
+    ------
+    UserError : no joint in common, no overlap in time.
+    """
+    if any(len(series.stamps_ns) >= MANY for series in true.series.values()):
+        give_back_freed()
+    rows: list[Row] = []
+    notes: list[str] = []
+    starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
+    candidates = {joint: _Candidates() for joint in true.motions}
+    with progress(path, steps) as advance:
+        for source, estimates in found:
+            advance(1)
             check_common(path, source, estimates, true)
             for joint, estimate in estimates.items():
+                advance(1)
                 moved = true.motions.get(joint)
                 if moved is not None and len(estimate.stamps):
                     candidates[joint].add(source, estimate, moved)
@@ -238,8 +276,8 @@ def compare(path: str, options: Options) -> Comparison:
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
             estimates.clear()
             del estimate  # before the next observer makes its own
-        if not rows and not true.motions:
-            raise UserError(f'{path}: nothing to compare: ' + '; '.join(dict.fromkeys(notes)))
+    if not rows and not true.motions:
+        raise UserError(f'{path}: nothing to compare: ' + '; '.join(dict.fromkeys(notes)))
     return Comparison(
         path,
         true.name,

@@ -24,7 +24,6 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import ESTIMATE, Options
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.parameters import declared
-from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import Request, Stream, counts_of
 
@@ -107,13 +106,11 @@ def sources(
     UserError : there is nothing to compare.
     """
     if options.observers:
-        with progress(path, len(options.observers)) as advance:
-            for entry in options.observers:
-                yield (
-                    entry.label,
-                    recording(entry, bag, measurement, options).run(entry.observer, {}),
-                )
-                advance(1)
+        for entry in options.observers:
+            yield (
+                entry.label,
+                recording(entry, bag, measurement, options).run(entry.observer, {}),
+            )
         if not options.estimates:
             return
     topics = list(options.estimates) or sorted(

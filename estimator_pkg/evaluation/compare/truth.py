@@ -70,7 +70,7 @@ def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options)
         and TRUTH not in bag.topics
         and measurement
     ):
-        return _from_smoother(path, measurement, options)
+        return from_smoother(path, measurement, options)
     return _from_topic(bag, path, measurement, options)
 
 
@@ -100,14 +100,16 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     return found
 
 
-def _from_smoother(path: str, measurement: dict[str, Series], options: Options) -> Truth:
+def from_smoother(path: str, measurement: dict[str, Series], options: Options) -> Truth:
+    """Return the off-line reference of measured positions by joint; raise UserError."""
     if not measurement:
         raise UserError(
             f'{path}: no measured positions for an off-line reference: name them with '
             '--measurement or --angle'
         )
     found = Truth(SMOOTHED, {}, {})
-    with progress(f'{path}: reference', len(measurement)) as advance:
+    steps = len(measurement) if len(measurement) > 1 else None
+    with progress(f'{path}: reference', steps) as advance:
         for joint, each in measurement.items():
             found.motions[joint] = moved = motion(
                 each.stamps_ns, each.position, options.wrap_period

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.report.tradeoff import late_and_noisy
+from estimator_pkg.evaluation.report.tradeoff import of_row
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.streams.angle import AngleSettings
 
@@ -79,8 +79,8 @@ def listed(some: Collection[str], joints: Collection[str]) -> str:
     return f'all {len(joints)} joints' if len(some) == len(joints) > 1 else ', '.join(some)
 
 
-def _range(values: Iterable[float]) -> str:
-    low, high = (f'{each:.2g}' for each in (min(values := list(values)), max(values)))
+def _range(values: Collection[float]) -> str:
+    low, high = f'{min(values):.2g}', f'{max(values):.2g}'
     return low if low == high else f'{low} to {high}'
 
 
@@ -114,8 +114,7 @@ def _better_than_default(
             return None
     if other is default:
         return None
-    late, noise = late_and_noisy(default.time, default.estimate, default.truth)
-    late_other, noise_other = late_and_noisy(other.time, other.estimate, other.truth)
+    (late, noise), (late_other, noise_other) = of_row(default), of_row(other)
     why = ''
     if noise_other < SMALLER * noise:
         why = ', because it is less noisy'

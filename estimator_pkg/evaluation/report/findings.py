@@ -129,8 +129,7 @@ def speed_noise(position_noise: float, step: float) -> float:
 def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]:
     """Return findings and recommendations, most important first."""
     found: list[str] = []
-    for joint, verdict in comparison.verdicts.items():
-        found += [f'{joint}: {each.rstrip(".")}' for each in verdict.sentences()]
+    found += comparison.refused.values()
     for joint, measurement in seen.items():
         found += _of_measurement(joint, measurement)
     for joint in dict.fromkeys(row.joint for row in comparison.rows):

@@ -15,8 +15,9 @@ from estimator_pkg import observers, registry, yaml_text
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.report.contradictions import grouped
 from estimator_pkg.evaluation.report.findings import Measurement
-from estimator_pkg.evaluation.report.tradeoff import RAW, late_and_noisy
+from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.parameters import declared
 from estimator_pkg.params_file import OVERRIDES
@@ -82,12 +83,15 @@ def words(
         found.append(
             ' '.join([f'Use {source}{how}{on}.', *_quality(rows), *_against(rows, beside, entries)])
         )
-    several = len(chosen) > 1
-    for joint, verdict in verdicts.items():
-        if joint in chosen:
-            prefix = f'{joint}: ' if several else ''
-            found += [prefix + text for text in verdict.sentences()]
-    return found
+    of_joints = [
+        f'{joint}: {text}'
+        for joint, verdict in verdicts.items()
+        if joint in chosen
+        for text in verdict.sentences()
+    ]
+    if len(chosen) > 1:
+        return found + grouped(of_joints, chosen)
+    return found + [text.partition(': ')[2] for text in of_joints]
 
 
 def _quality(rows: Sequence[Row]) -> list[str]:
@@ -121,8 +125,7 @@ def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entr
         if _finite(row, 'noise') and _finite(other, 'noise') and row.velocity['noise'] > 0.0:
             ratios.append(other.velocity['noise'] / row.velocity['noise'])
             continue
-        own = late_and_noisy(row.time, row.estimate, row.truth)[1]
-        theirs = late_and_noisy(other.time, other.estimate, other.truth)[1]
+        own, theirs = of_row(row)[1], of_row(other)[1]
         if own > 0.0 and math.isfinite(theirs):
             ratios.append(theirs / own)
     if not raw:

@@ -25,6 +25,7 @@ from estimator_pkg.evaluation.report.svg import Style, styles
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleSettings
 
 POINTS = (1000, 20_000)  # fewest and most numbers of a curve
 ALL_POINTS = 6_000_000  # of all curves of a page: 32 MB
@@ -114,6 +115,8 @@ class Report:
             verdicts = getattr(comparison, 'verdicts', {})
         verdicts = {joint: each for joint, each in verdicts.items() if each is not None}
         joints = list(dict.fromkeys(row.joint for row in comparison.rows))
+        if not joints:
+            return self._nothing(comparison, verdicts)
         seen: dict[str, Measurement] = {}
         rows: dict[str, list[Row]] = {}
         raw: dict[str, Row] = {}
@@ -180,6 +183,20 @@ class Report:
                 advance(1)
         self._sections.append('\n'.join(parts))
         return findings
+
+    def _nothing(self, comparison: Comparison, verdicts: Mapping[str, Verdict]) -> list[str]:
+        """Add a bag without any comparison: the default observer."""
+        said = grouped(
+            [f'{joint}: {text}' for joint, each in verdicts.items() for text in each.sentences()],
+            verdicts,
+        )
+        bag = Path(comparison.bag)
+        self._sections.append(
+            f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>'
+            + f'<div class="verdict"><p>Use {AngleSettings.observer} as it is.</p></div>'
+            + ''.join(f'<p>{escaped(each)}</p>' for each in said)
+        )
+        return list(comparison.refused.values())
 
     def leave_out(self, bags: Sequence[LeftOut]) -> None:
         """Add the list of bags that could not be evaluated."""

@@ -29,6 +29,7 @@ from estimator_pkg.streams.contract import counts_of
 Array = NDArray[np.float64]
 
 RAW = 'finite_difference'  # what most users have today
+LONG = 50_000  # of a longer record the observers are compiled already
 SAMPLES = 15_000  # of the record's middle, on which the curves rest
 FACTORS = (0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of the default bandwidth
 BANDWIDTHS = (3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0)  # where the default is automatic [Hz]
@@ -97,12 +98,12 @@ def at_times(wanted: Array, time: Array, values: Array) -> Array:
 
 
 def _run(
-    entry: Entry, series: Series, start: int, period: float
+    entry: Entry, series: Series, start: int, period: float, fast: bool | None = None
 ) -> tuple[Array, Array, Array, dict[str, Any]] | None:
     """Return (time, velocity, its deviation, counts of samples) of an observer; None: none."""
     try:
         joint = entry.joint(wrap_period=period)
-        out = joint.run(series.stamps_ns, series.position)
+        out = joint.run(series.stamps_ns, series.position, fast=fast)
     except UserError:
         return None
     valid = (out.verdict < DUPLICATE) & np.isin(out.status, VALID) & np.isfinite(out.velocity)
@@ -136,8 +137,9 @@ def sweeps(
     if len(middle) > SAMPLES:
         first = (len(middle) - SAMPLES) // 2
         middle = middle[first : first + SAMPLES]
-    part = None
+    part, fast = None, None
     if series is not None:
+        fast = True if len(series.stamps_ns) > LONG else None
         low = comparison.starts[joint] + int((middle[0] - 1.0) * 1e9)  # a second to settle
         high = comparison.starts[joint] + int(middle[-1] * 1e9)
         near = (series.stamps_ns >= low) & (series.stamps_ns <= high)
@@ -159,7 +161,7 @@ def sweeps(
             if part is None or entry is None:
                 break
             varied = Entry(entry.label, entry.observer, (*entry.values, (gain, value)))
-            run = _run(varied, part, comparison.starts[joint], period)
+            run = _run(varied, part, comparison.starts[joint], period, fast)
             curve.append(
                 (math.nan, math.nan)
                 if run is None
@@ -186,11 +188,28 @@ def _varied(entry: Entry | None) -> tuple[str, tuple[Any, ...]]:
     return gain, BANDWIDTHS
 
 
-def late_and_noisy(time: Array, estimate: Array, truth: Array) -> tuple[float, float]:
-    """Return (delay [s], rms of what remains when the truth is delayed likewise [rad/s])."""
+def of_row(row: Row) -> tuple[float, float]:
+    """Return the same of an estimate: its delay, and its noise in the middle of the record."""
+    first = max(0, (len(row.time) - SAMPLES) // 2)
+    part = slice(first, first + SAMPLES)
+    return late_and_noisy(
+        row.time[part], row.estimate[part], row.truth[part], row.velocity['delay_s']
+    )
+
+
+def late_and_noisy(
+    time: Array, estimate: Array, truth: Array, late: float | None = None
+) -> tuple[float, float]:
+    """Return (delay [s], rms of what remains when the truth is delayed likewise [rad/s]).
+
+    Parameters
+    ----------
+    late : the delay, if it is known already.
+    """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
-    late = delay(time, estimate, truth)
+    if late is None:
+        late = delay(time, estimate, truth)
     if not math.isfinite(late):
         return math.nan, math.nan
     inside = (time - late >= time[0]) & (time - late <= time[-1])
