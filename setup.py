@@ -20,7 +20,7 @@ EXTRAS = {
         'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
     ],
     'fast': ['numba>=0.61,<1'],
-    'report': ['matplotlib>=3.8,<4', 'bokeh>=3.4,<4'],
+    'report': ['matplotlib>=3.8,<4'],
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],

@@ -131,7 +131,6 @@ KNOWN = (
     *BAGS,
     'numba',
     'matplotlib',
-    'bokeh',
     'optuna',
     'distributed',
     'scipy',

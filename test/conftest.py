@@ -42,7 +42,6 @@ def pytest_itemcollected(item):
 WITHOUT_KEY = {
     *(
         'AlgDiff',
-        'bokeh',
         'colcon_core',
         'control',
         'dask',

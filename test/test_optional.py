@@ -23,7 +23,6 @@ LIBRARIES = (
     'zstandard',
     'lz4',
     'rich',
-    'bokeh',
     'matplotlib',
     'optuna',
     'numba',
@@ -121,7 +120,6 @@ def test_every_node_has_its_help_and_names_ros(module, main):
         ('mcap', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
         ('optuna', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
         ('matplotlib', ('evaluate', 'BAG', '--observer', 'pll', '--plot', 'OUT.png')),
-        ('bokeh', ('evaluate', 'BAG', '--observer', 'pll', '--html', 'OUT.html')),
         (
             'distributed',
             ('evaluate', 'BAG', '--observer', 'pll', '--scheduler', 'tcp://127.0.0.1:1'),

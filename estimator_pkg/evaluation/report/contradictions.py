@@ -53,8 +53,9 @@ def contradictions(
     for names, covered in narrow.items():
         found.append(
             f'{listed(covered, rows)}: the 95 % interval is too narrow for {", ".join(names)} (it '
-            f'contains {min(covered.values()):.0%} of the errors): their noise model knows the '
-            'noise of the readings, and not the error that they make while the joint accelerates'
+            f'contains {100.0 * min(covered.values()):.0f} % of the errors): their noise model '
+            'knows the noise of the readings, and not the error that they make while the joint '
+            'accelerates'
         )
     return found
 

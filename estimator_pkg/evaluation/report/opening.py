@@ -66,10 +66,10 @@ def words(
     """
     by_source: dict[str, list[str]] = {}
     for joint, row in chosen.items():
-        by_source.setdefault(row.source, []).append(joint)
+        by_source.setdefault(to_use(row, verdicts.get(joint)), []).append(joint)
     found = []
     for source, joints in by_source.items():
-        rows = [chosen[joint] for joint in joints]
+        rows = [chosen[joint] for joint in joints if chosen[joint].source == source]
         values = dict(entries[source].values) if source in entries else {}
         how = (
             ' with ' + ', '.join(f'{name} {_value(value)}' for name, value in values.items())
@@ -79,7 +79,7 @@ def words(
         on = '' if len(by_source) == 1 else f' on {_listed(joints)}'
         if len(by_source) == 1 and len(joints) > 1:
             on = f' on all {len(joints)} joints'
-        beside = [raw[joint] for joint in joints if joint in raw and source != RAW]
+        beside = [raw[row.joint] for row in rows if row.joint in raw and source != RAW]
         found.append(
             ' '.join([f'Use {source}{how}{on}.', *_quality(rows), *_against(rows, beside, entries)])
         )
@@ -94,8 +94,15 @@ def words(
     return found + [text.partition(': ')[2] for text in of_joints]
 
 
+def to_use(row: Row, verdict: Verdict | None) -> str:
+    """Return the name of the estimate to use: that of the row, unless nothing can be ranked."""
+    return verdict.choice or row.source if verdict is not None else row.source
+
+
 def _quality(rows: Sequence[Row]) -> list[str]:
     """Return delay, noise and coverage of the worst joint."""
+    if not rows:
+        return []
     parts = []
     late = max(
         (abs(row.velocity['delay_s']) for row in rows if _finite(row, 'delay_s')), default=-1.0
@@ -112,7 +119,7 @@ def _quality(rows: Sequence[Row]) -> list[str]:
         parts.append(f'its error is {number(worst, 2)} rad/s rms')
     covered = [row.coverage for row in rows if math.isfinite(row.coverage)]
     if covered:
-        parts.append(f'its 95 % interval contained {min(covered):.0%} of the errors')
+        parts.append(f'its 95 % interval contained {100.0 * min(covered):.0f} % of the errors')
     text = '; '.join(parts)
     return [text[0].upper() + text[1:] + '.']
 
@@ -173,12 +180,13 @@ def parameter_file(
     entries: Mapping[str, Entry],
     seen: Mapping[str, Measurement],
     period: float,
+    verdicts: Mapping[str, Verdict],
 ) -> str:
     """Return the parameter file of the node for the chosen observer; '' if it is no observer.
 
     A node has one observer: the one that most joints need.
     """
-    sources = [row.source for row in chosen.values()]
+    sources = [to_use(row, verdicts.get(joint)) for joint, row in chosen.items()]
     source = max(dict.fromkeys(sources), key=sources.count)
     entry = entries.get(source)
     if entry is None and not _known(source):

@@ -157,7 +157,7 @@ class Report:
             parts += [
                 f'<p class="note">Velocity errors against {escaped(comparison.truth)}, at zero '
                 'shift, and the delay.</p>',
-                table(comparison, ordered, chosen, self._entries),
+                table(comparison, ordered, _ranked(chosen, verdicts), self._entries),
                 worth(comparison),
             ]
             if checks:
@@ -238,7 +238,7 @@ class Report:
         spoken = sum(text.startswith('Use ') for text in said)
         if parameters is None:
             parameters = opening.parameter_file(
-                comparison, chosen, self._entries, seen, self._period
+                comparison, chosen, self._entries, seen, self._period, verdicts
             )
         moving = max(rows, key=lambda joint: _speed(rows[joint][0]))
         drawn = tradeoff.picture(
@@ -269,7 +269,7 @@ class Report:
             '<div class="verdict">'
             + ''.join(f'<p>{escaped(each)}</p>' for each in said[:spoken])
             + '</div>',
-            ''.join(f'<p>{escaped(each)}</p>' for each in said[spoken:]),
+            _told(said[spoken:], joints),
             f'<div class="first">{file}<div>{picture}</div></div>',
         ]
 
@@ -346,10 +346,29 @@ class Report:
         return f'Every compared sample is in {escaped(Path(self._data).name)} (numpy.load).'
 
 
+def _ranked(chosen: Mapping[str, Row], verdicts: Mapping[str, Verdict]) -> dict[str, Row]:
+    """Return the chosen rows of the joints whose estimates can be ranked."""
+    return {
+        joint: row
+        for joint, row in chosen.items()
+        if (verdicts[joint].best if joint in verdicts else not row.reference_cannot_tell)
+    }
+
+
 def _speed(row: Row) -> float:
     """Return the rms speed of the reference, 0 if it is unknown."""
     power = float((row.truth**2).mean()) if len(row.truth) else 0.0
     return math.sqrt(power) if math.isfinite(power) else 0.0
+
+
+def _told(said: Sequence[str], joints: int) -> str:
+    """Return sentences; those on some of several joints only when they are opened."""
+    every = f'all {joints} joints: '
+    shown = [text for text in said if joints == 1 or text.startswith(every)]
+    rest = ''.join(f'<p>{escaped(each)}</p>' for each in said if each not in shown)
+    return ''.join(f'<p>{escaped(each.removeprefix(every))}</p>' for each in shown) + (
+        f'<details><summary>Each joint</summary>{rest}</details>' if rest else ''
+    )
 
 
 def _shown(text: str) -> str:

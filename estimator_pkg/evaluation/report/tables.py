@@ -134,7 +134,7 @@ def gains(source: str, entries: Mapping[str, Entry]) -> str:
         default = known[main].default
         shown[main] = 'automatic' if default is None else _gain(default)
     text = ', '.join(f'{name} {value}' for name, value in shown.items())
-    return text if values else f'{text} (default)'.strip()
+    return text if values else f'{text} (default)' if text else 'defaults'
 
 
 def _gain(value: Any) -> str:

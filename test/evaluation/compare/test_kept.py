@@ -55,7 +55,6 @@ def test_without_room_it_stays_in_memory(monkeypatch):
 
 @pytest.mark.long
 def test_a_report_does_not_depend_on_where_arrays_wait(tmp_path, all_in_files, monkeypatch):
-    pytest.importorskip('bokeh', reason='not run: Bokeh is not installed')
     assert main(['simulate', 'encoder', '--duration', '2', '--out', str(tmp_path / 'bag')]) == 0
     found = []
     for long in (1, 10**9):

@@ -3,6 +3,7 @@
 
 """The page of evaluate --html: its content, its size, and that it works in a browser offline."""
 
+import base64
 import html
 import json
 import math
@@ -15,13 +16,18 @@ import browser
 import numpy as np
 import pytest
 
+from estimator_pkg import params_file
 from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
-from estimator_pkg.evaluation.report import findings, spectrum
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.report import findings, opening, panels, spectrum, tradeoff
+from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
 from estimator_pkg.evaluation.report.tables import Overview
 from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, limits
 from estimator_pkg.messages.joint_state import TYPE, Encoder
+from estimator_pkg.streams.angle import AngleSettings
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -118,106 +124,129 @@ def test_the_page_says_what_to_do(page):
     assert 'about 4096 per turn' in said
 
 
-@pytest.mark.page
-def test_in_a_browser_without_network(page):
+@pytest.fixture(scope='module')
+def driver():
     driver = browser.start()
-    try:
-        from selenium.webdriver.common.action_chains import ActionChains
+    yield driver
+    driver.quit()
 
-        driver.get(page[0].as_uri())
-        drawn = 'return Bokeh.documents.length > 0 && Bokeh.documents.every(d => d.is_idle)'
-        until = time.monotonic() + 30.0
-        while not driver.execute_script(drawn) and time.monotonic() < until:
-            time.sleep(0.1)
-        assert driver.execute_script(drawn)
-        errors = [line for line in driver.get_log('browser') if line['level'] == 'SEVERE']
-        assert errors == []
-        asked = [json.loads(line['message'])['message'] for line in driver.get_log('performance')]
-        urls = {
-            event['params']['request']['url']
-            for event in asked
-            if event['method'] == 'Network.requestWillBeSent'
-        }
-        assert not [url for url in urls if not url.startswith(('file:', 'data:', 'blob:'))]
 
-        plots = '[...Bokeh.index].filter(view => view.model.title && view.model.x_range)'
-        views = driver.execute_script(f'return {plots}.map(view => view.model.title.text);')
-        for title in (
-            'velocity against',
-            'error and 95 % band',
-            'status',
-            'around the largest error',
-            'error against speed',
-            'spectrum',
-            'error / deviation',
-            'sample times',
-            'measured position',
-        ):
-            assert sum(title in each for each in views) == 2, (title, views)
-        painted = driver.execute_script(
-            f'const plots = {plots};'
-            + """
-            const roots = plots.map(view => view.shadow_el || view.el);
-            function canvases(node) {
-                let found = [...node.querySelectorAll('canvas')];
-                for (const each of node.querySelectorAll('*'))
-                    if (each.shadowRoot) found = found.concat(canvases(each.shadowRoot));
-                return found;
-            }
-            return roots.map(root => canvases(root).some(canvas => {
-                if (!canvas.width || !canvas.height) return false;
-                const context = canvas.getContext('2d');
-                if (!context) return false;
-                const pixels = context.getImageData(0, 0, canvas.width, canvas.height).data;
-                const colours = new Set();
-                for (let i = 0; i < pixels.length; i += 4)
-                    colours.add(pixels[i] << 16 | pixels[i + 1] << 8 | pixels[i + 2]);
-                return colours.size > 8;
-            }));"""
-        )
-        assert len(painted) == 18 and all(painted)
+def until(driver, script, *arguments):
+    """Wait until a script returns something true; return it."""
+    end = time.monotonic() + 30.0
+    while time.monotonic() < end:
+        found = driver.execute_script(f'return {script}', *arguments)
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f'never true: {script}')
 
-        ranges = f"""return {plots}.map(view => view.model)
-            .map(plot => [plot.title.text, plot.x_range.start, plot.x_range.end]);"""
-        before = driver.execute_script(ranges)
-        # the drag begins in the second plot of the first bag: velocity
-        plot = driver.execute_script(f'return {plots}[1].el;')
-        driver.execute_script('arguments[0].scrollIntoView({block: "center"});', plot)
-        ActionChains(driver).move_to_element_with_offset(
-            plot, -200, -40
-        ).click_and_hold().move_by_offset(200, 60).release().perform()
-        until = time.monotonic() + 10.0
-        while driver.execute_script(ranges)[:4] == before[:4] and time.monotonic() < until:
-            time.sleep(0.1)
-        after = driver.execute_script(ranges)
-        linked = {tuple(each[1:]) for each in after[:4]}
-        assert len(linked) == 1, after[:4]
-        ((low, high),) = linked
-        assert high - low < 0.5 * (before[1][2] - before[1][1])
-        line = f"""const x = {plots}[1].model.renderers
-            .find(each => each.name == "hybrid_angle").data_source.data.x;
-            return [x[0], x[x.length - 1], x.length];"""
-        until = time.monotonic() + 10.0
-        while driver.execute_script(line)[1] > high + 0.1 and time.monotonic() < until:
-            time.sleep(0.1)
-        first, last, count = driver.execute_script(line)  # of the part looked at, many points
-        assert low - 0.1 < first < low + 0.1 and high - 0.1 < last < high + 0.1
-        assert 800 < count <= 3 * 1600
-        assert after[9:] == before[9:]  # the other bag stays as it was
-        assert after[4] == before[4]  # so does the look at the worst moment
-        driver.execute_script(f"""const legend = {plots}[1].model.above
-                .find(each => each.items !== undefined);
-            legend.items.find(each => each.label.value == "hybrid_angle")
-                .renderers[0].visible = false;""")
-        shown = f"""return {plots}.slice(0, 9).map(plot => plot.model.renderers
-            .filter(each => each.name == "hybrid_angle").map(each => each.visible));"""
-        until = time.monotonic() + 10.0
-        while any(map(any, driver.execute_script(shown))) and time.monotonic() < until:
-            time.sleep(0.1)
-        hidden = driver.execute_script(shown)
-        assert sum(len(each) for each in hidden) > 6 and not any(map(any, hidden))
-    finally:
-        driver.quit()
+
+def on_screen(driver, page, width):
+    driver.execute_cdp_cmd(
+        'Emulation.setDeviceMetricsOverride',
+        {'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': width < 500},
+    )
+    driver.get(page[0].as_uri())
+    driver.execute_script('groups[0].element.scrollIntoView();')
+    until(driver, 'groups[0].panels.every(each => each.shown)')
+
+
+INKED = """(() => groups[0].panels.map(panel => {
+    const context = panel.canvas.getContext('2d');
+    const pixels = context.getImageData(0, 0, panel.canvas.width, panel.canvas.height).data;
+    const colours = new Set();
+    for (let i = 0; i < pixels.length; i += 4)
+        if (pixels[i + 3] > 200) colours.add(pixels[i] >> 5 << 4 | pixels[i + 2] >> 5);
+    return colours.size;
+}))()"""
+
+
+@pytest.mark.page
+def test_in_a_browser_without_network(page, driver):
+    on_screen(driver, page, 1280)
+    assert [line for line in driver.get_log('browser') if line['level'] == 'SEVERE'] == []
+    asked = [json.loads(line['message'])['message'] for line in driver.get_log('performance')]
+    urls = {
+        event['params']['request']['url']
+        for event in asked
+        if event['method'] == 'Network.requestWillBeSent'
+    }
+    assert not [url for url in urls if not url.startswith(('file:', 'data:', 'blob:'))]
+    titles = driver.execute_script('return groups[1].panels.map(each => each.source.title)')
+    for title in ('measured position', 'velocity', 'error and 95 % interval', 'status'):
+        assert any(title in each for each in titles)
+    assert min(until(driver, INKED)) >= 2  # each is painted
+    # the group's lowest panel alone has room for time labels
+    heights = driver.execute_script(
+        'return groups[0].panels.map(each => each.height - each.source.height)'
+    )
+    assert heights[-1] > max(heights[:-1])
+
+
+@pytest.mark.page
+def test_a_drag_zooms_all_panels_and_the_vertical_axis_follows(page, driver):
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    on_screen(driver, page, 1280)
+    panel = driver.execute_script('return groups[0].panels[1].canvas')
+    before = driver.execute_script('return [groups[0].range, groups[0].panels[1].shown]')
+    driver.execute_script('arguments[0].scrollIntoView({block: "center"});', panel)
+    ActionChains(driver).move_to_element_with_offset(
+        panel, -200, 0
+    ).click_and_hold().move_by_offset(60, 20).release().perform()
+    start, end = until(
+        driver, 'groups[0].range[1] < arguments[0] ? groups[0].range : 0', before[0][1]
+    )
+    assert end - start < 0.1 * (before[0][1] - before[0][0])
+    until(
+        driver,
+        'groups[0].stale === false && groups[0].panels[1].shown[0] !== arguments[0]',
+        before[1][0],
+    )
+    low, high = driver.execute_script('return groups[0].panels[1].shown')
+    assert high - low < 0.5 * (before[1][1] - before[1][0])
+    # a line has a few points in each pixel, whether one looks from afar or closely
+    assert 200 < driver.execute_script('return groups[0].panels[1].points.hybrid_angle') < 5000
+    assert driver.execute_script('return groups[1].range[0] === groups[1].whole[0]')
+    driver.execute_script('groups[0].go(...groups[0].whole)')
+    until(driver, 'groups[0].range[0] === arguments[0] && groups[0].stale === false', before[0][0])
+    assert 200 < driver.execute_script('return groups[0].panels[1].points.hybrid_angle') < 5000
+
+
+@pytest.mark.page
+def test_one_legend_brings_estimates_forward_in_all_plots(page, driver):
+    on_screen(driver, page, 1280)
+    buttons = driver.find_elements('css selector', '.legend button')
+    assert len(buttons) == 2
+    name = buttons[1].get_attribute('data-s')
+    faint = f'document.querySelectorAll(\'svg.plot .faint[data-s="{name}"]\').length'
+    assert driver.execute_script(f'return {faint}') == 0  # best and raw difference are in front
+    driver.execute_script('arguments[0].click()', buttons[1])
+    assert driver.execute_script(f'return {faint}') >= 6
+    assert buttons[1].get_attribute('aria-pressed') == 'false'
+    assert not driver.execute_script(f'return groups[0].panels[1].strong({{s: "{name}"}})')
+
+
+@pytest.mark.page
+def test_on_a_phone_it_fits_and_scrolls(page, driver):
+    on_screen(driver, page, 400)
+    assert driver.execute_script('return document.documentElement.scrollWidth') <= 400
+    actions = driver.execute_script(
+        'return groups[0].panels.map(each => getComputedStyle(each.canvas).touchAction)'
+    )
+    assert set(actions) == {'pan-y'}
+    top = driver.execute_script(
+        'groups[0].element.scrollIntoView(); return groups[0].panels[1].canvas'
+        '.getBoundingClientRect().top'
+    )
+    place = driver.execute_script('return scrollY')
+    driver.execute_cdp_cmd(
+        'Input.synthesizeScrollGesture',
+        {'x': 200, 'y': int(top) + 100, 'yDistance': -300, 'gestureSourceType': 'touch'},
+    )
+    assert driver.execute_script('return scrollY') > place + 100
+    assert driver.execute_script('return groups[0].range[0] === groups[0].whole[0]')
 
 
 # ---------------------------------------------------------------- no truth
@@ -319,17 +348,6 @@ def test_a_full_disk_leaves_no_halves(place, left, tmp_path, capsys, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == left
 
 
-def test_without_bokeh_there_is_a_hint(tmp_path, capsys, monkeypatch):
-    import sys
-
-    monkeypatch.setitem(sys.modules, 'bokeh', None)
-    assert (
-        main(['evaluate', str(FAULTS), '--observer', 'pll', '--html', str(tmp_path / 'p.html')])
-        == 1
-    )
-    assert "the library 'bokeh' is not installed: " in capsys.readouterr().err
-
-
 # ---------------------------------------------------------------- what the readings show
 
 
@@ -412,15 +430,104 @@ def test_outliers_do_not_crush_the_picture():
 
 
 def test_every_status_that_came_has_its_name_beside_the_plot():
-    """The lines of two estimates stand a little off it: the range has to hold it all the same."""
-    from bokeh.models import Range1d
-
-    from estimator_pkg.evaluation.report import figures
-
     time, status = np.arange(6.0), np.array([0, 1, 1, 2, 1, 1], np.int8)
     rows = [SimpleNamespace(source=name, status=status, status_time=time) for name in ('a', 'b')]
-    shown = figures._status(rows, 100, Range1d(0.0, 6.0))
-    assert shown.y_range.start <= 0.0 and 2.0 <= shown.y_range.end < 3.0
+    shown = panels._status(rows, 100, 0.0, 6.0)
+    assert shown['ticks'] == ['initialising', 'tracking', 'coasting']
+    ends = [floats(each['t'])[-1] for each in shown['curves']]
+    assert ends == [6.0, 6.0]  # the last status stays to the end
+    first, second = (floats(each['y']) for each in shown['curves'])
+    assert np.all(first != second) and np.max(np.abs(first - np.rint(first))) < 0.3
+
+
+def floats(text):
+    return np.frombuffer(base64.b64decode(text), '<f4')
+
+
+def test_a_long_curve_keeps_twenty_thousand_points_and_each_extreme():
+    time = np.arange(600_000) * 1e-3
+    values = np.sin(time)
+    values[31_415], values[577_777] = 5.0, -3.0
+    kept = (time < 100.0) | (time > 101.0)
+    made = panels.curve(time[kept], values[kept], 'line', 'a', 20_000, 0.0, 600.0)
+    low, high = floats(made['y']).reshape(-1, 2).T
+    assert low.size + high.size == 20_000
+    assert np.nanmax(high) == 5.0 and np.nanmin(low) == -3.0
+    middles = made['first'] + made['step'] * (np.arange(10_000) + 0.5)
+    assert np.all(np.isnan(low) == ((middles > 100.0) & (middles < 101.0)))
+    assert len(json.dumps(made)) < 120_000
+    short = panels.curve(time[:20_000], values[:20_000], 'line', 'a', 20_000, 0.0, 600.0)
+    assert len(floats(short['y'])) == 20_000
+
+
+def test_the_pareto_front_has_what_nothing_beats():
+    points = [(0.003, 1.0), (0.001, 2.0), (0.002, 3.0), (-0.001, 5.0), (0.004, 1.5)]
+    assert tradeoff.front([*points, (math.nan, 0.1)]) == [(0.0, 5.0), (0.001, 2.0), (0.003, 1.0)]
+
+
+# ---------------------------------------------------------------- the first screen
+
+
+def row(source, error, late, coverage=0.95, joint='j'):
+    """An estimate that is `late` seconds late and noisy by `error`."""
+    time = np.arange(4000) * 1e-3
+    random = np.random.default_rng(len(source))
+    estimate = np.sin(3.0 * (time - late)) + error * random.standard_normal(4000)
+    truth = np.sin(3.0 * time)
+    rms = float(np.sqrt(np.mean((estimate - truth) ** 2)))
+    return SimpleNamespace(
+        source=source,
+        joint=joint,
+        time=time,
+        truth=truth,
+        estimate=estimate,
+        velocity={'rms': rms, 'delay_s': late, 'noise': error},
+        coverage=coverage,
+        reference_cannot_tell=False,
+    )
+
+
+def test_the_verdict_in_words():
+    best, raw = row('edge_adaptive', 0.02, 0.0006, 0.94), row('finite_difference', 0.12, 0.0032)
+    assert opening.words({'j': best}, {'j': raw}, {}, {}) == [
+        'Use edge_adaptive as it is. It follows within 0.6 ms; noise 0.02 rad/s at constant speed; '
+        'its 95 % interval contained 94 % of the errors. Your finite difference, low-passed at '
+        '50 Hz, is 3.2 ms late and 6 times noisier.'
+    ]
+    verdict = Verdict('pll', 'kalman', (), {'pll': 0.1, 'edge_adaptive': 0.2})
+    rows = [best, row('pll', 0.2, 0.0)]
+    assert [each.source for each in opening.ordered(rows, verdict)] == ['pll', 'edge_adaptive']
+    assert opening.choice(rows, verdict).source == 'pll'
+    assert opening.choice(rows, None) is best
+
+
+def test_the_parameter_file_is_one_that_the_node_loads(tmp_path):
+    seen = look(np.arange(4000) * 1e-3, counted(np.sin(3.0 * np.arange(4000) * 1e-3)))
+    entries = {'pll': Entry('pll', 'pll', (('bandwidth_hz', 30.0),))}
+    text = opening.parameter_file(
+        SimpleNamespace(bag='a/b'), {'j': row('pll', 0.1, 0.0)}, entries, {'j': seen}, TURN, {}
+    )
+    path = tmp_path / 'params.yaml'
+    path.write_text(text)
+    values = params_file.load(path)
+    assert values['observer'] == 'pll' and values['bandwidth_hz'] == 30.0
+    assert values['quantum'] == pytest.approx(TURN / 4096, rel=1e-3)
+
+
+def test_findings_say_what_contradicts_expectation_and_why():
+    known = SimpleNamespace(lag_s=1.2e-3, lag_stddev=1e-4)
+    comparison = SimpleNamespace(references={'j': known}, smoothed={}, corrected={})
+    default = AngleSettings.observer
+    rows = {'j': [row('quiet', 0.05, 0.0), row(default, 0.2, 0.0, 0.6)]}
+    late, better, narrow = contradictions(comparison, rows, {})
+    assert 'is 1.2 ms late' in late and '--correct-reference' in late
+    assert f'{default}, the default, is not the best here' in better and 'less noisy' in better
+    assert f'too narrow for {default}' in narrow and '60 %' in narrow
+    comparison.references['j'].lag_s = 1e-5
+    assert (
+        contradictions(comparison, {'j': [row(default, 0.05, 0.0), row('b', 0.2, 0.0)]}, {}) == []
+    )
+    assert grouped(['a: x', 'b: x', 'c: y'], 'ab') == ['all 2 joints: x', 'c: y']
 
 
 def test_the_spectrum_holds_the_power():
