@@ -91,7 +91,7 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
         if joint in comparison.smoothed:
             if comparison.smoothed[joint].seldom:
                 continue  # the refusal above gives the reason
-            lines.append(f'{joint}: {describe_smoother(comparison.smoothed[joint])}')
+            lines.append(f'{joint}: {describe_smoother(comparison.smoothed[joint], known.noise)}')
             continue
         lines.append(f'truth of {joint} against the measured position: {describe_truth(known)}')
         if joint in comparison.corrected:
@@ -102,8 +102,13 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
     return '\n'.join(map(printable, lines + remarks + list(comparison.notes)))
 
 
-def describe_smoother(smoothed: Smoothed) -> str:
-    """Return the quality and the inputs of the off-line reference as text."""
+def describe_smoother(smoothed: Smoothed, own: float) -> str:
+    """Return the quality and the inputs of the off-line reference as text.
+
+    Parameters
+    ----------
+    own : expected error of its velocity [rad/s].
+    """
     noise = smoothed.noise
     if smoothed.seldom:
         return (
@@ -111,7 +116,7 @@ def describe_smoother(smoothed: Smoothed) -> str:
             'reference'
         )
     text = (
-        f"{SMOOTHED}'s own error is {number(smoothed.uncertainty, 2)} rad/s rms; readings "
+        f"{SMOOTHED}'s own error is {number(own, 2)} rad/s rms; readings "
         f'{number(noise.reading, 2)} rad'
     )
     if noise.quantum:

@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 ABOVE = 3.0  # the reference is low-passed at this multiple of the highest frequency of the motion
+UP_TO = 1.25  # a vibration whose mean frequency is below this multiple of it is motion
 AROUND = 60  # the smoother is not used so many readings around a turn that it adds
 WITHIN = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
 WHITE = 2.0  # or by white noise: a spectrum below this multiple of its median
@@ -97,13 +98,13 @@ class Motion:
     def below(self, motion_hz: float) -> Motion:
         """Return the motion of a joint that moves at most at `motion_hz` [Hz].
 
-        The velocities are low-passed at three times that. A vibration up to `motion_hz` is motion,
-        above three times that it is an error of the sensor, and in between it stays a question.
+        The velocities are low-passed at three times that. A vibration near or below `motion_hz` is
+        motion. One above three times it is an error of the sensor. In between it is a question.
         """
         vibration = self.vibration_hz if self.put_back else 0.0
         whole = self.plain if vibration > ABOVE * motion_hz else self.velocity
         velocity = plain = low_passed(whole, self.rate, ABOVE * motion_hz)
-        if motion_hz < vibration <= ABOVE * motion_hz:
+        if UP_TO * motion_hz < vibration <= ABOVE * motion_hz:
             plain = low_passed(self.plain, self.rate, ABOVE * motion_hz)
         return replace(self, velocity=velocity, plain=plain, motion_hz=motion_hz)
 

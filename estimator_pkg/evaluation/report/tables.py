@@ -83,7 +83,7 @@ class Overview:
 def worth(comparison: Comparison) -> str:
     """Return the quality of the truth or the off-line reference as HTML."""
     descriptions = [
-        f'{joint}: {describe_smoother(comparison.smoothed[joint])}'
+        f'{joint}: {describe_smoother(comparison.smoothed[joint], known.noise)}'
         if joint in comparison.smoothed
         else f'The truth of {joint}, compared with the measured position: {describe_truth(known)}'
         for joint, known in comparison.references.items()

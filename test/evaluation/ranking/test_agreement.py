@@ -55,10 +55,9 @@ def test_without_the_vibration_put_back_the_wrong_one_is_best(monkeypatch):
     asked, found = ranked(name, entries)
     assert found.put_back and asked.best == 'edge_adaptive' and asked.other.best == 'kalman'
     assert 26.0 <= asked.question_hz <= 32.0
-    assert (
-        f'kalman is best if the {asked.question_hz:.0f} Hz are sensor noise, edge_adaptive if they '
-        'are motion: answer with --motion-hz.'
-    ) in asked.sentences()
+    hz = f'{asked.question_hz:.0f}'
+    question = f'kalman is best if the {hz} Hz are sensor noise, edge_adaptive if they are motion'
+    assert f'{question}: answer with --motion-hz.' in asked.sentences()
     assert asked.pairs[0].sign == 0
     moving, _ = ranked(name, entries, motion_hz=30.0)
     assert moving.best == 'edge_adaptive' and moving.other is None
