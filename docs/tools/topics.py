@@ -149,7 +149,7 @@ def rows(kind: str, values: dict[str, Any]) -> Iterator[Row]:
 
 
 def table(kind: str) -> str:
-    """Return the table of a node, with the setting that a topic needs."""
+    """Return the table of a node; a topic's content has the setting that it needs."""
     variants = [(values, list(rows(kind, values))) for values in NODES[kind]]
     order = {row: None for _, found in variants for row in found}
     lines = []
@@ -162,10 +162,11 @@ def table(kind: str) -> str:
                 needs = ' or '.join(f'`input: {one}`' for one in sorted(inputs))
                 needs = needs.replace('`input: the default`', 'default `input`')
             else:
-                needs = 'the observer estimates it'
+                needs = 'if the observer estimates it'
         meaning = MEANING[f'service {row.name}' if row.role == 'service' else row.name]
-        lines.append((row.role, f'`{row.name}`', row.type, row.qos, needs, meaning))
-    return markdown(('', 'name', 'type', 'QoS', 'if', 'content'), lines)
+        content = f'{meaning} ({needs})' if needs else meaning
+        lines.append((row.role, f'`{row.name}`', row.type, row.qos, content))
+    return markdown(('', 'name', 'type', 'QoS', 'content'), lines)
 
 
 def simulated() -> str:
