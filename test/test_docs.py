@@ -276,8 +276,8 @@ def test_formulas_are_typeset_as_they_are_meant():
 
 def test_powers_and_indices_in_the_text_are_raised_and_lowered():
     raised = hooks().raised
-    assert raised('q^2/12, P_00 and (R/c)^(1/6)') == (
-        'q<sup>2</sup>/12, P<sub>00</sub> and (R/c)<sup>1/6</sup>'
+    assert raised('q^2/12, P_00, (R/c)^(1/6) and c^((1+i)/6)') == (
+        'q<sup>2</sup>/12, P<sub>00</sub>, (R/c)<sup>1/6</sup> and c<sup>(1+i)/6</sup>'
     )
     for same in ('`q^2`', '    a_b = q^2\n', '[a](b/c_d.md)', 'edge_adaptive', '```\nx^2\n```'):
         assert raised(same) == same

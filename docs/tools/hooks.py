@@ -26,7 +26,7 @@ KEPT = re.compile(  # code, formulas, tags and links
     r'^```.*?^```$|^(?: {4}|\t).*?$|`[^`\n]+`|<math.*?</math>|<[^>\n]+>|\]\([^)\n]*\)|https?://\S+',
     re.DOTALL | re.MULTILINE,
 )
-POWER = re.compile(r"(?<=[\w)\]'])\^(?:\(([^()\s]+)\)|(-?\w+))")
+POWER = re.compile(r"(?<=[\w)\]'])\^(?:\(((?:[^()\s]|\([^()]*\))+)\)|(-?\w+))")
 INDEX = re.compile(r'(?<![\w/.])([A-Za-z\u0370-\u03ff])_([a-z]{1,3}|\d{1,2})(?![\w/])')
 OPERATOR = re.compile(r'<mo>([A-Za-z]{2,})</mo>(<mo stretchy="false">&#x00028;</mo>)?')
 
