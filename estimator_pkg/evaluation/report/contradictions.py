@@ -53,9 +53,8 @@ def contradictions(
     for names, covered in narrow.items():
         found.append(
             f'{listed(covered, rows)}: the 95 % interval is too narrow for {", ".join(names)} (it '
-            f'contains {100.0 * min(covered.values()):.0f} % of the errors): their noise model '
-            'knows the noise of the readings, and not the error that they make while the joint '
-            'accelerates'
+            f'contains {100.0 * min(covered.values()):.0f} % of the errors): a noise model '
+            'knows the noise of the readings, and not the lag while the joint accelerates'
         )
     return found
 

@@ -19,6 +19,8 @@ from estimator_pkg.evaluation.compare.delay import GAP
 from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.compare.matching import pieces, strays
 from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.doctor.angles import jumps
+from estimator_pkg.evaluation.doctor.readings import FAIL, Readings
 from estimator_pkg.evaluation.doctor.stamp_error import stamp_error
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.quantum import quantum
@@ -50,6 +52,7 @@ class Measurement:
     holes : gaps (when, how long) [s], by length.
     steps : sample times [s].
     strays : number of single stamps far ahead of their neighbours.
+    jumps : what is known of jumps that no joint can make; '' without one.
     """
 
     rate: float
@@ -61,6 +64,7 @@ class Measurement:
     holes: tuple[tuple[float, float], ...]
     steps: Array
     strays: int
+    jumps: str = ''
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the sample times for ``--json``."""
@@ -99,7 +103,16 @@ def look(series: Series, start: int, period: float) -> Measurement | None:
         tuple((float(at[i]), float(steps[i])) for i in order[:1000]),
         steps,
         int(np.count_nonzero(strays(series.stamps_ns[good]))),
+        _jumps(series, start, period),
     )
+
+
+def _jumps(series: Series, start: int, period: float) -> str:
+    nothing = np.full(len(series.position), np.nan)
+    found = jumps(
+        Readings('', series.stamps_ns, series.stamps_ns, series.position, nothing, period, start)
+    )
+    return f'{found.value}: {found.remedy}' if found.level == FAIL else ''
 
 
 def _repeats(moves: Array, count: float) -> int:
@@ -143,7 +156,7 @@ def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]
 
 
 def _of_measurement(joint: str, seen: Measurement) -> list[str]:
-    found = []
+    found = [f'{joint}: {seen.jumps}'] if seen.jumps else []
     if seen.repeats > 1:
         every = 'second' if seen.repeats == 2 else f'{seen.repeats}th'
         found.append(
@@ -212,14 +225,6 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
                 f'{name}: most of its error is noise'
                 + _advice(row.source, 'lower bandwidth_hz, or tune it', "set 'prefer: smooth'")
             )
-    if row.coverage == row.coverage and row.coverage < HONEST and not row.reference_cannot_tell:
-        found.append(
-            f'{name}: its 95 % band contains only {row.coverage:.0%} of the errors: in motion '
-            'they are larger than its noise model predicts'
-            + _advice(
-                row.source, "set 'noise' and 'quantum', or raise bandwidth_hz", "set 'prefer: fast'"
-            )
-        )
     away = sum(
         seconds for kind, seconds in row.validity.items() if kind not in ('tracking', 'published')
     )

@@ -552,3 +552,11 @@ def test_errors_by_speed_and_by_deviation():
     assert rms[0] / abs(speed[0]) == pytest.approx(0.1, rel=0.1)
     middles, heights = spectrum.normalised(error, 0.1 * np.abs(truth))
     assert np.interp(0.0, middles, heights) == pytest.approx(0.399, abs=0.02)
+
+
+def test_jumps_that_no_joint_can_make_are_a_finding():
+    time = np.arange(4000) * 1e-3
+    angle = np.sin(3.0 * time)
+    assert look(time, angle).jumps == ''
+    angle[2000:] += 3.0
+    assert look(time, angle).jumps.startswith('1 jump that no joint can make, up to 3 rad')
