@@ -37,7 +37,6 @@ USUAL = Entry('', 'hybrid_angle')  # observer whose noise the jitter is converte
 SETTLED = 400  # samples after which its noise gain is steady
 MOSTLY = 0.7  # a cause explains most of an error if at most this ratio remains without the cause,
 # or this ratio comes from it alone (of an rms, half of the squares)
-HONEST = 0.85  # a 95 % interval with a smaller coverage is too narrow
 WITHHELD = 0.05  # a larger fraction of time without an estimate is reported
 
 
