@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, chart, field, moteus, rivals
+from benchmarks import accuracy, chart, field, moteus, rivals, streams
 from benchmarks.columns import shared
 from benchmarks.drive import drives
 from benchmarks.live.rows import latencies, live, starts
@@ -46,7 +46,7 @@ SPEED_PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
         row for row in drives(3 if quick else 7) if row['unit'] not in ERRORS
     ],
 }
-ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'moteus', 'rivals', 'drive')
+ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'moteus', 'streams', 'rivals', 'drive')
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -170,6 +170,9 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
             )
     if 'moteus' in parts:
         _moteus(parsed, result)
+    if 'streams' in parts:
+        result['streams'] = streams.run(fast=True)
+        print(streams.describe(result['streams'], parsed.markdown) + '\n', flush=True)
     if 'rivals' in parsed.part:  # requested by name: it repeats others, and takes long
         result['rivals'] = rivals.run(rivals.columns(Path(parsed.bags)))
         print(rivals.describe(result['rivals'], parsed.markdown) + '\n', flush=True)

@@ -208,8 +208,7 @@ def describe(rows: list[dict[str, Any]], as_markdown: bool = False) -> str:
     ]
     return (
         'mean square error over the threshold of moteus (1 is its own limit), and bias of the '
-        'worst steady\nwindow. Each observer has the quantum and its defaults; '
-        'the first sample counts\n\n'
+        'worst steady\nwindow. Each observer has the quantum and its defaults\n\n'
         + (markdown if as_markdown else table)(
             ('capture', 'threshold [(counts/s)^2]', *observers), lines
         )

@@ -13,6 +13,7 @@ itself.
 Fast law. Two cumulative sums, one for each sign, of the innovation less a slack (Page, 1954). Their
 run time dates a manoeuvre, and the covariance gets what a blow or a motor makes of the innovation
 at hand over that time. Neither can be set off by one sample, which counts no more than the alarm.
+Manoeuvres come in series (a ramp begins and ends), so the density then expects the next one.
 
 Sway. What the readings moved by beyond the prediction, times the change of the same from one sample
 to the next: for the noise of any sensor, for the counts of any constant speed and for a filter that
@@ -110,6 +111,24 @@ def follow_band(
         date,
         product,
     )
+
+
+def after_manoeuvre(band: Band, beyond: float, date: float, share: float) -> Band:
+    """Return the band after a manoeuvre: the density expects more of its kind.
+
+    White jerk of density c moves the angle by c date^5/20, as a variance, within `date`.
+
+    Parameters
+    ----------
+    beyond : deviation that the manoeuvre explains, without what a cell may hide [rad].
+    date : time since the manoeuvre began [s].
+    share : of the density that explains the deviation; the least that the density is then.
+    """
+    density, low, variance, up, down, up_time, down_time, squares = band
+    if beyond > 0.0:
+        explains = share * 20.0 * beyond * beyond / date**5
+        density = density if density > explains else explains
+    return (density, low, variance, up, down, up_time, down_time, squares)
 
 
 def sums_alone(band: Band, after: Band) -> Band:

@@ -24,6 +24,7 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
     STEADY,
     Band,
     Laws,
+    after_manoeuvre,
     began,
     begin_band,
     follow_band,
@@ -98,6 +99,7 @@ BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, o
 LONGEST = 2.0  # [s] longest memory; the start's too
 FADE = 0.3  # [s] memory of the acceleration
 MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
+EXPECTED = 0.01  # of the density that explains a manoeuvre: the least after it, without noise
 STRAY = 2.0  # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0  # samples after which a start, a gap or a doubt has settled
 CALM = 0.5  # of its variance the speed keeps at least, however small the innovations are
@@ -224,7 +226,7 @@ def after_jump(
     last : the reading after the jump [rad].
     given : quantum as the user gave it [rad]; 0: not known.
     """
-    steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, given)
+    steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, given, math.inf)
     quantum = quantum_of(steps, given)
     p, band = stood(quantum, BLUR, LONGEST)
     return (
@@ -264,18 +266,15 @@ def straight_line(
     return motion, p, band, sensor, doubt
 
 
-def manoeuvre(
-    p: Covariance, d: float, date: float, dt: float, quantum: float, noise: int
-) -> Covariance:
+def manoeuvre(p: Covariance, d: float, date: float, quantum: float, noise: int) -> Covariance:
     """Return the covariance where the fast law dates a manoeuvre that explains `d` [rad].
 
     Parameters
     ----------
-    date : run time of the cumulative sum [s].
+    date : time since the manoeuvre began [s].
     noise : `PLAIN_EDGES`, `NOISY` or `FLICKER`.
     """
     p00, _, _, p11, _, _ = p
-    date = began(date, dt, noise != PLAIN_EDGES, SIGMAS, ALARM)
     if noise == FLICKER and -STRAY * quantum < d < STRAY * quantum and p11 > 0.0:
         # flicker that begins again: it moved in all the time that is remembered
         date = max(date, math.sqrt(p00 / p11))
@@ -292,6 +291,7 @@ def update(
     idle: float,
     dt: float,
     laws: tuple,
+    warm: bool,
 ) -> tuple[bool, tuple[float, float, float], Covariance, Band, Sensor]:
     """Return the measurement update for an informative reading.
 
@@ -337,7 +337,13 @@ def update(
         s = p00 + r
     if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
         if date > 0.0:
-            p = manoeuvre(p, d, date, dt, quantum, noise_is)
+            date = began(date, dt, noise_is != PLAIN_EDGES, SIGMAS, ALARM)
+            if warm and not flickers:
+                hidden, share = 0.5 * quantum, EXPECTED  # a cell may hide it
+                if noise_is == NOISY:
+                    hidden, share = hidden + SIGMAS * math.sqrt(scatter), 1.0
+                listening = after_manoeuvre(listening, abs(d) - hidden, date, share)
+            p = manoeuvre(p, d, date, quantum, noise_is)
             p00, p01, p02, _, _, _ = p
         if not flickers:
             off, ahead = deviations
@@ -426,7 +432,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
     ) -> tuple:
         motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
         x, v, a, idle = motion
-        quantum, noise, _, _, stepped, _, size, rested, _, _, pace = sensor
+        quantum, noise, scatter, _, stepped, _, size, rested, _, _, pace = sensor
         last, low, high, _, _ = convention
         _, to_settle, since = doubt
         _, uneven = clock
@@ -450,7 +456,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                     jump, last, dt, design.quantum, period
                 )
                 x, v, a, idle = motion
-                quantum, noise, _, _, stepped, _, size, rested, _, _, pace = sensor
+                quantum, noise, scatter, _, stepped, _, size, rested, _, _, pace = sensor
             elif jump != 0.0:  # a glitch
                 change += jump
                 steps = (smallest, candidate, shown, least, left, finer, 0.0)
@@ -464,7 +470,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             if -least <= change <= least or -FINEST < change < FINEST:
                 measurement, change, first = last, 0.0, False  # residue: the reading before is used
             else:
-                steps = follow_steps(steps, change, size, rested, extent, design.quantum)
+                steps = follow_steps(steps, change, size, rested, extent, design.quantum, scatter)
                 used, quantum = quantum, quantum_of(steps, design.quantum)
                 if quantum != used:
                     p, band, sensor = rescaled(p, band, sensor, quantum, first)
@@ -548,7 +554,16 @@ def _make_step(period: float) -> Callable[..., tuple]:
             kind, _, _ = worth
         if kind != NOTHING:
             believed, (dx, dv, da), p, band, sensor = update(
-                worth, (off, ahead), p, band, sensor, noise_is, idle, dt, design.laws
+                worth,
+                (off, ahead),
+                p,
+                band,
+                sensor,
+                noise_is,
+                idle,
+                dt,
+                design.laws,
+                since >= RECENT,
             )
             idle = 0.0
             if not believed:

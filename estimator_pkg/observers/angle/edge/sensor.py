@@ -26,6 +26,9 @@ RETURNS = 3.0  # the first of them, which a stray reading makes by itself: there
 SEARCH = 96.0  # readings among which these are looked for, after a new smallest step
 FINER = 0.75  # the quantum is too large if steps below this part of it are seen
 
+UNLIKE = 5.0  # steps in a row that are no multiples of each other, without a scatter: no counter
+SMOOTH = 0.02  # of the squared smallest step: a counter scatters more, unless its speed is constant
+
 CLOSE = 0.9  # a step above this part of the quantum is one, but for its last digits,
 DIGITS = 0.01  # which are below this part
 
@@ -38,7 +41,8 @@ AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
 # that last [rad^2], negative where they alternate; mean dt [s])
 Sensor = tuple[float, float, float, float, float, float, float, float, float, float, float]
 # (smallest step of the reading, or of its steps, seen [rad]; candidate for the quantum, of which
-# all steps since it came up are multiples [rad]; how many of them could have shown a finer one;
+# all steps since it came up are multiples [rad]; how many of them could have shown a finer one,
+# below 0: how many were no multiple of the one before;
 # the smallest of these but the first `RETURNS` [rad]; readings for which the search goes on;
 # steps that were finer than the given quantum; the last step [rad], where it was more than `JUMP`
 # times the range of all readings before, else 0)
@@ -94,7 +98,13 @@ def paced(sensor: Sensor, pace: float) -> Sensor:
 
 
 def follow_steps(
-    steps: Steps, step: float, last: float, since: float, size: float, quantum: float
+    steps: Steps,
+    step: float,
+    last: float,
+    since: float,
+    size: float,
+    quantum: float,
+    scatter: float,
 ) -> Steps:
     """Return the steps after one of `step` [rad], where the last before was +-`last` [rad].
 
@@ -109,6 +119,8 @@ def follow_steps(
         unchanged readings shows the quantum, for a shaft that skipped a count would not rest.
     size : of the two readings [rad]: of their last digits nothing is learnt.
     quantum : as given [rad]; 0: not known.
+    scatter : mean square of third differences over 20 [rad^2]. Steps that are no multiples of each
+        other, and scatter less than a counter's, are no counts: the quantum is `DIGITS` of them.
     """
     smallest, candidate, shown, least, left, finer, _ = steps
     moved = found = abs(step)
@@ -130,9 +142,12 @@ def follow_steps(
         smallest = found
     rest = moved % candidate
     if found < CLOSE * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
-        candidate, shown, least, left = found, 1.0 if shows else 0.0, math.inf, left - 1.0
+        shown = (shown if shown < 0.0 else 0.0) - (1.0 if shows else 0.5)
+        candidate, least, left = found, math.inf, left - 1.0
+        if shown <= -UNLIKE and scatter < SMOOTH * smallest * smallest:
+            smallest, shown, left = DIGITS * smallest, 0.0, 0.0
     elif shows and shown < SHOWN:
-        shown, left = shown + 1.0, left - 1.0
+        shown, left = (1.0 if shown <= -1.0 else 0.0 if shown < 0.0 else shown) + 1.0, left - 1.0
         if shown > RETURNS and found < least:
             least = found
         if shown == SHOWN and CLOSE * least > candidate:  # a stray reading alone showed it

@@ -134,7 +134,7 @@ def sensed(angles, dts=None, quantum=0.01):
         step = angles[i] - angles[i - 1]
         if step != 0.0:
             steps = edge_sensor.follow_steps(
-                steps, step, sensor[6], sensor[7], abs(angles[i]), quantum
+                steps, step, sensor[6], sensor[7], abs(angles[i]), quantum, sensor[2]
             )
         dt = 1e-3 if dts is None else dts[i]
         sensor = edge_sensor.follow_sensor(
@@ -293,3 +293,22 @@ def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
         assert 0.0 < q[0] <= r * (1.0 + 1e-12)
         assert q[3] * q[0] >= q[1] * q[1] * (1.0 - 1e-12)
         assert q[5] * q[0] >= q[2] * q[2] * (1.0 - 1e-12)
+
+
+def test_clean_floats_are_no_counts():
+    """Steps that are no multiples of each other, and do not scatter, show no counter."""
+    t = np.arange(4000) * 1e-4
+    _, steps = sensed(0.3 + np.cumsum(1e-5 + 4e-8 * np.arange(4000)), quantum=0.0)
+    found = edge_sensor.quantum_of(steps, 0.0)
+    assert found < 1e-6  # a tenth of the smallest step
+    coarse = np.floor((0.3 + 2.0 * t + 3.0 * t * t) / 1e-4) * 1e-4  # a counter that accelerates
+    _, steps = sensed(coarse, quantum=0.0)
+    assert edge_sensor.quantum_of(steps, 0.0) == pytest.approx(1e-4)
+
+
+def test_the_density_expects_manoeuvres_like_the_last():
+    band = edge_bandwidth.begin_band(1e-6)
+    after = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, 0.01)
+    assert after == (pytest.approx(0.01 * 20.0 * 0.01 / 0.2**5), *band[1:])
+    assert edge_bandwidth.after_manoeuvre(band, -0.1, 0.2, 1.0) == band  # a cell may hide it
+    assert edge_bandwidth.after_manoeuvre(after, 1e-3, 0.2, 0.01) == after  # it does not fall
