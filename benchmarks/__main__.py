@@ -20,6 +20,7 @@ from benchmarks.live.rows import latencies, live, starts
 from benchmarks.mechanism import mechanisms
 from benchmarks.recordings import recorded
 from benchmarks.replay import MESSAGES, replays
+from benchmarks.smoothed import smoothed
 from benchmarks.update import batches, updates
 from estimator_pkg import cli
 from estimator_pkg.cli import Command
@@ -35,6 +36,7 @@ SHARED, RECORDED = 'the shared set', 'the recordings'
 SPEED_PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
     'update': lambda quick, messages: updates(5 if quick else 15),
     'batch': lambda quick, messages: batches(300_000 if quick else 2_000_000, 3 if quick else 7),
+    'smoothed': lambda quick, messages: smoothed(5 if quick else 15),
     'mechanism': lambda quick, messages: mechanisms(3 if quick else 7),
     'replay': lambda quick, messages: replays(
         messages or (QUICK_MESSAGES if quick else MESSAGES), 1 if quick else 2
