@@ -1,0 +1,258 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Stamps of regular devices are repaired, those of irregular ones are left alone."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from observer_cases import make
+
+from benchmarks.signals import Signal, constant, encoder, sine, trapezoid
+from estimator_pkg.driver.guard import DUPLICATE
+from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, Clocks, StampRepair
+
+TURN = 2.0 * math.pi
+MOTIONS = {
+    'sine': sine(5.0, 2.0),
+    'trapezoid': trapezoid(20.0, 100.0, 0.8),
+    'fast': constant(200.0),
+}
+MS = 1_000_000
+
+
+def repaired(stamps, angle, names=('joint',)):
+    """(times that are used, states, the repair)."""
+    repair, times, states = StampRepair(lambda name: TURN), [], []
+    for stamp, reading in zip(np.asarray(stamps).tolist(), np.asarray(angle).tolist()):
+        times.append(repair(stamp, names, (reading,) * len(names)))
+        states.append(repair.state)
+    return np.array(times), states, repair
+
+
+@lru_cache
+def recorded(name, rate=1000.0, jitter=0.0, dropped=0.0, duration=7.0):
+    return Signal('', '', MOTIONS[name], rate=rate, jitter=jitter, dropped=dropped).samples(
+        duration=duration
+    )
+
+
+def error(observer, stamps, samples, skipped=5.0):
+    """The rms velocity error with these stamps, after `skipped` [s]."""
+    out = make(observer).run(np.asarray(stamps, np.int64), samples.angle, fast=False)
+    counted = (out.verdict < DUPLICATE) & (samples.stamps - samples.stamps[0] > 1e9 * skipped)
+    return float(np.sqrt(np.mean((out.velocity - samples.velocity)[counted] ** 2)))
+
+
+def delays(kind, count, random):
+    """Delays of messages [ns]."""
+    if kind == 'either way':
+        return random.integers(-MS, MS, count)
+    if kind == 'in order':  # they wait in a queue
+        times = np.arange(count) * MS
+        return np.maximum.accumulate(times + random.integers(0, MS, count)) - times
+    return random.integers(0, MS, count)
+
+
+@pytest.mark.parametrize('observer', ['edge_adaptive', 'hybrid_angle'])
+@pytest.mark.parametrize('kind', ['late', 'either way', 'in order'])
+@pytest.mark.parametrize('name', ['sine', 'trapezoid'])
+def test_a_millisecond_of_jitter_at_a_kilohertz(name, kind, observer):
+    samples = recorded(name)
+    stamps = samples.stamps + delays(kind, len(samples.stamps), np.random.default_rng(1))
+    times, states, repair = repaired(stamps, samples.angle)
+    true = error(observer, samples.stamps, samples)
+    assert error(observer, stamps, samples) > 1.4 * true  # it does harm
+    assert 0.9 * true < error(observer, times, samples) < 1.2 * true
+    assert states[0] == COLLECTING and states[-1] == REPAIRED
+    assert repair.period == pytest.approx(1e-3, rel=2e-5)
+    assert 0.2e-3 < repair.jitter < 0.6e-3
+
+
+def test_speed_is_right_however_fast():
+    samples = recorded('fast')
+    stamps = samples.stamps + delays('either way', len(samples.stamps), np.random.default_rng(1))
+    times, _, _ = repaired(stamps, samples.angle)
+    assert error('hybrid_angle', stamps, samples) > 1.0
+    assert error('hybrid_angle', times, samples) < 1.2 * error(
+        'hybrid_angle', samples.stamps, samples
+    )
+
+
+@pytest.mark.parametrize('rate', [50.0, 100.0, 200.0, 500.0])
+def test_other_rates(rate):
+    samples = Signal('', '', sine(5.0, min(2.0, rate / 50.0)), rate=rate).samples(
+        duration=max(12.0, 300.0 / rate)
+    )
+    random = np.random.default_rng(2)
+    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
+    times, states, _ = repaired(stamps, samples.angle)
+    true = error('edge_adaptive', samples.stamps, samples)
+    assert states[-1] == REPAIRED
+    assert error('edge_adaptive', times, samples) < 1.1 * true
+    assert error('edge_adaptive', stamps, samples) > 1.2 * true
+
+
+@pytest.mark.parametrize('name', ['sine', 'trapezoid'])
+@pytest.mark.parametrize('jitter', [0.1, 0.4])
+def test_sampling_that_jitters_is_left_alone(name, jitter):
+    samples = recorded(name, jitter=jitter)
+    times, states, _ = repaired(samples.stamps, samples.angle)
+    assert np.array_equal(times, samples.stamps)
+    assert states[-1] == LEFT_ALONE
+
+
+@pytest.mark.parametrize('draw', ['poisson', 'uniform'])
+def test_irregular_sampling_is_left_alone(draw):
+    random = np.random.default_rng(3)
+    steps = (
+        random.exponential(1e-3, 7000) if draw == 'poisson' else random.uniform(2e-4, 2e-3, 7000)
+    )
+    time = np.cumsum(steps)
+    stamps = 1_000_000_000 + np.rint(1e9 * time).astype(np.int64)
+    times, _, _ = repaired(stamps, encoder(MOTIONS['sine'](time)[0]))
+    assert np.array_equal(times, stamps)
+
+
+def test_exact_stamps_stay_exact():
+    for dropped in (0.0, 0.1):
+        samples = recorded('sine', dropped=dropped)
+        times, _, repair = repaired(samples.stamps, samples.angle)
+        assert np.array_equal(times, samples.stamps)
+        assert repair.period == pytest.approx(1e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize('drift', [-200e-6, 50e-6, 200e-6])
+def test_a_clock_that_drifts(drift):
+    samples = recorded('trapezoid')
+    passed = (samples.stamps - samples.stamps[0]) * (1.0 - drift)
+    stamps = samples.stamps[0] + passed.astype(np.int64)
+    stamps = stamps + np.random.default_rng(4).integers(0, MS, len(stamps))
+    times, _, repair = repaired(stamps, samples.angle)
+    assert repair.drift == pytest.approx(drift, abs=10e-6)
+    assert error('edge_adaptive', times, samples) < 1.2 * error(
+        'edge_adaptive', samples.stamps, samples
+    )
+
+
+def test_lost_messages_of_a_quiet_clock():
+    samples = recorded('sine', dropped=0.01)
+    stamps = samples.stamps + np.random.default_rng(5).integers(0, 200_000, len(samples.stamps))
+    times, states, _ = repaired(stamps, samples.angle)
+    off = times - samples.stamps
+    assert states[-1] == REPAIRED
+    assert np.std(off[5000:]) < 60_000  # [ns]
+    assert error('edge_adaptive', times, samples) < 1.2 * error(
+        'edge_adaptive', samples.stamps, samples
+    )
+
+
+@pytest.mark.parametrize('jitter', [MS, 2 * MS])
+@pytest.mark.parametrize('dropped', [0.01, 0.1])
+def test_lost_messages_that_jitter_hides_do_little_harm(jitter, dropped):
+    samples = recorded('sine', dropped=dropped)
+    random = np.random.default_rng(6)
+    stamps = np.maximum.accumulate(samples.stamps + random.integers(0, jitter, len(samples.stamps)))
+    stamps += np.arange(len(stamps))
+    times, _, _ = repaired(stamps, samples.angle)
+    assert error('hybrid_angle', times, samples) < 2.0 * error('hybrid_angle', stamps, samples)
+
+
+def test_gaps_steps_of_the_clock_and_a_looping_bag():
+    samples = recorded('sine', duration=9.0)
+    random = np.random.default_rng(7)
+    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
+    kept = np.ones(len(stamps), bool)
+    kept[3000:3900] = False
+    shifted = stamps.copy()
+    shifted[2000:] += 1_000_000_000
+    shifted[5000:] -= 3_000_000_000
+    for changed in (kept, None):
+        which = kept if changed is not None else np.ones(len(stamps), bool)
+        given = stamps if changed is not None else shifted
+        rest = type(samples)(*(each[which] for each in samples))
+        times, states, repair = repaired(given[which], rest.angle)
+        assert states.count(COLLECTING) < 70  # the period is not forgotten
+        assert repair.period == pytest.approx(1e-3, rel=1e-4)
+        late = np.abs(times - given[which])
+        assert np.max(late) < 3 * MS
+        settled = rest.stamps - rest.stamps[0] > 6_000_000_000
+        off = (times - rest.stamps)[settled] if changed is not None else None
+        if off is not None:
+            assert np.std(off) < 100_000
+
+
+@pytest.mark.parametrize('first, then', [(500, 1000), (1000, 500)])
+def test_another_period(first, then):
+    samples = recorded('sine', duration=10.0)
+    kept = np.ones(len(samples.stamps), bool)
+    (kept[1:4000:2] if first == 500 else kept[4001::2])[:] = False
+    rest = type(samples)(*(each[kept] for each in samples))
+    stamps = rest.stamps + np.random.default_rng(8).integers(0, MS, len(rest.stamps))
+    times, states, repair = repaired(stamps, rest.angle)
+    assert repair.period == pytest.approx(1.0 / then, rel=1e-4)
+    assert states[-1] == REPAIRED
+    assert error('edge_adaptive', times, rest, 6.0) < 1.2 * error(
+        'edge_adaptive', rest.stamps, rest, 6.0
+    )
+
+
+def test_messages_in_batches():
+    samples = recorded('sine')
+    stamps = samples.stamps.copy()
+    for first in range(0, len(stamps) - 4, 5):
+        stamps[first : first + 5] = stamps[first + 4]
+    times, _, _ = repaired(stamps, samples.angle)
+    true = error('edge_adaptive', samples.stamps, samples)
+    assert error('edge_adaptive', stamps, samples) > 1.3 * true
+    assert error('edge_adaptive', times, samples) < 1.2 * true
+
+
+def test_messages_that_come_twice_are_known_again():
+    samples = recorded('sine')
+    random = np.random.default_rng(9)
+    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
+    twice = np.sort(np.concatenate([np.arange(len(stamps)), random.integers(0, 7000, 400)]))
+    times, _, repair = repaired(stamps[twice], samples.angle[twice])
+    assert np.all(np.diff(times)[np.diff(twice) == 0] == 0)
+    assert repair.period == pytest.approx(1e-3, rel=2e-5)
+    once, _, _ = repaired(stamps, samples.angle)
+    assert np.array_equal(times[np.unique(twice, return_index=True)[1]], once)
+
+
+def test_time_never_goes_back_while_it_is_repaired():
+    samples = recorded('sine')
+    stamps = samples.stamps + delays('either way', len(samples.stamps), np.random.default_rng(1))
+    times, states, _ = repaired(stamps, samples.angle)
+    first = states.index(REPAIRED)
+    assert np.all(np.diff(times[first:]) > 0)
+    assert np.max(np.abs(np.diff(times[2000:]) - MS)) < 50_000
+
+
+def test_stamps_that_are_none_pass():
+    repair = StampRepair(lambda name: TURN)
+    assert repair(0, ('joint',), (0.1,)) == 0
+    assert repair(-5, ('joint',), (0.1,)) == -5
+    assert repair(7, ('joint', 'more'), (0.1,)) == 7
+    assert repair(1_000_000_000, ('joint',), (math.nan,)) == 1_000_000_000
+
+
+def test_each_device_of_a_topic_has_its_clock():
+    clocks = Clocks(lambda name: TURN)
+    samples = recorded('sine')
+    random = np.random.default_rng(10)
+    late = random.integers(0, MS, (2, 7000))
+    for k in range(7000):
+        reading = float(samples.angle[k])
+        clocks(int(samples.stamps[k] + late[0, k]), ['a', 'b'], (reading, reading))
+        if k % 5 == 0:
+            clocks(int(samples.stamps[k] + late[1, k]), ['c'], (reading,))
+    assert clocks.about('a') == clocks.about('b')
+    assert clocks.about('a')['device_period_s'] == pytest.approx(1e-3, rel=1e-4)
+    assert clocks.about('c')['device_period_s'] == pytest.approx(5e-3, rel=1e-4)
+    assert {clocks.about(name)['stamp_repair'] for name in 'abc'} == {REPAIRED}
+    assert clocks.about('d') == {}
+    clocks.reset()
+    assert clocks.about('a') == {}
