@@ -148,6 +148,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         nargs='*',
         help='copy only these topics of BAG, or none (default: all)',
     )
+    parser.add_argument(
+        '--smoothed',
+        action='store_true',
+        help='also write ~/smoothed and ~/smoothed_stddev, which have the lag smoothing_lag',
+    )
     unpacking.arguments(parser)
 
 
@@ -168,13 +173,23 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             BagWriter(parsed.out) if parsed.out is not None else nullcontext() as writer,
         ):
             output, interrupted = None, False
+            own: dict[int, int] = {}
+            if parsed.smoothed and not any(each.extra for each in stream.outputs):
+                raise UsageError(f'--smoothed is for observers of single angles, not {stream.NODE}')
+            stream.wanted[:] = [parsed.smoothed or not each.extra for each in stream.outputs]
             if writer is not None:
                 output = Output(
                     bag,
                     writer,
                     parsed.copy,
-                    {f'{node}/{each.name}': each.type for each in stream.outputs},
+                    {
+                        f'{node}/{each.name}': each.type
+                        for each, made in zip(stream.outputs, stream.wanted)
+                        if made
+                    },
                 )
+                wanted = [number for number, each in enumerate(stream.wanted) if each]
+                own = dict(zip(wanted, output.own))
             else:
                 stream.wanted[:] = [False] * len(stream.outputs)
             with progress('replay', sum(topic.count for topic in setup.topics)) as advance:
@@ -184,7 +199,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                     if output is not None:
                         encoded = Encoded(block)
                         for each in made:
-                            encoded.add(output.own[each.output], each.rank, each.rows, each.raw)
+                            encoded.add(own[each.output], each.rank, each.rows, each.raw)
                         output.write_among(names, block, encoded)
                     advance(count)
                     interrupted = bool(interrupts.came())
@@ -275,6 +290,7 @@ def _print(result: dict[str, Any]) -> None:
                 or 'no time passed'
             )
             + (f'; {joint["why"]}' if joint['why'] else '')
+            + (f'; stamps {joint["stamps"]["stamp_repair"]}' if 'stamps' in joint else '')
         )
     if result['out']:
         show(f'{result["out"]}: {", ".join(result["written"])}')

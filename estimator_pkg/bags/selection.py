@@ -13,7 +13,12 @@ from estimator_pkg.streams.angle import ANGLE_TYPES
 TRUTH = '/ground_truth/'
 USUAL = '/joint_states'
 NUMBERS = {f'std_msgs/msg/{kind}' for kind in ANGLE_TYPES}
-MADE = ('/estimate', '/estimate_stddev')  # topics that our nodes publish
+MADE = (
+    '/estimate',
+    '/estimate_stddev',
+    '/smoothed',
+    '/smoothed_stddev',
+)  # topics that our nodes publish
 
 
 def measurement_topic(bag: Bag, named: str | None = None) -> str:

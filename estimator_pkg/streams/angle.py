@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -18,6 +19,7 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
+from estimator_pkg.driver.stamp_repair import Clocks
 from estimator_pkg.errors import UsageError, UserError, plainly
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
@@ -41,10 +43,12 @@ from estimator_pkg.streams.contract import (
     StreamSettings,
     Values,
 )
+from estimator_pkg.streams.smoothing import SMOOTHED, SMOOTHED_STDDEV, Smoothing
 
 JOINT_STATES = 'joint_states'
 ANGLE = 'angle'
 FIELD = 'field'
+NONE, REGULAR = 'none', 'regular'  # of the parameter stamp_repair
 ANGLE_TYPES = ('Float64', 'Float32', 'Int32', 'Int64', 'UInt16')  # of std_msgs
 NODE_OF = {
     'angle_and_input': 'adaptive_observer',
@@ -146,6 +150,14 @@ class AngleSettings(StreamSettings):
         structural=True,
         description='-1 reverses the sign of the topic angle',
     )
+    smoothing_lag: float = parameter(
+        0.05,
+        unit='s',
+        range=(0.005, 0.2),
+        structural=True,
+        description='lag of ~/smoothed: a message is answered there once another one is this much '
+        'newer',
+    )
     stamp_source: str = parameter(
         'header',
         unit='',
@@ -153,6 +165,16 @@ class AngleSettings(StreamSettings):
         structural=True,
         description='time of a message with a header: its stamp, or the time at which its '
         'publisher sent it (for drivers that leave the stamp zero)',
+    )
+
+    stamp_repair: str = parameter(
+        NONE,
+        unit='',
+        choices=(NONE, REGULAR),
+        structural=True,
+        description='regular: the device samples regularly and its stamps jitter, so its clock is '
+        'fitted to them and the observer uses the fitted times; stamps that the readings confirm '
+        'are left alone. Estimates keep the stamps of their messages',
     )
 
     def find_observer(self) -> Observer:
@@ -373,10 +395,12 @@ class AngleStream(Stream):
             observer,
             Bank(configuration, settings.only),
             [port],
-            [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else [])],
+            [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else []), SMOOTHED, SMOOTHED_STDDEV],
         )
         self.estimation = Estimation(self.bank)
         self._answering = Answering(self)
+        self._smoothing = Smoothing(self, settings.smoothing_lag)
+        self._clocks = Clocks(self._period_of) if settings.stamp_repair == REGULAR else None
 
     @classmethod
     def configure(
@@ -402,18 +426,26 @@ class AngleStream(Stream):
         """See `Stream`."""
         sample = self.source.sample(raw, publish_ns)
         stamp_ns, frame_id, names, positions, efforts = sample
-        taken = self.bank.update(stamp_ns, names, positions, efforts)
-        return (self._answering(stamp_ns, frame_id, taken),)
+        at_ns = stamp_ns if self._clocks is None else self._clocks(stamp_ns, names, positions)
+        taken = self.bank.update(at_ns, names, positions, efforts)
+        answer = self._answering(stamp_ns, frame_id, taken)
+        if self._smoothing.wanted:
+            return (answer, *self._smoothing(at_ns, stamp_ns, frame_id, taken))
+        self._smoothing.stop()
+        return (answer,)
 
     def feed_block(self, ports: Sequence[int], block: Block) -> Iterable[Answers] | None:
-        """See `Stream`."""
+        """See `Stream`; without `Smoothing`, which takes messages one by one."""
+        if self._smoothing.wanted:
+            return None
         found = self.source.samples(block)
         if found is None:
             return None
         groups, malformed = found
         self.received[0] += len(block)
         self.malformed[0] += len(malformed)
-        estimated = self.estimation.update(groups, self.history, self.expected)
+        times = None if self._clocks is None else self._clocks.block(groups)
+        estimated = self.estimation.update(groups, self.history, self.expected, times)
         return (answers for group in estimated for answers in self._answering.block(group))
 
     def read_field(self, field: Field) -> None:
@@ -427,6 +459,40 @@ class AngleStream(Stream):
         self.source = FieldSamples(
             field, settings.angle_joint, settings.raw_angle, settings.stamp_source == PUBLISHER
         )
+
+    def _period_of(self, name: str) -> float:
+        """Return the wrap period of a joint [rad]."""
+        period: float = self.bank.configuration.for_joint(name)[1].wrap_period
+        return period
+
+    def about(self, name: str) -> Mapping[str, Any]:
+        """See `Stream`."""
+        return {} if self._clocks is None else self._clocks.about(name)
+
+    def _summary_of(self, name: str, joint: Joint) -> dict[str, Any]:
+        summary = super()._summary_of(name, joint)
+        about = self.about(name)
+        if about:
+            summary['stamps'] = {
+                key: None if isinstance(value, float) and math.isnan(value) else value
+                for key, value in about.items()
+            }
+        return summary
+
+    def reset(self) -> str:
+        """See `Stream`."""
+        if self._clocks is not None:
+            self._clocks.reset()
+        return super().reset()
+
+    def _gains_changed(self, name: str) -> None:
+        """See `Stream`."""
+        self._smoothing.forget([name])
+
+    def expire(self, names: Sequence[str]) -> bool:
+        """See `Stream`."""
+        self._smoothing.forget(names)
+        return super().expire(names)
 
     # Texts
 

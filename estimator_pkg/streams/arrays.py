@@ -89,7 +89,11 @@ class Estimation:
         self._fast = fast
 
     def update(
-        self, groups: list[Samples], history: dict[str, History] | None, expected: int = 0
+        self,
+        groups: list[Samples],
+        history: dict[str, History] | None,
+        expected: int = 0,
+        times: list[NDArray[np.int64]] | None = None,
     ) -> list[Estimated]:
         """Take one block of messages; return the estimates of every group, in the same order.
 
@@ -99,6 +103,7 @@ class Estimation:
         ----------
         history : receives the time by status of each joint.
         expected : number of all messages to come; decides whether compiling pays.
+        times : when the readings of each group were taken [ns]; None: at their stamps.
         """
         width_of_first = len(groups[0].names) if groups else 0
         if self._fast is None:  # once for the whole bag: speed must not depend on blocks
@@ -121,7 +126,7 @@ class Estimation:
         for name, places in parts.items():
             joint = self.bank.joint(name)
             if joint is not None:
-                self._run(name, joint, places, results, history)
+                self._run(name, joint, places, results, history, times)
         return results
 
     def _selected(self, group: Samples) -> Samples:
@@ -144,10 +149,16 @@ class Estimation:
         places: list[tuple[int, int]],
         results: list[Estimated],
         history: dict[str, History] | None,
+        times: list[NDArray[np.int64]] | None,
     ) -> None:
         """Process one joint over the block, its samples in the order of the messages."""
         sources = [results[index].samples for index, _ in places]
-        stamps = np.concatenate([source.stamps_ns for source in sources])
+        stamps = np.concatenate(
+            [
+                results[index].samples.stamps_ns if times is None else times[index]
+                for index, _ in places
+            ]
+        )
         positions = np.concatenate(
             [source.positions[:, column] for source, (_, column) in zip(sources, places)]
         )

@@ -71,12 +71,14 @@ class Output(NamedTuple):
     """An output below the node's name.
 
     on_demand : only made while there is a subscriber. latched : late joiners get the last message.
+    extra : replay makes it only on request.
     """
 
     name: str
     type: str
     on_demand: bool = False
     latched: bool = False
+    extra: bool = False
 
 
 ESTIMATE = Output('estimate', joint_state.TYPE)
@@ -229,7 +231,7 @@ class Stream(ABC):
     ) -> None:
         self.settings, self.observer, self.bank = settings, observer, bank
         self.inputs, self.outputs = tuple(inputs), tuple(outputs)
-        self.wanted = [True] * len(self.outputs)
+        self.wanted = [not output.extra for output in self.outputs]
         self.received, self.malformed = [0] * len(self.inputs), [0] * len(self.inputs)
         self.answered = 0
         self.skip = settings.no_estimate == SKIP

@@ -27,15 +27,24 @@ class Case(NamedTuple):
     parameters: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
     seconds: float = 1.5
+    options: tuple[str, ...] = ()
 
 
 CASES = {
     'joint_observer': Case(
         'encoder',
         'kalman',
-        'estimate estimate_stddev acceleration',
-        ('observer: kalman',),
-        ('joints=[a, b]', 'noise=0.0005', 'dropped=0.02', 'duplicated=0.02', 'gap_every=0.7'),
+        'estimate estimate_stddev acceleration smoothed smoothed_stddev',
+        ('observer: kalman', 'stamp_repair: regular'),
+        (
+            'joints=[a, b]',
+            'noise=0.0005',
+            'dropped=0.02',
+            'duplicated=0.02',
+            'gap_every=0.7',
+            'stamp_jitter=0.0002',
+        ),
+        options=('--smoothed',),
     ),
     'mechanical_observer': Case(
         'cart_pendulum',
@@ -106,6 +115,7 @@ def test_live_is_replay(node, probe, tmp_path):
         node,
         '--out',
         out,
+        *case.options,
     )
 
     made, types = read(out, f'/{node}/')

@@ -1,0 +1,253 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""~/smoothed in a stream and in a replay: its shape, its lag, and no effect on other outputs."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from estimator_pkg import cli
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.streams.angle import AngleStream
+
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+decode = Decoder().decode
+
+
+def stream_of(**values):
+    stream = AngleStream.of({'observer': 'hybrid_angle', **values})
+    stream.wanted[:] = [True] * len(stream.outputs)
+    return stream
+
+
+def number_of(stream, name):
+    return [output.name for output in stream.outputs].index(name)
+
+
+def angle(k, joint=0):
+    return math.remainder(3.0 * math.sin(0.01 * k + joint), 2.0 * math.pi)
+
+
+def velocity(k, joint=0):
+    return 30.0 * math.cos(0.01 * k + joint)
+
+
+def fed(stream, messages):
+    """[(k, [answers])] of messages (k, names, positions, efforts)."""
+    encoder, found = Encoder(), []
+    for k, names, positions, efforts in messages:
+        raw = encoder.encode(START + k * MS, 'base', names, positions, [0.0] * len(names), efforts)
+        found.append((k, stream.feed(0, bytes(raw), START + k * MS)))
+    return found
+
+
+def both(count, skipped=()):
+    return [
+        (k, ('a', 'b'), (angle(k), angle(k, 1)), (0.5, 1.5))
+        for k in range(count)
+        if k not in skipped
+    ]
+
+
+def smoothed_of(stream, found, name='smoothed'):
+    """[(k, message)] with the message during which each came."""
+    number = number_of(stream, name)
+    return [
+        (k, decode(answer[number]))
+        for k, answers in found
+        for answer in answers
+        if number in answer
+    ]
+
+
+def test_each_message_is_answered_once_more_a_lag_later():
+    stream = stream_of(smoothing_lag=0.03)
+    found = smoothed_of(stream, fed(stream, both(1000)))
+    assert [message.stamp_ns for _, message in found] == [START + k * MS for k in range(970)]
+    assert [k for k, _ in found] == list(range(30, 1000))
+    for k, message in found[100:]:
+        assert message.names == ('a', 'b') and message.frame_id == 'base'
+        assert message.efforts == (0.5, 1.5)
+        for joint in (0, 1):
+            assert message.velocities[joint] == pytest.approx(velocity(k - 30, joint), abs=0.02)
+            assert message.positions[joint] == pytest.approx(angle(k - 30, joint), abs=1e-4)
+
+
+def test_the_deviation_has_the_same_shape():
+    stream = stream_of()
+    found = fed(stream, both(300))
+    values = smoothed_of(stream, found)
+    deviations = smoothed_of(stream, found, 'smoothed_stddev')
+    assert len(values) == len(deviations) == 250
+    for (_, value), (_, deviation) in zip(values, deviations):
+        assert (value.stamp_ns, value.names) == (deviation.stamp_ns, deviation.names)
+    assert all(0.0 < each < 1.0 for each in deviations[200][1].velocities)
+
+
+@pytest.mark.parametrize(
+    'observer', ['finite_difference', 'pll', 'kalman', 'super_twisting', 'edge_adaptive']
+)
+def test_every_observer_has_it_and_the_same(observer):
+    raws = []
+    for name in (observer, 'hybrid_angle'):
+        stream = stream_of(observer=name)
+        found = smoothed_of(stream, fed(stream, both(200)))
+        raws.append([(k, message.velocities, message.positions) for k, message in found])
+    assert raws[0] == raws[1] and len(raws[0]) == 150
+
+
+def test_without_a_subscriber_there_is_nothing_and_the_rest_is_the_same():
+    silent, asked = stream_of(), stream_of()
+    silent.wanted[-2:] = [False, False]
+    numbers = range(3)
+    ours, theirs = fed(silent, both(300)), fed(asked, both(300))
+    for (_, (mine,)), (_, (first, *_)) in zip(ours, theirs):
+        assert {n: mine.get(n) for n in numbers} == {n: first.get(n) for n in numbers}
+        assert set(mine) <= set(numbers)
+    assert not silent._smoothing._of and not silent._smoothing._waiting
+    # a subscriber that leaves and one that comes again
+    asked.wanted[-2:] = [False, False]
+    fed(asked, [(400, ('a', 'b'), (angle(400), angle(400, 1)), ())])
+    assert not asked._smoothing._of and not asked._smoothing._waiting
+    asked.wanted[-2:] = [True, False]
+    again = fed(asked, both(1000)[500:])
+    assert len(smoothed_of(asked, again)) == 450
+    assert smoothed_of(asked, again, 'smoothed_stddev') == []
+
+
+def test_dropped_samples_and_joints_that_come_and_go():
+    stream = stream_of()
+    messages = []
+    for k in range(600):
+        if k % 7 == 0:
+            messages.append((k, ('b',), (angle(k, 1),), ()))
+        elif k % 11 == 0:
+            messages.append((k, ('b', 'a'), (angle(k, 1), math.nan), ()))
+        else:
+            messages.append((k, ('a', 'b'), (angle(k), angle(k, 1)), ()))
+        if k % 50 == 0:
+            messages.append(messages[-1])  # a duplicate is not answered
+    found = smoothed_of(stream, fed(stream, messages))
+    assert len(found) == 550
+    for k, message in found[100:]:
+        k -= 50
+        expected = {'a': velocity(k), 'b': velocity(k, 1)}
+        assert message.names == messages_of(k)
+        for name, speed, position in zip(message.names, message.velocities, message.positions):
+            if name == 'a' and k % 11 == 0 and k % 7:
+                assert math.isnan(speed)
+            else:
+                assert speed == pytest.approx(expected[name], abs=0.1)
+                assert math.isfinite(position)
+
+
+def messages_of(k):
+    return ('b',) if k % 7 == 0 else ('b', 'a') if k % 11 == 0 else ('a', 'b')
+
+
+def test_skip_leaves_out_what_is_not_complete():
+    messages = [
+        (k, ('a', 'b'), (angle(k), math.nan if k % 5 == 0 else angle(k, 1)), ()) for k in range(300)
+    ]
+    stream = stream_of(no_estimate='skip')
+    found = smoothed_of(stream, fed(stream, messages))
+    assert found and all(math.isfinite(sum(message.velocities)) for _, message in found)
+    assert not any((message.stamp_ns - START) // MS % 5 == 0 for _, message in found)
+
+
+def test_gaps_a_jump_back_and_a_reset_lose_no_message():
+    stream = stream_of()
+    sent = both(400, skipped=range(150, 390)) + both(200)
+    found = smoothed_of(stream, fed(stream, sent))
+    stamps = [message.stamp_ns for _, message in found]
+    assert stamps == [START + k * MS for k, *_ in sent[: len(stamps)]]
+    assert len(stamps) == len(sent) - 50
+    off = [
+        message.velocities[0] - velocity((message.stamp_ns - START) // MS)
+        for _, message in found[20:]
+    ]
+    assert np.nanmax(np.abs(off)) < 1.0
+    stream.reset()
+    assert len(smoothed_of(stream, fed(stream, both(700)[200:]))) == 500
+
+
+def test_a_low_rate_is_answered_by_the_next_message():
+    stream = stream_of()
+    messages = [(200 * k, ('a',), (angle(20 * k),), ()) for k in range(60)]
+    found = smoothed_of(stream, fed(stream, messages))
+    assert [message.stamp_ns for _, message in found] == [START + 200 * k * MS for k in range(59)]
+    assert [k for k, _ in found] == [200 * k for k in range(1, 60)]
+
+
+def test_a_removed_joint_starts_again():
+    stream = stream_of()
+    fed(stream, both(100))
+    first = stream._smoothing._of['a']
+    stream.expire(['a'])
+    assert 'a' not in stream._smoothing._of
+    fed(stream, both(200)[100:])
+    assert stream._smoothing._of['a'] is not first
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = str(tmp_path_factory.mktemp('bags') / 'bag')
+    words = ('joints=[a, b]', 'stamp_jitter=0.001', 'gap_every=2', 'frequency=1', 'amplitude=0.5')
+    sets = [part for word in words for part in ('--set', word)]
+    assert cli.main(['simulate', 'encoder', '--out', path, '--duration', '6', *sets]) == 0
+    return path
+
+
+def replayed(bag, out, *words):
+    """{topic: [bytes]} of the node's topics, and the summary."""
+    summary = str(out) + '.json'
+    words = ['--out', str(out), '--json', summary, *words]
+    assert cli.main(['replay', bag, *words]) == 0
+    with open_bag(str(out)) as made:
+        topics = {name: [] for name in made.topics if name.startswith('/joint_observer/')}
+        for message in made.messages({name: made.topics[name].type for name in topics}):
+            topics[message.topic].append(bytes(message.raw))
+    with open(summary, encoding='utf-8') as file:
+        return topics, json.load(file)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('words', [(), ('--set', 'stamp_repair=regular')])
+def test_replay_writes_it_on_request_and_the_rest_is_the_same(bag, tmp_path, words):
+    plain, first = replayed(bag, tmp_path / 'plain', *words)
+    more, second = replayed(bag, tmp_path / 'more', '--smoothed', *words)
+    assert set(more) - set(plain) == {'/joint_observer/smoothed', '/joint_observer/smoothed_stddev'}
+    assert all(more[topic] == plain[topic] for topic in plain)
+    assert len(more['/joint_observer/smoothed']) > 2000
+    assert first['joints'] == second['joints']
+    if words:
+        stamps = first['joints']['a']['stamps']
+        assert stamps['stamp_repair'] == 'repaired'
+        assert stamps['device_period_s'] == pytest.approx(1e-3, rel=1e-4)
+        assert first['joints']['a']['dropped'].get('late', 0) < 250
+    else:
+        assert 'stamps' not in first['joints']['a']
+        assert first['joints']['a']['dropped']['late'] > 500
+
+
+@pytest.mark.long
+def test_estimates_keep_the_stamps_of_their_messages(bag, tmp_path):
+    made, _ = replayed(bag, tmp_path / 'out', '--set', 'stamp_repair=regular', '--copy')
+    with open_bag(bag) as source:
+        measured = {
+            decode(bytes(message.raw)).stamp_ns
+            for message in source.messages({'/joint_states': 'sensor_msgs/msg/JointState'})
+        }
+    for raw in made['/joint_observer/estimate']:
+        assert decode(raw).stamp_ns in measured
+
+
+def test_other_nodes_have_none(bag, tmp_path, capsys):
+    words = ['--observer', 'adaptive', '--out', str(tmp_path / 'out'), '--smoothed']
+    assert cli.main(['replay', bag, *words]) != 0
+    assert capsys.readouterr().err.count('\n') == 1
