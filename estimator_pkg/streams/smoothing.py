@@ -9,10 +9,8 @@ newer, with its own stamp, names and order. See `observers.angle.smoother`.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from estimator_pkg.driver.bank import TakenOfJoints
 from estimator_pkg.driver.guard import DUPLICATE, USED
@@ -26,20 +24,10 @@ SMOOTHED = Output('smoothed', joint_state.TYPE, on_demand=True, extra=True)
 SMOOTHED_STDDEV = Output('smoothed_stddev', joint_state.TYPE, on_demand=True, extra=True)
 
 
-class Waiting(NamedTuple):
-    """A message that is not answered yet.
-
-    at_ns : when its readings were taken. stamp_ns, frame_id, names, efforts : as in the message.
-    positions : in the convention of the estimates. smoothers : of each joint; None: unused sample.
-    """
-
-    at_ns: int
-    stamp_ns: int
-    frame_id: str
-    names: Sequence[str]
-    efforts: Sequence[float]
-    positions: Sequence[float]
-    smoothers: Sequence[Smoother | None]
+# A message that is not answered yet: when its readings were taken [ns]; its stamp [ns], frame,
+# names and efforts; positions in the convention of the estimates; the smoother of each joint, None
+# for an unused sample.
+Waiting = tuple[int, int, str, Sequence[str], Sequence[float], list[float], list['Smoother | None']]
 
 
 class Smoothing:
@@ -86,64 +74,67 @@ class Smoothing:
         if taken is None:
             return []
         names, estimates, efforts, joints, positions = taken
-        if not any(each is not None for each in estimates):
-            return []
         smoothers: list[Smoother | None] = []
-        shown = []
-        for k, (name, joint, estimate) in enumerate(zip(names, joints, estimates)):
-            position = taken.written(k)
-            shown.append(position)
-            if joint is None or estimate is None:
+        shown: list[float] = []
+        used = False
+        for name, position, joint, estimate in zip(names, positions, joints, estimates):
+            if joint is None:
+                shown.append(position)
                 smoothers.append(None)
                 continue
-            smoother = self._smoother(name, joint)
-            fresh = USED < joint.verdict < DUPLICATE
-            smoother.add(at_ns, positions[k], position, fresh)
+            written = joint.written(position) if joint.settings.unwrap else position
+            shown.append(written)
+            if estimate is None:
+                smoothers.append(None)
+                continue
+            used = True
+            found = self._of.get(name)
+            smoother = found[1] if found and found[0] is joint else self._smoother(name, joint)
+            smoother.add(at_ns, position, written, USED < joint.verdict < DUPLICATE)
             smoothers.append(smoother)
+        if not used:
+            return []
         waiting = self._waiting
-        waiting.append(Waiting(at_ns, stamp_ns, frame_id, names, efforts, shown, smoothers))
+        waiting.append((at_ns, stamp_ns, frame_id, names, efforts, shown, smoothers))
         answers = []
-        while waiting and (
-            at_ns - waiting[0].at_ns >= self._lag_ns or at_ns < waiting[0].at_ns  # the clock jumped
-        ):
+        while waiting:
+            age = at_ns - waiting[0][0]
+            if 0 <= age < self._lag_ns:  # below 0 the clock jumped
+                break
             answer = self._answer(waiting.popleft())
             if answer:
                 answers.append(answer)
         return answers
 
     def _smoother(self, name: str, joint: Joint) -> Smoother:
-        found = self._of.get(name)
-        if found is None or found[0] is not joint:
-            settings = joint.settings
-            smoother = Smoother(
-                self._lag,
-                settings.wrap_period,
-                getattr(joint.gains, 'quantum', 0.0),
-                settings.unwrap,
-            )
-            found = self._of[name] = joint, smoother
-        return found[1]
+        settings = joint.settings
+        quantum = getattr(joint.gains, 'quantum', 0.0)
+        smoother = Smoother(self._lag, settings.wrap_period, quantum, settings.unwrap)
+        self._of[name] = joint, smoother
+        return smoother
 
     def _answer(self, message: Waiting) -> Answer:
-        stream = self._stream
-        results = [UNKNOWN if each is None else each.result() for each in message.smoothers]
-        known = [math.isfinite(velocity) for _, velocity, _, _ in results]
-        if stream.skip and not all(known):
-            return {}
+        _, stamp_ns, frame_id, names, efforts, positions, smoothers = message
+        stream, (first, second) = self._stream, self._numbers
+        velocities, of_positions, of_velocities = [], [], []
+        for k, smoother in enumerate(smoothers):
+            position, velocity, of_position, of_velocity = (
+                UNKNOWN if smoother is None else smoother.result()
+            )
+            if velocity == velocity:
+                positions[k] = position
+            velocities.append(velocity)
+            of_positions.append(of_position)
+            of_velocities.append(of_velocity)
         answer: Answer = {}
-        of_message = message.stamp_ns, message.frame_id, message.names
-        first, second = self._numbers
+        if stream.skip and any(velocity != velocity for velocity in velocities):
+            return answer
         if stream.wanted[first]:
-            positions = [
-                result[0] if there else position
-                for result, there, position in zip(results, known, message.positions)
-            ]
-            velocities = [result[1] for result in results]
             answer[first] = self._smoothed.encode(
-                *of_message, positions, velocities, message.efforts
+                stamp_ns, frame_id, names, positions, velocities, efforts
             )
         if stream.wanted[second]:
             answer[second] = self._stddev.encode(
-                *of_message, [result[2] for result in results], [result[3] for result in results]
+                stamp_ns, frame_id, names, of_positions, of_velocities
             )
         return answer
