@@ -58,6 +58,8 @@ MEANING = {
     '~/estimate': 'the joints of the message that it answers: position, velocity, efforts copied',
     '~/estimate_stddev': 'one standard deviation of position and velocity',
     '~/acceleration': 'position, velocity and acceleration of the joints that have one',
+    '~/smoothed': 'position and velocity of a message `smoothing_lag` ago, with its stamp',
+    '~/smoothed_stddev': 'one standard deviation of these',
     '~/gains': 'effect of the gains, in words: poles, limits, noise',
     '~/flux_linkage': '`x` flux linkage [Wb], `y` its standard deviation',
     '~/estimate_samples': 'every sample: electrical angle, electrical speed, flux linkage, valid',
