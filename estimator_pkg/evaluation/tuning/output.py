@@ -152,7 +152,7 @@ def founded(each: Mapping[str, Any]) -> list[str]:
             'The tuned gains are better than the defaults (95 %): their error is smaller by '
             f'{number(100.0 - 100.0 / (1.0 + pair["difference"] / 100.0), 2)} %.'
         ]
-    if each['cautions'] and pair is not None:
+    if each['cautions'] and pair is not None and pair['resolution'] > 0.0:
         hz = number(pair['motion_hz'], 2)
         found += [
             'Judged without ground truth.',
