@@ -71,7 +71,7 @@ def rank(
     candidates : name -> velocities at `reference.stamps`, shape (n,) [rad/s]; nan: no estimate.
         Each is read three times, one at a time, so a mapping may load them when they are read.
     reference : None: too few readings.
-    default : the candidate that is kept where no other is better.
+    default : the candidate that is kept where no other is better; ignored if it has no estimates.
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known, or it was given
         to `Motion.below` already.
     skip : time ignored at the beginning [s]; None: 1 s, at most 15 % of the record.
@@ -96,6 +96,7 @@ def rank(
     unranked = tuple(name for name in candidates if name not in names)
     if not names or len(rows) < FEWEST:
         return replace(nothing, why='there are too few estimates', unranked=unranked)
+    default = default if default in names else ''
     references = [reference.velocity[rows]]
     if reference.put_back:
         references.append(reference.plain[rows])

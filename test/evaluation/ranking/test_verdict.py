@@ -12,6 +12,7 @@ from estimator_pkg.evaluation.ranking import frequencies, pairs
 from estimator_pkg.evaluation.ranking.ranking import rank
 from estimator_pkg.evaluation.ranking.verdict import STANDING, Pair, Verdict
 from estimator_pkg.evaluation.reference.low_pass import low_passed
+from estimator_pkg.evaluation.reference.motion import motion
 
 
 def test_the_quantile_is_students():
@@ -121,3 +122,15 @@ def test_without_a_reference_the_default_is_the_choice():
     assert found.sentences()[0] == (
         'No ranking: there are too few readings; use edge_adaptive as it is.'
     )
+
+
+def test_a_default_without_estimates_is_not_recommended():
+    time = np.arange(4000) * 2e-3
+    stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
+    angle = np.floor(800.0 * np.sin(5.0 * time)) / 800.0
+    found = motion(stamps, angle, 0.0)
+    both = {'a': found.velocity + 0.1, 'b': found.velocity - 0.1, 'c': np.full(4000, np.nan)}
+    verdict = rank(both, found, default='c')
+    assert verdict.unranked == ('c',) and verdict.default == '' and verdict.choice == verdict.best
+    assert verdict.sentences()[0].startswith('All are equal within')
+    assert 'keep' not in verdict.sentences()[0]
