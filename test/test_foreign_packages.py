@@ -4,6 +4,7 @@
 """Observers and models of another package, as docs/architecture.md says: one file, one line."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -78,10 +79,13 @@ def told(foreign, *words, code=0):
 
 def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
     said = told(foreign, 'list')
-    assert 'mine: an alpha-beta filter' in said and 'slide: a slide on a spring' in said
+    assert re.search(r'  mine +an alpha-beta filter', said)
+    assert re.search(r'  slide +a slide on a spring', said)
+    said = told(foreign, 'list', 'observers') + told(foreign, 'list', 'models')
+    said = ' '.join(said.split())
     assert "(observer 'broken' (broken:OBSERVER) cannot be imported: SyntaxError" in said
     assert "has no attribute 'NOTHING')" in said
-    assert 'hybrid_angle: ' in said
+    assert ' hybrid_angle ' in said
 
 
 @pytest.mark.long

@@ -138,7 +138,7 @@ def wrap(seen: Readings) -> Finding:
             'the turn counter of the sensor is wrong there; observers see the angle alone',
             numbers,
         )
-    how = f'wraps {numbers["wraps"]} times' if numbers['wraps'] else 'no wrap'
+    how = f'{numbers["wraps"] or "no"} wrap{"s" * (numbers["wraps"] > 1)}'
     return Finding('wrap', PASS, f'{text}; {how}', '', numbers)
 
 

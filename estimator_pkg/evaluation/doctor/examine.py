@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import streams
+from estimator_pkg import observers, streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.bags.wiring import Setup, settled
 from estimator_pkg.errors import UserError
@@ -58,6 +59,15 @@ def setup(
 ) -> Setup:
     """Return the wiring of the measurement in the bag, as `joint_observer` would have it."""
     stream = streams.named(streams.USUAL)
+    if measurement is None and angle is None and not measured_topics(bag):
+        for other in streams.every():  # a drive's bag has no angle to examine
+            if other.recognises(lambda name: name in bag.topics, False):
+                own = observers.of_kind(other.KIND)[0]
+                raise UserError(
+                    f'{bag.path} has the topics of {other.NODE} and no angle, which doctor needs: '
+                    f"try 'velocity_estimator evaluate {bag.path} --observer {own}', or "
+                    'name a number with --angle'
+                )
     values = {'wrap_period': period, **(settings or {})}
     return settled(stream, bag, values, Request(measurement, angle))
 

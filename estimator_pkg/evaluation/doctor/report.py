@@ -53,7 +53,7 @@ def blocks(examined: Sequence[Examined]) -> list[tuple[str, list[Finding]]]:
     """Return (heading, findings): those of all joints, then those of each."""
     same, others = shared(examined)
     found = [(each.readings.name or 'joint', own) for each, own in zip(examined, others)]
-    return [(ALL, same), *found] if same else found
+    return [each for each in [(ALL, same), *found] if each[1]]
 
 
 def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str]]:

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
 START = 1_700_000_000_000_000_000
 
 
@@ -155,6 +157,8 @@ def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
     'words, code, message',
     [
         (['nowhere'], 1, 'does not exist'),
+        ([str(BAGS / 'simulated/drive_profile')], 1, '--observer pmsm'),
+        ([str(BAGS / 'vicon/yawbag')], 1, 'a number with --angle'),
         ([], 2, 'one of the two'),
         (['bag', '--live', '3'], 2, 'one of the two'),
         (['--live', '0'], 2, 'between 0.5 and 3600 s'),
