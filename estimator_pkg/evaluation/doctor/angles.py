@@ -29,6 +29,7 @@ NOISY = 2e-3  # noise of a reading above this [rad or m], and above
 NOISY_COUNTS = 3.0  # this many quanta, is more than a sensor should have
 ALTERNATING = 0.02  # a larger fraction of jumps there and back: two sources
 NEAR_END = 3.0  # a wrap begins and ends within this many moves of the range's ends
+AROUND, MOSTLY = 50, 0.8  # samples that show the motion; fraction of the wraps that agree
 OTHER_PERIOD = 0.01  # relative difference from the wrap period that counts
 TOO_FAST = 0.4  # moves beyond this fraction of the wrap period are ambiguous soon
 SELDOM, FEW = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
@@ -158,14 +159,16 @@ def _period(seen: Readings) -> float:
         np.maximum(np.abs(before - low), np.abs(after - high)),
         np.maximum(np.abs(before - high), np.abs(after - low)),
     )
-    if not np.all(ends <= slack) or np.max(slack) > 0.2 * (high - low):
-        return 0.0
     # a wrap goes against the motion around it
-    signed = np.array([_middle(raw, int(at)) for at in far])
-    if np.any(signed * raw[far] > 0.0) or np.count_nonzero(signed) < 0.5 * len(far):
+    small = np.where(np.isin(np.arange(len(raw)), far), 0.0, raw)
+    along = np.array([np.sum(small[max(0, at - AROUND) : at + AROUND]) for at in far])
+    usual = np.array([_middle(raw, int(at)) for at in far])
+    wraps = (ends <= slack) & (along * raw[far] < 0.0)
+    if np.mean(wraps) < MOSTLY or np.max(slack) > 0.2 * (high - low):
         return 0.0
-    found = float(np.median(size[far] + np.abs(signed)))
-    if np.any(np.abs(size[far] + np.abs(signed) - found) > slack):
+    sizes = size[far] + np.abs(usual)
+    found = float(np.median(sizes[wraps]))
+    if np.mean(np.abs(sizes - found) <= slack) < MOSTLY:
         return 0.0
     if seen.period and abs(found - seen.period) <= OTHER_PERIOD * seen.period + np.max(slack):
         return 0.0

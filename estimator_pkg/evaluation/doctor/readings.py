@@ -32,6 +32,7 @@ DIFFERENCE = Entry('', 'finite_difference')
 NAMED = 5  # largest number of times in a text
 MOVING = 3.0  # a joint moves where it passes this many quanta per sample, over
 WINDOW = 21  # samples
+NEAR_COUNTS, VARIED = 8.0, 0.02  # changes of two sizes, each this often
 ZEROS = 0.02  # readings of which this fraction repeats the one before are counted
 BESIDE = 5  # moves on either side that a jump is compared with
 JUMP = 7.5  # a jump differs from their median by this many times their size,
@@ -133,8 +134,23 @@ class Readings:
 
     @cached_property
     def quantum(self) -> float:
-        """Distance of neighbouring levels of the readings; 0 if they are not quantised."""
-        return quantum(self.raw)
+        """Distance of neighbouring levels of the readings; 0 if they are not quantised.
+
+        Each wrap by a period that is no multiple of it shifts the levels, so changes count too.
+        """
+        found = quantum(self.raw)
+        size = np.abs(self.moves[self.joined])
+        changed = size[size > 1e-9]
+        if len(changed) < 2 * WINDOW:
+            return found
+        low = float(np.percentile(changed, 10))
+        near = size[size < NEAR_COUNTS * low] / low
+        whole = np.rint(near)
+        kinds = np.bincount(whole.astype(np.int64)) > VARIED * len(near)
+        if np.mean(np.abs(near - whole) < 0.1) < 0.95 or np.count_nonzero(kinds[1:]) < 2:
+            return found
+        step = low * float(np.sum(near) / np.sum(whole))
+        return step if found < 0.7 * step else found
 
     @cached_property
     def range(self) -> float:
@@ -251,7 +267,8 @@ class Readings:
             far = abs(missed) > max(8.0 * self.grain, 4.0 * max(abs(before), abs(after)))
             caught = far and CATCH_UP < self.moves[b] / missed < 1.0 / CATCH_UP
             moved = min(abs(before), abs(after)) > max(MOVING * self.grain, self.scatter)
-            if (caught and before * after > 0.0) or moved:
+            sudden = abs(self.moves[b]) > 3.0 * max(abs(before), abs(after))
+            if (caught and before * after > 0.0) or (moved and sudden):
                 found[b] = True
         return found
 

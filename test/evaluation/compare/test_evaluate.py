@@ -7,13 +7,17 @@ import json
 import math
 import struct
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
+from estimator_pkg.evaluation import text
 from estimator_pkg.messages.joint_state import TYPE, Encoder
+
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
 
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
@@ -521,3 +525,27 @@ def test_without_matplotlib_a_plot_ends_with_a_hint(good, tmp_path, capsys, monk
     monkeypatch.setitem(sys.modules, 'matplotlib.backend_bases', None)
     line = fails(capsys, good, '--plot', str(tmp_path / 'errors.png'))
     assert ' -m pip install ' in line and 'matplotlib' in line
+
+
+def test_the_table_fits_80_columns_and_wide_has_every_column(capsys, tmp_path):
+    bag, result = str(BAGS / 'simulated' / 'random_with_faults'), tmp_path / 'result.json'
+    words = ['evaluate', bag, '--observer', 'hybrid_angle', '--json', str(result)]
+    assert main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith('estimate '))
+    assert max(map(len, lines[at : at + 2])) <= 80
+    assert lines[at].split() == ['estimate', 'joint', 'rms', 'max', 'bias', 'delay', 'ms', 'noise', 'dropped']
+    assert main([*words, '--wide']) == 0
+    out = capsys.readouterr().out
+    assert 'received' in out and 'duplicate 28' in out
+    samples = json.loads(result.read_text())['bags'][bag]['estimates']['hybrid_angle']['joints']
+    assert samples['wheel']['samples']['received'] == 2524
+
+
+def test_long_names_are_cut_and_numbers_are_not():
+    rows = [('/a/very/long/namespace/of/a/joint_observer/estimate', 'a_joint_of_many_letters')]
+    cells = [(*rows[0], *['12345.6789'] * 3)]
+    header = ('estimate', 'joint', 'rms', 'max', 'bias')
+    first, line = text.table(header, cells, left=2, width=80).splitlines()
+    assert len(line) == 80 and line.count('12345.6789') == 3
+    assert line.startswith('/a/very/') and '...' in line and first.startswith('estimate ')
