@@ -30,7 +30,7 @@ HEADER = (
 )
 
 
-NARROW = ('estimate', 'joint', 'rms', 'max', 'bias', 'delay ms', 'noise', 'dropped')
+NARROW = ('estimate', 'joint', 'rms', 'max', 'delay ms', 'noise', 'dropped')
 
 
 def describe(comparison: Comparison, wide: bool = False) -> str:
