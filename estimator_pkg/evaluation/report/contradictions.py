@@ -9,6 +9,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.entries import angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report.tradeoff import of_row
 from estimator_pkg.evaluation.text import number
@@ -50,11 +51,13 @@ def contradictions(
             f'{listed(ratios, rows)}: {default_name}, the default, is not the best here. {name} '
             f'has {_range(ratios.values())} of its error{why}'
         )
+    angles = {*angle_observers()}
     for names, covered in narrow.items():
         found.append(
             f'{listed(covered, rows)}: the 95 % interval is too narrow for {", ".join(names)} (it '
             f'contains {100.0 * min(covered.values()):.0f} % of the errors): a noise model '
             'knows the noise of the readings, and not the lag while the joint accelerates'
+            + (". Set 'noise' and 'quantum', or raise the bandwidth" if angles & {*names} else '')
         )
     return found
 

@@ -11,21 +11,20 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator_pkg import observers, registry, yaml_text
+from estimator_pkg import observers, params_file, registry, streams, yaml_text
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report.contradictions import grouped
 from estimator_pkg.evaluation.report.findings import Measurement
+from estimator_pkg.evaluation.report.tables import SHOWN, changed
 from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.parameters import declared
-from estimator_pkg.params_file import OVERRIDES
 from estimator_pkg.streams.angle import AngleSettings
 
 KEEP = 1.05  # the default is kept where the best error is not smaller than by this
 NO_DELAY = 1e-4  # shorter delays are not worth a number [s]
-NODE = 'joint_observer'
 
 
 def ordered(rows: Sequence[Row], verdict: Verdict | None) -> list[Row]:
@@ -70,12 +69,13 @@ def words(
     found = []
     for source, joints in by_source.items():
         rows = [chosen[joint] for joint in joints if chosen[joint].source == source]
-        values = dict(entries[source].values) if source in entries else {}
-        how = (
-            ' with ' + ', '.join(f'{name} {_value(value)}' for name, value in values.items())
-            if values
-            else (' as it is' if source in entries or _known(source) else '')
-        )
+        values = changed(entries.get(source))
+        if len(values) > SHOWN:
+            how = ' with the parameters below'
+        elif values:
+            how = ' with ' + ', '.join(f'{name} {text}' for name, text in values.items())
+        else:
+            how = ' as it is' if source in entries or _known(source) else ''
         on = '' if len(by_source) == 1 else f' on {_listed(joints)}'
         if len(by_source) == 1 and len(joints) > 1:
             on = f' on all {len(joints)} joints'
@@ -166,10 +166,6 @@ def _known(source: str) -> bool:
     return source in registry.names(registry.OBSERVERS)
 
 
-def _value(value: object) -> str:
-    return f'{value:.4g}' if isinstance(value, float) else str(value)
-
-
 def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else ', '.join(names[:-1]) + ' and ' + names[-1]
 
@@ -193,25 +189,32 @@ def parameter_file(
         return ''
     observer = source if entry is None else entry.observer
     values = {} if entry is None else dict(entry.values)
+    stream = streams.of_observer(observer)
+    settings = declared(stream.SETTINGS)
+    known = {**stream.parameters(observer), **settings}
     lines = [
         yaml_text.comment(f'{observer}, from {Path(comparison.bag).name}'),
-        f'# ros2 run velocity_estimator {NODE} \\',
+        f'# ros2 run velocity_estimator {stream.NODE} \\',
         '#   --ros-args --params-file THIS_FILE',
         '/**:',
         '  ros__parameters:',
-        f'    observer: {yaml_text.scalar(observer)}',
     ]
-    if abs(period - 2.0 * math.pi) > 1e-9:
+    if 'observer' in settings:
+        lines.append(f'    observer: {yaml_text.scalar(observer)}')
+    if stream.WRAPS and abs(period - 2.0 * math.pi) > 1e-9:
         lines.append(f'    wrap_period: {period!r}')
-    lines += [f'    {name}: {yaml_text.scalar(value)}' for name, value in values.items()]
+    lines += [
+        f'    {yaml_text.key(name)}: {known[params_file.parameter_of(name)].text(value)}'
+        for name, value in values.items()
+    ]
     quanta = {joint: found.quantum for joint, found in seen.items() if found.quantum}
-    if quanta and 'quantum' not in values:
+    if quanta and 'quantum' in known and 'quantum' not in values:
         if len({f'{each:.3g}' for each in quanta.values()}) == 1 and len(quanta) == len(seen):
             quantum = float(np.median(list(quanta.values())))
             lines += [f'    # {_counts(quantum)}', f'    quantum: {quantum:.6g}']
         else:
             for joint, quantum in quanta.items():
-                lines.append(f'    {yaml_text.key(f"{OVERRIDES}.{joint}")}:')
+                lines.append(f'    {yaml_text.key(f"{params_file.OVERRIDES}.{joint}")}:')
                 lines += [f'      # {_counts(quantum)}', f'      quantum: {quantum:.6g}']
     return '\n'.join(lines) + '\n'
 

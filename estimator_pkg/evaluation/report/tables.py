@@ -36,6 +36,7 @@ HEADER = (
     'samples',
     'dropped',
 )
+SHOWN = 3  # gains in a cell
 UNITS = ('', '', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
 
 
@@ -126,15 +127,28 @@ def gains(source: str, entries: Mapping[str, Entry]) -> str:
     name = source if entry is None else entry.observer
     if name not in registry.names(registry.OBSERVERS):
         return ''
+    values = changed(entry)
+    if values:
+        shown = [f'{name} {text}' for name, text in list(values.items())[:SHOWN]]
+        return ', '.join(shown + ['...'] * (len(values) > SHOWN))
     known = declared(registry.find(registry.OBSERVERS, name).gains)
-    values = {} if entry is None else dict(entry.values)
     main = next((each for each in ('bandwidth_hz', 'prefer') if each in known), '')
-    shown = {name: _gain(value) for name, value in values.items()}
-    if main and main not in shown:
-        default = known[main].default
-        shown[main] = 'automatic' if default is None else _gain(default)
-    text = ', '.join(f'{name} {value}' for name, value in shown.items())
-    return text if values else f'{text} (default)' if text else 'defaults'
+    if not main:
+        return 'defaults'
+    default = known[main].default
+    return f'{main} {"automatic" if default is None else _gain(default)} (default)'
+
+
+def changed(entry: Entry | None) -> dict[str, str]:
+    """Return the gains that are not at their defaults, as text."""
+    if entry is None:
+        return {}
+    known = declared(registry.find(registry.OBSERVERS, entry.observer).gains)
+    return {
+        name: _gain(value)
+        for name, value in entry.values
+        if name in known and value != known[name].default
+    }
 
 
 def _gain(value: Any) -> str:

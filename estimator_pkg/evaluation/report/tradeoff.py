@@ -242,7 +242,9 @@ def picture(found: Sequence[Sweep], styles: Mapping[str, Style], joint: str) -> 
         curves.append((each.source, each.delay[seen] * 1e3, each.noise[seen]))
     top = BEYOND * max(float(np.max(own[known, 1])), 1e-12)
     noise = [each[each <= top] for each in noise]
-    x = Axis.around('delay [ms]', [late, *(np.minimum(each, reach) for _, each, _ in curves)])
+    x = Axis.around(
+        'delay [ms]', [np.append(late, 0.0), *(np.minimum(each, reach) for _, each, _ in curves)]
+    )
     y = Axis.around('noise [rad/s]', noise, log=True)
     plot = Plot(f'noise against delay: {joint}', x, y, styles, 470, 330)
     best = front(
