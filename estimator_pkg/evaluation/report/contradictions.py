@@ -16,7 +16,7 @@ from estimator_pkg.evaluation.text import number
 from estimator_pkg.streams.angle import AngleSettings
 
 LAG = 2e-4  # a shorter lag of the reference does not matter [s]
-SURE = 3.0  # it must be this many of its standard deviations
+SURE = 2.0  # --correct-reference removes a lag above this many of its standard deviations
 BETTER = 1.05  # ratio of errors from which on another observer is called better
 NARROW = 0.85  # smallest coverage of a 95 % interval that is not reported
 SMALLER = 0.9  # a part of the error is smaller below this ratio

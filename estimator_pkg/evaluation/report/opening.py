@@ -139,7 +139,9 @@ def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entr
         return []
     parts = []
     known = [each for each in late if math.isfinite(each)]
-    if known:
+    if known and abs(float(np.median(known))) < 0.5 * NO_DELAY:
+        parts.append('has no delay')
+    elif known:
         parts.append(f'is {number(float(np.median(known)) * 1e3, 2)} ms late')
     if ratios:
         ratio = float(np.median(ratios))

@@ -5,7 +5,7 @@
 // lowest and the highest value of its stretch, so a line stays a line however long the record is.
 'use strict';
 const PAGE = JSON.parse(document.getElementById('data').textContent);
-const LEFT = 66, RIGHT = 8, TITLE = 20, TIMES = 34, NARROWEST = 8;  // pixels; samples
+const LEFT = 66, RIGHT = 18, TITLE = 20, TIMES = 34, NARROWEST = 8;  // pixels; samples
 const chosen = new Set(PAGE.chosen);
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 

@@ -77,7 +77,8 @@ class Axis(NamedTuple):
         """Return the values with a label."""
         if self.log:
             decades = math.log10(self.high / self.low)
-            factors = (1, 2, 5) if decades < 2.5 else (1,)
+            factors = (1, 1.5, 2, 3, 4, 5, 7) if decades < 1.0 else (1, 2, 5)
+            factors = factors if decades < 2.5 else (1,)
             every = max(1, round(decades / 6))
             powers = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
             values = [k * 10.0**p for p in powers if p % every == 0 for k in factors]
@@ -173,7 +174,7 @@ class Plot:
                 continue
             style, name = self._styles[source], escaped(source)
             ring = f'<circle cx="{a:.1f}" cy="{b:.1f}" r="8" class="axis" fill="none"/>'
-            wide = 6.6 * len(source) + 12
+            wide = 7.3 * len(source) + 14
             left = a + 10 if a + wide < self._width else a - wide
             height = b + 4
             while any(
