@@ -77,8 +77,9 @@ class Axis(NamedTuple):
         """Return the values with a label."""
         if self.log:
             decades = math.log10(self.high / self.low)
-            factors = (1, 1.5, 2, 3, 4, 5, 7) if decades < 1.0 else (1, 2, 5)
-            factors = factors if decades < 2.5 else (1,)
+            factors: tuple[float, ...] = (1, 2, 5) if decades < 2.5 else (1,)
+            if decades < 1.0:
+                factors = (1, 1.5, 2, 3, 4, 5, 7)
             every = max(1, round(decades / 6))
             powers = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
             values = [k * 10.0**p for p in powers if p % every == 0 for k in factors]
