@@ -87,4 +87,5 @@ def test_a_report_does_not_depend_on_where_arrays_wait(tmp_path, all_in_files, m
     assert found[0][1].keys() == found[1][1].keys()
     for name, values in found[0][1].items():
         assert np.array_equal(values, found[1][1][name], equal_nan=True), name
-    assert len(all_in_files) == 4  # velocity and deviation of two observers
+    # velocity and deviation of two observers, and of the finite difference that the page adds
+    assert len(all_in_files) == 6
