@@ -62,7 +62,7 @@ def delays(kind, count, random):
         ('sine', 'late', 'edge_adaptive'),
         ('sine', 'either way', 'edge_adaptive'),
         ('sine', 'either way', 'hybrid_angle'),
-        ('sine', 'in order', 'kalman'),
+        ('sine', 'in order', 'hybrid_angle'),
         ('trapezoid', 'late', 'hybrid_angle'),
         ('trapezoid', 'either way', 'edge_adaptive'),
         ('trapezoid', 'in order', 'edge_adaptive'),
