@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, Samples, Signal
 from estimator_pkg import registry
@@ -26,11 +27,14 @@ from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.parameters import declared
 from estimator_pkg.progress import progress
 
+Array = NDArray[np.float64]
+
 ALL = SIGNALS + FURTHER
 DRAWS = 100
 # the textbook filter: with noise readings repeat, and our low-speed bound would limit its velocity
 YARDSTICK = Entry('kalman acceleration', 'kalman', (('low_speed_bound', False),))
 DRAWN = (YARDSTICK, Entry('edge_adaptive', 'edge_adaptive'))
+MISSED, SIGMAS = 0.05, 1.96  # of the 95 % interval
 SHARE = 1.05  # a draw counts as worse than the baseline above this ratio
 
 
@@ -105,8 +109,9 @@ def spread(
 
     Returns
     -------
-    One row per entry and signal: pooled, median and worst rms [rad/s], coverage of the 95 %
-    interval, largest ratio to `YARDSTICK` on the same samples, and how many exceed `SHARE`.
+    One row per entry and signal: pooled, median and worst rms [rad/s]; coverage, mean width and
+    interval score of the 95 % interval (see `interval_score`); largest ratio to `YARDSTICK` on the
+    same samples, and how many exceed `SHARE`.
     """
     chosen = list(entries)
     rows = []
@@ -116,7 +121,9 @@ def spread(
             yard = None
             for entry in sorted(chosen, key=lambda entry: entry != YARDSTICK):
                 joint = entry.joint(**_quantum(entry, signal))
-                errors, covered = zip(*(_draw(joint, samples, fast) for samples in drawn))
+                errors, covered, widths, scores = zip(
+                    *(_draw(joint, samples, fast) for samples in drawn)
+                )
                 rms = np.array(errors)
                 if entry == YARDSTICK:
                     yard = rms
@@ -128,6 +135,8 @@ def spread(
                     'median': float(np.median(rms)),
                     'worst': float(np.max(rms)),
                     'coverage': float(np.mean(covered)),
+                    'width': float(np.mean(widths)),
+                    'score': float(np.mean(scores)),
                 }
                 if yard is not None:
                     ratio = rms / np.maximum(yard, 1e-12)
@@ -145,14 +154,36 @@ def _quantum(entry: Entry, signal: Signal) -> dict[str, float]:
     return {'quantum': signal.quantum} if 'quantum' in declared(observer.gains) else {}
 
 
-def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, float]:
-    """Return (rms error of the velocity [rad/s], fraction within the 95 % interval)."""
+def interval_score(error: Array, sigma: Array) -> tuple[float, float, float]:
+    """Return (coverage, mean width, interval score) of the 95 % interval [rad/s].
+
+    The score is the width, and 2/0.05 times the distance by which the truth is outside (Gneiting
+    and Raftery 2007, eq. 43): it is least for the narrowest interval that covers 95 %.
+
+    Parameters
+    ----------
+    error, sigma : shape (n,), of the velocity [rad/s].
+    """
+    half = SIGMAS * sigma
+    outside = np.maximum(np.abs(error) - half, 0.0)
+    width = 2.0 * float(np.mean(half))
+    return (
+        float(np.mean(outside == 0.0)),
+        width,
+        width + 2.0 / MISSED * float(np.mean(outside)),
+    )
+
+
+def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, float, float, float]:
+    """Return (rms error of the velocity [rad/s], and `interval_score`)."""
     joint.reset()
     out = joint.run(samples.stamps, samples.angle, fast=fast)
     counted = (samples.stamps - samples.stamps[0]) * 1e-9 >= SKIPPED
     error = (out.velocity - samples.velocity)[counted]
-    sigma = out.velocity_stddev[counted]
-    return float(np.sqrt(np.mean(error * error))), float(np.mean(np.abs(error) <= 1.96 * sigma))
+    return (
+        float(np.sqrt(np.mean(error * error))),
+        *interval_score(error, out.velocity_stddev[counted]),
+    )
 
 
 def describe_spread(found: dict[str, Any]) -> str:
@@ -165,6 +196,8 @@ def describe_spread(found: dict[str, Any]) -> str:
             number(row['median'], 3),
             number(row['worst'], 3),
             fixed(100.0 * row['coverage'], 1),
+            number(row['width'], 3),
+            number(row['score'], 3),
             fixed(row.get('worst_ratio', np.nan), 3),
             str(row.get('worse', '-')),
         )
@@ -173,8 +206,8 @@ def describe_spread(found: dict[str, Any]) -> str:
     draws = found['rows'][0]['draws'] if found['rows'] else 0
     return (
         f'{draws} random phases and speeds per column, quantum known: velocity rms error '
-        f'[rad/s], coverage of the 95 % interval [%], and ratio to {YARDSTICK.label} on the same '
-        f'samples\n'
+        '[rad/s]; coverage [%], mean width and score of the 95 % interval [rad/s]; ratio to '
+        f'{YARDSTICK.label} on the same samples\n'
         + table(
             (
                 'observer',
@@ -183,6 +216,8 @@ def describe_spread(found: dict[str, Any]) -> str:
                 'median',
                 'worst',
                 'covered',
+                'width',
+                'score',
                 'worst ratio',
                 f'above {SHARE:g}',
             ),

@@ -541,6 +541,17 @@ def test_the_table_of_draws_says_how_often_the_yardstick_is_better():
     assert rows['kalman acceleration']['worst_ratio'] == 1.0
     assert rows['slow']['worse'] == 2 and rows['slow']['worst_ratio'] > 1.05
     assert '2 random phases' in bench_accuracy.describe_spread(found)
+    assert rows['slow']['score'] >= rows['slow']['width'] > 0.0
+
+
+def test_the_interval_score_is_least_for_the_right_width():
+    error = np.random.default_rng(1).normal(0.0, 0.2, 20_000)
+    covered, width, score = bench_accuracy.interval_score(error, np.full(len(error), 0.2))
+    assert covered == pytest.approx(0.95, abs=0.005) and width == pytest.approx(2.0 * 1.96 * 0.2)
+    assert score == pytest.approx(4.67 * 0.2, rel=0.02)  # of a normal distribution
+    for wrong in (0.1, 0.4):
+        worse = bench_accuracy.interval_score(error, np.full(len(error), wrong))
+        assert worse[2] > 1.1 * score
 
 
 @pytest.mark.long
