@@ -187,7 +187,8 @@ def _followed(smoothed: Smoothed, readings: Array, period: float) -> NDArray[np.
     turns[_firsts(smoothed)] = False
     if not turns.any() or np.mean(turns) > 0.5:
         return np.ones(len(turns), bool)
-    return np.convolve(turns, np.ones(2 * AROUND + 1), 'same') < 0.5
+    near = np.convolve(turns, np.ones(2 * AROUND + 1))[AROUND : AROUND + len(turns)]
+    return near < 0.5
 
 
 def _firsts(smoothed: Smoothed) -> NDArray[np.int64]:

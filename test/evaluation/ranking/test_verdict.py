@@ -134,3 +134,20 @@ def test_a_default_without_estimates_is_not_recommended():
     assert verdict.unranked == ('c',) and verdict.default == '' and verdict.choice == verdict.best
     assert verdict.sentences()[0].startswith('All are equal within')
     assert 'keep' not in verdict.sentences()[0]
+
+
+@pytest.mark.parametrize('count', [0, 1, 13, 40, 200])
+def test_any_readings_give_a_verdict(count):
+    stamps = 10**18 + np.arange(count) * 5_000_000
+    random = np.random.default_rng(0)
+    for angle in (
+        np.sin(0.05 * np.arange(count)),
+        np.zeros(count),
+        np.full(count, np.nan),
+        random.uniform(-3.0, 3.0, count),
+    ):
+        found = motion(stamps, angle, 2.0 * math.pi)
+        size = 0 if found is None else len(found.stamps)
+        both = {'a': np.zeros(size), 'b': np.full(size, 0.1)}
+        verdict = rank(both, found, default='a', motion_hz=1.0)
+        assert verdict.sentences() and verdict.as_dict()['choice'] in both
