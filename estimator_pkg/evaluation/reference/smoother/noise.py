@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ COARSE = 4.0  # noise of more quanta than this hides the cells
 SHARP = 0.01  # smallest blur of the cells' edges, in quanta
 BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, COARSE)
 CLOSE = 0.15  # width of the golden section that a parabola ends [decades]
-FIRST, LAST = 0.3, 0.1  # differences of the search for both [decades]
+FIRST, LAST = 0.3, 0.1  # differences of the searches for both [decades]
 MOST, GAIN = 8, 0.5  # steps of it, and the smallest that is worth another one
 STEEP = 9  # the search for the jerk covers this many decades below that of white noise
 
@@ -137,8 +137,8 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
     def seldom(part: float, power: float) -> float:
         return -sum(each.probability(part * count, 10.0**power, 1) for each in some)
 
-    def rarity(blur: float, jerk: float) -> float:
-        return -sum(each.probability(blur, jerk) for each in chosen)
+    def rarity(among: list[Stretch], power: float, size: float) -> float:
+        return -sum(each.probability(count * 10.0**size, 10.0**power) for each in among)
 
     middle = math.log10(rough.jerk)
 
@@ -150,12 +150,9 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
         return min(near.values()), part, vertex(near)
 
     _, part, power = min(start_of(part) for part in BLURS)
-    power, size = _newton(
-        lambda power, size: rarity(count * 10.0**size, 10.0**power),
-        power,
-        math.log10(part),
-        math.log10(SHARP),
-    )
+    size, least = math.log10(part), math.log10(SHARP)
+    for among, step in ((some, FIRST), (chosen, LAST)):  # from afar, a third tells enough
+        power, size = _newton(partial(rarity, among), power, size, least, step)
     blur = count * 10.0**size
     return Noise(
         math.sqrt(count * count / 12.0 + blur * blur), 10.0**power, count, blur < 0.1 * count, blur
@@ -213,10 +210,10 @@ def _lowest(function: Callable[[float], float], low: float, high: float, fine: f
 
 
 def _newton(
-    function: Callable[[float, float], float], x: float, y: float, least: float
+    function: Callable[[float, float], float], x: float, y: float, least: float, step: float
 ) -> tuple[float, float]:
-    """Return the minimum (x, y), y >= `least`, near a start: Newton steps with differences."""
-    step, before = FIRST, math.inf
+    """Return the minimum (x, y), y >= `least`, near a start: Newton with differences of `step`."""
+    before = math.inf
     for _ in range(MOST):
         y = least if y < least + 0.5 * step else max(y, least + step)
         here, east, west = (function(x + at, y) for at in (0.0, step, -step))
@@ -236,9 +233,9 @@ def _newton(
         near = max(abs(dx), abs(dy)) < 1.0
         if near or here < before - GAIN:
             x, y = x + step * dx, y + step * dy
-        if (near and step == LAST) or here >= before - GAIN:
+        if near or here >= before - GAIN:
             break
-        step, before = LAST if near else step, here
+        before = here
     return x, max(y, least)
 
 
