@@ -164,20 +164,26 @@ def _coarser(name: str, fine: Sampled) -> Iterator[Case]:
         yield Case(f'{name}, {times:g} times coarser', COARSENED, samples, reference.stddev)
 
 
-def estimates(entry: Entry, samples: Sampled) -> tuple[NDArray[np.int64], Array]:
+def estimates(
+    entry: Entry, samples: Sampled, fast: bool | None = None
+) -> tuple[NDArray[np.int64], Array]:
     """Return (stamps, velocities) that the observer publishes."""
-    out = entry.joint().run(samples.stamps, samples.readings)
+    out = entry.joint().run(samples.stamps, samples.readings, fast=fast)
     valid = (out.verdict < DUPLICATE) & np.isin(out.status, VALID)
     return samples.stamps[valid], out.velocity[valid]
 
 
-def judge(case: Case, entries: Sequence[Entry]) -> tuple[Outcome, Verdict] | None:
+def judge(
+    case: Case, entries: Sequence[Entry], fast: bool | None = None
+) -> tuple[Outcome, Verdict] | None:
     """Return the agreement and the verdict; None if the truth cannot rank, or nothing is ranked."""
     samples = case.samples
     reference = motion(samples.stamps, samples.readings, TURN)
     if reference is None or reference.seldom:
         return None
-    found = {entry.label: at_reference(reference, *estimates(entry, samples)) for entry in entries}
+    found = {
+        entry.label: at_reference(reference, *estimates(entry, samples, fast)) for entry in entries
+    }
     verdict = rank(found, reference, 'edge_adaptive', case.motion_hz)
     six = {name: found[name] for name in angle_observers()}
     small = rank(six, reference, 'edge_adaptive', case.motion_hz)
@@ -232,7 +238,7 @@ def run(found: Sequence[Case]) -> list[Outcome]:
     outcomes = []
     with progress('ranking', len(found)) as advance:
         for case in found:
-            judged = judge(case, entries)
+            judged = judge(case, entries, fast=True)
             if judged is not None:
                 outcomes.append(judged[0])
             advance(1)
