@@ -184,7 +184,8 @@ def text(found: Sequence[Claim]) -> list[str]:
 
 def _count(kind: str, found: Sequence[Claim]) -> str:
     agree = sum(claim.agrees for claim in found)
-    said = f'{len(found)} {kind}: {agree} agree with the paper'
+    what = kind if len(found) > 1 else kind.replace('claims', 'claim').replace('numbers', 'number')
+    said = f'{len(found)} {what}: {agree} agree{"s" * (agree == 1)} with the paper'
     if agree == len(found):
         return f'{said}.'
     reasons = dict.fromkeys(claim.why for claim in found if not claim.agrees)
