@@ -146,14 +146,16 @@ def answer(
         label: delay(reference.time[counted], velocity[label][counted], reference.velocity[counted])
         for label in {DEFAULT, BASELINE, *(each.label for each in best.values())}
     }
+    early = -seen.step  # no causal estimate is: noise hides its delay
+    delays = {label: late if late > early else math.nan for label, late in delays.items()}
     return Answer(chosen, held_out, best, delays)
 
 
 def choose(answers: Mapping[str, Answer]) -> Choice:
     """Return the choice for the joints of one node, which has one observer.
 
-    An observer is taken instead of the default if it is better on held-out data for one joint at
-    least, and worse for none.
+    An observer is taken instead of the default if it is better for one joint at least, both on the
+    whole record and on held-out data, and worse for none.
     """
     kept = {joint: each for joint, each in answers.items() if each.verdict.best}
     scores: dict[str, float] = {}
@@ -169,7 +171,7 @@ def choose(answers: Mapping[str, Answer]) -> Choice:
                 gained, score = 0, math.inf
                 break
             sign = each.held_out.better(label, DEFAULT)
-            gained += sign > 0
+            gained += sign > 0 and each.verdict.better(label, DEFAULT) > 0
             score += math.inf if sign < 0 else math.log(each.verdict.rms[label])
             if label != plain:
                 picked[joint] = dict(each.best[observer].values)
@@ -213,5 +215,5 @@ def _quality(label: str, made: Answer) -> str:
     late = made.delays.get(label, math.nan)
     error = made.verdict.rms.get(label, math.nan)
     return f'error {number(error, 2)} rad/s rms' + (
-        f', {short(abs(late))} {"late" if late >= 0.0 else "early"}' if late == late else ''
+        f', {short(max(late, 0.0))} late' if late == late else ''
     )

@@ -81,7 +81,7 @@ def checks(seen: Readings, found: Motion | None) -> list[Finding]:
         if np.count_nonzero(good) < FEWEST:
             return (math.nan,) * 3
         late = delay(time[good], at[good], truth[good])
-        if _rms(at[good] - truth[good]) > speed:
+        if _rms(at[good] - truth[good]) > speed or late < -seen.step:
             late = math.nan  # noise hides it
         then = cubic(time, truth, time[good] - (late if late == late else 0.0))
         return _rms(at[good] - truth[good]), _rms(at[good] - then), late
