@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 MOVING = 3.0  # a joint counts as moving above this many quanta per sample
 REPEATS = 0.2  # this fraction of equal readings in motion is not chance
 HOLES_NAMED = 5  # number of gaps that are listed individually
+NONE = 'no findings: no gaps, repeats or jitter, and no dominant cause of errors'
 USUAL = Entry('', 'hybrid_angle')  # observer whose noise the jitter is converted to
 SETTLED = 400  # samples after which its noise gain is steady
 MOSTLY = 0.7  # a cause explains most of an error if at most this ratio remains without the cause,
@@ -151,7 +152,7 @@ def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]
         for row in rows if len(rows) <= 2 else [best]:
             found += _of_errors(row, joint in comparison.refused)
     found += comparison.notes
-    return found or ['no findings: no gaps, repeats or jitter, and no dominant cause of errors']
+    return found
 
 
 def _of_measurement(joint: str, seen: Measurement) -> list[str]:

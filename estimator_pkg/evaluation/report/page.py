@@ -20,7 +20,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, panels, tradeoff
 from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
-from estimator_pkg.evaluation.report.findings import Measurement, look, sentences
+from estimator_pkg.evaluation.report.findings import NONE, Measurement, look, sentences
 from estimator_pkg.evaluation.report.svg import Style, styles
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.printable import escaped, printable
@@ -147,7 +147,7 @@ class Report:
             self._know(rows, chosen)
             findings = grouped(
                 [*contradictions(comparison, rows, verdicts), *sentences(comparison, seen)], joints
-            )
+            ) or [NONE]
             parts = [
                 *self._opening(
                     comparison, rows, chosen, raw, seen, verdicts, parameters, len(joints)
