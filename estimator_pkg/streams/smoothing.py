@@ -99,8 +99,10 @@ class Smoothing:
         answers = []
         while waiting:
             age = at_ns - waiting[0][0]
-            if 0 <= age < self._lag_ns:  # below 0 the clock jumped
+            if 0 <= age < self._lag_ns:
                 break
+            if age < 0 and not set(names) & set(waiting[0][3]):
+                break  # of another device, whose clock is behind; of the same one, it jumped
             answer = self._answer(waiting.popleft())
             if answer:
                 answers.append(answer)

@@ -184,6 +184,21 @@ def test_a_low_rate_is_answered_by_the_next_message():
     assert [k for k, _ in found] == [200 * k for k in range(1, 60)]
 
 
+def test_two_publishers_whose_clocks_differ():
+    stream = stream_of()
+    messages = []
+    for k in range(400):  # the first is 0.3 s ahead
+        messages += [(k + 300, ('a',), (angle(k),), ()), (k, ('b',), (angle(k, 1),), ())]
+    found = smoothed_of(stream, fed(stream, messages))
+    speeds = {
+        (message.stamp_ns - START) // MS - 300: message.velocities[0]
+        for _, message in found
+        if message.names == ('a',)
+    }
+    assert sorted(speeds) == list(range(350))
+    assert max(abs(speeds[k] - velocity(k)) for k in range(50, 350)) < 0.05
+
+
 def test_a_removed_joint_starts_again():
     stream = stream_of()
     fed(stream, both(100))
