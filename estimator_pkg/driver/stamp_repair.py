@@ -20,9 +20,10 @@ only while its residuals are clearly smaller.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import lru_cache
 from itertools import accumulate, pairwise
 from statistics import median
 from typing import Any
@@ -66,6 +67,7 @@ ENOUGH = 30.0  # messages in motion that allow to use it
 FASTER, SLOWER = 0.7, 1.6  # mean number of periods per message that shows another period
 NOMINAL = 1e-3  # a rate so close to a whole number of Hz is meant to be that
 BATCHES = 1000  # messages for which equal stamps are remembered not to be one message
+LARGEST = 1e9  # [rad or m] a larger reading is none
 REMEMBERED = 8  # stamps that are known again when their message comes twice
 
 DEVICES = 64  # more sets of names than these begin again
@@ -146,7 +148,7 @@ class StampRepair:
         """
         if stamp_ns <= 0 or len(names) != len(positions):
             return stamp_ns
-        readings = tuple(positions)
+        readings = tuple(each if abs(each) < LARGEST else math.nan for each in positions)
         newest_ns = self._recent[-1][0] if self._recent else 0
         if stamp_ns == newest_ns and readings != self._recent[-1][1]:
             self._batches = BATCHES  # equal stamps are not one message
@@ -157,9 +159,9 @@ class StampRepair:
                 if known_ns == stamp_ns and known == readings:
                     return at_ns  # it came twice
         if self.state == COLLECTING:
-            at_ns = self._collect(stamp_ns, names, positions)
+            at_ns = self._collect(stamp_ns, names, readings)
         else:
-            at_ns = self._follow(stamp_ns, names, positions)
+            at_ns = self._follow(stamp_ns, names, readings)
         if self.state == REPAIRED or self._ahead:  # time goes on, but for a step of the clock
             least_ns = self._out_ns + max(1, round(0.1e9 * self.period))
             self._ahead = self._out_ns - 1e9 * BREAK < at_ns < least_ns
@@ -317,7 +319,7 @@ class StampRepair:
         shown, certainty = 0, SURE
         for name, position in zip(names, positions):
             joint = self._joints.get(name)
-            if joint is None or joint.counts[1] < ESTABLISHED:
+            if joint is None or joint.counts[1] < ESTABLISHED or math.isnan(position):
                 continue
             residual = max(joint.squares[1], 1e-24) ** 0.5
             sure = (most - 1) * abs(joint.speed) / residual
@@ -341,12 +343,14 @@ class StampRepair:
         """Follow the residuals of interpolation, in the stamps and in the fit."""
         joints, before = self._joints, self._steps_ns
         for name, position in zip(names, positions):
+            if math.isnan(position):
+                continue
             joint = joints.get(name)
             if joint is None:
                 joint = joints[name] = _Joint()
                 joint.last = position
                 continue
-            step = wrap(position - joint.last, self._periods(name)) if position == position else 0.0
+            step = wrap(position - joint.last, self._periods(name))
             if step or joint.step:
                 for i in (0, 1):
                     if before[i] <= 0.0 or steps[i] <= 0.0 or abs(number) > NEAR:
@@ -364,8 +368,7 @@ class StampRepair:
             error = step / max(number, 1) - joint.speed - joint.bend
             joint.speed += joint.bend + SPEED_GAIN * error
             joint.bend += BEND_GAIN * error
-            if position == position:
-                joint.last = position
+            joint.last = position
         self._steps_ns = steps if abs(number) <= NEAR else (0.0, 0.0)
 
     def _judge(self) -> None:
@@ -403,7 +406,7 @@ class Clocks:
     """
 
     def __init__(self, periods: Callable[[str], float]) -> None:
-        self._periods = cache(periods)
+        self._periods = lru_cache(maxsize=1024)(periods)
         self._devices: dict[Sequence[str], StampRepair] = {}
         self._of: dict[str, StampRepair] = {}
 

@@ -247,6 +247,16 @@ def test_stamps_that_are_none_pass():
     assert repair(1_000_000_000, ('joint',), (math.nan,)) == 1_000_000_000
 
 
+def test_readings_that_are_none_do_no_harm():
+    samples = recorded('sine')
+    angle = samples.angle.copy()
+    angle[0], angle[2500::7], angle[2501::70], angle[2502::90] = math.nan, math.nan, math.inf, 1e300
+    stamps = samples.stamps + delays('late', len(angle), np.random.default_rng(1))
+    _, states, repair = repaired(stamps, angle)
+    assert states[-1] == REPAIRED
+    assert repair.period == pytest.approx(1e-3, rel=2e-5)
+
+
 def test_each_device_of_a_topic_has_its_clock():
     clocks = Clocks(lambda name: TURN)
     samples = recorded('sine')
