@@ -113,7 +113,7 @@ def follow_band(
     )
 
 
-def after_manoeuvre(band: Band, beyond: float, date: float, share: float) -> Band:
+def after_manoeuvre(band: Band, beyond: float, date: float, share: float, most: float) -> Band:
     """Return the band after a manoeuvre: the density expects more of its kind.
 
     White jerk of density c moves the angle by c date^5/20, as a variance, within `date`.
@@ -123,10 +123,12 @@ def after_manoeuvre(band: Band, beyond: float, date: float, share: float) -> Ban
     beyond : deviation that the manoeuvre explains, without what a cell may hide [rad].
     date : time since the manoeuvre began [s].
     share : of the density that explains the deviation; the least that the density is then.
+    most : it is not raised beyond this.
     """
     density, low, variance, up, down, up_time, down_time, squares = band
     if beyond > 0.0:
         explains = share * 20.0 * beyond * beyond / date**5
+        explains = explains if explains < most else most
         density = density if density > explains else explains
     return (density, low, variance, up, down, up_time, down_time, squares)
 

@@ -342,7 +342,8 @@ def update(
                 hidden, share = 0.5 * quantum, EXPECTED  # a cell may hide it
                 if noise_is == NOISY:
                     hidden, share = hidden + SIGMAS * math.sqrt(scatter), 1.0
-                listening = after_manoeuvre(listening, abs(d) - hidden, date, share)
+                most = 20.0 * (scatter + quantum * quantum) / dt**5  # as in `vibration`
+                listening = after_manoeuvre(listening, abs(d) - hidden, date, share, most)
             p = manoeuvre(p, d, date, quantum, noise_is)
             p00, p01, p02, _, _, _ = p
         if not flickers:

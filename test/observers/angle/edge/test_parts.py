@@ -308,7 +308,8 @@ def test_clean_floats_are_no_counts():
 
 def test_the_density_expects_manoeuvres_like_the_last():
     band = edge_bandwidth.begin_band(1e-6)
-    after = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, 0.01)
+    after = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, 0.01, 1e3)
     assert after == (pytest.approx(0.01 * 20.0 * 0.01 / 0.2**5), *band[1:])
-    assert edge_bandwidth.after_manoeuvre(band, -0.1, 0.2, 1.0) == band  # a cell may hide it
-    assert edge_bandwidth.after_manoeuvre(after, 1e-3, 0.2, 0.01) == after  # it does not fall
+    assert edge_bandwidth.after_manoeuvre(band, -0.1, 0.2, 1.0, 1e3) == band  # a cell may hide it
+    assert edge_bandwidth.after_manoeuvre(after, 1e-3, 0.2, 0.01, 1e3) == after  # it does not fall
+    assert edge_bandwidth.after_manoeuvre(band, 6.28, 0.02, 1.0, 5.0)[0] == 5.0
