@@ -23,13 +23,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from itertools import accumulate, pairwise
 from statistics import median
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg.observers.circle import wrap
 
@@ -70,7 +65,6 @@ BATCHES = 1000  # messages for which equal stamps are remembered not to be one m
 LARGEST = 1e9  # [rad or m] a larger reading is none
 REMEMBERED = 8  # stamps that are known again when their message comes twice
 
-DEVICES = 64  # more sets of names than these begin again
 COLLECTING, LEFT_ALONE, REPAIRED = 'fitting', 'left alone', 'repaired'
 
 
@@ -395,60 +389,3 @@ class StampRepair:
         elif self.state == REPAIRED and fit > WORSE * stamps:
             self.state, self._weight = LEFT_ALONE, -self._ban
             self._ban *= 2.0
-
-
-class Clocks:
-    """The devices of one topic: messages that name the same joints come from one of them.
-
-    Parameters
-    ----------
-    periods : (joint) -> its wrap period [rad]; 0: none.
-    """
-
-    def __init__(self, periods: Callable[[str], float]) -> None:
-        self._periods = lru_cache(maxsize=1024)(periods)
-        self._devices: dict[Sequence[str], StampRepair] = {}
-        self._of: dict[str, StampRepair] = {}
-
-    def __call__(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]) -> int:
-        """Return when the readings of a message were taken [ns]; see `StampRepair`."""
-        names = tuple(names)
-        device = self._devices.get(names)
-        if device is None:
-            if len(self._devices) >= DEVICES:
-                self.reset()
-            device = self._devices[names] = StampRepair(self._periods)
-            self._of.update(dict.fromkeys(names, device))
-        return device(stamp_ns, names, positions)
-
-    def block(self, groups: Sequence[Any]) -> list[NDArray[np.int64]]:
-        """As a call for each message of these groups (see `streams.arrays.Samples`), in order."""
-        times = [np.array(group.stamps_ns, np.int64) for group in groups]
-        calls = sorted(
-            (row, index, at)
-            for index, group in enumerate(groups)
-            for at, row in enumerate(group.rows.tolist())
-        )
-        stamps = [group.stamps_ns.tolist() for group in groups]
-        positions = [group.positions.tolist() for group in groups]
-        for _, index, at in calls:
-            times[index][at] = self(stamps[index][at], groups[index].names, positions[index][at])
-        return times
-
-    def reset(self) -> None:
-        """Start again."""
-        self._devices.clear()
-        self._of.clear()
-
-    def about(self, name: str) -> dict[str, Any]:
-        """Return what is known of the clock of a joint's device, for the status."""
-        device = self._of.get(name)
-        if device is None:
-            return {}
-        return {
-            'stamp_repair': device.state,
-            'stamp_offset_s': device.offset,
-            'stamp_drift_ppm': 1e6 * device.drift,
-            'stamp_jitter_s': device.jitter,
-            'device_period_s': device.period,
-        }

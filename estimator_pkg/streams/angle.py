@@ -19,7 +19,6 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
-from estimator_pkg.driver.stamp_repair import Clocks
 from estimator_pkg.errors import UsageError, UserError, plainly
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
@@ -31,6 +30,7 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import parameter
 from estimator_pkg.streams.answer import ACCELERATION, Answering
 from estimator_pkg.streams.arrays import Estimation, Samples
+from estimator_pkg.streams.clocks import Clocks
 from estimator_pkg.streams.contract import (
     ESTIMATE,
     PUBLISHER,

@@ -12,7 +12,8 @@ from observer_cases import make
 
 from benchmarks.signals import Signal, constant, encoder, sine, trapezoid
 from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, Clocks, StampRepair
+from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
+from estimator_pkg.streams.clocks import Clocks
 
 TURN = 2.0 * math.pi
 MOTIONS = {

@@ -28,6 +28,7 @@ import math
 from collections import deque
 from itertools import pairwise
 
+from estimator_pkg.observers.angle.adjoint import NOTHING, News, Result, State, backward, widened
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.convention import begin, follow, present
 
@@ -50,7 +51,6 @@ REST = 2.0  # this over the time of the rest before it
 MEMORY = 20.0  # degrees of freedom of the jerk over which its density is learnt
 READINGS = 2000.0  # the same for the noise [readings]
 LESS = 0.1  # of the noise remains at least in a window
-AHEAD = 3.0  # weight of the innovations in the score, over that of the adjoint
 LEAN = 1.5  # their squares must exceed their variance by this factor: motions are smooth
 GAIN = 2.0  # of the density's logarithm in the relative score
 SURPRISE = 2.0  # mean of the normalised squared innovations of a window that no chance explains,
@@ -60,12 +60,6 @@ RISE = 10.0  # of the density at a time
 SLOWEST = 2.0  # longest memory [s]: the least density
 LOOSE = 1e6  # variance of the acceleration at a start
 
-State = tuple[float, float, float, float, float, float, float, float, float]  # x v a, P of them
-Result = tuple[float, float, float, float]  # position, velocity, one standard deviation of each
-# what a reading brought: (innovation over its variance, one over that variance, one over the
-# variance of the reading, whether it shows the noise)
-News = tuple[float, float, float, bool]
-NOTHING: News = (0.0, 0.0, 0.0, False)
 UNKNOWN: Result = (math.nan, math.nan, math.nan, math.nan)
 
 
@@ -367,99 +361,3 @@ class Smoother:
             self._readings = min(self._readings + count, READINGS)
             noise = self.noise + above / weights * count / self._readings
             self.noise = max(noise, LESS * self.noise, FINEST * FINEST)
-
-
-def widened(state: State, scale: float) -> State:
-    """Return the state as a steady one is with a density scale^6 times as large."""
-    x, v, a, p00, p01, p02, p11, p12, p22 = state
-    w2 = scale * scale
-    w3 = w2 * scale
-    return (
-        x,
-        v,
-        a,
-        p00 * scale,
-        p01 * w2,
-        p02 * w3,
-        p11 * w3,
-        p12 * w2 * w2,
-        p22 * w2 * w3,
-    )
-
-
-def backward(
-    steps: list[float],
-    states: list[State],
-    news: list[News],
-    density: float,
-    count: int,
-) -> tuple[list[Result], tuple[float, float], tuple[float, float, int]]:
-    """Smooth backward.
-
-    Returns
-    -------
-    (x, v, variance of each) for the first `count` readings. Over their steps: square of the
-    adjoint, and its variance, in units of the density. Of these readings, where they show the
-    noise: what their smoothed residuals have beyond their variance, the weight of this, and their
-    number.
-    """
-    l0 = l1 = l2 = m00 = m01 = m02 = m11 = m12 = m22 = 0.0
-    results = []
-    square = freedom = above = weights = ahead = foreseen = 0.0
-    used = 0
-    for i in range(len(steps) - 1, -1, -1):
-        d, g, weight, shows = news[i]
-        x, v, _, p00, p01, p02, p11, p12, _ = states[i]
-        if i < count:
-            if i == count - 1:
-                square = freedom = 0.0
-            w0 = m00 * p00 + m01 * p01 + m02 * p02
-            w1 = m01 * p00 + m11 * p01 + m12 * p02
-            w2 = m02 * p00 + m12 * p01 + m22 * p02
-            of_x = p00 - (p00 * w0 + p01 * w1 + p02 * w2)
-            w0 = m00 * p01 + m01 * p11 + m02 * p12
-            w1 = m01 * p01 + m11 * p11 + m12 * p12
-            w2 = m02 * p01 + m12 * p11 + m22 * p12
-            of_v = p11 - (p01 * w0 + p11 * w1 + p12 * w2)
-            moved = p00 * l0 + p01 * l1 + p02 * l2
-            results.append(
-                (
-                    x - moved,
-                    v - (p01 * l0 + p11 * l1 + p12 * l2),
-                    of_x if of_x > 0.0 else 0.0,
-                    of_v if of_v > 0.0 else 0.0,
-                )
-            )
-            if shows:
-                u = d + weight * moved
-                above += u * u + weight * (weight * of_x - 1.0)
-                weights += weight * weight
-                used += 1
-            if shows:
-                part = 1.0 - g / weight
-                ahead += part * d * d / g
-                foreseen += part
-        if weight > 0.0:  # through the reading: (I - K H)' l - H' e / S, with K = P H' weight
-            kept, k1, k2 = g / weight, p01 * weight, p02 * weight
-            l0 = kept * l0 - k1 * l1 - k2 * l2 - d
-            u0 = kept * m00 - k1 * m01 - k2 * m02
-            u1 = kept * m01 - k1 * m11 - k2 * m12
-            u2 = kept * m02 - k1 * m12 - k2 * m22
-            m00 = kept * u0 - k1 * u1 - k2 * u2 + g
-            m01, m02 = u1, u2
-        h = steps[i]  # through the prediction: F' l and F' M F
-        k = 0.5 * h * h
-        l2 += h * l1 + k * l0
-        l1 += h * l0
-        a1 = m01 + h * m00
-        a2 = m02 + h * m01 + k * m00
-        b2 = m12 + h * m11 + k * m01
-        m22 += h * m12 + k * m02 + h * b2 + k * a2
-        m12 = b2 + h * a2
-        m11 += h * m01 + h * a1
-        m01, m02 = a1, a2
-        square += h * l2 * l2
-        freedom += h * m22
-    results.reverse()
-    score = density * square + AHEAD * ahead, density * freedom + AHEAD * foreseen
-    return results, score, (above, weights, used)
