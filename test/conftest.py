@@ -136,9 +136,10 @@ def pytest_xdist_make_scheduler(config, log):
 def pytest_terminal_summary(terminalreporter):
     """Say what failed at the first try of tests that ran again."""
     for report in terminalreporter.stats.get('rerun', ()):
-        errors = [line for line in report.longreprtext.splitlines() if line.startswith('E  ')]
+        where = re.compile(r'E  |\S+\.py:\d+: ')
+        lines = [line for line in report.longreprtext.splitlines() if where.match(line)]
         terminalreporter.write_line(f'first try of {report.nodeid}:')
-        terminalreporter.write_line('\n'.join(errors[:5]))
+        terminalreporter.write_line('\n'.join(lines[:8]))
 
 
 @pytest.fixture(scope='module')
