@@ -34,6 +34,7 @@ from benchmarks.peers import COUNT, even
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array, float, float], Array]  # (time, angle, quantum, gain) -> velocity
 
+MOST = 3000.0  # [Hz] of the readings in adaptive windows, whose cost grows with its square
 LONGEST = 0.1  # [s] of the adaptive windows at most
 EVEN = 1e-3  # relative difference of sample times that are taken for equal
 BLOCK = 2_000_000  # numbers that are fitted at once
@@ -48,7 +49,7 @@ def practice() -> tuple[list[Estimator], list[str]]:
     found = [
         _made('Savitzky-Golay, causal', savitzky_golay, WINDOWS, 'window [s]'),
         _made('rolling mean', rolling_mean, WINDOWS, 'window [s]'),
-        _made('adaptive windows, best fit', adaptive_windows, grid(0.5, 20.0, COUNT), 'quanta'),
+        _made('adaptive windows, best fit', thinned, grid(0.5, 20.0, COUNT), 'quanta'),
         _made('time-stamped edges', edges, tuple(range(3, 36, 4)), 'edges'),
         _made('filtering differentiator', filtering, grid(1e2, 1e7, COUNT), 'bound of the jerk'),
     ]
@@ -87,21 +88,25 @@ def length(time: Array, window: float) -> int:
     return max(1, round(window / float(np.median(np.diff(time)))))
 
 
-def local_slope(time: Array, angle: Array, order: int) -> Array:
-    """Return the derivative at the newest sample of polynomials fitted to windows.
+def fitted(time: Array, angle: Array, order: int) -> Array:
+    """Return the polynomials fitted to windows, around their newest time.
 
     Parameters
     ----------
     time, angle : shape (windows, samples), the newest sample last.
+
+    Returns
+    -------
+    shape (windows, order + 1): angle less the newest one, slope, half the curvature.
     """
-    found = np.empty(len(time))
+    found = np.empty((len(time), order + 1))
     for rows in np.array_split(np.arange(len(time)), 1 + time.size // BLOCK):
-        span = np.maximum(time[rows, -1] - time[rows, 0], 1e-12)
-        tau = (time[rows] - time[rows, -1:]) / span[:, None]
-        powers = tau[:, :, None] ** np.arange(order + 1)
+        span = np.maximum(time[rows, -1:] - time[rows, :1], 1e-12)
+        powers = ((time[rows] - time[rows, -1:]) / span)[:, :, None] ** np.arange(order + 1)
         moments = np.einsum('kni,knj->kij', powers, powers)
         moved = np.einsum('kni,kn->ki', powers, angle[rows] - angle[rows, -1:])
-        found[rows] = np.linalg.solve(moments, moved[:, :, None])[:, 1, 0] / span
+        found[rows] = np.linalg.solve(moments, moved[:, :, None])[:, :, 0]
+        found[rows] /= span ** np.arange(order + 1)
     return found
 
 
@@ -114,15 +119,15 @@ def savitzky_golay(time: Array, angle: Array, quantum: float, window: float) -> 
     steps = np.diff(time)
     if np.ptp(steps) < EVEN * steps[0]:  # the same weights everywhere
         h = float(np.mean(steps))
-        unit = np.arange(1.0 - n, 1.0)[None] * h
-        weights = local_slope(np.repeat(unit, n, 0), np.eye(n), order=2)
-        # local_slope takes angles from the newest one on: the weights have the mean 0
-        weights[-1] = -np.sum(weights[:-1])
-        found[n - 1 :] = np.convolve(angle - angle[0], weights[::-1], 'valid')
+        powers = (np.arange(1.0 - n, 1.0) / n)[:, None] ** np.arange(3)
+        weights = np.linalg.solve(powers.T @ powers, powers.T)[1] / (n * h)
+        size = len(angle) + n  # by Fourier transforms: windows have up to 9000 samples
+        product = np.fft.rfft(angle - angle[0], size) * np.fft.rfft(weights[::-1], size)
+        found[n - 1 :] = np.fft.irfft(product, size)[n - 1 : len(angle)]
     else:
-        found[n - 1 :] = local_slope(
+        found[n - 1 :] = fitted(
             sliding_window_view(time, n), sliding_window_view(angle, n), order=2
-        )
+        )[:, 1]
     return found
 
 
@@ -133,6 +138,14 @@ def rolling_mean(time: Array, angle: Array, quantum: float, window: float) -> Ar
     newest = np.arange(1, len(sums))
     oldest = np.maximum(newest - length(time, window), 0)
     return np.concatenate([[np.nan], (sums[newest] - sums[oldest]) / (newest - oldest)])
+
+
+def thinned(time: Array, angle: Array, quantum: float, quanta: float) -> Array:
+    """Return `adaptive_windows` of readings at `MOST` at most, held between them."""
+    every = length(time, 1.0 / MOST)
+    return np.repeat(adaptive_windows(time[::every], angle[::every], quantum, quanta), every)[
+        : len(time)
+    ]
 
 
 def adaptive_windows(time: Array, angle: Array, quantum: float, quanta: float) -> Array:
@@ -158,7 +171,7 @@ def adaptive_windows(time: Array, angle: Array, quantum: float, quanta: float) -
     for n in np.unique(longest):
         k = np.flatnonzero((longest == n) & (np.arange(count) >= n))
         rows = k[:, None] + np.arange(-n, 1)
-        found[k] = local_slope(time[rows], angle[rows], order=1)
+        found[k] = fitted(time[rows], angle[rows], order=1)[:, 1]
     return found
 
 
@@ -171,29 +184,22 @@ def edges(time: Array, angle: Array, quantum: float, count: float) -> Array:
     """
     n, moved = int(count), np.diff(angle)
     at = np.flatnonzero(np.abs(moved) > 0.25 * quantum) + 1
-    found = np.zeros(len(angle))
     if len(at) < n:
         return np.full(len(angle), np.nan)
     step = np.maximum(np.abs(moved[at - 1]), quantum)
     when = time[at] - 0.5 * quantum / step * (time[at] - time[at - 1])
     where = angle[at] - 0.5 * quantum * np.sign(moved[at - 1])
+    _, slope, bent = fitted(sliding_window_view(when, n), sliding_window_view(where, n), order=2).T
     newest = np.searchsorted(at, np.arange(len(angle)), side='right') - 1
-    last = newest >= n - 1
-    rows = np.flatnonzero(last)[:, None]
-    used = newest[rows] + np.arange(1 - n, 1)
-    now, times = time[rows[:, 0]], when[used]
-    scale = times[:, -1:] - times[:, :1]
-    tau = (times - now[:, None]) / scale
-    fit = (
-        np.linalg.pinv(tau[:, :, None] ** np.arange(3))
-        @ (where[used] - where[used][:, -1:])[:, :, None]
-    )
-    velocity = fit[:, 1, 0] / scale[:, 0]
-    since = now - times[:, -1]
-    late = np.where(np.isin(rows[:, 0], at), np.inf, quantum / since)
+    rows = np.flatnonzero(newest >= n - 1)
+    k = newest[rows]
+    since = time[rows] - when[k]
+    velocity = slope[k - n + 1] + 2.0 * bent[k - n + 1] * since
+    late = np.where(rows == at[k], np.inf, quantum / since)
     velocity = np.clip(velocity, -late, late)
-    velocity[since > SILENT * (times[:, -1] - times[:, -2])] = 0.0
-    found[last], found[~last] = velocity, np.nan
+    velocity[since > SILENT * (when[k] - when[k - 1])] = 0.0
+    found = np.full(len(angle), np.nan)
+    found[rows] = velocity
     return found
 
 
