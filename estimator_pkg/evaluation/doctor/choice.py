@@ -208,6 +208,12 @@ def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
             f'Use {choice.observer} {how}: {_quality(label, made)}. Your finite difference, '
             f'low-passed: {_quality(BASELINE, made)}.'
         )
+        if verdict.better(verdict.best, label) > 0:
+            alone = made.held_out.better(verdict.best, label) > 0
+            where = (
+                'for each joint' if alone else f'on the last {100.0 - 100.0 * TRAINED:.0f} % alone'
+            )
+            said.append(f'{verdict.best} is better on the whole record, but not {where} (95 %).')
     return said + verdict.sentences()
 
 

@@ -18,7 +18,7 @@ from estimator_pkg import observers, params_file
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.evaluation.doctor.choice import Answer, choose
+from estimator_pkg.evaluation.doctor.choice import Answer, choose, sentences
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
 from estimator_pkg.messages.joint_state import TYPE, Encoder
@@ -212,3 +212,17 @@ def test_a_running_topic_is_examined(tmp_path):
     checks = {each['check']: each for each in result['joints']['elbow']['findings']}
     assert checks['clock']['level'] == 'PASS' and 50.0 < checks['rate']['hz'] < 500.0
     assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0, rel=1e-3)
+
+
+def test_a_better_one_that_is_not_taken_is_named_with_the_reason():
+    pair = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', 'hybrid_angle')}
+    found = answered({}, pair)
+    missed = found._replace(held_out=verdict(dict(found.verdict.rms), set()))
+    text = ' '.join(sentences('elbow', missed, choose({'elbow': missed})))
+    assert 'Use hybrid_angle as it is' in text
+    assert 'kalman 16 Hz is better on the whole record, but not on the last 30 % alone' in text
+    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {('hybrid_angle', 'kalman')})
+    text = ' '.join(sentences('elbow', found, choose({'elbow': found, 'wrist': bad})))
+    assert 'kalman 16 Hz is better on the whole record, but not for each joint' in text
+    text = ' '.join(sentences('elbow', found, choose({'elbow': found})))
+    assert 'but not' not in text
