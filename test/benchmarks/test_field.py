@@ -118,7 +118,9 @@ def test_the_torque_is_the_one_that_makes_the_motion():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('name', ['geso', 'hgo', 'ehgo', 'smo', 'adaptive'])
+@pytest.mark.parametrize(
+    'name', ['geso', 'hgo', 'ehgo', 'smo', pytest.param('adaptive', marks=pytest.mark.slow)]
+)
 def test_who_is_told_the_torque_uses_it(name):
     each = next(each for each in ours.with_input() if each.name == name)
     column = of_signal(SINE, 6.0 if name == 'adaptive' else 2.5)

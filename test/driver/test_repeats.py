@@ -251,7 +251,13 @@ def test_nothing_else_is_taken_for_a_repeated_reading():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('name', angle_observers())
+@pytest.mark.parametrize(
+    'name',
+    [
+        name if name == 'edge_adaptive' else pytest.param(name, marks=pytest.mark.slow)
+        for name in angle_observers()
+    ],
+)
 def test_live_plain_and_compiled_agree(name):
     """At rest in noise, then a start; from 1 s on readings are repeated, and 0.4 s of rest."""
     angle, _ = sine(1.0)

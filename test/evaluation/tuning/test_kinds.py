@@ -158,6 +158,7 @@ def test_a_drive(tmp_path):
     run('replay', DRIVES / 'drive_profile', '--params', out)
 
 
+@pytest.mark.slow
 def test_a_switched_system(tmp_path):
     run('simulate', 'gripper', '--duration', 3, '--set', 'rate=200', '--out', tmp_path / 'bag')
     found, out = tuned(tmp_path, tmp_path / 'bag', '--observer', 'switched', '--trials', 8)

@@ -357,7 +357,7 @@ def test_known_and_bounded_parameters():
     'gains',
     [
         {},
-        {'form': 'paper', 'law': 'gradient', 'load': True},
+        pytest.param({'form': 'paper', 'law': 'gradient', 'load': True}, marks=pytest.mark.slow),
         pytest.param(
             {'order': 3, 'bounds': ('l1>=-1',), 'known': ('b1=0',)}, marks=pytest.mark.slow
         ),

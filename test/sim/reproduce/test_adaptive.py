@@ -13,7 +13,7 @@ from estimator_pkg import cli
 from sim_pkg.reproduce.adaptive import plant as plant
 from sim_pkg.reproduce.adaptive.paper import REPRODUCTION
 
-QUICK = ('A1', 'A2', 'A6', 'recorded')
+QUICK = ('A1', 'A6', 'recorded')
 PARTS = [
     pytest.param(part, marks=() if part.name in QUICK else pytest.mark.slow, id=part.name)
     for part in REPRODUCTION.parts

@@ -8,7 +8,7 @@ import pytest
 from estimator_pkg import cli
 from sim_pkg.reproduce.hybrid_discrete.paper import REPRODUCTION
 
-SLOW = ('B2', 'B3')
+SLOW = ('B2', 'B3', 'B5')
 PARTS = [
     pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else (), id=part.name)
     for part in REPRODUCTION.parts

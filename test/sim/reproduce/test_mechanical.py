@@ -20,8 +20,15 @@ from sim_pkg.reproduce.mechanical.paper import REPRODUCTION
 pytestmark = pytest.mark.skipif(not available(), reason='takes hours without numba')
 
 
+SLOW = ('D', 'E', 'G')
+PARTS = [
+    pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else (), id=part.name)
+    for part in REPRODUCTION.parts
+]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize('part', REPRODUCTION.parts, ids=lambda part: part.name)
+@pytest.mark.parametrize('part', PARTS)
 def test_every_row_is_within_its_tolerance(part):
     failed = [
         f'{row.reference.id}: {row.value} for {row.reference.value} '

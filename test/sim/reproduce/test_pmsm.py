@@ -16,7 +16,7 @@ from sim_pkg.reproduce.pmsm.alias_rows import ROBUST, outcome
 from sim_pkg.reproduce.pmsm.continuous_rows import drawn_times, later
 from sim_pkg.reproduce.pmsm.paper import REPRODUCTION
 
-SLOW = ('order', 'T4')  # the 120 starts, and those at four rates
+SLOW = ('order', 'T4', 'T6')  # the 120 starts, those at four rates, aliases
 
 
 @pytest.mark.long
