@@ -330,7 +330,8 @@ def test_ctrl_c_with_workers_keeps_the_best(tmp_path):
     said, errors = child.communicate(timeout=60)
     assert child.returncode == 0, errors
     assert 'interrupted' in said and 'Traceback' not in errors
-    assert 'bandwidth_hz' in params_file.load(out)
+    assert params_file.load(out)['observer'] == 'pll'
+    assert 'interrupted' in out.read_text()
 
 
 def completed(database):
