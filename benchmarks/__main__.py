@@ -176,8 +176,11 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
         result['streams'] = streams.run(fast=True)
         print(streams.describe(result['streams'], parsed.markdown) + '\n', flush=True)
     if 'rivals' in parsed.part:  # requested by name: it repeats others, and takes long
-        result['rivals'] = rivals.run(rivals.columns(Path(parsed.bags)))
-        print(rivals.describe(result['rivals'], parsed.markdown) + '\n', flush=True)
+        laws = rivals.rivals(rivals.run(rivals.columns(Path(parsed.bags))))
+        result['rivals'] = [each._asdict() for each in laws]
+        print(rivals.describe(laws, parsed.markdown) + '\n', flush=True)
+        if parsed.plot:
+            rivals.draw(laws, parsed.plot)
     if 'drive' in parts:
         rows = [row for row in drives(1) if row['unit'] in ERRORS or row['value'] is None]
         result['drive'] = {'rows': rows}

@@ -206,7 +206,7 @@ def test_recordings_that_are_asked_for_must_be_there(tmp_path, capsys):
     assert f'{tmp_path} contains no bag with' in capsys.readouterr().err
 
 
-def test_every_loss_beside_the_rivals_is_printed():
+def test_every_loss_beside_the_rivals_is_printed(tmp_path):
     laws = [
         made(rivals.MAIN, {1: (1.0, 1.0)}),
         made('worse', {1: (4.0, 4.0)}),
@@ -217,7 +217,11 @@ def test_every_loss_beside_the_rivals_is_printed():
     assert rivals.ratios(found['shared'], 'mixed') == pytest.approx(
         {'one': 0.26 / 1.01, 'two': 4.01 / 1.01}
     )
-    lines = {line.split('  ')[0]: line.split() for line in rivals.describe(found).splitlines()}
+    rows = rivals.rivals(found)
+    text = rivals.describe(rows)
+    lines = {line.split('  ')[0]: line.split() for line in text.splitlines()}
     assert lines['worse'] == ['worse', '3.97', '3.97', 'none']
     assert lines['mixed'] == ['mixed', '1.01', '-', 'one', '0.26']
     assert lines['silent'] == ['silent', '-', '-', 'none'] and rivals.MAIN not in lines
+    rivals.draw(rows, str(tmp_path / 'rivals.png'))
+    assert (tmp_path / 'rivals.png').stat().st_size > 5000
