@@ -45,7 +45,7 @@ test-fast: install
 	$(BIN)/pytest -m "not dds and not slow and not page and not long" -n 2
 
 test-slow: install
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -m slow -o faulthandler_timeout=7200
 
 figures: install
 	$(BIN)/python -m docs.tools.figures
