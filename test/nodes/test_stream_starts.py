@@ -51,7 +51,12 @@ def test_a_publisher_that_comes_back_is_subscribed_to_anew(probe):
             for k in range(100):
                 publisher.publish(listener.encode(begun + k * 1_000_000, ['a'], [1e-3 * k]))
                 probe.spin(1e-3)
-            probe.until(lambda so_far=done: len(listener.answers) == 100 * (so_far + 1))
+            due = 100 * (done + 1)
+            if not dds.until(
+                lambda due=due: len(listener.answers) == due, lambda: probe.spin(0.01)
+            ):
+                report = listener.next_report()['/joint_observer']
+                pytest.fail(f'{len(listener.answers)} of {due} answers; the node says {report}')
             probe.node.destroy_publisher(publisher)
             probe.until(lambda: not probe.node.count_subscribers('/returning'))
         values = listener.next_report()['/joint_observer']
