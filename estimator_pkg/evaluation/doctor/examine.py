@@ -65,8 +65,8 @@ def setup(
                 own = observers.of_kind(other.KIND)[0]
                 raise UserError(
                     f'{bag.path} has the topics of {other.NODE} and no angle, which doctor needs: '
-                    f"try 'velocity_estimator evaluate {bag.path} --observer {own}', or "
-                    'name a number with --angle'
+                    f"try 'velocity_estimator evaluate {bag.path} --observer {own} --params FILE',"
+                    ' or name a number with --angle'
                 )
     values = {'wrap_period': period, **(settings or {})}
     return settled(stream, bag, values, Request(measurement, angle))

@@ -16,7 +16,7 @@ from estimator_pkg.parameters import Parameter, declared
 from estimator_pkg.printable import printable
 from estimator_pkg.yaml_text import scalar
 
-HEADER = ('joint', '', 'gains', 'error rad/s', 'delay ms', 'noise rad/s', 'cost')
+HEADER = ('joint', '', 'gains', 'error', 'delay ms', 'noise', 'cost')  # [rad/s]
 
 
 def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -195,7 +195,7 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
     else:
         judged = 'the data of the search: nothing was held out'
     lines = [
-        f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials',
+        f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials [rad/s]',
         *table(HEADER, rows, left=3, width=WIDTH).split('\n'),
     ]
     for each in tuned:
