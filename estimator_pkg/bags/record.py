@@ -276,6 +276,6 @@ COMMAND = Command(
     examples=(
         ('/joint_states --out arm --duration 60', 'a minute of joint states'),
         ('--out everything', 'all topics, until Ctrl-C'),
-        ('--recover crashed_folder --out saved', 'a bag of what a killed recorder left'),
+        ('--recover crashed_folder --out saved', 'finish the recording of a killed recorder'),
     ),
 )

@@ -79,7 +79,7 @@ class _Joint:
         self.counts = [0.0, 0.0]
 
     def after(self, periods: int) -> float:
-        """Return the expected step over so many periods [rad]."""
+        """Return the expected step over this number of periods [rad]."""
         bend = self.bend if periods <= NEAR else 0.0
         return periods * self.speed + 0.5 * periods * (periods + 1) * bend
 

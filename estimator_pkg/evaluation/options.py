@@ -51,8 +51,15 @@ class Options:
     motion_hz: float | None = None
 
 
-def motion_argument(parser: argparse.ArgumentParser) -> None:
-    """Add ``--motion-hz`` to a command that ranks without truth."""
+def joint_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what a command that ranks estimates may be told about the joints."""
+    parser.add_argument(
+        '--wrap-period',
+        type=float,
+        default=2.0 * math.pi,
+        metavar='RAD',
+        help='period of the positions; 0 for prismatic joints (default 2 pi)',
+    )
     parser.add_argument(
         '--motion-hz',
         type=float,
@@ -62,8 +69,10 @@ def motion_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def checked_motion_hz(value: float | None) -> float | None:
-    """Return the value of ``--motion-hz``; raise UsageError."""
-    if value is not None and not (math.isfinite(value) and value > 0.0):
-        raise UsageError(f'--motion-hz is {value:g} Hz: it must be above 0')
-    return value
+def check_joints(parsed: argparse.Namespace) -> None:
+    """Raise UsageError for a wrong value of `joint_arguments`."""
+    period, hz = parsed.wrap_period, parsed.motion_hz
+    if not (math.isfinite(period) and period >= 0.0):
+        raise UsageError(f'--wrap-period is {period:g} rad: it must be 0 or more')
+    if hz is not None and not (math.isfinite(hz) and hz > 0.0):
+        raise UsageError(f'--motion-hz is {hz:g} Hz: it must be above 0')

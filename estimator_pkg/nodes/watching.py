@@ -80,9 +80,8 @@ class Watching:
                 self._node.create_subscription(
                     JointState, topic, take, qos_profile_sensor_data, raw=True
                 )
-        self._topics = tuple(  # type: ignore[assignment]
-            topic or before for topic, before in zip(found, self._topics)
-        )
+        estimate, stddev = (topic or before for topic, before in zip(found, self._topics))
+        self._topics = estimate, stddev
         return self.name in observers(self._node)
 
     @property

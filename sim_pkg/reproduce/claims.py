@@ -139,30 +139,10 @@ def text(found: Sequence[Claim]) -> list[str]:
     lines = []
     words = [claim for claim in found if not claim.is_number]
     if words:
-        lines += ['claims in words', _line('row', 'ours', 'the paper', '')]
-        lines += [
-            _line(
-                claim.row.reference.id,
-                number(claim.row.value),
-                claim.printed,
-                'agrees' if claim.agrees else 'NO',
-            )
-            for claim in words
-        ]
-        lines.append('')
+        lines += _table('claims in words', words)
     numbers = [claim for claim in found if claim.is_number]
     if numbers and len(numbers) <= 2 * NAMED + 10:
-        lines += ['printed numbers', _line('row', 'ours', 'the paper', '')]
-        lines += [
-            _line(
-                claim.row.reference.id,
-                number(claim.row.value),
-                claim.printed,
-                'agrees' if claim.agrees else 'NO',
-            )
-            for claim in numbers
-        ]
-        lines.append('')
+        lines += _table('printed numbers', numbers)
     differing: dict[str, list[Claim]] = {}
     for claim in found:
         if not claim.agrees:
@@ -180,6 +160,23 @@ def text(found: Sequence[Claim]) -> list[str]:
         if some:
             lines += _wrapped(_count(kind, some), '')
     return lines
+
+
+def _table(title: str, found: Sequence[Claim]) -> list[str]:
+    return [
+        title,
+        _line('row', 'ours', 'the paper', ''),
+        *(
+            _line(
+                claim.row.reference.id,
+                number(claim.row.value),
+                claim.printed,
+                'agrees' if claim.agrees else 'NO',
+            )
+            for claim in found
+        ),
+        '',
+    ]
 
 
 def _count(kind: str, found: Sequence[Claim]) -> str:

@@ -26,8 +26,8 @@ from estimator_pkg.evaluation.options import (
     SMOOTHER,
     TRUTH,
     Options,
-    checked_motion_hz,
-    motion_argument,
+    check_joints,
+    joint_arguments,
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import FullData
@@ -94,13 +94,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='ignore the first S seconds',
     )
     parser.add_argument(
-        '--wrap-period',
-        type=float,
-        default=2.0 * math.pi,
-        metavar='RAD',
-        help='period of the positions; 0 for prismatic joints (default 2 pi)',
-    )
-    parser.add_argument(
         '--correct-reference',
         action='store_true',
         help="remove the truth's own lag and bias, fitted to the measured position, first",
@@ -112,7 +105,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='reference for the velocities: the truth in the bag, or an off-line smoother of the '
         'measured positions (default: the truth, or the smoother if there is none)',
     )
-    motion_argument(parser)
+    joint_arguments(parser)
     parser.add_argument(
         '--html',
         metavar='FILE',
@@ -138,8 +131,7 @@ def options(parsed: argparse.Namespace) -> Options:
     """Return the arguments as `Options`; raise UsageError."""
     if not (math.isfinite(parsed.skip) and parsed.skip >= 0.0):
         raise UsageError(f'--skip is {parsed.skip:g} s: it must be 0 or more')
-    if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
-        raise UsageError(f'--wrap-period is {parsed.wrap_period:g} rad: it must be 0 or more')
+    check_joints(parsed)
     observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
     return Options(
         parsed.measurement,
@@ -152,7 +144,7 @@ def options(parsed: argparse.Namespace) -> Options:
         parsed.reference,
         parsed.angle,
         parsed.unpack_limit,
-        checked_motion_hz(parsed.motion_hz),
+        parsed.motion_hz,
     )
 
 

@@ -23,6 +23,7 @@ from estimator_pkg.evaluation.doctor import report
 from estimator_pkg.evaluation.doctor.choice import candidates, choose
 from estimator_pkg.evaluation.doctor.examine import examine, readings, setup
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
+from estimator_pkg.evaluation.options import check_joints, joint_arguments
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.messages.joint_state import TYPE
@@ -55,25 +56,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='the measurement is a number in messages of any type, as in replay',
     )
     parser.add_argument(
-        '--wrap-period',
-        type=float,
-        default=2.0 * math.pi,
-        metavar='RAD',
-        help='period of the positions; 0 for prismatic joints (default 2 pi)',
-    )
-    parser.add_argument(
         '--set',
         metavar='KEY=VALUE',
         action='append',
         default=[],
         help='a parameter of joint_observer, such as counts_per_revolution; repeatable',
     )
-    parser.add_argument(
-        '--motion-hz',
-        type=float,
-        metavar='HZ',
-        help='highest frequency at which the joints move, if you know it',
-    )
+    joint_arguments(parser)
     parser.add_argument('--out', metavar='YAML', help='write a parameter file for joint_observer')
     parser.add_argument('--html', metavar='FILE', help='write the report as a page')
     unpacking.arguments(parser)
@@ -83,10 +72,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Check, print and write; return findings and verdict by joint."""
     if (parsed.bag is None) == (parsed.live is None):
         raise UsageError('name a bag, or listen with --live SECONDS: one of the two')
-    if parsed.motion_hz is not None and not parsed.motion_hz > 0.0:
-        raise UsageError(f'--motion-hz is {parsed.motion_hz:g} Hz: it must be above 0')
-    if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
-        raise UsageError(f'--wrap-period is {parsed.wrap_period:g} rad: it must be 0 or more')
+    check_joints(parsed)
     for path in (parsed.out, parsed.html):
         if path is not None:
             destination.check(path)

@@ -30,8 +30,8 @@ def stamp_error(series: Series, run: NDArray[np.int64], period: float, count: fl
     """Return the standard deviation of the stamps' error [s]; 0 if none is seen.
 
     Each reading is compared with the straight line between its neighbours. The effect of noise
-    does not depend on the speed; that of a wrong stamp is the speed times its error. A fast motion
-    within a slow one is told from both: its third differences do not alternate.
+    does not depend on the speed; that of a wrong stamp is the speed times its error. A vibration
+    on a slow motion differs from both: its third differences do not alternate.
 
     Parameters
     ----------

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95  # of a declared pair
-BLOCKS, SHORTEST, FEWEST = 40, 0.25, 8  # blocks of a record, at least so long [s], at least so many
+BLOCKS = 40  # of a record, at most
+SHORTEST = 0.25  # length of a block [s], at least
+FEWEST = 8  # blocks of a record, whatever their length
 
 
 class Difference(NamedTuple):

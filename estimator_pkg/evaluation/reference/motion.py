@@ -36,7 +36,7 @@ Stamps = NDArray[np.int64]
 
 ABOVE = 3.0  # the reference is low-passed at this multiple of the highest frequency of the motion
 UP_TO = 1.25  # a vibration whose mean frequency is below this multiple of it is motion
-AROUND = 60  # the smoother is not used so many readings around a turn that it adds
+AROUND = 60  # readings before and after a turn added by the smoother that are left out
 WITHIN = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
 WHITE = 2.0  # or by white noise: a spectrum below this multiple of its median
 STRETCH = 256  # readings in a window of that spectrum
@@ -56,7 +56,7 @@ class Motion:
     plain : shape (n,) [rad/s], without it; the same array if nothing was put back.
     firm : shape (n,), False near the ends of a piece, where the reference is less accurate.
     stddev : rms of the smoother's own standard deviation where `firm` [rad/s].
-    vibration_hz : mean frequency of what was put back; nan: nothing.
+    vibration_hz : mean frequency of the vibration that was put back; nan: none was.
     constant : the readings show one constant speed.
     seldom : the reading changes too rarely to show the motion.
     fresh : which readings are new.

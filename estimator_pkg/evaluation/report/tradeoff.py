@@ -200,7 +200,7 @@ def of_row(row: Row) -> tuple[float, float]:
 def late_and_noisy(
     time: Array, estimate: Array, truth: Array, late: float | None = None
 ) -> tuple[float, float]:
-    """Return (delay [s], rms of what remains when the truth is delayed likewise [rad/s]).
+    """Return (delay [s], rms error against the truth with the same delay [rad/s]).
 
     Parameters
     ----------

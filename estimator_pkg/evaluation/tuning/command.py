@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,8 +23,7 @@ from estimator_pkg.evaluation.options import (
     SMOOTHER,
     TRUTH,
     Options,
-    checked_motion_hz,
-    motion_argument,
+    joint_arguments,
 )
 from estimator_pkg.evaluation.report.plot import check, save
 from estimator_pkg.evaluation.tuning import command as picture
@@ -212,14 +210,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
     )
-    motion_argument(parser)
-    parser.add_argument(
-        '--wrap-period',
-        type=float,
-        default=2.0 * math.pi,
-        metavar='RAD',
-        help='period of the positions; 0 for prismatic joints (default 2 pi)',
-    )
+    joint_arguments(parser)
     parser.add_argument(
         '--plot', metavar='FILE', help='draw noise against delay of every trial (PNG, SVG, PDF)'
     )
@@ -257,7 +248,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         reference=parsed.reference,
         angle=parsed.angle,
         unpack_limit=parsed.unpack_limit,
-        motion_hz=checked_motion_hz(parsed.motion_hz),
+        motion_hz=parsed.motion_hz,
     )
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))

@@ -15,6 +15,7 @@ from estimator_pkg import observers
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.options import check_joints
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
 from estimator_pkg.evaluation.tuning.study import Dimension, Value
 from estimator_pkg.parameters import Parameter, declared
@@ -80,8 +81,7 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         raise UsageError(f'--held-out is {parsed.held_out:g}: it must be from 0 to below 0.9')
     if parsed.trials < 1:
         raise UsageError(f'--trials is {parsed.trials}: it must be 1 or more')
-    if not (math.isfinite(parsed.wrap_period) and parsed.wrap_period >= 0.0):
-        raise UsageError(f'--wrap-period is {parsed.wrap_period:g} rad: it must be 0 or more')
+    check_joints(parsed)
     if parsed.observer == requested.ALL:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
     (entry,) = requested.entries([parsed.observer], parsed.params, parsed.set)

@@ -45,7 +45,7 @@ def site(
     """
     sign = 1.0 if mean >= 0.0 else -1.0
     known = 1.0 / (variance + noise * noise)
-    per = math.sqrt(known)  # one over the deviation of what the cell contains
+    per = math.sqrt(known)  # inverse of the standard deviation of position plus blur
     low, high = (-half - sign * mean) * per, (half - sign * mean) * per
     log_z = 0.0
     if high < FAR:  # one-sided: the far end is out of reach

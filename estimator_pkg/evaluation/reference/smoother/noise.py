@@ -151,7 +151,10 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
 
     _, part, power = min(start_of(part) for part in BLURS)
     size, least = math.log10(part), math.log10(SHARP)
-    for among, step in ((some, FIRST), (chosen, LAST)):  # from afar, a third tells enough
+    for among, step in (
+        (some, FIRST),
+        (chosen, LAST),
+    ):  # a third of the stretches is enough far from the optimum
         power, size = _newton(partial(rarity, among), power, size, least, step)
     blur = count * 10.0**size
     return Noise(
