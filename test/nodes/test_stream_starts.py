@@ -63,3 +63,21 @@ def test_a_publisher_that_comes_back_is_subscribed_to_anew(probe):
         assert (values['lost_by_dds'], values['messages_received']) == ('0', '300')
         # a bridge may publish only where somebody has subscribed
         probe.until(lambda: probe.node.count_subscribers('/returning'))
+
+
+def test_a_subscriber_that_never_connects_does_not_keep_the_input_away(probe):
+    """The node waits for the subscribers of its answers; one with a wrong QoS never connects."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    probe.node.create_subscription(JointState, '/joint_observer/estimate', print, latched)
+    words = dds.ros_args(remap=('joint_states:=/waited_for',))
+    with (
+        dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', *words),
+        dds.Observer(probe, topic='/waited_for') as listener,
+    ):
+        listener.connect()
+        begun = time.time_ns()
+        raws = [listener.encode(begun + k * 1_000_000, ['a'], [1e-3 * k]) for k in range(20)]
+        assert len(listener.feed(raws)) == 20
