@@ -95,7 +95,7 @@ class VelocityEstimator:
 
     Parameters
     ----------
-    observer : name of an observer that needs the angle alone.
+    observer : name of an observer that needs the angle alone; `observers.DEFAULT` without one.
     parameters : gains of the observer and settings of the joint (wrap_period, unwrap, gap_max,
         ...), by name. `velocity_estimator list NAME` lists them.
 
@@ -105,7 +105,7 @@ class VelocityEstimator:
         contradict each other, or an observer that needs more than an angle.
     """
 
-    def __init__(self, observer: str = 'hybrid_angle', /, **parameters: Any) -> None:
+    def __init__(self, observer: str = observers.DEFAULT, /, **parameters: Any) -> None:
         self._observer = observers.find(str(observer))
         if self._observer.kind != 'angle':
             raise UsageError(

@@ -142,7 +142,9 @@ def test_a_dropped_sample_gives_the_estimate_before_it_and_the_reason():
 
 def test_gains_that_cannot_work_at_the_rate_give_no_numbers_and_say_why():
     stamps = 10**9 + np.arange(40) * 50_000_000
-    one, many = (VelocityEstimator(form='paper', bandwidth_hz=200.0) for _ in range(2))
+    one, many = (
+        VelocityEstimator('hybrid_angle', form='paper', bandwidth_hz=200.0) for _ in range(2)
+    )
     single = stack([one.update(stamp, 0.0) for stamp in stamps])
     last = one.estimate
     assert last.status == last.dropped == 'misconfigured' and math.isnan(last.velocity)
@@ -182,7 +184,7 @@ def test_gains_change_live_and_the_estimate_continues():
 
 
 def test_what_cannot_be_set_changes_nothing():
-    estimator = VelocityEstimator(form='paper', bandwidth_hz=1.0)
+    estimator = VelocityEstimator('hybrid_angle', form='paper', bandwidth_hz=1.0)
     for i in range(1, 300):
         estimator.update(i * 20_000_000, 0.0)
     before = estimator.parameters
@@ -216,6 +218,7 @@ def test_reset_starts_again_and_keeps_counting():
         (('hybrid_angle',), {'bandwith_hz': 20.0}, "did you mean 'bandwidth_hz'"),
         (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
         (('hybrid_angle',), {'bandwidth_hz': 'fast'}, 'must be a number'),
+        ((), {'bandwidth_hz': 20.0}, "write 'observer: hybrid_angle'"),
         (('kalman',), {'model': 'constant_jerk'}, 'is not one of'),
         (('geso',), {}, 'needs more inputs than an angle'),
         (('pmsm',), {}, 'needs more inputs than an angle'),
@@ -260,8 +263,8 @@ def test_arrays_that_are_no_samples_are_refused(stamps, angles, said):
 
 
 def test_numpy_numbers_and_lists_serve_as_well():
-    plain = VelocityEstimator(bandwidth_hz=20.0)
-    numpy = VelocityEstimator(bandwidth_hz=np.int64(20), unwrap=np.False_)
+    plain = VelocityEstimator('hybrid_angle', bandwidth_hz=20.0)
+    numpy = VelocityEstimator('hybrid_angle', bandwidth_hz=np.int64(20), unwrap=np.False_)
     assert numpy.parameters == plain.parameters
     for i in range(1, 20):
         found = numpy.update(np.int64(i * 10**6), np.float32(0.5))
@@ -294,7 +297,8 @@ def test_what_is_exported():
         estimator_pkg.Velocity  # noqa: B018  reading it is the test
     assert (Path(estimator_pkg.__file__).parent / 'py.typed').is_file()
     assert Estimate._fields == EstimateArrays._fields
-    assert repr(VelocityEstimator(bandwidth_hz=20.0)) == (
+    assert VelocityEstimator().observer == observers.DEFAULT
+    assert repr(VelocityEstimator('hybrid_angle', bandwidth_hz=20.0)) == (
         "VelocityEstimator('hybrid_angle', bandwidth_hz=20.0)"
     )
 

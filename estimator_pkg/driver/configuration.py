@@ -11,9 +11,12 @@ from typing import Any
 from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.observers import instead
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared
 
+# What to do to have another observer's gain, with {0} for its name.
+NAME_IT = "write 'observer: {0}' in the parameter file, or use --observer {0}"
 KNOW_THE_INPUT = ('angle_and_input', 'switched')  # kinds of observers
 
 
@@ -74,7 +77,9 @@ class Configuration:
         known = self.parameters()
         for name, value in values.items():
             if name not in known:
+                hint = instead(name, known, self.observer, NAME_IT)
                 raise UsageError(
-                    f"unknown parameter '{name}' of {self.observer.name}: {suggestion(name, known)}"
+                    f"unknown parameter '{name}' of {self.observer.name}: "
+                    + (hint or suggestion(name, known))
                 )
             known[name].check(value)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from time import perf_counter
 from traceback import format_exception
 from typing import Any
@@ -25,11 +26,13 @@ from estimator_pkg.nodes import message_types
 from estimator_pkg.nodes.endpoints import Endpoints, OnDemand, get_message, latched
 from estimator_pkg.nodes.health import Health
 from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
+from estimator_pkg.observers import instead
 from estimator_pkg.parameters import declared
 from estimator_pkg.printable import PrintableLogger, printable
 from estimator_pkg.streams.contract import NO_NUMBERS, SKIP, Action, Stream
 
 LOOK_AROUND = 0.1  # [s]
+START_WITH = "start the node with 'observer: {}'"  # to have another observer's gain
 CONNECT = 0.02  # [s] between looks for publishers
 
 
@@ -75,6 +78,12 @@ class ObserverNode(Node):
             self._ros.declare(family.PER_JOINT)
             if family.OVERRIDES:
                 self._ros.allow_overrides(self._per_joint)
+            self._ros.instead = partial(
+                instead,
+                known=(*self._per_joint, *declared(family.SETTINGS)),
+                observer=observer,
+                remedy=START_WITH,
+            )
             self.stream = family.start(
                 settings,
                 family.configure(
@@ -125,6 +134,8 @@ class ObserverNode(Node):
             f'{stream.observer.name} estimates {stream.describe()} from '
             f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}'
         )
+        for name, hint in self._ros.of_others().items():
+            self.get_logger().warning(f"unknown parameter '{name}': {hint}")
 
     # Messages
 

@@ -58,6 +58,7 @@ class RosParameters:
     ----------
     values : checked value by name; None: automatic.
     overrides : joint -> checked value by name; None: automatic for this joint.
+    instead : returns a clause on the observers that have a gain which this one lacks, or ''.
     """
 
     def __init__(self, node: Node) -> None:
@@ -75,6 +76,7 @@ class RosParameters:
         self._being_set: frozenset[str] = frozenset()
         self._wrong: UsageError | None = None  # error of the change that is being checked
         self._declaring = False
+        self.instead: Callable[[str], str] = lambda gain: ''
 
     def declare(self, cls: type[T]) -> T:
         """Declare the parameters of the dataclass `cls`; return an instance with their values.
@@ -142,7 +144,21 @@ class RosParameters:
         if text:
             self._node.get_logger().warning(text)
 
+    def of_others(self) -> dict[str, str]:
+        """Return, once, the initial parameters that are gains of other observers, with a hint."""
+        found = {name: hint for name, hint in self.unknown().items() if self._instead(name)}
+        for name in found:
+            del self._initial[name]
+        return found
+
+    def _instead(self, name: str) -> str:
+        found = override(name) if self._overridable else None
+        return self.instead(found[1] if found else name)
+
     def _hint(self, name: str) -> str:
+        hint = self._instead(name)
+        if hint:
+            return hint
         found = override(name)
         if found and self._overridable:
             return suggestion(found[1], self._overridable)

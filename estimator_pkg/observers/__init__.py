@@ -5,13 +5,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
+from difflib import get_close_matches
 
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
 from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.parameters import declared
 
-__all__ = ['Functions', 'Observer', 'find', 'names', 'of_kind']
+__all__ = ['DEFAULT', 'Functions', 'Observer', 'find', 'instead', 'names', 'of_kind']
+
+DEFAULT = 'edge_adaptive'  # observer of a single angle where none is named
+FORMER = 'hybrid_angle'  # default before: whoever sets gains without an observer means its gains
 
 
 def names() -> list[str]:
@@ -44,3 +50,30 @@ def of_kind(kind: str) -> list[str]:
             if find(name).kind == kind:
                 found.append(name)
     return found
+
+
+def instead(name: str, known: Iterable[str], observer: Observer, remedy: str) -> str:
+    """Return a clause on the observers of the same kind that have a gain which this one lacks.
+
+    Parameters
+    ----------
+    name : of the gain, as the user wrote it. known : all parameters next to this observer.
+    remedy : how to select another observer, with {} for its name.
+
+    Returns
+    -------
+    '' if no other observer has the gain, or if a parameter in `known` is nearer.
+    """
+    others = {each: declared(find(each).gains) for each in of_kind(observer.kind)}
+    gains = {gain for each in others.values() for gain in each}
+    group, _, name = name.rpartition('.')
+    near = get_close_matches(name, {*known, *gains}, n=1, cutoff=1.0 if group else 0.5)
+    if not near or near[0] in known:
+        return ''
+    having = sorted((each for each in others if near[0] in others[each]), key=FORMER.__ne__)
+    default = ' (the default)' if observer.name == DEFAULT else ''
+    meant = '' if near[0] == name else f"did you mean '{near[0]}'? "
+    return (
+        f'{meant}{", ".join(having)} {"have" if len(having) > 1 else "has"} it, '
+        f'{observer.name}{default} does not: {remedy.format(having[0])}'
+    )

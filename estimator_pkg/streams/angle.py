@@ -63,7 +63,7 @@ class AngleSettings(StreamSettings):
     """Parameters of the node `joint_observer`, without those of its observer."""
 
     observer: str = parameter(
-        'hybrid_angle',
+        observers.DEFAULT,
         unit='',
         structural=True,
         description="observer to run ('velocity_estimator list' names them all)",

@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import params_file
-from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.configuration import NAME_IT, Configuration
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.field import Field
+from estimator_pkg.observers import instead
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared, parameter
@@ -275,10 +276,12 @@ class Stream(ABC):
         known = cls.parameters(observer)
         for name in common:
             if name not in known:
+                every = {**known, **declared(cls.SETTINGS)}
                 raise UsageError(
                     f"unknown parameter '{name}': "
-                    + params_file.meant(
-                        name, {**known, **declared(cls.SETTINGS)}, known if cls.OVERRIDES else ()
+                    + (
+                        instead(name, every, observer, NAME_IT)
+                        or params_file.meant(name, every, known if cls.OVERRIDES else ())
                     )
                 )
         if overrides and not cls.OVERRIDES:

@@ -19,6 +19,7 @@ from typing import Any
 from estimator_pkg.cli import Command
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
 from estimator_pkg.ros.runtime import settle_environment
@@ -61,9 +62,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--observer',
-        default='hybrid_angle',
+        default=DEFAULT,
         metavar='NAME',
-        help='observer to run (default: hybrid_angle)',
+        help=f'observer to run (default: {DEFAULT})',
     )
 
 
@@ -225,6 +226,6 @@ COMMAND = Command(
     run=run,
     examples=(
         ('', 'ten seconds of simulator and observer, then the error'),
-        ('--observer edge_adaptive --duration 20 --out try', 'another observer, for longer'),
+        ('--observer hybrid_angle --duration 20 --out try', 'another observer, for longer'),
     ),
 )

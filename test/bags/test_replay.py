@@ -493,6 +493,9 @@ def test_yaw_of_motion_capture(name, tmp_path):
     assert np.median(np.abs(yaw.velocity)) < 5.0
 
 
+PLL = ('--observer', 'pll')
+
+
 def refused():
     """(words behind the bag, what the line says, exit code)."""
     return [
@@ -502,12 +505,18 @@ def refused():
             "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?",
             2,
         ),
-        (['--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
-        (['--set', 'bandwidth_hz=fast'], 'must be a number', 2),
+        (['--set', 'bandwidth_hz=3'], 'or use --observer hybrid_angle', 2),
+        (['--set', 'per_joint.a.bandwidth_hz=3'], 'or use --observer hybrid_angle', 2),
+        ([*PLL, '--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
+        ([*PLL, '--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
         (['--set', 'per_joint.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
-        (['--set', 'perjoint.a.bandwidth_hz=3'], "did you mean 'per_joint.a.bandwidth_hz'?", 2),
-        (['--set', 'a.b.bandwidth_hz=3'], "did you mean 'per_joint.a.b.bandwidth_hz'?", 2),
+        (
+            [*PLL, '--set', 'perjoint.a.bandwidth_hz=3'],
+            "did you mean 'per_joint.a.bandwidth_hz'?",
+            2,
+        ),
+        ([*PLL, '--set', 'a.b.bandwidth_hz=3'], "did you mean 'per_joint.a.b.bandwidth_hz'?", 2),
         (['--set', 'observer=[a]'], 'it must be the name of an observer', 2),
         (['--name', 'my node'], "--name 'my node'", 2),
         (['--set', 'stamp_source=clock'], "'clock' is not one of header, publisher", 2),
@@ -545,7 +554,8 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
     params = tmp_path / 'params.yaml'
     for text, said in (
         ('bandwith_hz: 3', "did you mean 'bandwidth_hz'?"),
-        ('bandwidth_hz: 1e9', 'is outside'),
+        ('bandwidth_hz: 3', "write 'observer: hybrid_angle' in the parameter file"),
+        ('{observer: hybrid_angle, bandwidth_hz: 1e9}', 'is outside'),
         ('per_joint: {a: {ordre: 2}}', 'unknown parameter'),
         ('joints: [zz]', "has no joint 'zz'; it has a, b"),
     ):

@@ -280,8 +280,8 @@ def test_a_file_without_an_observer_goes_to_the_kind_that_knows_its_parameters(t
     for parameters, observer in (
         ('model_parameters: [inertia=0.05]', 'geso'),
         ('per_joint.joint: {gravity: true}', 'adaptive'),
-        ('bandwidth_hz: 20.0', 'hybrid_angle'),
-        ('per_joint.joint: {bandwidth_hz: 20.0}', 'hybrid_angle'),
+        ('gap_max: 0.3', 'edge_adaptive'),
+        ('per_joint.joint: {gap_max: 0.3}', 'edge_adaptive'),
     ):
         params.write_text(f'/**:\n  ros__parameters:\n    {parameters}\n')
         found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--params', params)

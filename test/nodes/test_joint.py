@@ -30,8 +30,11 @@ TRIES = itertools.count()
 
 @pytest.fixture(scope='module')
 def live(probe):
-    """A node at its defaults; every test brings joints of its own."""
-    with dds.NodeProcess(MODULE) as process, dds.Observer(probe) as observer:
+    """A node of hybrid_angle at its defaults; every test brings joints of its own."""
+    with (
+        dds.NodeProcess(MODULE, *dds.ros_args('observer:=hybrid_angle')) as process,
+        dds.Observer(probe) as observer,
+    ):
         observer.process = process
         yield observer.connect()
 
@@ -254,6 +257,8 @@ def test_an_override_of_one_joint_before_it_appears_and_back(live):
         ({'bandwidth_hz': 'fast'}, "must be a number, not 'fast'"),
         ({'bandwith_hz': 20.0}, "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?"),
         ({'per_joint__a__nose': 0.1}, "did you mean 'noise'?"),
+        ({'prefer': 'fast'}, "start the node with 'observer: edge_adaptive'"),
+        ({'per_joint__a__prefer': 'fast'}, "start the node with 'observer: edge_adaptive'"),
         ({'per_joint__a__noise': 'loud'}, "'per_joint.a.noise' must be a number"),
         ({'per_joint__a__order': 2}, 'structural'),
         ({'order': 2}, 'read-only'),

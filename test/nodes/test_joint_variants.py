@@ -50,11 +50,13 @@ def processes():
         'misspelt': [
             'qos_overrides./misspelt/joint_states.subscription.reliability:=reliable',
             'qos_overrides./mispelt/joint_states.subscription.depth:=9',
+            'observer:=hybrid_angle',
             'bandwith_hz:=20.0',
             'per_joint.sholder.noise:=0.001',
             'per_joint.arm.nose:=1.0',
         ],
-        'paper': ['form:=paper', 'bandwidth_hz:=5.0'],
+        'others': ['bandwidth_hz:=20.0', 'per_joint.arm.noise:=0.1'],
+        'paper': ['observer:=hybrid_angle', 'form:=paper', 'bandwidth_hz:=5.0'],
         'wall': ['stamp_source:=publisher', 'joints:=[a]'],
         'sim': ['use_sim_time:=true', 'observer:=finite_difference'],
     }
@@ -101,7 +103,7 @@ def test_raw_counts_without_a_stamp(processes, observe, probe):
     assert before <= stamps[0] and stamps[-1] <= time.time_ns()  # the publisher's time
     assert stamps == sorted(set(stamps))
     bank = Bank(
-        Configuration(observers.find('hybrid_angle'), {'quantum': 2.0 * math.pi / 4096})
+        Configuration(observers.find(observers.DEFAULT), {'quantum': 2.0 * math.pi / 4096})
     )  # as the counts imply
     for i, answer in enumerate(live.answers):
         angle = -2.0 * math.pi / 4096 * (10 * i % 4096) + 0.5
@@ -137,6 +139,35 @@ def test_incompatible_qos_and_misspelt_names_are_told(processes, observe, probe)
         "'shoulder'?"
     )
     assert process.output.count('unknown parameter') == 3  # what the YAML sets is known
+
+
+def test_gains_of_another_observer_are_told_at_the_start(processes, observe, probe):
+    """Whoever set `bandwidth_hz` alone had hybrid_angle, the default before."""
+    from rcl_interfaces.srv import GetParameters
+
+    process = processes['others']
+    for name, others in (
+        ('bandwidth_hz', 'hybrid_angle, finite_difference, kalman, pll'),
+        ('per_joint.arm.noise', 'hybrid_angle, finite_difference, kalman, pll, super_twisting'),
+    ):
+        line = (
+            f"unknown parameter '{name}': {others} have it, edge_adaptive (the default) does "
+            "not: start the node with 'observer: hybrid_angle'"
+        )
+        process.prints(line)
+        assert process.output.count(line) == 1
+    answer = probe.call(
+        GetParameters,
+        '/others/others/get_parameters',
+        GetParameters.Request(names=['observer', 'prefer']),
+    )
+    assert [each.string_value for each in answer.values] == ['edge_adaptive', 'balanced']
+    refused = observe('others').connect().set(bandwidth_hz=30.0)
+    assert not refused.successful
+    assert refused.reason.startswith("unknown parameter 'bandwidth_hz': hybrid_angle, ")
+    assert "start the node with 'observer: hybrid_angle'" in refused.reason
+    assert process.output.count("'bandwidth_hz': hybrid_angle") == 2  # at start, and refused
+    assert process.alive and 'Traceback' not in process.output
 
 
 def test_gains_unstable_at_the_measured_rate(processes, observe, probe):
@@ -310,7 +341,7 @@ def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_interrupts_end_the_node_quietly(number):
     with dds.NodeProcess(MODULE) as process:
-        process.prints('hybrid_angle estimates every joint from /joint_states')
+        process.prints(f'{observers.DEFAULT} estimates every joint from /joint_states')
         process.signal(number)
         assert process.ends() == 0
     assert 'Traceback' not in process.output and 'rror' not in process.output
@@ -376,14 +407,18 @@ def test_an_end_that_hangs_is_ended_by_an_alarm():
     assert done.returncode == -signal.SIGALRM
 
 
+HYBRID = ('-p', 'observer:=hybrid_angle')
 WRONG_STARTS = [
-    (['-p', 'bandwidth_hz:=-3.0'], "parameter 'bandwidth_hz' = -3 is outside [0.001, 1e+06]"),
-    (['-p', 'noise:=.nan'], "parameter 'noise' must be finite, not nan"),
+    (
+        [*HYBRID, '-p', 'bandwidth_hz:=-3.0'],
+        "parameter 'bandwidth_hz' = -3 is outside [0.001, 1e+06]",
+    ),
+    ([*HYBRID, '-p', 'noise:=.nan'], "parameter 'noise' must be finite, not nan"),
     (['-p', 'per_joint.a.gap_max:=long'], "parameter 'per_joint.a.gap_max' must be a number"),
     (['-p', 'observer:=hybrid_angel'], "did you mean 'hybrid_angle'?"),
     (['-p', 'observer:=geso'], 'run the node mechanical_observer'),
     (['-p', 'input:=angle', '-p', 'angle_type:=Int32'], "set 'counts_per_revolution'"),
-    (['-p', 'order:=3', '-p', 'form:=paper'], "form 'paper' is of second order"),
+    ([*HYBRID, '-p', 'order:=3', '-p', 'form:=paper'], "form 'paper' is of second order"),
     (['-p', 'qos_overrides./joint_states.subscription.reliability:=relyable'], 'relyable'),
     (['--params-file', 'no_such_file.yaml'], 'no_such_file.yaml'),
     (['-p', 'bandwidth_hz'], 'bandwidth_hz'),

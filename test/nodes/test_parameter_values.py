@@ -44,6 +44,7 @@ TYPES = {float: 'DOUBLE', int: 'INTEGER', bool: 'BOOL', str: 'STRING'}
 TYPES |= {tuple: 'STRING_ARRAY', list: 'DOUBLE_ARRAY'}
 CHOSEN = {  # values other than the defaults, one of the old name, for a start of each node
     'joint_observer': {
+        'observer': 'hybrid_angle',
         'joints': ['a', 'b.c'],
         'noise': 0.002,
         'order': 2,

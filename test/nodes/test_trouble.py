@@ -182,7 +182,7 @@ def test_a_slow_stream_is_not_lost_between_two_samples(own):
 def test_a_misconfigured_joint_is_lost_only_when_no_sample_arrives(own):
     from sensor_msgs.msg import JointState
 
-    live = own(AngleStream, timeout=0.05, form='paper', epsilon=0.1)
+    live = own(AngleStream, observer='hybrid_angle', timeout=0.05, form='paper', epsilon=0.1)
     states = live.publisher(JointState, 'joint_states')
     for k in range(30):  # 25 Hz: too slow for these gains
         live.take(states, live.encode(BEGIN + 40 * k * MS, '', ('j',), (0.01 * k,)))
@@ -290,7 +290,7 @@ def test_gains_that_give_no_numbers_or_lose_the_state_are_refused(own):
     from sensor_msgs.msg import JointState
 
     told = r'numbers become too large or too small for these gains \(math range error\)'
-    live = own(Fragile)
+    live = own(Fragile, observer='hybrid_angle')
     states = live.publisher(JointState, 'joint_states')
     live.take(states, live.encode(BEGIN, '', ['a'], [0.0]))
     result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 123.0}))
@@ -302,4 +302,4 @@ def test_gains_that_give_no_numbers_or_lose_the_state_are_refused(own):
     assert live.node.get_parameter('bandwidth_hz').value not in (123.0, 124.0)
     assert live.take(states, live.encode(BEGIN + MS, '', ['a'], [0.0]))['used'] == 2
     with pytest.raises(UsageError, match=f'hybrid_angle: {told}'):
-        own(Fragile, bandwidth_hz=123.0)
+        own(Fragile, observer='hybrid_angle', bandwidth_hz=123.0)

@@ -20,6 +20,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
+from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
@@ -33,6 +34,7 @@ from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.report.page import Report
 from estimator_pkg.evaluation.workers import workers
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import printable, show
 
 
@@ -71,7 +73,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         help='run this observer on the measurement, at its defaults except for --set '
-        "and --params; repeatable, or 'all' for those of single angles",
+        "and --params; repeatable, or 'all' for those of single angles (default: recorded "
+        f'estimates; without them, or with --set or --params, {DEFAULT})',
     )
     parser.add_argument(
         '--params',
@@ -162,7 +165,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         page = (
             stack.enter_context(
-                Report(parsed.html, len(bags), chosen.wrap_period, parsed.data, chosen.observers)
+                Report(
+                    parsed.html,
+                    len(bags),
+                    chosen.wrap_period,
+                    parsed.data,
+                    chosen.observers or (Entry(DEFAULT, DEFAULT),),
+                )
             )
             if parsed.html
             else None

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from estimator_pkg import params_file, streams
+from estimator_pkg import observers, params_file, streams
+from estimator_pkg.driver.configuration import NAME_IT
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.parameters import Parameter, declared, parse_assignments
@@ -21,7 +22,8 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     """Return one entry per observer, in order.
 
     A parameter file that names its observer applies to that one only; other files and --set apply
-    to every observer that has the parameter.
+    to every observer that has the parameter. Without names, parameters are those of the observer
+    that they name, else of the default observer.
 
     Parameters
     ----------
@@ -38,9 +40,9 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     wanted = list(dict.fromkeys(wanted))
     given = parse_assignments(list(assignments))
     if not wanted:
-        if given or params:
-            raise UsageError('--set and --params need an observer to run: name one with --observer')
-        return []
+        if not given and not params:
+            return []
+        wanted = [str(given.pop(OBSERVER, None) or _named(params))]
     by_observer = {name: _known(name) for name in wanted}
     values_of = params_file.modern(*({**_from_file(params, name), **given} for name in wanted))
     for values in values_of:
@@ -57,6 +59,21 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
         )
         for name, values in zip(wanted, values_of)
     ]
+
+
+def _named(params: str | None) -> str:
+    """Return the observer of a parameter file; raise UserError or UsageError."""
+    if params is None:
+        return observers.DEFAULT
+    sections = params_file.section_names(params)
+    for stream in streams.every():
+        if sections & {stream.NODE, '*', '**'}:
+            named = params_file.load(params, stream.NODE).get(OBSERVER)
+            if isinstance(named, str) and streams.of_observer(named) is stream:
+                return named
+    if sections & {streams.named(streams.USUAL).NODE, '*', '**'}:
+        return observers.DEFAULT
+    raise UsageError(f'{params} names no observer: name one with --observer')
 
 
 def _known(observer: str) -> dict[str, Parameter]:
@@ -80,8 +97,12 @@ def _from_file(params: str | None, observer: str) -> dict[str, Any]:
 def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any]]) -> None:
     every = {name for known in by_observer.values() for name in known}
     for name in values:
-        if params_file.parameter_of(name) not in every:
+        gain = params_file.parameter_of(name)
+        if gain not in every:
             raise UsageError(
                 f"unknown parameter '{name}' of {', '.join(by_observer)}: "
-                f'{suggestion(params_file.parameter_of(name), every)}'
+                + (
+                    observers.instead(gain, every, observers.find(next(iter(by_observer))), NAME_IT)
+                    or suggestion(gain, every)
+                )
             )

@@ -23,6 +23,7 @@ from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import ESTIMATE, Options
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import Request, Stream, counts_of
@@ -118,11 +119,15 @@ def sources(
         for name, topic in bag.topics.items()
         if topic.type == TYPE and name.rpartition('/')[2] == ESTIMATE
     )
+    if not topics and measurement:
+        usual = Entry(DEFAULT, DEFAULT)
+        yield DEFAULT, recording(usual, bag, measurement, options).run(DEFAULT, {})
+        return
     if not topics:
         raise UserError(
             f"{path}: no estimates (no JointState topic '.../{ESTIMATE}'): make them "
             "with 'velocity_estimator replay', or run observers on the measurement "
-            "with '--observer all'"
+            'with --observer'
         )
     for topic in topics:
         bag.require(topic, (TYPE,))

@@ -34,7 +34,7 @@ MOVING = 3.0  # a joint counts as moving above this many quanta per sample
 REPEATS = 0.2  # this fraction of equal readings in motion is not chance
 HOLES_NAMED = 5  # number of gaps that are listed individually
 NONE = 'no findings: no gaps, repeats or jitter, and no dominant cause of errors'
-USUAL = Entry('', 'hybrid_angle')  # observer whose noise the jitter is converted to
+USUAL = Entry('', 'hybrid_angle')  # linear observer whose noise the jitter is converted to
 SETTLED = 400  # samples after which its noise gain is steady
 MOSTLY = 0.7  # a cause explains most of an error if at most this ratio remains without the cause,
 # or this ratio comes from it alone (of an rms, half of the squares)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg import observers
+from estimator_pkg.driver.configuration import NAME_IT
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
@@ -119,8 +120,9 @@ def _dimensions(
         for text in wanted:
             name, _, ends = text.partition('=')
             if name not in known:
+                hint = observers.instead(name, known, observers.find(observer), NAME_IT)
                 raise UsageError(
-                    f"unknown parameter '{name}' of {observer}: {suggestion(name, known)}"
+                    f"unknown parameter '{name}' of {observer}: {hint or suggestion(name, known)}"
                 )
             found[name] = _searched(known[name], ends, text)
     else:

@@ -16,6 +16,7 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import text
 from estimator_pkg.messages.joint_state import TYPE, Encoder
+from estimator_pkg.observers import DEFAULT
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 
@@ -452,11 +453,35 @@ def test_a_truth_without_velocity(good, capsys):
     assert 'has no velocities' in fails(capsys, good, '--truth', MEASUREMENT)
 
 
-def test_no_estimates_says_what_to_do(tmp_path, capsys):
-    stamps = stamps_of(0.1)
-    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: measured(stamps), TRUTH: true(stamps)})
+def test_no_estimates_and_no_measurement_says_what_to_do(tmp_path, capsys):
+    bag = write_bag(tmp_path / 'bag', {TRUTH: true(stamps_of(0.1))})
     line = fails(capsys, bag)
-    assert 'no estimates' in line and 'replay' in line and '--observer all' in line
+    assert 'no estimates' in line and 'replay' in line and '--observer' in line
+
+
+def test_without_estimates_the_default_observer_runs(tmp_path, capsys):
+    stamps = stamps_of()
+    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: measured(stamps), TRUTH: true(stamps)})
+    file = tmp_path / 'params.yaml'
+    file.write_text(
+        '/**:\n  ros__parameters:\n    observer: hybrid_angle\n    bandwidth_hz: 20.0\n'
+    )
+    quantum = ['--set', 'quantum=0.001']
+    for words, same in (
+        ([], ['--observer', DEFAULT]),
+        (quantum, ['--observer', DEFAULT, *quantum]),
+        (['--set', 'observer=pll'], ['--observer', 'pll']),
+        (['--params', str(file)], ['--observer', 'hybrid_angle', '--set', 'bandwidth_hz=20']),
+    ):
+        rows, other = (
+            evaluate(tmp_path, bag, *each)['bags'][bag]['estimates'] for each in (words, same)
+        )
+        assert rows == other and list(rows) == same[1:2]
+    line = fails(capsys, bag, '--set', 'bandwidth_hz=20', code=2)
+    assert "unknown parameter 'bandwidth_hz' of edge_adaptive: hybrid_angle, " in line
+    assert '--observer hybrid_angle' in line
+    file.write_text('pmsm_observer:\n  ros__parameters:\n    resistance: 1.0\n')
+    assert 'name one with --observer' in fails(capsys, bag, '--params', str(file), code=2)
 
 
 def test_observers_need_a_measurement(tmp_path, capsys):

@@ -18,7 +18,7 @@ from estimator_pkg import observers, params_file
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.evaluation.doctor.choice import Answer, choose, sentences
+from estimator_pkg.evaluation.doctor.choice import DEFAULT, Answer, choose, sentences
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
 from estimator_pkg.messages.joint_state import TYPE, Encoder
@@ -105,7 +105,7 @@ def verdict(rms, better):
         for i, a in enumerate(names)
         for b in names[i + 1 :]
     )
-    return Verdict(names[0], 'hybrid_angle', (), rms, pairs)
+    return Verdict(names[0], DEFAULT, (), rms, pairs)
 
 
 def answered(tuned, better):
@@ -118,7 +118,7 @@ def answered(tuned, better):
 
 
 def test_gains_are_taken_where_they_beat_the_defaults():
-    both = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', 'hybrid_angle')}
+    both = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)}
     choice = choose({'elbow': answered({}, both)})
     assert (choice.observer, choice.tuned) == ('kalman', True)
     assert choice.gains == {'elbow': {'bandwidth_hz': 16.0}}
@@ -126,23 +126,23 @@ def test_gains_are_taken_where_they_beat_the_defaults():
 
 def test_the_default_stays_where_nothing_is_declared_better():
     choice = choose({'elbow': answered({}, set())})
-    assert (choice.observer, choice.tuned, choice.gains) == ('hybrid_angle', False, {})
+    assert (choice.observer, choice.tuned, choice.gains) == (DEFAULT, False, {})
 
 
 def test_an_observer_as_it_is_goes_before_gains_that_are_not_better():
     pairs = {
         ('kalman 16 Hz', 'kalman'),
-        ('kalman 16 Hz', 'hybrid_angle'),
-        ('edge_adaptive', 'hybrid_angle'),
+        ('kalman 16 Hz', DEFAULT),
+        ('super_twisting', DEFAULT),
     }
-    choice = choose({'elbow': answered({'edge_adaptive': 0.5}, pairs)})
-    assert (choice.observer, choice.gains) == ('edge_adaptive', {})
+    choice = choose({'elbow': answered({'super_twisting': 0.5}, pairs)})
+    assert (choice.observer, choice.gains) == ('super_twisting', {})
 
 
 def test_an_observer_that_is_worse_for_one_joint_is_not_taken():
-    good = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', 'hybrid_angle')})
-    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {('hybrid_angle', 'kalman')})
-    assert choose({'elbow': good, 'wrist': bad}).observer == 'hybrid_angle'
+    good = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)})
+    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {(DEFAULT, 'kalman')})
+    assert choose({'elbow': good, 'wrist': bad}).observer == DEFAULT
 
 
 def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
@@ -215,13 +215,13 @@ def test_a_running_topic_is_examined(tmp_path):
 
 
 def test_a_better_one_that_is_not_taken_is_named_with_the_reason():
-    pair = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', 'hybrid_angle')}
+    pair = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)}
     found = answered({}, pair)
     missed = found._replace(held_out=verdict(dict(found.verdict.rms), set()))
     text = ' '.join(sentences('elbow', missed, choose({'elbow': missed})))
-    assert 'Use hybrid_angle as it is' in text
+    assert f'Use {DEFAULT} as it is' in text
     assert 'kalman 16 Hz is better on the whole record, but not on the last 30 % alone' in text
-    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {('hybrid_angle', 'kalman')})
+    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {(DEFAULT, 'kalman')})
     text = ' '.join(sentences('elbow', found, choose({'elbow': found, 'wrist': bad})))
     assert 'kalman 16 Hz is better on the whole record, but not for each joint' in text
     text = ' '.join(sentences('elbow', found, choose({'elbow': found})))
