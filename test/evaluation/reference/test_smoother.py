@@ -12,7 +12,10 @@ import pytest
 
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import positions
+from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother import sites
+from estimator_pkg.evaluation.reference.smoother.cells import along, filtered
 from estimator_pkg.evaluation.reference.smoother.pieces import cut
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import Noise, smooth
@@ -347,3 +350,40 @@ def test_the_quick_search_finds_what_an_exhaustive_one_finds(bag):
         return sum(find_sites(each, quantum_, blur, jerk)[1] for each in parts)
 
     assert logarithm(found.noise.jerk, found.noise.blur) > logarithm(jerk, blur) - 10.0
+
+
+JOINTS = (
+    'dfki_double_pendulum/at_rest_500hz_duplicate_stamp',
+    'dfki_double_pendulum/trajectory_665hz',
+    'dfki_simple_pendulum/energy_shaping_200hz',
+    'dfki_simple_pendulum/system_identification_300hz',
+    'simulated/random_with_faults',
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('bag', JOINTS)
+def test_the_search_passes_few_times_over_the_readings(bag, monkeypatch):
+    """A pass over a reading takes about 80 ns, and they are most of the time of the reference."""
+    passed = 0
+
+    def counted(function):
+        run = compiled(function)
+
+        def counting(*arguments):
+            nonlocal passed
+            if function is along:
+                passed += len(arguments[2]) * arguments[-1]
+            elif function is filtered:
+                passed += len(arguments[2])
+            return run(*arguments)
+
+        return counting
+
+    monkeypatch.setattr(sites, 'compiled', counted)
+    with open_bag(BAGS / bag) as opened:
+        found = positions(opened, '/joint_states')
+    for series in found.values():
+        passed = 0
+        smooth(series.stamps_ns, series.position, TURN)
+        assert 20.0 < passed / len(series.stamps_ns) < 75.0  # 196 with a search for each blur

@@ -23,6 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.evaluation.reference.smoother.pieces import start
 from estimator_pkg.evaluation.reference.smoother.steps import predict
 
 Array = NDArray[np.float64]
@@ -167,6 +168,46 @@ def sweep(
         for j in range(9):
             messages[i, j] = x[j]
         x = _absorb(x, centre, sites[i, 0], sites[i, 1])
+    return log_z
+
+
+def along(
+    variance: float,
+    gaps: Array,
+    centres: Array,
+    half: float,
+    noise: float,
+    jerk: float,
+    sites: Array,
+    messages: Array,
+    passes: int,
+) -> float:
+    """Sweep to and fro along a stretch, and update the sites in all `passes` but the first.
+
+    Each direction replaces the messages of the other. Return the log of the probability of the last
+    pass; see `sweep` for the parameters.
+
+    Parameters
+    ----------
+    variance : of the position at either end of the stretch [rad^2].
+    """
+    log_z, way = 0.0, -1
+    for turn in range(passes):
+        x = start(centres[0] if way > 0 else centres[-1], variance)
+        log_z = sweep(
+            x,
+            way,
+            gaps,
+            centres,
+            half,
+            noise,
+            jerk,
+            sites,
+            messages,
+            turn > 0,
+            turn == passes - 1,
+        )
+        way = -way
     return log_z
 
 

@@ -29,14 +29,18 @@ USUAL = 0.99  # where large is the reading above this fraction of all, to ignore
 CELL_READINGS = 24_000  # the probability of cells is evaluated on about this many readings
 PLAIN_READINGS = 3_000  # (without compilation), in stretches of
 CELL_STRETCH = 1500  # this many readings or, if that is longer, with this many
-CHANGES = 20  # changes of the reading
+CHANGES = 20  # changes of the reading; in a short record, it is
+SHORT_STRETCH, PARTS = 400, 3  # at least this many readings or this fraction of the record
+LIKELY = 2  # this many blurs of the rough search are compared again
 SOME = 3  # the first coarse search uses every third stretch, not only the first
 COARSE = 4.0  # noise of more quanta than this hides the cells
 SHARP = 0.01  # smallest blur of the cells' edges, in quanta
 BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, COARSE)
 CLOSE = 0.15  # width of the golden section that a parabola ends [decades]
 FIRST, LAST = 0.3, 0.1  # differences of the searches for both [decades]
-MOST, GAIN = 8, 0.5  # steps of it, and the smallest that is worth another one
+MOST, GAIN = 8, 0.5  # steps of it, and the smallest gain that is worth another one,
+NEAR = 2.0  # or that a step promises
+FARTHEST = 0.6  # longest step [decades]
 STEEP = 9  # the search for the jerk covers this many decades below that of white noise
 
 
@@ -142,14 +146,24 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
 
     middle = math.log10(rough.jerk)
 
+    @lru_cache
+    def rough_of(part: float, up: int) -> float:
+        return guessed(part, middle + up)
+
+    ups: dict[float, int] = {}
+    up, first = 0, range(0, STEEP + 1, 2)
+    for part in BLURS:
+        up = ups[part] = _downhill(partial(rough_of, part), first)
+        first = range(up, up + 1)  # the next blur's jerk is near
+
     def start_of(part: float) -> tuple[float, float, float]:
         """Return (rarity in the rough search, blur in quanta, log10 of the jerk)."""
-        up = _downhill(lambda up: guessed(part, middle + up), range(0, STEEP + 1, 2))
         near: dict[float, float] = {}
-        _downhill(lambda up: near.setdefault(middle + up, seldom(part, middle + up)), [up])
+        _downhill(lambda up: near.setdefault(middle + up, seldom(part, middle + up)), [ups[part]])
         return min(near.values()), part, vertex(near)
 
-    _, part, power = min(start_of(part) for part in BLURS)
+    likely = sorted(BLURS, key=lambda part: rough_of(part, ups[part]))[:LIKELY]
+    _, part, power = min(map(start_of, likely))
     size, least = math.log10(part), math.log10(SHARP)
     for among, step in (
         (some, FIRST),
@@ -168,7 +182,8 @@ def _telling(parts: list[Piece], count: float) -> list[Piece]:
         int(np.count_nonzero(np.abs(np.diff(part.readings)) > 0.5 * count)) for part in parts
     )
     total = sum(len(part.rows) for part in parts)
-    length = max(CELL_STRETCH, round(CHANGES * total / max(changes, 1)))
+    length = min(CELL_STRETCH, max(SHORT_STRETCH, -(-total // PARTS)))
+    length = max(length, round(CHANGES * total / max(changes, 1)))
     readings = CELL_READINGS if available() else PLAIN_READINGS
     return stretches(parts, min(length, readings // 2), max(2, readings // length))
 
@@ -215,36 +230,45 @@ def _lowest(function: Callable[[float], float], low: float, high: float, fine: f
 def _newton(
     function: Callable[[float, float], float], x: float, y: float, least: float, step: float
 ) -> tuple[float, float]:
-    """Return the minimum (x, y), y >= `least`, near a start: Newton with differences of `step`."""
-    before = math.inf
+    """Return the minimum (x, y), y >= `least`, near a start: Newton with differences of `step`.
+
+    The search ends where a step promises little: half the product of the gradient and the step.
+    """
+    before, most = (math.inf, x, y), FARTHEST / step
     for _ in range(MOST):
         y = least if y < least + 0.5 * step else max(y, least + step)
-        here, east, west = (function(x + at, y) for at in (0.0, step, -step))
-        north = function(x, y + step)
+        here = function(x, y)
+        if here > before[0]:  # too far: half the way
+            x, y = 0.5 * (x + before[1]), 0.5 * (y + before[2])
+            continue
+        east, west, north = (function(x + step, y), function(x - step, y), function(x, y + step))
         gx, hxx = 0.5 * (east - west), max(east + west - 2.0 * here, 0.0)
+        gy = north - here
         if y == least:
-            dx, dy = _bounded(-gx, hxx), step if north < here else 0.0
+            dx, dy = _bounded(-gx, hxx, most), step if gy < 0.0 else 0.0
         else:
             south, both = function(x, y - step), function(x + step, y + step)
             gy, hyy = 0.5 * (north - south), max(north + south - 2.0 * here, 0.0)
             hxy = both - east - north + here
             det = hxx * hyy - hxy * hxy
             if det > 0.01 * hxx * hyy:
-                dx, dy = _bounded(hxy * gy - hyy * gx, det), _bounded(hxy * gx - hxx * gy, det)
+                dx = _bounded(hxy * gy - hyy * gx, det, most)
+                dy = _bounded(hxy * gx - hxx * gy, det, most)
             else:
-                dx, dy = _bounded(-gx, hxx), _bounded(-gy, hyy)
-        near = max(abs(dx), abs(dy)) < 1.0
-        if near or here < before - GAIN:
+                dx, dy = _bounded(-gx, hxx, most), _bounded(-gy, hyy, most)
+        near = max(abs(dx), abs(dy)) < 1.0 or -0.5 * (gx * dx + gy * dy) < NEAR
+        slow = here > before[0] - GAIN
+        before = here, x, y
+        if near or not slow:
             x, y = x + step * dx, y + step * dy
-        if near or here >= before - GAIN:
+        if near or slow:
             break
-        before = here
     return x, max(y, least)
 
 
-def _bounded(over: float, under: float) -> float:
-    """Return the ratio within -2 and 2, if need be by sign."""
-    return min(max(over / under, -2.0), 2.0) if under > 0.0 else math.copysign(2.0, over)
+def _bounded(over: float, under: float, most: float) -> float:
+    """Return the ratio within -`most` and `most`; 2 with the right sign for no positive `under`."""
+    return min(max(over / under, -most), most) if under > 0.0 else math.copysign(2.0, over)
 
 
 def vertex(seen: Mapping[float, float]) -> float:

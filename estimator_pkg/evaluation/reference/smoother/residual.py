@@ -40,16 +40,16 @@ def unexplained(
     power, level = np.zeros(WINDOW // 2 + 1), 0.0
     count, telling = 0, 0
     for left, weight in zip(rest, weights):
+        if len(left) < WINDOW:
+            continue
         pushed = np.where(weight > 0.0, np.nan_to_num(left) * weight, 0.0)
-        for at in range(0, len(pushed) - WINDOW + 1, WINDOW // 2):
-            count += 1
-            mean = float(np.mean(weight[at : at + WINDOW]))
-            if mean <= NEWS * heaviest:
-                continue
-            telling += 1
-            piece = pushed[at : at + WINDOW] / mean
-            power += np.abs(np.fft.rfft(window * (piece - np.mean(piece)))) ** 2
-            level += 1.0 / mean
+        mean = _windows(weight).mean(axis=1)
+        heavy = mean > NEWS * heaviest
+        count, telling = count + len(mean), telling + int(np.count_nonzero(heavy))
+        pieces = _windows(pushed)[heavy] / mean[heavy, None]
+        pieces -= pieces.mean(axis=1)[:, None]
+        power += np.sum(np.abs(np.fft.rfft(window * pieces)) ** 2, axis=0)
+        level += float(np.sum(1.0 / mean[heavy]))
     if not telling:
         return 0.0
     power *= 2.0 * step / (telling * float(np.sum(window * window)))
@@ -58,3 +58,8 @@ def unexplained(
     excess = np.maximum(power - CLEAR * white, 0.0)
     speed = float(np.sum((2.0 * math.pi * frequency) ** 2 * excess)) * frequency[1]
     return math.sqrt(speed * telling / count)
+
+
+def _windows(values: Array) -> Array:
+    """Return the half-overlapping windows of an array, shape (windows, WINDOW)."""
+    return np.lib.stride_tricks.sliding_window_view(values, WINDOW)[:: WINDOW // 2]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.evaluation.reference.smoother.cells import filtered, sweep, used
+from estimator_pkg.evaluation.reference.smoother.cells import along, filtered, used
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start
 
 Array = NDArray[np.float64]
@@ -37,9 +37,12 @@ class Stretch:
         self._step = float(np.median(part.steps[1:])) if count > 1 else 1.0
         self._rows, self._gaps = np.empty(count, np.int64), np.empty(count + 1)
         self._messages = np.empty((count, 9))
-        self._sites = np.empty((count, 2))
-        self._of = np.zeros(0, np.int64)  # rows to which the sites belong
-        self._drift, self._count = np.nan, 0
+        self._sites, self._guessed = np.zeros((count, 2)), np.empty((count, 2))
+        nothing = np.zeros(0)
+        self._chosen = np.zeros(0, np.int64), nothing, nothing
+        self._of = self._chosen[0]  # rows of the newest sites, which are
+        self._newest = np.zeros((0, 2))
+        self._drift = np.nan
         runs = np.flatnonzero(np.abs(np.diff(part.readings)) >= 0.5 * quantum)
         self._longest = float(np.max(np.diff(runs, prepend=-1, append=count))) / OF_A_RUN
 
@@ -50,17 +53,20 @@ class Stretch:
         drift = min(drift, self._longest)  # above it, it does not matter
         if drift != self._drift:
             self._drift = drift
-            self._count = compiled(used)(
-                self._part.readings,
-                self._part.steps,
+            part = self._part
+            count = compiled(used)(
+                part.readings,
+                part.steps,
                 self._quantum,
                 drift,
                 OF_A_RUN,
                 self._rows,
                 self._gaps,
             )
-        rows = self._rows[: self._count]
-        return rows, self._gaps[: self._count + 1], self._part.readings[rows]
+            if not np.array_equal(self._rows[:count], self._chosen[0]):
+                rows = self._rows[:count].copy()
+                self._chosen = rows, self._gaps[: count + 1].copy(), part.readings[rows]
+        return self._chosen
 
     def guess(self, blur: float, jerk: float) -> float:
         """Return the log of the probability of the readings, roughly, in one pass.
@@ -75,14 +81,14 @@ class Stretch:
             return 0.0
         half = 0.5 * self._quantum
         x = start(centres[0], half * half / 3.0 + blur * blur)
-        sites = self._sites[: len(rows)]
+        sites = self._guessed[: len(rows)]
         return compiled(filtered)(x, gaps, centres, half, blur, jerk, sites)
 
     def probability(self, blur: float, jerk: float, sweeps: int | None = None) -> float:
         """Return the same with the sites that `sweeps` forward and backward find.
 
-        None: those of the last call are the start if they are of the same cells. One direction is
-        enough then.
+        None: those of the last call are the start. One direction is enough then, or three if other
+        cells are used now.
         """
         rows, gaps, centres = self._choose(jerk)
         count = len(rows)
@@ -90,36 +96,33 @@ class Stretch:
             return 0.0
         half = 0.5 * self._quantum
         variance = half * half / 3.0 + blur * blur
-        sites, messages = self._sites[:count], self._messages[:count]
-        if sweeps is None and np.array_equal(rows, self._of):
-            passes = 1
-        else:
+        passes = 1
+        if sweeps is not None or not len(self._of):
             passes = 2 * (sweeps or SWEEPS)
-            self._of = rows.copy()
-            sites[:, 0], sites[:, 1] = 1.0 / variance, 0.0
-        ends = {1: start(centres[0], variance), -1: start(centres[-1], variance)}
-        along, log_z, way = compiled(sweep), 0.0, -1
-        for turn in range(passes + 1):  # each direction replaces the messages of the other
-            log_z = along(
-                ends[way],
-                way,
-                gaps,
-                centres,
-                half,
-                blur,
-                jerk,
-                sites,
-                messages,
-                turn > 0,
-                turn == passes,
-            )
-            way = -way
-        return log_z
+            self._sites[:] = 1.0 / variance, 0.0
+            self._newest = self._sites[rows]
+        elif rows is not self._of:
+            passes = 3
+            self._sites[self._of] = self._newest
+            self._newest = self._sites[rows]
+        self._of = rows
+        log_z = compiled(along)(
+            variance,
+            gaps,
+            centres,
+            half,
+            blur,
+            jerk,
+            self._newest,
+            self._messages[:count],
+            passes + 1,
+        )
+        return float(log_z)
 
     def sites(self) -> Array:
         """Return the sites that were found last; shape (n, 2), 0 for cells that are not used."""
         result = np.zeros((len(self._part.readings), 2))
-        result[self._of] = self._sites[: len(self._of)]
+        result[self._of] = self._newest
         return result
 
 
