@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, chart, field, moteus, rivals, streams
+from benchmarks import accuracy, chart, field, held_out, moteus, rivals, streams
 from benchmarks.columns import shared
 from benchmarks.drive import drives
 from benchmarks.live.rows import latencies, live, starts
@@ -48,7 +48,16 @@ SPEED_PARTS: dict[str, Callable[[bool, int | None], list[dict[str, Any]]]] = {
         row for row in drives(3 if quick else 7) if row['unit'] not in ERRORS
     ],
 }
-ACCURACY_PARTS = ('defaults', 'field', 'recordings', 'moteus', 'streams', 'rivals', 'drive')
+ACCURACY_PARTS = (
+    'defaults',
+    'field',
+    'recordings',
+    'held',
+    'moteus',
+    'streams',
+    'rivals',
+    'drive',
+)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +84,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FOLDER',
         default='bags',
         help='of accuracy: folder of the recordings (default: bags)',
+    )
+    parser.add_argument(
+        '--held-out',
+        metavar='FOLDER',
+        help='of accuracy: folder of the repositories with the held-out recordings',
     )
     parser.add_argument(
         '--plot',
@@ -170,6 +184,8 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
                 RECORDED,
                 str(beside.with_stem(f'{beside.stem}_recordings')) if beside else None,
             )
+    if 'held' in parts:
+        _held(parsed, result)
     if 'moteus' in parts:
         _moteus(parsed, result)
     if 'streams' in parts:
@@ -185,6 +201,18 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
         rows = [row for row in drives(1) if row['unit'] in ERRORS or row['value'] is None]
         result['drive'] = {'rows': rows}
         print(f'the sensorless drive and motulator\n{describe(rows)}\n', flush=True)
+
+
+def _held(parsed: argparse.Namespace, result: dict[str, Any]) -> None:
+    if parsed.held_out is None:
+        why = 'their files are not shipped: give the folder of the repositories with --held-out'
+        if 'held' in parsed.part:  # requested by name
+            raise UsageError(why)
+        print(f'held-out recordings: not run: {why}\n')
+        return
+    found = held_out.run(Path(parsed.held_out))
+    result['held'] = held_out.as_dict(found)
+    print(held_out.describe(found, parsed.markdown) + '\n', flush=True)
 
 
 def _moteus(parsed: argparse.Namespace, result: dict[str, Any]) -> None:

@@ -49,6 +49,7 @@ class Column:
     torque : shape (n,), mean over the interval that ends at the sample [N m]; None: not known.
     joint : the parameters of `single_joint` for this joint; empty: not known.
     reference : origin of the true velocity.
+    period : wrap period of the readings [rad]; 0: none.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Column:
     torque: Array | None = None
     joint: dict[str, float] = field(default_factory=dict)
     reference: str = 'truth'
+    period: float = 2.0 * math.pi
 
     @property
     def time(self) -> Array:

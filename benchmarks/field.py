@@ -100,7 +100,7 @@ def _row(estimator: Estimator, columns: Sequence[Column], advance: Any) -> dict[
         found.append([_estimate(estimator, column, value) for column in columns])
         advance(1)
     errors = np.array(
-        [[_error(velocity, column)[0] for velocity, column in zip(each, columns)] for each in found]
+        [[error(velocity, column)[0] for velocity, column in zip(each, columns)] for each in found]
     )
     one = choose(errors, np.array([column.floor for column in columns]))
 
@@ -140,7 +140,7 @@ def _estimate(estimator: Estimator, column: Column, value: Any) -> Array:
         return estimator.run(column, value)
 
 
-def _error(velocity: Array, column: Column) -> tuple[float, float]:
+def error(velocity: Array, column: Column) -> tuple[float, float]:
     """Return (rms error, published fraction); the error is inf if too few or diverged."""
     counted = column.counted
     error = (velocity - column.samples.velocity)[counted]
@@ -152,7 +152,7 @@ def _error(velocity: Array, column: Column) -> tuple[float, float]:
 
 
 def _cell(velocity: Array, column: Column) -> dict[str, Any]:
-    rms, share = _error(velocity, column)
+    rms, share = error(velocity, column)
     if not math.isfinite(rms):
         return {'rms': None, 'delay_s': None, 'published': share, 'cannot_tell': False}
     rows = np.flatnonzero(column.counted & np.isfinite(velocity))

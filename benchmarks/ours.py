@@ -85,7 +85,7 @@ def _angle(entry: Entry) -> Estimator:
 
 def _runner(entry: Entry, gain: str) -> Run:
     def run(column: Column, value: Any) -> Array:
-        joint = entry.joint(**({gain: value} if gain else {}))
+        joint = entry.joint(wrap_period=column.period, **({gain: value} if gain else {}))
         out = joint.run(column.samples.stamps, column.samples.angle, fast=True)
         return _published(out.velocity, out.status, out.verdict)
 

@@ -125,7 +125,7 @@ def test_who_is_told_the_torque_uses_it(name):
     each = next(each for each in ours.with_input() if each.name == name)
     column = of_signal(SINE, 6.0 if name == 'adaptive' else 2.5)
     without = Column('x', '', column.samples, column.quantum)
-    right = field._error(each.run(column, each.values[1]), column)
+    right = field.error(each.run(column, each.values[1]), column)
     assert right[0] < 0.05 and right[1] > 0.5
     assert np.isnan(each.run(without, each.values[1])).all()
 
@@ -137,7 +137,7 @@ def test_the_peers_that_are_installed_follow_the_motion():
         pytest.skip(f'not run, not installed: {", ".join(missing)}')
     column = of_signal(DROPS, 2.0)
     for each in found:
-        errors = [field._error(each.run(column, value), column)[0] for value in each.values[2::3]]
+        errors = [field.error(each.run(column, value), column)[0] for value in each.values[2::3]]
         assert min(errors) < 0.5, each.name
 
 
@@ -171,7 +171,7 @@ def test_recordings_are_columns_with_their_reference():
     assert by_name['yx2bag/yaw'].reference == 'the off-line smoother'
     assert 'own error' in refused['yawbag/yaw']
     raw = ours.ours()[-1]
-    error = field._error(raw.run(elbow, None), elbow)
+    error = field.error(raw.run(elbow, None), elbow)
     assert error[0] == pytest.approx(0.2, rel=0.1) and error[1] > 0.99
 
 

@@ -155,6 +155,12 @@ def _reference(truth: Series, measurement: Series | None, period: float) -> Refe
     )
 
 
+def measured_truth(truth: Series, measurement: Series, period: float) -> tuple[Series, float]:
+    """Return a measured velocity without its fitted lag and bias, and the rms of its noise."""
+    known = _reference(_finite(truth), measurement, period)
+    return _correct(_finite(truth), known)[0], known.noise
+
+
 def _part(series: Series, rows: slice | NDArray[np.bool_]) -> Series:
     return Series(
         series.stamps_ns[rows], series.position[rows], series.velocity[rows], series.effort[rows]
