@@ -27,10 +27,10 @@ MEANING = {
     TOLD: 'the torque is known too',
     AHEAD: 'non-causal: uses future samples',
 }
-ACROSS = 7  # largest number of panels in a row
+ACROSS = 4  # largest number of panels in a row
 NARROW = 30.0  # a narrower span (as a ratio) has ticks between the powers of ten
 LEAST = 1e-5  # smaller errors are drawn here [rad/s]
-WIDTH, LINE = 2.15, 0.21  # width of a panel, height of a line [in]
+WIDTH, LINE = 1.75, 0.21  # width of a panel, height of a line [in]
 
 
 def draw(found: dict[str, Any], path: str, title: str) -> None:
@@ -62,7 +62,7 @@ def draw(found: dict[str, Any], path: str, title: str) -> None:
         row[0].set_yticks(
             [places[row_['name']] for row_ in found['rows']],
             [row_['name'] for row_ in found['rows']],
-            fontsize=8,
+            fontsize=9,
         )
         for label, row_ in zip(row[0].get_yticklabels(), found['rows']):
             label.set_color(COLOURS[row_['group']])
@@ -90,13 +90,13 @@ def draw(found: dict[str, Any], path: str, title: str) -> None:
         handles.append(
             Line2D([], [], color='#e8e3d3', linewidth=8, label="below the reference's own error")
         )
-    figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False, fontsize=8.5)
+    figure.legend(handles=handles, loc='outside lower center', ncols=2, frameon=False, fontsize=9)
     figure.suptitle(
-        f'{title}: velocity rms error [rad/s]; in grey, at the one setting, its delay '
-        '[ms] and (published fraction)',
+        f'{title}: velocity rms error [rad/s]\n'
+        'in grey, at the one setting: its delay [ms] and (published fraction)',
         fontsize=11,
     )
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=100)
 
 
 def _places(rows: list[dict[str, Any]]) -> dict[str, float]:
@@ -137,7 +137,7 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
             at,
             _delay(one, row['group'] in here),
             color='#777777',
-            fontsize=6.5,
+            fontsize=7.5,
             transform=axis.get_yaxis_transform(),
             ha='right',
             va='center',
@@ -148,13 +148,13 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
         LEAST if min(shown[1:], default=LEAST) <= 3.0 * LEAST else 10.0 ** (math.log10(low) - 0.25)
     )
     # space for the delays at the right
-    axis.set_xlim(0.6 * low, 10.0 ** (math.log10(high) + 0.22 * math.log10(high / low) + 0.15))
+    axis.set_xlim(0.6 * low, 10.0 ** (math.log10(high) + 0.3 * math.log10(high / low) + 0.15))
     axis.text(
         1.0,
         -0.95,
         'ms',
         transform=axis.get_yaxis_transform(),
-        fontsize=6.5,
+        fontsize=7.5,
         color='#777777',
         ha='right',
         va='center',
@@ -164,13 +164,13 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
     _ticks(axis, high / low)
     axis.grid(axis='x', color='#e4e4e4', linewidth=0.6)
     axis.set_axisbelow(True)
-    axis.tick_params(axis='x', labelsize=7)
+    axis.tick_params(axis='x', labelsize=8)
     axis.tick_params(axis='y', length=0)
     for side in ('top', 'right', 'left'):
         axis.spines[side].set_visible(False)
     head, _, joint = name.partition('/')
-    heading = f'{head}\n{joint}' if joint else f'{head}\n' + textwrap.fill(column['summary'], 26)
-    axis.set_title(heading, fontsize=8)
+    heading = f'{head}\n{joint}' if joint else f'{head}\n' + textwrap.fill(column['summary'], 24)
+    axis.set_title(heading, fontsize=9)
 
 
 def _ticks(axis: Any, span: float) -> None:
