@@ -28,6 +28,9 @@ KEPT = re.compile(  # code, formulas, tags and links
 )
 POWER = re.compile(r"(?<=[\w)\]'])\^(?:\(((?:[^()\s]|\([^()]*\))+)\)|(-?\w+))")
 INDEX = re.compile(r'(?<![\w/.])([A-Za-z\u0370-\u03ff])_([a-z]{1,3}|\d{1,2})(?![\w/])')
+PROSE = re.compile(
+    r'<table>(?=\s*<thead>(?:(?!</thead>).)*<th[^>]*>(?:meaning|content)</th>\s*</tr>)', re.DOTALL
+)
 OPERATOR = re.compile(r'<mo>([A-Za-z]{2,})</mo>(<mo stretchy="false">&#x00028;</mo>)?')
 
 
@@ -110,3 +113,8 @@ def on_page_markdown(markdown, page=None, **_):
         lambda found: f'<span>{typeset(found.group(1), "inline")}</span>', markdown
     )
     return raised(PLACE.sub(lambda found: parameter_table(found.group(1)), markdown))
+
+
+def on_page_content(html, **_):
+    """Return a page's HTML; tables that end in sentences are marked for site.css, for phones."""
+    return PROSE.sub('<table data-prose>', html)
