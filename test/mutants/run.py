@@ -66,6 +66,7 @@ MODULES = (
     'observers/switched/*.py',
     'observers/test_*.py',
     'sim/reproduce/test_hybrid_angle.py',
+    'test_outputs.py',
     'test_parameters.py',
 )
 LONGEST = 15.0  # s of CPU: a test that takes longer, under coverage, is cut off and left out
