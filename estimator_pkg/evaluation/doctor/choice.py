@@ -144,7 +144,7 @@ def answer(
     counted = reference.firm
     delays = {
         label: delay(reference.time[counted], velocity[label][counted], reference.velocity[counted])
-        for label in {DEFAULT, BASELINE, *(each.label for each in best.values())}
+        for label in {*labels, *(each.label for each in best.values())}
     }
     early = -seen.step  # no causal estimate is: noise hides its delay
     delays = {label: late if late > early else math.nan for label, late in delays.items()}

@@ -19,6 +19,8 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Answer, choose, sentences
+from estimator_pkg.evaluation.doctor.examine import examine
+from estimator_pkg.evaluation.doctor.readings import Readings
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
 from estimator_pkg.messages.joint_state import TYPE, Encoder
@@ -122,6 +124,17 @@ def test_gains_are_taken_where_they_beat_the_defaults():
     choice = choose({'elbow': answered({}, both)})
     assert (choice.observer, choice.tuned) == ('kalman', True)
     assert choice.gains == {'elbow': {'bandwidth_hz': 16.0}}
+
+
+@pytest.mark.long
+def test_each_observer_as_it_is_has_a_delay_too():
+    stamps = 10**18 + np.arange(800) * 5_000_000
+    angle = np.sin(8.0 * np.arange(800) * 5e-3)
+    counts = 2.0 * math.pi / 4096
+    seen = Readings('', stamps, stamps, np.round(angle / counts) * counts, angle * math.nan, 0.0)
+    found = examine(seen).answer
+    assert all(math.isfinite(found.delays[name]) for name in angle_observers())
+    assert found.delays['pll'] > found.delays['hybrid_angle']
 
 
 def test_the_default_stays_where_nothing_is_declared_better():
