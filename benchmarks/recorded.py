@@ -29,13 +29,14 @@ from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
 from estimator_pkg.evaluation.text import fixed, markdown, table
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 
 SKIPPED = 0.5  # ignored at the beginning [s]
 MARGIN = 1.15  # a new bound over the measured value
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))
-MAIN = 'hybrid_angle'
+MAIN = DEFAULT
 RIVALS = ('kalman acceleration', RAW.label)
 
 
