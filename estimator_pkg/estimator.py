@@ -4,7 +4,7 @@
 """The library: one joint's velocity estimator, without ROS.
 
 >>> from estimator_pkg import VelocityEstimator
->>> estimator = VelocityEstimator('hybrid_angle', bandwidth_hz=20.0, quantum=0.001534)
+>>> estimator = VelocityEstimator(quantum=0.001534)
 >>> estimator.update(1_000_000_000, 0.0).status
 'initialising'
 """

@@ -56,7 +56,7 @@ JOINT = (('model_parameters', ['inertia=0.05', 'damping=0.02', 'gravity=1.5', 'c
 MOTOR = (('resistance', 0.06), ('inductance', 3.375e-05), ('flux', 0.0019), ('pole_pairs', 7))
 CASES = (
     Case(
-        ('hybrid_angle', 'edge_adaptive', 'kalman', 'pll', 'finite_difference', 'super_twisting'),
+        ('edge_adaptive', 'hybrid_angle', 'kalman', 'pll', 'finite_difference', 'super_twisting'),
         'encoder',
         10.0,
         ('amplitude=0.3979', 'frequency=2.0'),
