@@ -14,14 +14,13 @@ import time
 from contextlib import ExitStack
 
 from benchmarks.live.processes import process, result
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.ros.domain import free_domain
 
 OVERLOAD = 150  # number of joints with which no Python node keeps up at 5 kHz
 
 
-def measure(
-    rate: float, joints: int = 7, seconds: float = 5.0, observer: str = 'hybrid_angle'
-) -> dict:
+def measure(rate: float, joints: int = 7, seconds: float = 5.0, observer: str = DEFAULT) -> dict:
     """Return the messages published, received and reported lost at `rate`, with the default QoS.
 
     ``true_loss`` counts published messages that never reached the node's callback; ``reported`` is
@@ -56,7 +55,7 @@ def measure(
     }
 
 
-def measure_all(observer: str = 'hybrid_angle') -> dict:
+def measure_all(observer: str = DEFAULT) -> dict:
     """Return rows: no loss at 1 and 2 kHz; at 5 kHz and in overload, losses reported correctly."""
     rows = [measure(rate, observer=observer) for rate in (1000.0, 2000.0, 5000.0)]
     rows.append(measure(5000.0, joints=OVERLOAD, observer=observer))
@@ -66,4 +65,4 @@ def measure_all(observer: str = 'hybrid_angle') -> dict:
 
 
 if __name__ == '__main__':
-    print(json.dumps(measure_all((sys.argv[1:] or ['hybrid_angle'])[0]), indent=2))
+    print(json.dumps(measure_all((sys.argv[1:] or [DEFAULT])[0]), indent=2))

@@ -19,6 +19,7 @@ from rich.console import Console
 
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.ros.domain import free_domain
 from sim_pkg.demo.listener import Snapshot
 from sim_pkg.demo.processes import ended_on_any_signal
@@ -60,7 +61,7 @@ def test_shows_records_and_judges(tmp_path):
             assert word in line
     end = text[text.rindex('\nbag ') :]
     assert ['plot', result['plot']] in [each.split() for each in end.splitlines()]
-    assert 'Verdict: hybrid_angle has an error of' in end and 'times smaller than' in end
+    assert f'Verdict: {DEFAULT} has an error of' in end and 'times smaller than' in end
     assert max(map(len, end.split('Verdict')[1].splitlines())) <= 80
     assert (tmp_path / result['plot']).read_bytes()[:4] == b'\x89PNG'
     with open_bag(tmp_path / result['bag']) as bag:
