@@ -31,7 +31,8 @@ class Options:
     observers : observers to run on the measurement; empty: use recorded estimates.
     skip : time ignored at the beginning [s].
     wrap_period : of the positions [rad]; 0: none.
-    correct_reference : remove the reference's own lag and bias first.
+    correct_reference : remove the truth's own lag and bias first; None: its lag, if it is
+        certainly late (`evaluation.reference.late`).
     reference : 'auto': the truth, or the off-line smoother without one; 'truth' or 'smoother':
         only this one.
     unpack_limit : of the bags, see `estimator_pkg.bags.reader.open_bag`.
@@ -44,7 +45,7 @@ class Options:
     observers: tuple[Entry, ...] = ()
     skip: float = 0.0
     wrap_period: float = 2.0 * np.pi
-    correct_reference: bool = False
+    correct_reference: bool | None = None
     reference: str = AUTO
     angle: str | None = None
     unpack_limit: int = LIMIT

@@ -98,8 +98,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--correct-reference',
-        action='store_true',
-        help="remove the truth's own lag and bias, fitted to the measured position, first",
+        action=argparse.BooleanOptionalAction,
+        help="remove the truth's own lag and bias, fitted to the measured position, first "
+        '(default: its lag, where that is certain)',
     )
     parser.add_argument(
         '--reference',

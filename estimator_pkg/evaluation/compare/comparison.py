@@ -240,7 +240,7 @@ def compared(
     if any(len(series.stamps_ns) >= MANY for series in true.series.values()):
         give_back_freed()
     rows: list[Row] = []
-    notes: list[str] = []
+    notes = list(true.notes)
     starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
     candidates = {joint: _Candidates() for joint in true.motions}
     with progress(path, steps) as advance:

@@ -96,9 +96,8 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
         lines.append(f'truth of {joint} against the measured position: {describe_truth(known)}')
         if joint in comparison.corrected:
             removed = comparison.corrected[joint]
-            lines.append(
-                f'  removed: lag {_ms(removed["lag_s"]):.2f} ms, bias {removed["bias"]:.4f} rad/s'
-            )
+            bias = f', bias {removed["bias"]:.4f} rad/s' if removed['bias'] else ''
+            lines.append(f'  removed: lag {_ms(removed["lag_s"]):.2f} ms{bias}')
     return '\n'.join(map(printable, lines + remarks + list(comparison.notes)))
 
 

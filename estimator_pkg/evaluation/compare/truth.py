@@ -19,6 +19,7 @@ from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import reference
+from estimator_pkg.evaluation.reference.late import MATTERS, common_lag, confirmed
 from estimator_pkg.evaluation.reference.motion import Motion, motion
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 LAG_SEEN = 2.0  # a lag or bias is corrected above this many standard deviations
 ENOUGH = 600_000  # number of samples that determine the quality of a truth
 SMOOTHED = 'the off-line smoother'
+SHIFTED = 'it is shifted by that (--no-correct-reference keeps it)'
 
 
 @dataclass
@@ -43,6 +45,7 @@ class Truth:
     corrected : lag and bias that were removed.
     motions : what the off-line smoother found, None for too few readings; empty if the bag has a
         truth.
+    notes : what the user must know of it.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Truth:
     references: dict[str, Reference]
     corrected: dict[str, dict[str, float]] = field(default_factory=dict)
     motions: dict[str, Motion | None] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def smoothed(self) -> dict[str, Smoothed]:
@@ -97,7 +101,35 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         found.references[joint] = known
         if options.correct_reference:
             series[joint], found.corrected[joint] = _correct(each, known)
+            lag = found.corrected[joint]['lag_s']
+            if abs(lag) > MATTERS:
+                way = 'later' if lag > 0.0 else 'earlier'
+                found.notes += (
+                    f'{joint}: the truth is {abs(lag) * 1e3:.2f} ms {way} than the positions: '
+                    f'{SHIFTED}',
+                )
+    if options.correct_reference is None:
+        _shift(found, measurement, options)
     return found
+
+
+def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> None:
+    """Remove the lag of a truth that is certainly late."""
+    late = common_lag(found.references)
+    if late is None:
+        return
+    lags = {joint: each for joint, each in found.references.items() if np.isfinite(each.lag_s)}
+    surest = min(lags, key=lambda joint: lags[joint].lag_stddev)
+    if not confirmed(late, found.series[surest], measurement[surest], options.wrap_period):
+        return
+    for joint, each in found.series.items():
+        found.series[joint] = each._replace(stamps_ns=each.stamps_ns - round(late.lag * 1e9))
+        found.corrected[joint] = {'lag_s': late.lag, 'bias': 0.0}
+    of = f'on {", ".join(lags)}' if len(lags) < 4 else f'on {len(lags)} joints'
+    found.notes = (
+        f'the truth is {late.lag * 1e3:.2f} +- {late.stddev * 1e3:.2f} ms later than the positions '
+        f'{of}: {SHIFTED}',
+    )
 
 
 def from_smoother(path: str, measurement: dict[str, Series], options: Options) -> Truth:

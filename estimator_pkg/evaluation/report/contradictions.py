@@ -11,11 +11,11 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.reference.late import MATTERS
 from estimator_pkg.evaluation.report.tradeoff import of_row
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.streams.angle import AngleSettings
 
-LAG = 2e-4  # a shorter lag of the reference does not matter [s]
 SURE = 2.0  # --correct-reference removes a lag above this many of its standard deviations
 BETTER = 1.05  # ratio of errors from which on another observer is called better
 NARROW = 0.85  # smallest coverage of a 95 % interval that is not reported
@@ -92,7 +92,7 @@ def _late_reference(comparison: Comparison, joint: str) -> list[str]:
     if known is None or joint in comparison.smoothed or joint in comparison.corrected:
         return []
     lag = known.lag_s
-    if not (math.isfinite(lag) and abs(lag) > max(LAG, SURE * known.lag_stddev)):
+    if not (math.isfinite(lag) and abs(lag) > max(MATTERS, SURE * known.lag_stddev)):
         return []
     return [
         f'{joint}: the reference is {number(abs(lag) * 1e3, 2)} ms '

@@ -210,6 +210,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
     )
+    parser.add_argument(
+        '--correct-reference',
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="remove the truth's own lag and bias first (default)",
+    )
     joint_arguments(parser)
     parser.add_argument(
         '--plot', metavar='FILE', help='draw noise against delay of every trial (PNG, SVG, PDF)'
@@ -244,7 +250,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         parsed.truth,
         observers=(tuning.entry,),
         wrap_period=parsed.wrap_period,
-        correct_reference=True,
+        correct_reference=parsed.correct_reference,
         reference=parsed.reference,
         angle=parsed.angle,
         unpack_limit=parsed.unpack_limit,
@@ -370,14 +376,15 @@ def _of(judged: Sequence[Record], joint: str) -> list[Record]:
 
 def _notes(seen: Sequence[Record]) -> list[str]:
     """Return notes on the bags for the user."""
-    unused = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
+    found = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
+    found += dict.fromkeys(f'{record.bag}: {note}' for record in seen for note in record.notes)
     by_bag: dict[str, list[str]] = {}
     for record in seen:
         by_bag.setdefault(record.bag, []).extend(record.joints)
     sets = {tuple(sorted(joints)) for joints in by_bag.values()}
     if len(sets) < 2:
-        return unused
-    return unused + [
+        return found
+    return found + [
         'the bags have different joints ('
         + '; '.join(', '.join(joints) for joints in sorted(sets))
         + '): every joint has the same weight; --joint selects one, --per-joint tunes each '

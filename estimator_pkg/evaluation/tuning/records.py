@@ -36,7 +36,7 @@ class Record:
     label : the joint; '' if there is no choice. seen : data of the search; it knows no joint if
     there is nothing to tune on. held_out : data for validation. quanta : of the readings, by joint
     [rad]; 0: not quantised. cautions : what limits a judgement without truth. why : why there is
-    nothing to tune on; '' otherwise.
+    nothing to tune on; '' otherwise. notes : on the truth.
     """
 
     bag: str
@@ -46,6 +46,7 @@ class Record:
     quanta: dict[str, float]
     cautions: tuple[str, ...]
     why: str = ''
+    notes: tuple[str, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -109,6 +110,7 @@ def records(
                 if seen is not None
                 else '; '.join(reasons)
                 or f'fewer than {SHORTEST} samples with a truth, too few for tuning',
+                true.notes,
             )
         )
     if not found:

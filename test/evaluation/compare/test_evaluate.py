@@ -15,6 +15,8 @@ import pytest
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import text
+from estimator_pkg.evaluation.reference.late import common_lag
+from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers import DEFAULT
 
@@ -242,7 +244,7 @@ def late_reference(tmp_path_factory):
 
 
 def test_the_reference_is_held_against_the_position(late_reference, tmp_path, capsys):
-    found = evaluate(tmp_path, late_reference)['bags'][late_reference]
+    found = evaluate(tmp_path, late_reference, '--no-correct-reference')['bags'][late_reference]
     assert found['reference']['a']['lag_s'] == pytest.approx(0.002, abs=1e-5)
     assert found['reference']['a']['bias'] == pytest.approx(-0.05, abs=2e-3)
     joint = found['estimates'][ESTIMATE]['joints']['a']
@@ -252,7 +254,63 @@ def test_the_reference_is_held_against_the_position(late_reference, tmp_path, ca
     assert 'lag 2.00 +- ' in capsys.readouterr().out
 
 
-def test_the_reference_is_corrected_only_when_asked(late_reference, tmp_path):
+@pytest.mark.long
+def test_a_truth_that_is_certainly_late_is_shifted(late_reference, tmp_path, capsys):
+    found = evaluate(tmp_path, late_reference)['bags'][late_reference]
+    joint = found['estimates'][ESTIMATE]['joints']['a']
+    assert abs(joint['velocity']['delay_s']) < 2e-5
+    assert joint['velocity']['bias'] == pytest.approx(0.05, abs=5e-3)  # not removed
+    assert 'the truth is 2.00 +- ' in ' '.join(found['notes'])
+    assert '--no-correct-reference' in ' '.join(capsys.readouterr().out.split())
+    stamps = stamps_of(8.0)
+    early = write_bag(  # the sensor is late, and so is every estimate
+        tmp_path / 'early',
+        {
+            MEASUREMENT: measured(stamps, late=0.002),
+            TRUTH: true(stamps),
+            ESTIMATE: estimated(stamps, late=0.002),
+        },
+    )
+    found = evaluate(tmp_path, early)['bags'][early]
+    assert found['notes'] == []
+    joint = found['estimates'][ESTIMATE]['joints']['a']
+    assert joint['velocity']['delay_s'] == pytest.approx(0.002, abs=2e-5)
+
+
+def test_a_lag_is_removed_only_if_it_is_significant_and_common():
+    def known(lag, stddev):
+        return Reference(lag, stddev, 0.0, 1e-3, 1.0, 1e-3, 0.1, 0.1)
+
+    assert common_lag({'a': known(1e-3, 1e-5), 'b': known(1.01e-3, 1e-5)}).lag == pytest.approx(
+        1.005e-3
+    )
+    assert common_lag({'a': known(1e-3, 1e-5), 'b': known(2e-3, 1e-5)}) is None
+    assert common_lag({'a': known(1e-3, 4e-4)}) is None
+    assert common_lag({'a': known(-1e-3, 1e-5)}) is None
+    assert common_lag({'a': known(5e-5, 1e-6)}) is None
+    assert common_lag({'a': known(1e-3, 1e-5), 'b': known(math.nan, math.nan)}) is not None
+
+
+@pytest.mark.long
+def test_the_verdict_on_a_late_truth_is_that_of_the_readings(tmp_path):
+    """The drives of this recording report the velocity 1 ms late."""
+    bag = str(BAGS / 'dfki_double_pendulum/trajectory_665hz')
+    names = '--observer', 'edge_adaptive', '--observer', 'finite_difference'
+
+    def better(*words):
+        found = evaluate(tmp_path, bag, *names, *words)['bags'][bag]['estimates']
+        return {
+            joint: found['edge_adaptive']['joints'][joint]['velocity']['rms']
+            < found['finite_difference']['joints'][joint]['velocity']['rms']
+            for joint in ('shoulder', 'elbow')
+        }
+
+    by_readings = better('--reference', 'smoother')
+    assert better() == by_readings
+    assert better('--no-correct-reference') != by_readings
+
+
+def test_the_reference_is_corrected_when_asked(late_reference, tmp_path):
     found = evaluate(tmp_path, late_reference, '--correct-reference')['bags'][late_reference]
     joint = found['estimates'][ESTIMATE]['joints']['a']
     assert joint['velocity']['rms'] < 3e-3
