@@ -6,12 +6,25 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 from estimator_pkg.printable import printable
 
 WIDTH = 80  # columns of a terminal
 SHORTEST = 9  # names are cut to this length at most
+
+
+def wrapped(line: str, width: int = WIDTH) -> list[str]:
+    """Return a sentence as lines of at most `width` columns; a longer word keeps its own line."""
+    lead = line[: len(line) - len(line.lstrip())]
+    return textwrap.wrap(
+        printable(line),
+        width,
+        subsequent_indent=f'{lead}  ',
+        break_long_words=False,
+        break_on_hyphens=False,
+    ) or ['']
 
 
 def number(value: float | None, digits: int = 4) -> str:

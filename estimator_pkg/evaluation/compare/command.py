@@ -33,6 +33,7 @@ from estimator_pkg.evaluation.options import (
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import FullData
 from estimator_pkg.evaluation.report.page import Report
+from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import printable, show
@@ -189,10 +190,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                     if page is not None:
                         findings = page.add(comparison)
                         result[comparison.bag]['findings'] = findings
-                        lines = text.split('\n')
-                        show(
-                            *(f'- {each}' for each in findings if printable(each) not in lines), ''
-                        )
+                        said = ' '.join(text.split())
+                        new = [each for each in findings if printable(each) not in said]
+                        show(*(line for each in new for line in wrapped(f'- {each}')), '')
                     if parsed.plot:
                         drawn.append(comparison)
                 if interrupts.came() and len(result) < len(bags):

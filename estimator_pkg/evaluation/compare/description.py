@@ -11,8 +11,7 @@ from estimator_pkg.evaluation.compare.comparison import ROUNDING, Comparison
 from estimator_pkg.evaluation.compare.truth import SMOOTHED
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
-from estimator_pkg.evaluation.text import WIDTH, error, fixed, number, table
-from estimator_pkg.printable import printable
+from estimator_pkg.evaluation.text import WIDTH, error, fixed, number, table, wrapped
 
 HEADER = (
     'estimate',
@@ -40,7 +39,8 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
     ----------
     wide : all columns; else those that fit 80.
     """
-    lines = [f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, at zero shift']
+    head = f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, at zero shift'
+    lines: list[str] = []
     rows, remarks = [], []
     for row in comparison.rows:
         v = row.velocity
@@ -80,7 +80,7 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
             (*row[:-1], str(sum(each.samples['dropped'].values())))
             for row, each in zip(cells, comparison.rows)
         ]
-    lines += table(columns, cells, left=2, width=None if wide else WIDTH).split('\n')
+    shown = table(columns, cells, left=2, width=None if wide else WIDTH)
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the error is below the reference's own error")
     for joint, verdict in comparison.verdicts.items():
@@ -98,7 +98,8 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
             removed = comparison.corrected[joint]
             bias = f', bias {removed["bias"]:.4f} rad/s' if removed['bias'] else ''
             lines.append(f'  removed: lag {_ms(removed["lag_s"]):.2f} ms{bias}')
-    return '\n'.join(map(printable, lines + remarks + list(comparison.notes)))
+    said = [each for line in lines + remarks + list(comparison.notes) for each in wrapped(line)]
+    return '\n'.join([*wrapped(head), shown, *said])
 
 
 def describe_smoother(smoothed: Smoothed, own: float) -> str:

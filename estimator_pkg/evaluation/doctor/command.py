@@ -24,6 +24,7 @@ from estimator_pkg.evaluation.doctor.choice import candidates, choose
 from estimator_pkg.evaluation.doctor.examine import examine, readings, setup
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import check_joints, joint_arguments
+from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.messages.joint_state import TYPE
@@ -108,7 +109,8 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     choice = choose(
         {each.readings.name: each.answer for each in examined if each.answer is not None}
     )
-    show(f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}', '')
+    head = f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}'
+    show(*wrapped(head), '')
     print(report.text(examined, choice))
     if not parsed.set and parsed.wrap_period != 2.0 * math.pi:
         settings = {'wrap_period': parsed.wrap_period}

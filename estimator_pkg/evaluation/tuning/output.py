@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import params_file, streams, yaml_text
-from estimator_pkg.evaluation.text import WIDTH, number, table
+from estimator_pkg.evaluation.text import WIDTH, number, table, wrapped
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
-from estimator_pkg.printable import printable
 from estimator_pkg.yaml_text import scalar
 
 HEADER = ('joint', '', 'gains', 'error', 'delay ms', 'noise', 'cost')  # [rad/s]
@@ -74,7 +73,7 @@ def as_yaml(
     ]
     for each in tuned:
         about += _origin(each, held_out)
-    lines = [yaml_text.comment(line) for line in about]
+    lines = [yaml_text.comment(each) for line in about for each in wrapped(line, WIDTH - 2)]
     lines += ['/**:', '  ros__parameters:']
     if 'observer' in declared(stream.SETTINGS):
         lines.append(f'    observer: {scalar(observer)}')
@@ -97,6 +96,18 @@ def as_yaml(
     if lines[-1] == '  ros__parameters:':
         lines[-1] += ' {}'
     return '\n'.join(lines) + '\n'
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    """Return the rows as a table; gains that do not fit it have lines of their own below."""
+    whole = table(HEADER, rows, left=3)
+    if max(map(len, whole.split('\n'))) <= WIDTH:
+        return whole
+    gains = HEADER.index('gains')
+    narrow = [[*row[:gains], *row[gains + 1 :]] for row in [HEADER, *rows]]
+    below = [f'{row[0]}, {row[1]}: {row[gains]}' for row in rows if row[gains]]
+    lines = [each for line in below for each in wrapped(line)]
+    return '\n'.join([table(narrow[0], narrow[1:], left=2, width=WIDTH), *lines])
 
 
 def _about(gain: Parameter) -> str:
@@ -194,10 +205,8 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
         judged = 'held-out data'
     else:
         judged = 'the data of the search: nothing was held out'
-    lines = [
-        f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials [rad/s]',
-        *table(HEADER, rows, left=3, width=WIDTH).split('\n'),
-    ]
+    head = f'on {judged}, after {sum(each["evaluations"] for each in tuned)} trials [rad/s]'
+    lines: list[str] = []
     for each in tuned:
         of = each['joint'] or 'all joints'
         lines += [
@@ -207,4 +216,5 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
         lines += [f'{of}: {text}' for text in founded(each)]
     if any(each['interrupted'] for each in tuned):
         lines.append('interrupted: these are the best gains so far')
-    return '\n'.join(map(printable, [*lines, *notes]))
+    said = [each for line in [*lines, *notes] for each in wrapped(line)]
+    return '\n'.join([head, _table(rows), *said])

@@ -155,7 +155,8 @@ def test_truth_at_other_stamps_is_interpolated_and_said_so(tmp_path, capsys):
         'unmatched': 501,
     }
     assert joint['velocity']['max_abs'] < 3e-4
-    assert '1499 have an interpolated truth, 501 none' in capsys.readouterr().out
+    out = ' '.join(capsys.readouterr().out.split())
+    assert '1499 have an interpolated truth, 501 none' in out
 
 
 def test_samples_are_counted_by_kind(tmp_path):
@@ -400,7 +401,7 @@ def test_without_truth_the_estimates_are_ranked(tmp_path, capsys):
     assert verdict['best'] == ESTIMATE and verdict['ties'] == []
     assert verdict['rms'][other] == pytest.approx(2.0, rel=0.15)
     assert verdict['pairs'][0]['sign'] == 1
-    out = capsys.readouterr().out
+    out = ' '.join(capsys.readouterr().out.split())
     for sentence in verdict['sentences']:
         assert sentence in out
     assert f'{ESTIMATE} is better than {other} (95 %).' in out

@@ -1,0 +1,75 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What evaluate, doctor and tune print fits 80 columns, and no number is broken."""
+
+from pathlib import Path
+
+import pytest
+
+from estimator_pkg.cli import main
+from estimator_pkg.evaluation.text import WIDTH, wrapped
+from estimator_pkg.evaluation.tuning import output
+
+BAGS = Path(__file__).resolve().parents[2] / 'bags'
+YAW = '/vicon/Group466CF/Group466CF/pose:pose.orientation.yaw'
+EVERY = [
+    (str(path.relative_to(BAGS).parent), ()) for path in sorted(BAGS.glob('dfki_*/*/metadata.yaml'))
+] + [
+    ('simulated/random_with_faults', ()),
+    ('simulated/sine_12bit', ()),
+    ('vicon/flybag', ('--angle', YAW)),
+    ('vicon/yawbag', ('--angle', YAW)),
+    ('vicon/yx2bag', ('--angle', YAW)),
+]
+SMALL = ('dfki_simple_pendulum/system_identification_300hz', 'vicon/yawbag')
+
+
+def narrow(text):
+    """Lines that do not fit; one word may, such as a path."""
+    return [line for line in text.splitlines() if len(line) > WIDTH and ' ' in line.strip()]
+
+
+def commands(bag, words, out):
+    yield ['evaluate', bag, *words, *(['--observer', 'kalman', '--observer', 'pll'])]
+    yield ['doctor', bag, *words]
+    few = '--trials', '2', '--out', str(out)
+    yield ['tune', bag, *words, '--observer', 'hybrid_angle', *few]
+
+
+def fits(bag, words, tmp_path, capsys):
+    for command in commands(str(BAGS / bag), words, tmp_path / 'gains.yaml'):
+        assert main(command) == 0
+        assert narrow(capsys.readouterr().out) == []
+    text = (tmp_path / 'gains.yaml').read_text()
+    assert [line for line in narrow(text) if line.startswith('#')] == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('bag', SMALL)
+def test_every_line_fits(bag, tmp_path, capsys):
+    fits(bag, dict(EVERY)[bag], tmp_path, capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('bag, words', [each for each in EVERY if each[0] not in SMALL])
+def test_every_line_of_every_bag_fits(bag, words, tmp_path, capsys):
+    fits(bag, words, tmp_path, capsys)
+
+
+def test_a_sentence_is_wrapped_between_words():
+    text = '  joint: the truth is 1.02 +- 0.05 ms later ' + 'than the positions ' * 5
+    lines = wrapped(text, 40)
+    assert max(map(len, lines)) <= 40 and ' '.join(' '.join(lines).split()) == text.strip()
+    assert lines[0].startswith('  j') and lines[1].startswith('    ')
+    assert wrapped('x' * 100, 40) == ['x' * 100]
+    assert wrapped('') == ['']
+
+
+def test_gains_that_do_not_fit_the_table_are_below_it():
+    gains = ', '.join(f'gain_{i} {i}.25' for i in range(6))
+    rows = [('all joints', 'tuned', gains, '0.1', '0.2', '0.3', '0.4')]
+    lines = output._table(rows).split('\n')
+    assert max(map(len, lines)) <= WIDTH
+    assert lines[1].split() == ['all', 'joints', 'tuned', '0.1', '0.2', '0.3', '0.4']
+    assert gains in ' '.join(' '.join(lines[2:]).split())
