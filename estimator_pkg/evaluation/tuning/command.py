@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,90 +25,15 @@ from estimator_pkg.evaluation.options import (
     Options,
     joint_arguments,
 )
-from estimator_pkg.evaluation.report.plot import check, save
-from estimator_pkg.evaluation.tuning import command as picture
-from estimator_pkg.evaluation.tuning import live, output
+from estimator_pkg.evaluation.report.plot import check
+from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
-from estimator_pkg.evaluation.tuning.seek import kept, seek
+from estimator_pkg.evaluation.tuning.seek import COMPILE_FROM, kept, seek
 from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
-from estimator_pkg.printable import drawn, show
+from estimator_pkg.printable import show
 from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES, FIELD
-
-
-def front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Return the Pareto front: indices of (delay, noise) that no other beats in both, by delay."""
-    order = sorted(range(len(points)), key=lambda i: (abs(points[i][0]), points[i][1]))
-    kept: list[int] = []
-    for i in order:
-        if not kept or points[i][1] < points[kept[-1]][1]:
-            kept.append(i)
-    return kept
-
-
-def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
-    """Draw every trial, the Pareto front of noise against delay, and the chosen gains.
-
-    Raises
-    ------
-    UserError : the plot cannot be written.
-    """
-    check(path)
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.5 * len(tuned), 4.8), layout='constrained')
-    axes = figure.subplots(1, len(tuned), squeeze=False)[0]
-    for axis, each in zip(axes, tuned):
-        known = [(values, cost, point) for values, cost, point in each['trials'] if point]
-        points = [point for _, _, point in known]
-        delays = [point[0] * 1e3 for point in points]
-        noises = [point[1] for point in points]
-        axis.scatter(delays, noises, s=14, color='0.65', label='tried')
-        chosen = front(points)
-        axis.plot(
-            [delays[i] for i in chosen],
-            [noises[i] for i in chosen],
-            '-o',
-            markersize=4,
-            color='tab:blue',
-            label='Pareto front',
-        )
-        _, _, best = min(each['trials'], key=lambda trial: trial[1], default=(None, 0.0, None))
-        if best:
-            axis.scatter(
-                [best[0] * 1e3],
-                [best[1]],
-                s=130,
-                marker='*',
-                color='tab:red',
-                zorder=5,
-                label='chosen',
-            )
-        if each['default_point']:
-            late, noise = each['default_point']
-            axis.scatter(
-                [late * 1e3],
-                [noise],
-                s=50,
-                marker='s',
-                facecolors='none',
-                edgecolors='black',
-                zorder=4,
-                label='defaults',
-            )
-        axis.set_xlabel('delay [ms]')
-        axis.set_ylabel('noise [rad/s rms]')
-        if noises and min(noises) > 0.0:
-            axis.set_yscale('log')
-        if not points:
-            axis.text(0.5, 0.5, 'the motion shows no delay', ha='center', transform=axis.transAxes)
-        axis.set_title(drawn(f'{observer}: {each["joint"] or "all joints"}'))
-        axis.grid(alpha=0.3)
-        if points:
-            axis.legend(fontsize='small')
-    save(figure, path)
-
 
 TRIALS = 40
 
@@ -129,7 +54,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NODE',
         help='set the gains on this running node (default: set nothing)',
     )
-    parser.add_argument('--observer', required=True, metavar='NAME', help='observer to tune')
+    parser.add_argument(
+        '--observer',
+        metavar='NAME',
+        help='observer to tune (default: the best linear one; the file has it if it is then '
+        'better than the default observer as it is. For currents and voltages: pmsm)',
+    )
     parser.add_argument('--out', required=True, metavar='YAML', help='parameter file to write')
     parser.add_argument(
         '--prefer',
@@ -240,11 +170,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Search, validate on held-out data, write; return the results."""
+    any_linear = parsed.observer is None and _usual(parsed) == any_observer.DEFAULT
     tuning = tune_settings(parsed)
     out = Path(parsed.out)
     destination.check(out)
     if parsed.plot:
-        picture.check(parsed.plot)
+        check(parsed.plot)
     options = Options(
         parsed.measurement,
         parsed.truth,
@@ -278,8 +209,16 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
         seen, judged = of(parsed.bags, held_out), of(parsed.judge, 0.0)
         _check_apart(seen, judged)
+        groups = _groups(seen, tuning, parsed.per_joint)
+        usable = [record for record in seen if not record.why]
+        fast = sum(each.seen.recording.size() for each in usable) * parsed.trials >= COMPILE_FROM
+        any_linear = any_linear and bool(usable)
+        if any_linear:
+            parsed.observer = any_observer.best_linear(usable, tuning, fast)
+            tuning = tune_settings(parsed)
+            show(f'{parsed.observer} is the best linear observer here: it is tuned')
         tuned = []
-        for joint, chosen in _groups(seen, tuning, parsed.per_joint).items():
+        for joint, chosen in groups.items():
             name = f'{parsed.study}/{joint}' if joint else parsed.study
             try:
                 fit = [record for record in chosen if not record.why]
@@ -306,29 +245,54 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 break
             if tuned[-1]['interrupted']:
                 break
-    notes = _notes(seen)
-    print(output.describe(tuned, notes))
+        sought, chosen_results = parsed.observer, tuned
+        notes = _notes(seen)
+        if any_linear:
+            replaces, results = any_observer.against_default(tuned, groups, judged, tuning, fast)
+            for each in tuned:
+                each['against'] = results.get(each['joint'], '')
+            if not replaces:
+                parsed.observer = any_observer.DEFAULT
+                tuning = tune_settings(parsed)
+                tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
+                notes.append(f'the file has {parsed.observer} as it is')
+    print(output.describe(chosen_results, notes))
     destination.write_text(
         out, output.as_yaml(tuning, _held(parsed, tuning, seen[0].bag), tuned, held_out)
     )
     show(f'gains: {out}')
     if parsed.plot:
-        picture.draw(tuned, parsed.plot, parsed.observer)
+        picture.draw(chosen_results, parsed.plot, sought)
         show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
         values = output.node_values(tuned)
         changed = live.apply(parsed.apply, values, tuning.gains) if values else []
         show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
-    for each in tuned:
+    for each in chosen_results:
         each.pop('trials')
     return {
         'observer': parsed.observer,
+        'sought': sought,
         'preference': tuning.preference,
         'out': str(out),
         'notes': notes,
         'left_out': {each.path: each.why for each in left_out},
-        'tuned': tuned,
+        'tuned': chosen_results,
     }
+
+
+def _usual(parsed: argparse.Namespace) -> str:
+    """Set the observer that is not named, and return it; raise UsageError."""
+    if parsed.search or parsed.params or parsed.apply:
+        raise UsageError(
+            '--search, --params and --apply are for one observer: name it with --observer'
+        )
+    bags = expanded(parsed.bags) if parsed.bags else []
+    named = bags and not (parsed.angle or parsed.measurement)
+    parsed.observer = (
+        any_observer.usual(bags[0].path, parsed.unpack_limit) if named else any_observer.DEFAULT
+    )
+    return str(parsed.observer)
 
 
 def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:

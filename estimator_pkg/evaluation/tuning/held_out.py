@@ -50,17 +50,25 @@ def compared(
     gains: Mapping[str, Any],
     weights: Weights,
     fast: bool,
+    other: str = '',
 ) -> Compared | None:
     """Return the comparison over these parts; None if the gains or the defaults do not work.
 
     The squared errors are weighted as the costs, and every joint counts in units of its defaults.
     Both references must agree where there are two.
+
+    Parameters
+    ----------
+    other : the observer whose defaults are compared; '': the same.
     """
     found: list[list[tuple[Array, Array]]] = [[], []]
     highest = math.nan
     for part in parts:
         try:
-            ran = [part.recording.run(observer, values, fast) for values in (gains, {})]
+            ran = [
+                part.recording.run(observer, gains, fast),
+                part.recording.run(other or observer, {}, fast),
+            ]
         except UserError:
             return None
         for joint, known in part.known.items():

@@ -169,6 +169,8 @@ def founded(each: Mapping[str, Any]) -> list[str]:
             'Judged without ground truth.',
             f'This rests on motion up to {hz} Hz. If the joint is slower, set --motion-hz.',
         ]
+    if each.get('against'):
+        found.append(f'{each["against"]}.')
     return found + [text[:1].upper() + text[1:] + '.' for text in each['cautions']]
 
 

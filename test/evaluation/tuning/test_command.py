@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,8 +25,8 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.evaluation.compare.many import expanded
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.tuning import command
-from estimator_pkg.evaluation.tuning import command as picture
+from estimator_pkg.evaluation.tuning import any_observer, command, picture
+from estimator_pkg.evaluation.tuning.held_out import Compared
 from estimator_pkg.evaluation.tuning.objective import (
     PREFERENCES,
     Known,
@@ -572,6 +573,53 @@ def test_gains_are_written_where_they_beat_the_defaults_on_held_out_data(tmp_pat
     assert slower['tuned'][0]['tried']['bandwidth_hz'] < each['tried']['bandwidth_hz']
 
 
+@pytest.mark.long
+def test_without_a_name_the_better_of_the_tuned_and_the_default_observer_is_written(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(any_observer, 'DEFAULT', 'finite_difference')
+    bag = write_bag(tmp_path / 'bag', {'a': 12.0}, truth=False, counts=65536, seconds=4.0)
+    found, out = tuned(tmp_path, bag, '--trials', '4')
+    assert found['observer'] == found['sought'] != 'finite_difference'
+    assert params_file.load(out)['observer'] == found['observer']
+    said = ' '.join(capsys.readouterr().out.split())
+    assert f'{found["sought"]} is the best linear observer here' in said
+    assert 'is better than finite_difference, the default observer, as it is (95 %)' in said
+    text = ' '.join(out.read_text().replace('#', '').split())
+    assert 'is better than finite_difference, the default observer' in text
+
+    monkeypatch.setattr(any_observer, 'DEFAULT', 'edge_adaptive')
+    found, out = tuned(tmp_path, bag, '--trials', '4')
+    assert found['sought'] != found['observer'] == any_observer.DEFAULT
+    assert params_file.load(out)['observer'] == any_observer.DEFAULT
+    assert f'the file has {any_observer.DEFAULT} as it is' in found['notes']
+
+    still = write_bag(tmp_path / 'still', {'a': 0.001}, truth=True, seconds=4.0)
+    found, out = tuned(tmp_path, still, '--trials', '2')
+    assert found['observer'] == any_observer.DEFAULT
+
+
+def test_without_a_name_only_a_better_observer_replaces_the_default(monkeypatch):
+    signs = {'a': 1, 'b': 0, 'c': -1}
+    record = SimpleNamespace(why='', held_out=None, seen=None, label='')
+    tuning = SimpleNamespace(entry=SimpleNamespace(observer='kalman'), weights=None)
+
+    def replaces(*joints, point=(0.0, 0.0)):
+        order = iter(joints)
+        monkeypatch.setattr(
+            any_observer,
+            'compared',
+            lambda *_: Compared(signs[next(order)], 10.0, 1.0, 5.0),
+        )
+        each = [{'joint': joint, 'gains': {}, 'default_point': point} for joint in joints]
+        groups = {joint: [record] for joint in joints}
+        return any_observer.against_default(each, groups, [], tuning, False)[0]
+
+    assert replaces('a') and replaces('a', 'b')
+    assert not replaces('b') and not replaces('a', 'c')
+    assert not replaces('a', point=None)  # nothing shows a delay
+
+
 def test_a_wrong_motion_hz(tmp_path, bag, capsys):
     out = str(tmp_path / 'g.yaml')
     line = fails(capsys, bag, '--observer', 'pll', '--out', out, '--motion-hz', '-1', code=2)
@@ -588,6 +636,7 @@ def test_a_wrong_motion_hz(tmp_path, bag, capsys):
         (('--observer', 'pll', '--weights', '1,2'), 'three numbers'),
         (('--observer', 'pll', '--held-out', '1'), '--held-out'),
         (('--observer', 'pll', '--jobs', '0'), '--jobs'),
+        (('--search', 'bandwidth_hz=1:2'), 'name it with --observer'),
     ],
 )
 def test_wrong_use(bag, tmp_path, capsys, words, text):
