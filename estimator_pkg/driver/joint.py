@@ -25,6 +25,7 @@ from estimator_pkg.driver.guard import (
     GuardSettings,
     limits,
 )
+from estimator_pkg.driver.sensor_map import FIELDS, make_mapped, what_is_learnt
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
@@ -63,6 +64,24 @@ class JointSettings(GuardSettings):
         unit='',
         structural=True,
         description='count turns from the first sample and publish a multi-turn position',
+    )
+
+
+NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
+
+
+@dataclass(frozen=True)
+class AngleJointSettings(JointSettings):
+    """Parameters per joint of observers that take single angles."""
+
+    sensor_map: str = parameter(
+        NONE,
+        unit='',
+        choices=(NONE, LEARN),
+        structural=True,
+        description='learn: errors of the sensor that repeat each turn (eccentricity, misplaced '
+        'edges, edges that come late) are learnt while the joint turns, and taken out of its '
+        'readings where that is proven to help',
     )
 
 
@@ -111,7 +130,8 @@ class Joint:
             and twin.gains == gains
             and all(
                 getattr(twin.settings, name) == getattr(self.settings, name)
-                for name in ('wrap_period', 'unwrap')
+                for name in ('wrap_period', 'unwrap', 'sensor_map')
+                if hasattr(self.settings, name)
             )
         ):
             for name in SHARED:
@@ -123,6 +143,8 @@ class Joint:
         )
         period = self.settings.wrap_period if self.observer.kind == 'angle' else None
         track = make_track(self.functions, period)
+        if period and getattr(self.settings, 'sensor_map', NONE) == LEARN:
+            track = make_mapped(track, period, _quantum(gains))
         self._blank, self._advance, self._read, self._deviation = track
         self._batch = batches.make_batch(track)
         self._design = self.functions.design()
@@ -153,7 +175,10 @@ class Joint:
 
         The caller must ensure that no structural parameter changes.
         """
+        quantum = _quantum(self.gains)
         self._structure(gains)
+        if _quantum(gains) != quantum:  # another sensor: its map is another one
+            self._track = self._track[:FIELDS] + self._blank(self._design)[FIELDS:]
         # no sample time is 0 ns, so the next sample computes the coefficients anew
         self._track = replaced(self._track, dt_ns=0)
 
@@ -316,7 +341,7 @@ class Joint:
             said = self.functions.why(self.state, self._design)
         if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
             return 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
-        return said
+        return said or what_is_learnt(self._track)
 
     def _repeating(self) -> str:
         """Return a note on repeated readings; '' without any."""
@@ -330,6 +355,11 @@ class Joint:
 
     def _count_new_starts(self) -> int:
         return sum(self.counts[verdict] for verdict in NEW_STARTS)
+
+
+def _quantum(gains: Any) -> float:
+    """Return the quantum that gains declare [rad]; 0: none is known."""
+    return float(getattr(gains, 'quantum', 0.0) or 0.0)
 
 
 def _shape(state: Any) -> Any:

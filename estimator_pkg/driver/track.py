@@ -62,8 +62,9 @@ def field_of(name: str) -> Callable[[tuple], Any]:
 
 
 def replaced(track: tuple, **fields: Any) -> tuple:
-    """Return the track with other values of these fields."""
-    return tuple(Track(*track)._replace(**fields))
+    """Return the track with other values of these fields; further ones stay."""
+    count = len(Track._fields)
+    return tuple(Track(*track[:count])._replace(**fields)) + track[count:]
 
 
 def newest(track: tuple) -> tuple[int, tuple, tuple]:

@@ -454,6 +454,8 @@ def _make_output(
         inner, convention, (change, since, smallest, recent), _, (status, _, _, _), _, _ = state
         position, velocity, acceleration = estimate(inner)
         if since > 0.0 and design.low_speed_bound > 0.0:
+            if known_input > 0.0:  # the cell is so much larger than a quantum
+                change += known_input
             reading = (change, since, smallest, recent)
             velocity = clamped(velocity, inner, reading, coefficients, design)
         return (present(convention, position, period, unwrap), velocity, acceleration, status)

@@ -54,6 +54,7 @@ from estimator_pkg.observers.angle.edge.sensor import (
     Steps,
     agreement,
     begin_sensor,
+    counted_as,
     first_step,
     follow_noise,
     follow_sensor,
@@ -368,10 +369,16 @@ def update(
     return True, shift, p, listening, sensor
 
 
-def fastest(sensor: Sensor) -> float:
-    """Return the largest speed [rad/s] that an unchanged reading allows."""
+def fastest(sensor: Sensor, excess: float) -> float:
+    """Return the largest speed [rad/s] that an unchanged reading allows.
+
+    Parameters
+    ----------
+    excess : by how much the present cell is larger than a quantum [rad]; below 0: smaller.
+    """
     quantum, noise, _, _, _, _, change, since, _, _, _ = sensor
-    return ((change if change > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(noise)) / since
+    way = (change if change > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(noise)
+    return (way + excess if excess > 0.0 else way) / since
 
 
 def why(state: tuple, design: Any) -> str:
@@ -462,20 +469,26 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 change += jump
                 steps = (smallest, candidate, shown, least, left, finer, 0.0)
             _, to_settle, since = doubt
-        # the search for the quantum
-        first = False
-        if change != 0.0 and shows_quantum(steps, change, size, rested, quantum):
+        # the search for the quantum: in the readings as they came, without a correction
+        first, counted = False, change + known_input
+        if change != 0.0 and shows_quantum(steps, counted, size, rested, quantum):
             first = low == high
             extent = abs(measurement) + abs(last)
             least = ROUNDING * extent if first and design.quantum == 0.0 else RESIDUE * quantum
-            if -least <= change <= least or -FINEST < change < FINEST:
+            if -least <= counted <= least or -FINEST < counted < FINEST:
                 measurement, change, first = last, 0.0, False  # residue: the reading before is used
             else:
-                steps = follow_steps(steps, change, size, rested, extent, design.quantum, scatter)
+                steps = follow_steps(steps, counted, size, rested, extent, design.quantum, scatter)
                 used, quantum = quantum, quantum_of(steps, design.quantum)
                 if quantum != used:
                     p, band, sensor = rescaled(p, band, sensor, quantum, first)
         sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
+        excess = 0.0  # of the cell over a quantum
+        if known_input != 0.0:
+            if change != 0.0:
+                sensor = counted_as(sensor, counted)
+            elif known_input > 0.0:
+                excess = known_input
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         convention = follow(convention, measurement, period)
         status, count, astray = lock
@@ -551,7 +564,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         # most readings are plainly no news: no edge, and none was expected
         elif ahead > half or ahead < -half or off > half or off < -half or 12.0 * p00 > square:
             edges = math.sqrt(noise)
-            worth = interval(off, ahead, quantum, p00, edges, SIGMAS * edges)
+            worth = interval(off, ahead, quantum, p00, edges, SIGMAS * edges + excess)
             kind, _, _ = worth
         if kind != NOTHING:
             believed, (dx, dv, da), p, band, sensor = update(
@@ -604,7 +617,7 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
         (x, v, a, _), _, _, sensor, _, convention, (status, _, _), _, _, _ = state
         _, _, _, _, _, _, _, since, _, _, _ = sensor
         if since > 0.0:
-            most = fastest(sensor)
+            most = fastest(sensor, known_input)
             v = most if v > most else -most if v < -most else v
         return (present(convention, x, period, unwrap), v, a, status)
 
@@ -639,7 +652,7 @@ def _make_stddev(period: float) -> Callable[..., tuple[float, float]]:
             variance += bent(12.0 * (floor + noise), since)
         sigma = math.sqrt(variance)
         if unchanged > 0.0:
-            most = fastest(sensor)
+            most = fastest(sensor, 0.0)
             sigma = most if sigma > most else sigma
         return math.sqrt(p00 + floor if p00 > 0.0 else floor), sigma
 

@@ -91,6 +91,12 @@ def with_noise(sensor: Sensor, noise: float) -> Sensor:
     return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
 
 
+def counted_as(sensor: Sensor, step: float) -> Sensor:
+    """Return the sensor with its last step [rad] as read, where the reading was corrected."""
+    quantum, noise, scatter, residual, corrected, dt, _, since, bend, lasting, pace = sensor
+    return (quantum, noise, scatter, residual, corrected, dt, abs(step), since, bend, lasting, pace)
+
+
 def paced(sensor: Sensor, pace: float) -> Sensor:
     """Return the sensor with another mean sample time [s]."""
     quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, _ = sensor

@@ -1,0 +1,213 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sensor errors that repeat each turn: learnt, and taken out of the readings (`sensor_map: learn`).
+
+An eccentric magnet, misplaced Hall sensors and bad encoder lines make the readings wrong by an
+error that depends on the angle alone. The turn is divided by marks: the edges of a coarse sensor,
+or 32 to 64 angles of a fine one. A shaft that turns steadily passes a mark too late or too early
+by its error. The time of a whole turn has no such error, because it begins and ends at the same
+mark. So the speed between two marks is taken from the turn around them, and
+
+    error of a mark = sum over the marks before it of (speed x time between marks - their distance)
+
+with mean 0 over the turn. The errors are averaged over turns. An edge that comes late by a constant
+time has an error in proportion to the speed, so each edge of a coarse sensor has two numbers per
+direction: error = a + b x speed.
+
+Each turn is first predicted from those before it. Its readings are corrected only where this leaves
+less than half of the mean square error, in several turns in a row. Noise does not repeat and never
+passes; neither does a joint that does not turn. The corrections come and go over a turn, mark by
+mark on the far side of the shaft, so that the corrected reading does not jump.
+
+A cogging torque makes the speed itself repeat each turn. At one speed nothing tells it from an
+error of the sensor. At another one it does: it shrinks with the square of the speed, so what was
+learnt predicts no turn any more. It is dropped then, and as much proof again is required.
+
+The functions are those of `track` for a joint with a map, whose track has two fields more: `place`
+is what each sample needs, and the memory of `sensor_marks`. Angles are in rad, times in s.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from estimator_pkg.driver.guard import DUPLICATE, USED
+from estimator_pkg.driver.sensor_marks import (
+    CELL,
+    COARSE,
+    GIVEN,
+    HEADING,
+    IN_USE,
+    KIND,
+    MARKS,
+    QUANTUM,
+    SPEED,
+    TURN,
+    UNIT,
+    USED_A,
+    USED_B,
+    A,
+    B,
+    Memory,
+    begin,
+    blank_memory,
+    follow,
+    interrupt,
+    refined,
+    turned,
+)
+from estimator_pkg.driver.track import Track, TrackFunctions
+from estimator_pkg.observers.circle import wrap
+
+LARGEST = 1e9  # [rad] no reading is larger
+NEAR = 0.1  # of a turn: so near to its interval's end is a reading that wraps
+FIELDS = len(Track._fields)  # of a track without a map
+
+# low: lower end of the cell between two marks that contains the reading; size of the cell; error at
+# its lower end, and slope over it; the newest reading, and its correction; interval of readings
+# that wrap; by how much the angles of the reading reach further than a quantum
+Place = tuple[float, float, float, float, float, float, float, float, float]
+NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0)
+
+
+def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[float, float, float]:
+    """Return the error at the lower end of a cell, its slope, and the excess over a quantum.
+
+    A coarse sensor's reading has the error of the edge that brought it.
+    """
+    course, pace, _, _, tables, _, _ = memory
+    kind, marks = course[KIND], course[MARKS]
+    if marks == 0:
+        return 0.0, 0.0, 0.0
+    here, beyond = cell % marks, (cell + 1) % marks
+    if kind == COARSE:
+        table = 1 if heading < 0 else 0
+        speed = pace[SPEED] / pace[UNIT] if pace[UNIT] > 0.0 else 0.0
+        lower = tables[table, USED_A, here] + speed * tables[table, USED_B, here]
+        upper = tables[table, USED_A, beyond] + speed * tables[table, USED_B, beyond]
+        return float(upper if heading < 0 else lower), 0.0, float(upper - lower)
+    lower = float(tables[0, USED_A, here])
+    slope = (float(tables[0, USED_A, beyond]) - lower) / size
+    quantum = float(pace[QUANTUM])
+    return lower, slope, slope * quantum if quantum < math.inf else 0.0
+
+
+def interval(reading: float, before: float, period: float) -> tuple[float, float]:
+    """Return the interval of readings that wrap, as two of them show it that lie a turn apart."""
+    least = min(reading, before)
+    for bottom in (-0.5 * period, 0.0):
+        if abs(least - bottom) < NEAR * period:
+            return bottom, bottom + period
+    return -math.inf, math.inf
+
+
+def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFunctions:
+    """Return the driver's functions with the sensor's errors taken out of the readings.
+
+    The observer's known input is by how much more a reading changed than the corrected one; for an
+    unchanged one by how much the angles of the reading reach further than a quantum.
+
+    Parameters
+    ----------
+    bare : those without. period : wrap period [rad]. quantum : as given [rad]; 0: not known.
+    """
+    half = 0.5 * period
+    bare_blank, bare_advance, bare_read, bare_deviation = bare
+
+    def blank(design: tuple) -> tuple:
+        """Return a track before its first sample."""
+        return bare_blank(design) + (NOWHERE, blank_memory(quantum))
+
+    def advance(
+        track: tuple,
+        design: tuple,
+        limits: tuple,
+        stamp_ns: int,
+        measurement: float,
+        known_input: float,
+    ) -> tuple[tuple, int]:
+        """Return (track, verdict) after one sample, like that of `make_track`."""
+        inner, before, memory = track[:FIELDS], track[FIELDS], track[-1]
+        low, size, error, slope, reading, corrected_by, bottom, top, excess = before
+        correction, cell, heading, offset = corrected_by, 0, 0, measurement - low
+        inside = 0.0 <= offset < size
+        if inside:
+            if measurement != reading:
+                correction = error + slope * offset
+        elif not -LARGEST < measurement < LARGEST:
+            corrected_by = correction = 0.0  # the guard drops it
+        elif size == 0.0:
+            low, size = begin(memory, measurement, stamp_ns, period, memory[1][GIVEN])
+        else:
+            course, _, _, _, _, _, _ = memory
+            if not -half <= offset < half:
+                offset = wrap(offset, period)
+            if not -half <= measurement - reading < half:
+                bottom, top = interval(measurement, reading, period)
+            crossed = math.floor(offset / size)
+            low = measurement - (offset - crossed * size)
+            cell = int(course[CELL]) + crossed
+            heading = turned(memory, cell) if crossed != 0 else int(course[HEADING])
+            error, slope, excess = error_of(memory, cell, heading, size)
+            correction = error + slope * (measurement - low)
+        corrected = measurement + correction
+        if corrected < bottom:
+            corrected += period
+        elif corrected >= top:
+            corrected -= period
+        last_ns = inner[0]
+        known = excess if measurement == reading else corrected_by - correction
+        inner, verdict = bare_advance(inner, design, limits, stamp_ns, corrected, known)
+        if verdict >= DUPLICATE:
+            return inner + (before, memory), verdict
+        place = (low, size, error, slope, measurement, correction, bottom, top, excess)
+        if verdict != USED:
+            interrupt(memory, verdict)
+            if not inside:
+                memory[0][CELL] = cell
+        elif not inside:
+            change = wrap(measurement - reading, period)
+            at = (low, size, measurement)
+            follow(memory, cell, heading, at, change, last_ns, stamp_ns)
+            if refined(memory, period):
+                low, size = begin(memory, measurement, stamp_ns, period, memory[1][QUANTUM])
+                place = (low, size, 0.0, 0.0, measurement, 0.0, bottom, top, 0.0)
+        return inner + (place, memory), verdict
+
+    def read(
+        track: tuple, design: tuple, limits: tuple, measurement: float, known_input: float
+    ) -> tuple:
+        """Return the newest estimate, like that of `make_track`."""
+        _, _, _, _, _, correction, _, _, excess = track[FIELDS]
+        return bare_read(track[:FIELDS], design, limits, measurement + correction, excess)
+
+    def deviation(track: tuple, design: tuple) -> tuple[float, float]:
+        """Return one standard deviation of position and velocity."""
+        return bare_deviation(track[:FIELDS], design)
+
+    return TrackFunctions(blank, advance, read, deviation)
+
+
+def what_is_learnt(track: tuple) -> str:
+    """Return what the status of a joint reports of its sensor; '' if nothing is corrected."""
+    if len(track) == FIELDS:
+        return ''
+    low, size, _, _, _, _, _, _, _ = track[FIELDS]
+    course, pace, _, _, tables, proofs, _ = track[-1]
+    marks = int(course[MARKS])
+    used = [table for table in (0, 1) if proofs[table, IN_USE] > 0.0]
+    if not used:
+        return ''
+    speed = pace[SPEED] / pace[UNIT] if pace[UNIT] > 0.0 else 0.0
+    errors = np.abs(tables[used, A, :marks] + speed * tables[used, B, :marks])
+    largest = int(np.argmax(errors.max(axis=0)))
+    at = math.degrees((low + (largest - course[CELL]) * size) % (size * marks))
+    period = 'turn' if marks == course[TURN] else f'{math.degrees(size * marks):.4g} deg'
+    # coarsely, because a status that changes is published and logged
+    return (
+        f'sensor errors of up to {math.degrees(errors.max()):.1g} deg that repeat each {period} '
+        f'are taken out (largest near {10.0 * round(0.1 * at):.0f} deg)'
+    )

@@ -1,0 +1,202 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sensor errors that repeat each turn: learnt and taken out, and nothing where there are none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from estimator_pkg.driver.sensor_map import FIELDS, what_is_learnt
+from estimator_pkg.driver.sensor_marks import LEARNT, MARKS
+from estimator_pkg.evaluation.entries import Entry
+
+TURN = 2.0 * math.pi
+START_NS = 1_700_000_000_000_000_000
+
+
+def sampled(speed, seconds, rate=1000.0):
+    """Return (stamps, true angle, true velocity) at a speed, or at a function of time."""
+    time = np.arange(round(rate * seconds)) / rate
+    velocity = np.full(len(time), speed) if np.isscalar(speed) else speed(time)
+    angle = 0.3 + np.concatenate([[0.0], np.cumsum(velocity[1:] + velocity[:-1])]) / (2.0 * rate)
+    return START_NS + np.rint(1e9 * time).astype(np.int64), angle, velocity
+
+
+def read_by(edges, angle):
+    """Return the readings of a counter with these edges [rad], ascending within a turn."""
+    turns = np.floor(angle / TURN)
+    counts = np.searchsorted(edges, angle - TURN * turns, side='right') - 1
+    return wrapped((turns * len(edges) + counts) * TURN / len(edges))
+
+
+def wrapped(angle):
+    return (angle + math.pi) % TURN - math.pi
+
+
+def eccentric(angle, size=0.03, counts=4096):
+    return wrapped(np.floor((angle + size * np.sin(angle)) * counts / TURN) * TURN / counts)
+
+
+def misplaced(counts=64, share=0.2, late=0.0):
+    """Return edges that are misplaced by a share of a count, as a standard deviation."""
+    random = np.random.default_rng(5)
+    off = np.clip(random.normal(0.0, share, counts), -0.4, 0.4)
+    return (np.arange(counts) + off - off.min()) * TURN / counts
+
+
+def joint(observer='edge_adaptive', sensor_map='learn', **values):
+    return Entry(observer, observer).joint(sensor_map=sensor_map, **values)
+
+
+def error(out, velocity, start):
+    rows = slice(round(start * len(velocity)), None)
+    return float(np.sqrt(np.mean((out.velocity[rows] - velocity[rows]) ** 2)))
+
+
+def both(observer, stamps, readings, velocity, start=0.5, **values):
+    """Return the errors without and with a map, and the joint with it."""
+    off = joint(observer, 'none', **values).run(stamps, readings, fast=False)
+    learning = joint(observer, **values)
+    on = learning.run(stamps, readings, fast=False)
+    return error(off, velocity, start), error(on, velocity, start), learning
+
+
+@pytest.mark.parametrize('observer', ['edge_adaptive', 'kalman', 'hybrid_angle'])
+@pytest.mark.parametrize('speed', [12.0, -12.0])
+def test_eccentricity_costs_at_most_a_third(observer, speed):
+    stamps, angle, velocity = sampled(speed, 6.0)
+    values = {'quantum': TURN / 4096}
+    off, on, learning = both(observer, stamps, eccentric(angle), velocity, **values)
+    assert on < off / 3.0
+    assert 'sensor errors of up to 2 deg that repeat each turn' in learning.why()
+
+
+@pytest.mark.parametrize('speed', [10.0, -10.0])
+def test_misplaced_edges_cost_at_most_a_third(speed):
+    stamps, angle, velocity = sampled(2.0 * speed, 9.0, 4000.0)
+    readings = read_by(misplaced(32), angle)
+    off, on, learning = both('edge_adaptive', stamps, readings, velocity, 0.7)
+    assert on < off / 3.0
+    assert what_is_learnt(learning._track)
+
+
+def test_a_map_of_one_direction_serves_the_other():
+    def there_and_back(time):
+        return 12.0 * np.clip(3.0 - time, -1.0, 1.0)
+
+    stamps, angle, velocity = sampled(there_and_back, 6.0)
+    off, on, _ = both('edge_adaptive', stamps, eccentric(angle), velocity, quantum=TURN / 4096)
+    assert on < off / 3.0
+
+
+@pytest.mark.parametrize('observer', ['edge_adaptive', 'hybrid_angle'])
+@pytest.mark.parametrize(
+    'readings',
+    [
+        lambda angle: eccentric(angle, 0.0),
+        lambda angle: wrapped(angle + np.random.default_rng(3).normal(0.0, 1e-3, len(angle))),
+        lambda angle: read_by(np.arange(64) * TURN / 64, angle),
+    ],
+    ids=['counts', 'noise', 'coarse'],
+)
+def test_a_sensor_without_errors_costs_nothing(observer, readings):
+    stamps, angle, velocity = sampled(lambda time: 10.0 + 4.0 * np.sin(0.7 * time), 6.0)
+    off, on, learning = both(observer, stamps, readings(angle), velocity, 0.1)
+    assert on == off
+    assert learning.why() == ''
+
+
+def test_a_joint_that_does_not_turn_is_never_corrected():
+    stamps, angle, velocity = sampled(lambda time: 12.0 * np.sin(6.0 * time), 8.0)
+    assert np.ptp(angle) < 0.7 * TURN
+    off, on, learning = both('edge_adaptive', stamps, eccentric(angle), velocity, 0.0)
+    assert on == off
+    assert not np.any(learning._track[-1][5][:, LEARNT])
+
+
+def test_an_edge_that_comes_late_by_a_time_is_learnt_at_any_speed():
+    counts, late = 12, 8e-3  # every second edge, forward
+    size = TURN / counts
+    stamps, angle, velocity = sampled(lambda time: np.clip(3.0 * time - 9.0, 10.0, 20.0), 12.0, 2e3)
+    edge = np.floor(angle / size)
+    behind = (edge % 2 == 1) & (angle - edge * size < late * velocity)
+    readings = (edge - behind) * size
+    off, on, _ = both('edge_adaptive', stamps, readings, velocity, 0.85, quantum=size)
+    assert on < off / 3.0
+
+
+def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
+    edges = misplaced(12)
+    stamps, angle, velocity = sampled(60.0, 8.0, 4000.0)
+    readings = np.floor(angle / TURN) * 12 + np.searchsorted(edges, angle % TURN, side='right') - 1
+    # behind a gear of 7.5: 90 counts a turn, of which 12 repeat
+    learning = joint(quantum=TURN / 90)
+    learning.run(stamps, readings * TURN / 90, fast=False)
+    assert learning._track[-1][0][MARKS] == 12
+    assert 'repeat each 48 deg' in learning.why()
+
+
+def test_a_cogging_torque_is_dropped_at_another_speed():
+    """A speed that ripples with the angle is as an error of the sensor only while it is steady."""
+
+    def ripples(mean):
+        rate, angle, out = 1000.0, 0.0, []
+        for speed in mean:
+            angle += speed * (1.0 + 5.0 / speed**2 * math.cos(4.0 * angle)) / rate
+            out.append(angle)
+        return np.array(out)
+
+    mean = np.repeat([12.0, 36.0], 6000)
+    angle = ripples(mean)
+    stamps = START_NS + 1_000_000 * np.arange(len(angle))
+    learning = joint(quantum=TURN / 4096)
+    learning.run(stamps[:6000], eccentric(angle[:6000], 0.0), fast=False)
+    assert learning.why()
+    learning.run(stamps[6000:], eccentric(angle[6000:], 0.0), fast=False)
+    assert not learning.why()
+
+
+def test_the_map_survives_a_gap_and_is_proven_again_after_an_outage():
+    stamps, angle, _ = sampled(12.0, 6.0)
+    readings = eccentric(angle)
+    for pause, kept in ((0.3, True), (30.0, False)):
+        learning = joint(quantum=TURN / 4096)
+        learning.run(stamps[:4500], readings[:4500], fast=False)
+        learning.update(int(stamps[4500]) + round(1e9 * pause), float(readings[4500]))
+        assert bool(learning.why()) is kept
+        learning.run(stamps[4501:] + round(1e9 * pause), readings[4501:], fast=False)
+        assert learning.why()
+    learning.reset()
+    assert not learning.why()
+    assert not np.any(learning._track[-1][4])
+
+
+@pytest.mark.slow  # compiles
+def test_live_equals_a_batch_and_the_compiled_one():
+    stamps, angle, _ = sampled(lambda time: 30.0 * np.cos(0.8 * time), 5.0)
+    readings = eccentric(angle)
+    values = {'quantum': TURN / 4096}
+    plain = joint('kalman', **values).run(stamps, readings, fast=False)
+    fast = joint('kalman', **values).run(stamps, readings, fast=True)
+    live = joint('kalman', **values)
+    for k, (stamp_ns, reading) in enumerate(zip(stamps.tolist(), readings.tolist())):
+        assert live.update(stamp_ns, reading)
+        assert live.estimate()[:2] == (plain.position[k], plain.velocity[k])
+    assert live.why()
+    for one, other in zip(plain, fast):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize('lowest', [-math.pi, 0.0])
+def test_corrected_positions_keep_the_interval_of_the_readings(lowest):
+    stamps, angle, _ = sampled(12.0, 6.0)
+    readings = (eccentric(angle + 1.5) - lowest) % TURN + lowest
+    out = joint(quantum=TURN / 4096).run(stamps, readings, fast=False)
+    assert lowest - 1e-9 <= np.nanmin(out.position) < np.nanmax(out.position) < lowest + TURN
+
+
+def test_without_a_map_the_track_is_the_same_as_before():
+    assert len(joint(sensor_map='none')._track) == FIELDS
+    assert len(joint(wrap_period=0.0)._track) == FIELDS
