@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from estimator_pkg.driver.efforts import DrivenSettings
-from estimator_pkg.driver.joint import AngleJointSettings, JointSettings
+from estimator_pkg.driver.joint import JointSettings, SensorSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers import instead
 from estimator_pkg.observers.contract import Observer
@@ -23,7 +23,7 @@ KNOW_THE_INPUT = ('angle_and_input', 'switched')  # kinds of observers
 def settings_of(observer: Observer) -> type[JointSettings]:
     """Return the class of the parameters per joint in addition to this observer's gains."""
     if observer.kind == 'angle':
-        return AngleJointSettings
+        return SensorSettings
     return DrivenSettings if observer.kind in KNOW_THE_INPUT else JointSettings
 
 

@@ -71,7 +71,7 @@ NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
 
 
 @dataclass(frozen=True)
-class AngleJointSettings(JointSettings):
+class SensorSettings(JointSettings):
     """Parameters per joint of observers that take single angles."""
 
     sensor_map: str = parameter(

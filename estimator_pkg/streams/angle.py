@@ -17,7 +17,7 @@ from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.joint import AngleJointSettings, Joint
+from estimator_pkg.driver.joint import Joint, SensorSettings
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly
 from estimator_pkg.messages.block import Block
@@ -370,7 +370,7 @@ class AngleStream(Stream):
     KIND = 'angle'
     NODE = 'joint_observer'
     SETTINGS = AngleSettings
-    PER_JOINT = AngleJointSettings
+    PER_JOINT = SensorSettings
     SEPARATE = True
     IN_ARRAYS = True
     bank: Bank

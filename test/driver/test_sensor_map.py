@@ -119,7 +119,7 @@ def test_a_joint_that_does_not_turn_is_never_corrected():
 def test_an_edge_that_comes_late_by_a_time_is_learnt_at_any_speed():
     counts, late = 12, 8e-3  # every second edge, forward
     size = TURN / counts
-    stamps, angle, velocity = sampled(lambda time: np.clip(3.0 * time - 9.0, 10.0, 20.0), 12.0, 2e3)
+    stamps, angle, velocity = sampled(lambda time: np.clip(3.0 * time - 9.0, 10.0, 20.0), 16.0, 2e3)
     edge = np.floor(angle / size)
     behind = (edge % 2 == 1) & (angle - edge * size < late * velocity)
     readings = (edge - behind) * size
