@@ -11,12 +11,13 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
+
+import nursery
 
 from estimator_pkg.ros import runtime
 from estimator_pkg.ros.domain import free_domain
@@ -45,13 +46,7 @@ class NodeProcess:
     """
 
     def __init__(self, module: str, *arguments: str) -> None:
-        self._child = subprocess.Popen(
-            [sys.executable, '-m', *module.split(), *arguments],
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
-        )
+        self._child = nursery.start(*module.split(), *arguments)
         self._lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

@@ -1,0 +1,177 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Starts `python -m MODULE` for tests by a fork of a process that has imported ROS and NumPy.
+
+The imports are most of what a short-lived node costs. A fork has the modules and nothing else: no
+context of ROS, no participant of DDS. It is a child of the nursery, which reports its exit code.
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import json
+import os
+import runpy
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import lru_cache
+
+NUMBER = struct.Struct('i')
+OF_PYTEST = 'PYTEST_CURRENT_TEST'  # differs in each test, and matters to none
+
+
+def alike(environment: Mapping[str, str]) -> dict[str, str]:
+    return {name: value for name, value in environment.items() if name != OF_PYTEST}
+
+
+class Nursery:
+    """The process that forks; it ends with the one that made it."""
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self.environment = alike(environment)
+        self.line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            env=environment,
+        )
+        theirs.close()
+        atexit.register(self._end)
+
+    def _end(self) -> None:
+        self.line.close()
+        self._process.wait()
+
+
+@lru_cache(1)
+def nursery() -> Nursery:
+    """The one of this process, whose children keep its environment of the first call."""
+    return Nursery({**os.environ, 'PYTHONUNBUFFERED': '1'})
+
+
+class Child:
+    """A process of the nursery: what tests use of `subprocess.Popen`, with both outputs in one."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        read, write = os.pipe()
+        self._status, status = os.pipe()
+        request = json.dumps([module, arguments, os.getcwd()]).encode()
+        socket.send_fds(nursery().line, [request], [write, status])
+        os.close(write)
+        os.close(status)
+        self.stdout = os.fdopen(read)
+        self.pid = self._number()
+        self.returncode: int | None = None
+
+    def _number(self) -> int:
+        raw = os.read(self._status, NUMBER.size)
+        assert raw, 'the nursery has ended'
+        return NUMBER.unpack(raw)[0]
+
+    def wait(self, timeout: float | None = None) -> int:
+        if self.returncode is None:
+            if not select.select([self._status], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
+            self.returncode = self._number()
+            os.close(self._status)
+        return self.returncode
+
+    def poll(self) -> int | None:
+        try:
+            return self.wait(0.0)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+def start(module: str, *arguments: str) -> Child | subprocess.Popen:
+    """Start it; afresh where the environment is not that of the nursery."""
+    environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}
+    if nursery().environment == alike(environment):
+        return Child(module, *arguments)
+    return subprocess.Popen(
+        [sys.executable, '-m', module, *arguments],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=environment,
+    )
+
+
+def prepare() -> None:
+    """Import what nodes do."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rosidl_generator_py import import_type_support
+    from sensor_msgs.msg import JointState
+
+    import estimator_pkg.driver.compiled
+    import estimator_pkg.nodes.observer
+    import estimator_pkg.streams.angle
+
+    for message in (DiagnosticArray, JointState):
+        import_type_support(message.__module__.partition('.')[0])
+    estimator_pkg.observers.find(estimator_pkg.streams.angle.AngleStream.SETTINGS().observer)
+    estimator_pkg.driver.compiled.available()  # imports Numba
+    gc.freeze()
+
+
+def fork_as_asked(line: socket.socket) -> tuple[str, list[str]]:
+    """Fork for each request; return in the child alone, with its module and arguments."""
+    reports: dict[int, int] = {}  # where the exit code of a child goes
+
+    def ended(*_: object) -> None:
+        while reports:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+            if not pid:
+                return
+            report = reports.pop(pid)
+            os.write(report, NUMBER.pack(os.waitstatus_to_exitcode(status)))
+            os.close(report)
+
+    signal.signal(signal.SIGCHLD, ended)
+    while True:
+        raw, files, *_ = socket.recv_fds(line, 1 << 17, 2)
+        if not raw:
+            sys.exit()
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])
+        output, report = files
+        pid = os.fork()
+        if not pid:
+            break
+        os.close(output)
+        os.write(report, NUMBER.pack(pid))
+        reports[pid] = report
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGCHLD])
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGCHLD])
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    module, arguments, folder = json.loads(raw)
+    os.chdir(folder)
+    for number in (1, 2):
+        os.dup2(output, number)
+    for number in (line.fileno(), output, report, *reports.values()):
+        os.close(number)
+    return module, arguments
+
+
+if __name__ == '__main__':
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for those that ask
+    connection = socket.socket(fileno=int(sys.argv[1]))
+    prepare()
+    name, words = fork_as_asked(connection)
+    connection.detach()
+    sys.argv = [name, *words]
+    runpy.run_module(name, run_name='__main__', alter_sys=True)
