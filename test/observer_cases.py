@@ -11,6 +11,8 @@ import math
 import numpy as np
 
 from estimator_pkg import observers
+from estimator_pkg.driver.batch import empty
+from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import build
@@ -90,3 +92,19 @@ def stream(seed, count=400, noise=3e-3):
     angle[321] = math.nan
     angle[340:352] = angle[340]  # a stuck sensor
     return at, angle
+
+
+def beside(joint, at, angles):
+    """(track, outputs) of each sample, plain and compiled, from the same track before it.
+
+    The loop of one sample is what every replay compiles, so a run of tests compiles it once.
+    """
+    plain, fast = joint._batch, compiled(joint._batch)
+    design, limits, track = joint._design, joint._limits, joint._blank(joint._design)
+    given = np.zeros(1)
+    for k in range(len(at)):
+        here, there = empty(1), empty(1)
+        stamp, angle = at[k : k + 1], angles[k : k + 1]
+        twin = fast(track, design, limits, stamp, angle, given, *there)
+        track = plain(track, design, limits, stamp.tolist(), angle.tolist(), [0.0], *here)
+        yield (track, here), (twin, there)

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import UNTUNED, label, make, stamps, stream, variants, wrapped
+from observer_cases import UNTUNED, beside, label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
-from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.circle import Circle
@@ -59,38 +59,25 @@ def assert_same(plain, twin):
 
 @pytest.mark.long
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
-@each_variant
+@pytest.mark.parametrize(
+    'variant',
+    [
+        # its tan and its order are compiled in others
+        pytest.param(each, marks=[pytest.mark.slow] if 'tan' in each[1].values() else [])
+        for each in variants()
+    ],
+    ids=label,
+)
 def test_plain_equals_compiled_per_step_from_the_same_state(variant):
-    made = functions(variant)
-    twins = {
-        name: compiled(getattr(made, name))
-        for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')
-    }
-    design = made.design()
     for seed in (1, 2):
-        at, angles = stream(seed)
-        state = made.init(float(angles[0]), design)
-        assert_same(state, twins['init'](float(angles[0]), design))
-        last = int(at[0])
-        for i, (stamp, angle) in enumerate(zip(at.tolist(), angles.tolist())):
-            if stamp <= last or not made.finite(angle):
-                continue
-            dt = (stamp - last) * 1e-9
-            last = stamp
-            coefficients = made.prepare(design, dt)
-            assert_same(coefficients, twins['prepare'](design, dt))
-            arguments = (state, coefficients, design, angle)
-            after = (
-                (made.resume(*arguments), twins['resume'](*arguments))
-                if dt > 0.2
-                else (made.step(*arguments, 0.0), twins['step'](*arguments, 0.0))
-            )
-            assert_same(*after)
-            state = after[0]
-            if i % 3 == 0:
-                whole = (state, coefficients, design)
-                assert_same(made.output(*whole, angle, 0.0), twins['output'](*whole, angle, 0.0))
-                assert_same(made.stddev(*whole), twins['stddev'](*whole))
+        joint, seen = make(*variant), set()
+        for (track, here), (twin, there) in beside(joint, *stream(seed)):
+            assert_same(track, twin)
+            for mine, other in zip(here, there):
+                assert_same(mine.item(), other.item())
+            seen.add((here.verdict.item(), here.status.item()))
+        assert {status for _, status in seen} == {INITIALISING, TRACKING, COASTING}
+        assert len({verdict for verdict, _ in seen}) >= 5
 
 
 @each_variant

@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 from hybrid_cases import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
+from observer_cases import beside
 
-from estimator_pkg.driver.batch import empty
-from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.observers.contract import COASTING, TRACKING
@@ -374,21 +374,13 @@ def flat(value):
 @pytest.mark.skipif(not available(), reason='needs the extra "fast"')
 @pytest.mark.parametrize('name', COMPILED)
 def test_plain_equals_compiled_per_step(name):
-    joint = make(quantum=QUANTUM, **STRUCTURES[name])
-    plain, fast = joint._batch, compiled(joint._batch)
-    ns, y = hostile_stream()
-    track, design, limits = joint._blank(joint._design), joint._design, joint._limits
-    given = np.zeros(1)
     seen = set()
-    for k in range(len(ns)):
-        here, there = empty(1), empty(1)
-        sample = (ns[k : k + 1], y[k : k + 1], given)
-        compiled_track = fast(track, design, limits, *sample, *there)
-        track = plain(track, design, limits, *(part.tolist() for part in sample), *here)
+    joint = make(quantum=QUANTUM, **STRUCTURES[name])
+    for (track, here), (twin, there) in beside(joint, *hostile_stream()):
         seen.add((int(here.verdict[0]), int(here.status[0])))
         assert here.verdict == there.verdict and here.status == there.status
         for mine, other in zip(here[:5], there[:5]):
             assert mine[0] == pytest.approx(other[0], rel=1e-12, abs=1e-12, nan_ok=True)
-        assert flat(track) == pytest.approx(flat(compiled_track), rel=1e-12, abs=1e-12)
+        assert flat(track) == pytest.approx(flat(twin), rel=1e-12, abs=1e-12)
     assert {verdict for verdict, _ in seen} >= {0, 1, 2, 3, 6, 7, 8, 9}
     assert {status for _, status in seen} == {0, 1, 2}
