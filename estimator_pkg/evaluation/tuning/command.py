@@ -266,7 +266,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
         values = output.node_values(tuned)
-        changed = live.apply(parsed.apply, values, tuning.gains) if values else []
+        changed = live.apply(parsed.apply, values, tuning.gains, parsed.observer) if values else []
         show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
     for each in chosen_results:
         each.pop('trials')

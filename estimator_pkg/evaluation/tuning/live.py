@@ -16,6 +16,7 @@ from typing import Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import record
+from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import Parameter
 from estimator_pkg.params_file import parameter_of
 
@@ -42,13 +43,17 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
 
 
 def apply(
-    node: str, gains: Mapping[str, Any], declared: Mapping[str, Parameter] = MappingProxyType({})
+    node: str,
+    gains: Mapping[str, Any],
+    declared: Mapping[str, Parameter] = MappingProxyType({}),
+    observer: str = '',
 ) -> list[str]:
     """Set parameters of a running node, whose state is kept.
 
     Parameters
     ----------
     gains : by the node's own parameter names. declared : what is declared of them, by plain name.
+    observer : whose gains they are; '': any.
 
     Returns
     -------
@@ -56,7 +61,8 @@ def apply(
 
     Raises
     ------
-    UserError : no such node, no answer, or a refused value (with the node's reason).
+    UserError : no such node, another observer in it, no answer, or a refused value (with the
+        node's reason).
     """
     from estimator_pkg.bags.live import live
 
@@ -64,6 +70,12 @@ def apply(
         from estimator_pkg.ros.remote_parameters import RemoteParameters
 
         remote = RemoteParameters(here, node)
+        runs = remote.get(['observer'])['observer']
+        if observer and runs not in (None, observer):  # others have gains of the same names
+            raise UserError(
+                f"the node '{remote.name}' runs {runs}, and the gains are of {observer}: start it "
+                f"with 'observer: {observer}'"
+            )
         before = remote.get(list(gains))
         remote.set(gains)
         after = remote.get(list(gains))

@@ -9,6 +9,8 @@ import dds
 import pytest
 
 from estimator_pkg import params_file
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.tuning.live import apply
 
 pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 
@@ -68,6 +70,8 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
         assert parameter('/joint_observer', 'bandwidth_hz') == pytest.approx(7.0)
         with dds.NodeProcess('estimator_pkg.cli', *words, '--apply', 'joint_observer') as tuning:
             tuning.prints('set on joint_observer: bandwidth_hz: 7 -> ')  # not from the default
+        with pytest.raises(UserError, match=r"runs pll, and .* start it with 'observer: kalman'"):
+            apply('joint_observer', {'bandwidth_hz': 5.0}, observer='kalman')
         (found,) = json.loads(result.read_text())['tuned']
         wanted = (found['gains'] or found['default_gains'])['bandwidth_hz']
         assert params_file.load(out).get('bandwidth_hz', 50.0) == pytest.approx(wanted, rel=1e-5)
