@@ -95,7 +95,7 @@ CASES = {
 def parameters(path, kind, field):
     path.write_text(
         '/**:\n  ros__parameters:\n    input: field\n    angle_joint: body\n'
-        f'    field_type: {kind}\n    field: {field}\n    bandwidth_hz: 20\n'
+        f'    field_type: {kind}\n    field: {field}\n    prefer: smooth\n'
     )
     return path
 
@@ -129,7 +129,7 @@ def test_live_equals_replay_to_the_byte(name, probe, tmp_path):
         bag = bag_of(tmp_path / 'bag', '/angle', kind, raws, [1] * len(raws))
         expected, deviations = replayed(bag, file, tmp_path / 'out', '--params', str(file))
         # what a user gives on the command line, without a file of the node
-        words = ['--angle', f'/angle:{field}', '--joint', 'body', '--set', 'bandwidth_hz=20']
+        words = ['--angle', f'/angle:{field}', '--joint', 'body', '--set', 'prefer=smooth']
         assert replayed(bag, file, tmp_path / 'again', *words) == (expected, deviations)
         answered = {log_ns for log_ns, _ in expected}
         unanswered = {k for k in range(len(raws)) if BEGIN + k * MS not in answered}

@@ -127,7 +127,7 @@ def test_a_refused_value_is_logged(probe):
     with (
         dds.NodeProcess(
             'estimator_pkg.nodes.executables joint_observer',
-            *dds.ros_args('bandwidth_hz:=20.0', remap=['__node:=edited']),
+            *dds.ros_args('observer:=hybrid_angle', 'bandwidth_hz:=20.0', remap=['__node:=edited']),
         ) as process,
     ):
         process.prints(' estimates ')

@@ -305,7 +305,7 @@ class OtherNames(Case):
 class OtherNamesInAnOverride(Case):
     """a joint of `per_joint` that the messages do not carry"""
 
-    parameters = ('per_joint.elbow_jiont.noise:=0.001',)
+    parameters = ('per_joint.elbow_jiont.gap_max:=0.3',)
     told = r"joint 'elbow_jiont' is not in SPACE/joint_states.*did you mean 'elbow_joint'\?"
     estimates = True
 
